@@ -1,0 +1,1 @@
+"""The generator: bus description to Modelica library."""

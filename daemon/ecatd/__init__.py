@@ -1,0 +1,1 @@
+"""The EtherCAT daemon: bus server, gateway, command line and the data they share."""

@@ -1,0 +1,1 @@
+"""The bus server: the privileged process that owns the bus."""

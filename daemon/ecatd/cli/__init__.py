@@ -1,0 +1,1 @@
+"""ecatctl: the command line, over the gateway."""

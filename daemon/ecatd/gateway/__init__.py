@@ -1,0 +1,1 @@
+"""The gateway: the unprivileged process that speaks Zenoh."""

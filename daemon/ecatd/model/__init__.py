@@ -1,0 +1,1 @@
+"""Pure data that every part shares: no input or output, no import of other parts."""

@@ -1,0 +1,115 @@
+"""AL states and AL status codes (ETG.1000.6, registers 0x0120, 0x0130 and 0x0134)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from .errors import UsageError
+
+
+class AlState(IntEnum):
+    """State of the EtherCAT state machine of one slave; the value is that of the register."""
+
+    NONE = 0  # no answer: the slave is not reachable
+    INIT = 1
+    PREOP = 2
+    BOOT = 3
+    SAFEOP = 4
+    OP = 8
+
+    @classmethod
+    def parse(cls, text: str) -> AlState:
+        """The state that a user means by `text`.
+
+        Raises:
+            UsageError: The text names no state that can be requested.
+        """
+        try:
+            state = cls[text.upper().replace("-", "").replace("_", "")]
+        except KeyError:
+            state = cls.NONE
+        if state is cls.NONE:
+            raise UsageError(f"'{text}' is no AL state: use INIT, PREOP, BOOT, SAFEOP or OP")
+        return state
+
+
+AL_ERROR_FLAG = 0x10
+"""Bit of the AL status register: the slave refused a change or fell back by itself."""
+
+
+def al_state_text(register: int) -> str:
+    """The AL status register in words, for example `SAFEOP+ERROR`."""
+    try:
+        name = AlState(register & 0x0F).name
+    except ValueError:
+        name = f"0x{register & 0x0F:X}"
+    return name + ("+ERROR" if register & AL_ERROR_FLAG else "")
+
+
+_STATUS_TEXTS = {
+    0x0000: "No error",
+    0x0001: "Unspecified error",
+    0x0002: "No memory",
+    0x0003: "Invalid device setup",
+    0x0006: "SII or EEPROM information does not match the firmware",
+    0x0007: "Firmware update not successful",
+    0x000E: "License error",
+    0x0011: "Invalid requested state change",
+    0x0012: "Unknown requested state",
+    0x0013: "Bootstrap not supported",
+    0x0014: "No valid firmware",
+    0x0015: "Invalid mailbox configuration (BOOT)",
+    0x0016: "Invalid mailbox configuration (PREOP)",
+    0x0017: "Invalid sync manager configuration",
+    0x0018: "No valid inputs available",
+    0x0019: "No valid outputs",
+    0x001A: "Synchronization error",
+    0x001B: "Sync manager watchdog",
+    0x001C: "Invalid sync manager types",
+    0x001D: "Invalid output configuration",
+    0x001E: "Invalid input configuration",
+    0x001F: "Invalid watchdog configuration",
+    0x0020: "Slave needs cold start",
+    0x0021: "Slave needs INIT",
+    0x0022: "Slave needs PREOP",
+    0x0023: "Slave needs SAFEOP",
+    0x0024: "Invalid input mapping",
+    0x0025: "Invalid output mapping",
+    0x0026: "Inconsistent settings",
+    0x0027: "Free run not supported",
+    0x0028: "Synchronization mode not supported",
+    0x0029: "Free run needs three-buffer mode",
+    0x002A: "Background watchdog",
+    0x002B: "No valid inputs and outputs",
+    0x002C: "Fatal synchronization error",
+    0x002D: "No synchronization error: SYNC signal not received",
+    0x002E: "Cycle time too small",
+    0x0030: "Invalid DC SYNC configuration",
+    0x0031: "Invalid DC latch configuration",
+    0x0032: "PLL error",
+    0x0033: "DC synchronization: I/O error",
+    0x0034: "DC synchronization: timeout",
+    0x0035: "DC: invalid SYNC cycle time",
+    0x0036: "DC: SYNC0 cycle time does not fit the application",
+    0x0037: "DC: SYNC1 cycle time does not fit the application",
+    0x0041: "Mailbox: AoE error",
+    0x0042: "Mailbox: EoE error",
+    0x0043: "Mailbox: CoE error",
+    0x0044: "Mailbox: FoE error",
+    0x0045: "Mailbox: SoE error",
+    0x004F: "Mailbox: VoE error",
+    0x0050: "EEPROM not accessible from the slave's controller",
+    0x0051: "EEPROM error",
+    0x0052: "External hardware not ready",
+    0x0060: "Slave restarted locally",
+    0x0061: "Device identification value updated",
+    0x0070: "Detected module list does not match",
+    0x00F0: "Application controller available",
+}
+
+
+def al_status_text(code: int) -> str:
+    """The standard text of an AL status code."""
+    if code >= 0x8000:
+        return "vendor-specific error; see the manual of the slave"
+    return _STATUS_TEXTS.get(code, "reserved code; see the manual of the slave")

@@ -1,0 +1,207 @@
+"""The bus description: what the scan found and how it is mapped.
+
+It is the one document from which the shared-memory directory, `ecatctl slaves` and `pdos` and the
+generated Modelica library are made, and it travels as JSON or msgpack (`to_dict`, `from_dict`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from .errors import UsageError
+
+SCHEMA = 1
+
+
+@dataclass(slots=True)
+class Entry:
+    """One PDO entry: an object of the slave in the process image.
+
+    Attributes:
+        index: Object index; 0 marks a gap of `bit_length` padding bits.
+        subindex: Object subindex.
+        name: Name from SII or object dictionary, as the vendor wrote it; may be empty.
+        data_type: CoE data type index (`model.datatypes.DataType`).
+        bit_length: Bits in the process image.
+        unit: Physical unit of the scaled value, or empty.
+        scale: Physical value = raw value * scale + offset.
+        offset: See `scale`.
+    """
+
+    index: int
+    subindex: int
+    name: str
+    data_type: int
+    bit_length: int
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def is_gap(self) -> bool:
+        """Whether these bits carry no object."""
+        return self.index == 0
+
+    @property
+    def address(self) -> str:
+        """The address as it is always printed: `0x6060:00`."""
+        return f"0x{self.index:04X}:{self.subindex:02X}"
+
+
+@dataclass(slots=True)
+class Pdo:
+    """One PDO in the order of the process image.
+
+    Attributes:
+        index: Index of the mapping object, 0x1600… (outputs) or 0x1A00… (inputs).
+        name: Name from SII or object dictionary; may be empty.
+        sync_manager: Number of the sync manager that carries it.
+        entries: Entries in the order of the process image.
+    """
+
+    index: int
+    name: str
+    sync_manager: int
+    entries: list[Entry] = field(default_factory=list)
+
+    @property
+    def bit_length(self) -> int:
+        """Bits of all entries, gaps included."""
+        return sum(entry.bit_length for entry in self.entries)
+
+
+@dataclass(slots=True)
+class Slave:
+    """One slave.
+
+    Attributes:
+        position: 0-based position on the wire.
+        name: Name from SII, as the vendor wrote it.
+        vendor: Vendor ID.
+        product: Product code.
+        revision: Revision number.
+        serial: Serial number (0 where the vendor writes none).
+        alias: Configured station alias.
+        address: Configured station address that the master assigned.
+        coe: Whether the slave answers CoE requests.
+        outputs: RxPDOs, in the order of the process image.
+        inputs: TxPDOs, in the order of the process image.
+        domain: Number of the domain, 0 first.
+        output_offset: First byte of its outputs in the output part of the domain's image.
+        input_offset: First byte of its inputs in the domain's image.
+    """
+
+    position: int
+    name: str
+    vendor: int
+    product: int
+    revision: int
+    serial: int = 0
+    alias: int = 0
+    address: int = 0
+    coe: bool = False
+    outputs: list[Pdo] = field(default_factory=list)
+    inputs: list[Pdo] = field(default_factory=list)
+    domain: int = 0
+    output_offset: int = 0
+    input_offset: int = 0
+
+    @property
+    def output_bytes(self) -> int:
+        """Bytes of the outputs in the process image (whole bytes for every slave)."""
+        return (sum(pdo.bit_length for pdo in self.outputs) + 7) // 8
+
+    @property
+    def input_bytes(self) -> int:
+        """Bytes of the inputs in the process image (whole bytes for every slave)."""
+        return (sum(pdo.bit_length for pdo in self.inputs) + 7) // 8
+
+    @property
+    def label(self) -> str:
+        """How messages name the slave: `slave 2 (EL1018)`."""
+        return f"slave {self.position} ({self.name})" if self.name else f"slave {self.position}"
+
+    def entries(self, *, outputs: bool) -> Iterator[tuple[Pdo, Entry, int]]:
+        """Entries of one direction without gaps, with the bit offset within the slave's bytes."""
+        bit = 0
+        for pdo in self.outputs if outputs else self.inputs:
+            for entry in pdo.entries:
+                if not entry.is_gap:
+                    yield pdo, entry, bit
+                bit += entry.bit_length
+
+
+@dataclass(slots=True)
+class Bus:
+    """A scanned bus.
+
+    Attributes:
+        name: Name of the bus.
+        cycle_time_us: Base cycle in microseconds.
+        slaves: Slaves by position.
+    """
+
+    name: str
+    cycle_time_us: int
+    slaves: list[Slave] = field(default_factory=list)
+
+    @property
+    def fingerprint(self) -> int:
+        """64 bits that differ when identities, order or mappings of the slaves differ.
+
+        Names, serial numbers, addresses and the cycle time do not count: they change neither
+        where a value lies nor what it means.
+        """
+        facts = [
+            [
+                [slave.vendor, slave.product, slave.revision],
+                *(
+                    [
+                        [pdo.index, [[e.index, e.subindex, e.bit_length] for e in pdo.entries]]
+                        for pdo in pdos
+                    ]
+                    for pdos in (slave.outputs, slave.inputs)
+                ),
+            ]
+            for slave in self.slaves
+        ]
+        digest = hashlib.sha256(json.dumps(facts, separators=(",", ":")).encode()).digest()
+        return int.from_bytes(digest[:8], "big")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The description as maps and lists, with `schema` and `fingerprint` (16 hex digits)."""
+        return {"schema": SCHEMA, "fingerprint": f"{self.fingerprint:016x}", **asdict(self)}
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> Bus:
+        """The bus that `to_dict` described.
+
+        Raises:
+            UsageError: The data is no bus description, or one of another schema.
+        """
+        if data.get("schema") != SCHEMA:
+            raise UsageError(
+                f"this bus description has schema {data.get('schema')!r}, "
+                f"but this version reads schema {SCHEMA}"
+            )
+        try:
+            return Bus(
+                name=data["name"],
+                cycle_time_us=data["cycle_time_us"],
+                slaves=[_slave(item) for item in data["slaves"]],
+            )
+        except (KeyError, TypeError) as error:
+            raise UsageError(f"the bus description is incomplete: {error!r}") from error
+
+
+def _slave(data: dict[str, Any]) -> Slave:
+    pdos = {key: [_pdo(item) for item in data[key]] for key in ("outputs", "inputs")}
+    return Slave(**(data | pdos))
+
+
+def _pdo(data: dict[str, Any]) -> Pdo:
+    return Pdo(**(data | {"entries": [Entry(**entry) for entry in data["entries"]]}))

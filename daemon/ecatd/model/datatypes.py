@@ -1,0 +1,227 @@
+"""CoE data types (ETG.1000.6 table "Data type area", CiA 301 object dictionary 0x0001 to 0x001F).
+
+A type is known by its index in the object dictionary. A PDO entry may use fewer bits than its
+type (a BOOL of one bit, a BIT2), so encoding and decoding of process data take the bit length
+from the entry and only the meaning of the bits from the type.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+
+from .errors import UsageError
+
+
+class DataType(IntEnum):
+    """Index of a CoE data type."""
+
+    PADDING = 0x0000
+    BOOLEAN = 0x0001
+    INTEGER8 = 0x0002
+    INTEGER16 = 0x0003
+    INTEGER32 = 0x0004
+    UNSIGNED8 = 0x0005
+    UNSIGNED16 = 0x0006
+    UNSIGNED32 = 0x0007
+    REAL32 = 0x0008
+    VISIBLE_STRING = 0x0009
+    OCTET_STRING = 0x000A
+    UNICODE_STRING = 0x000B
+    INTEGER24 = 0x0010
+    REAL64 = 0x0011
+    INTEGER64 = 0x0015
+    UNSIGNED24 = 0x0016
+    UNSIGNED64 = 0x001B
+    BYTE = 0x001E
+    WORD = 0x001F
+    DWORD = 0x0020
+    BIT1 = 0x0030
+    BIT2 = 0x0031
+    BIT3 = 0x0032
+    BIT4 = 0x0033
+    BIT5 = 0x0034
+    BIT6 = 0x0035
+    BIT7 = 0x0036
+    BIT8 = 0x0037
+
+
+_SIGNED = {
+    DataType.INTEGER8: 8,
+    DataType.INTEGER16: 16,
+    DataType.INTEGER24: 24,
+    DataType.INTEGER32: 32,
+    DataType.INTEGER64: 64,
+}
+_UNSIGNED = {
+    DataType.UNSIGNED8: 8,
+    DataType.UNSIGNED16: 16,
+    DataType.UNSIGNED24: 24,
+    DataType.UNSIGNED32: 32,
+    DataType.UNSIGNED64: 64,
+    DataType.BYTE: 8,
+    DataType.WORD: 16,
+    DataType.DWORD: 32,
+    **{DataType(0x0030 + n): n + 1 for n in range(8)},
+}
+_REAL = {DataType.REAL32: 32, DataType.REAL64: 64}
+STRINGS = frozenset({DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.UNICODE_STRING})
+
+# What users type: IgH's `ethercat` tool, CiA and IEC 61131-3 spellings.
+_ALIASES = {
+    "bool": DataType.BOOLEAN,
+    "int8": DataType.INTEGER8,
+    "sint": DataType.INTEGER8,
+    "int16": DataType.INTEGER16,
+    "int": DataType.INTEGER16,
+    "int32": DataType.INTEGER32,
+    "dint": DataType.INTEGER32,
+    "int64": DataType.INTEGER64,
+    "lint": DataType.INTEGER64,
+    "uint8": DataType.UNSIGNED8,
+    "usint": DataType.UNSIGNED8,
+    "uint16": DataType.UNSIGNED16,
+    "uint": DataType.UNSIGNED16,
+    "uint32": DataType.UNSIGNED32,
+    "udint": DataType.UNSIGNED32,
+    "uint64": DataType.UNSIGNED64,
+    "ulint": DataType.UNSIGNED64,
+    "float": DataType.REAL32,
+    "real": DataType.REAL32,
+    "double": DataType.REAL64,
+    "lreal": DataType.REAL64,
+    "string": DataType.VISIBLE_STRING,
+    "octet_string": DataType.OCTET_STRING,
+    "unicode_string": DataType.UNICODE_STRING,
+}
+TYPE_NAMES = tuple(_ALIASES)
+
+
+def is_signed(data_type: int) -> bool:
+    """Whether values of the type are signed integers."""
+    return data_type in _SIGNED
+
+
+def is_real(data_type: int) -> bool:
+    """Whether values of the type are floating-point numbers."""
+    return data_type in _REAL
+
+
+def bit_length(data_type: int) -> int:
+    """Bits of a type of fixed length, 0 for strings and unknown types."""
+    if data_type == DataType.BOOLEAN:
+        return 1
+    for table in (_SIGNED, _UNSIGNED, _REAL):
+        if data_type in table:
+            return table[DataType(data_type)]
+    return 0
+
+
+def parse_type(text: str) -> DataType:
+    """The type that a user means, in any of the common spellings.
+
+    Raises:
+        UsageError: The text names no type.
+    """
+    key = text.lower()
+    if key in _ALIASES:
+        return _ALIASES[key]
+    try:
+        return DataType[text.upper()]
+    except KeyError:
+        raise UsageError(
+            f"'{text}' is no data type; use one of {', '.join(TYPE_NAMES)}"
+        ) from None
+
+
+def type_name(data_type: int) -> str:
+    """The CiA name of a type, or its index where it has none (as in vendor-specific types)."""
+    try:
+        return DataType(data_type).name
+    except ValueError:
+        return f"0x{data_type:04X}"
+
+
+def value_range(data_type: int, bits: int) -> tuple[int, int]:
+    """Smallest and largest integer that `bits` bits of an integer type can hold."""
+    if is_signed(data_type):
+        return -(1 << (bits - 1)), (1 << (bits - 1)) - 1
+    return 0, (1 << bits) - 1
+
+
+def encode(data_type: DataType, text: str) -> bytes:
+    """SDO data (little endian) for a value as a user types it.
+
+    Args:
+        data_type: Type of the object.
+        text: A number (decimal, 0x…, 0b…), `true` or `false`, a decimal fraction for real
+            types, hexadecimal bytes for octet strings, or the string itself.
+
+    Raises:
+        UsageError: The text is no value of the type, or is out of its range.
+    """
+    if data_type == DataType.VISIBLE_STRING:
+        return text.encode("latin-1", "replace")
+    if data_type == DataType.UNICODE_STRING:
+        return text.encode("utf-16-le")
+    if data_type == DataType.OCTET_STRING:
+        try:
+            return bytes.fromhex(text)
+        except ValueError:
+            raise UsageError(f"'{text}' is no row of hexadecimal bytes") from None
+    if data_type in _REAL:
+        try:
+            return struct.pack("<f" if _REAL[data_type] == 32 else "<d", float(text))
+        except (ValueError, OverflowError):
+            raise UsageError(f"'{text}' is no value of {type_name(data_type)}") from None
+    return encode_int(data_type, _parse_int(data_type, text))
+
+
+def encode_int(data_type: DataType, value: int) -> bytes:
+    """SDO data (little endian) of an integer.
+
+    Raises:
+        UsageError: The value is out of the range of the type, or the type is no integer type.
+    """
+    bits = bit_length(data_type)
+    if bits == 0 or data_type in _REAL:
+        raise UsageError(f"{type_name(data_type)} is no integer type")
+    low, high = value_range(data_type, bits)
+    if not low <= value <= high:
+        raise UsageError(
+            f"{value} is out of range for {type_name(data_type)}: {low} to {high} are allowed"
+        )
+    return value.to_bytes((bits + 7) // 8, "little", signed=is_signed(data_type))
+
+
+def _parse_int(data_type: DataType, text: str) -> int:
+    if data_type == DataType.BOOLEAN and text.lower() in ("true", "false"):
+        return int(text.lower() == "true")
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise UsageError(f"'{text}' is no value of {type_name(data_type)}") from None
+
+
+def decode(data_type: int, data: bytes) -> int | float | bool | str:
+    """The value of SDO data (little endian); bytes of an unknown type come as hexadecimal text.
+
+    Raises:
+        UsageError: The data is too short or too long for the type.
+    """
+    if data_type == DataType.VISIBLE_STRING:
+        return data.split(b"\0", 1)[0].decode("latin-1")
+    if data_type == DataType.UNICODE_STRING:
+        return data.decode("utf-16-le", "replace").split("\0", 1)[0]
+    bits = bit_length(data_type)
+    if bits == 0:
+        return data.hex(" ")
+    if len(data) != (bits + 7) // 8:
+        raise UsageError(
+            f"{len(data)} bytes are no {type_name(data_type)}, which has {(bits + 7) // 8}"
+        )
+    if data_type in _REAL:
+        value: float = struct.unpack("<f" if bits == 32 else "<d", data)[0]
+        return value
+    number = int.from_bytes(data, "little", signed=is_signed(data_type))
+    return bool(number) if data_type == DataType.BOOLEAN else number

@@ -1,0 +1,1 @@
+"""ecatd, the service: starts and supervises the bus server and the gateway."""

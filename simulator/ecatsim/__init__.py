@@ -1,0 +1,1 @@
+"""An EtherCAT segment in software."""
