@@ -1,0 +1,180 @@
+/* ecat: the client of the ecatd daemon. Reads and writes the process image of an EtherCAT bus in
+ * shared memory; no call on the path sample - read - write - commit enters the kernel.
+ *
+ * Order of calls:
+ *
+ *     ecat_t *bus = NULL;
+ *     int velocity, target;
+ *     if (ecat_open(&bus, "ecat0") != 0) { puts(ecat_error(bus)); return 1; }
+ *     velocity = ecat_bind(bus, 0, 0x606C, 0, ECAT_INPUT);
+ *     target = ecat_bind(bus, 0, 0x60FF, 0, ECAT_OUTPUT);
+ *     ecat_claim(bus, 0, 0.1);
+ *     while (ecat_wait(bus, 1, 1.0) == 0) {
+ *       double v = 0;
+ *       ecat_sample(bus);
+ *       ecat_read(bus, velocity, &v);
+ *       ecat_write(bus, target, v < 1000 ? 1000 : 0);
+ *       ecat_commit(bus);
+ *     }
+ *     ecat_close(bus);
+ *
+ * Functions return 0 or a handle (>= 0), or a negative ECAT_E... code; ecat_error() then has the
+ * sentence. Times are in seconds as double, time stamps in nanoseconds of CLOCK_MONOTONIC. One
+ * ecat_t belongs to one thread at a time; open as many as you like.
+ *
+ * C89-clean; usable from C++.
+ */
+#ifndef ECAT_H
+#define ECAT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+#define ECAT_API __attribute__((visibility("default")))
+#else
+#define ECAT_API
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct ecat ecat_t;
+
+enum ecat_errno {
+  ECAT_OK = 0,
+  ECAT_EARG = -1,     /* wrong argument */
+  ECAT_EDOWN = -2,    /* no daemon, or it went away */
+  ECAT_ELAYOUT = -3,  /* daemon of another, incompatible version */
+  ECAT_EPERM = -4,    /* no right to open the shared memory */
+  ECAT_EBUS = -5,     /* another bus than expected: identity differs */
+  ECAT_ESIGNAL = -6,  /* the slave has no such entry in the process image */
+  ECAT_EOWNED = -7,   /* another client owns the outputs */
+  ECAT_ECLAIM = -8,   /* outputs written without owning them */
+  ECAT_ELEASE = -9,   /* lease lost: outputs are at their safe values; claim again */
+  ECAT_ERANGE = -10,  /* value out of the range of the entry */
+  ECAT_ETIMEOUT = -11, /* nothing happened in time */
+  ECAT_ESTALE = -12,  /* the daemon lives, but its cycle stands still */
+  ECAT_EFULL = -13,   /* no free client slot, or no free request */
+  ECAT_EABORT = -14,  /* SDO abort by the slave */
+  ECAT_EBUSY = -15,   /* request not answered yet */
+  ECAT_ESYS = -16     /* system call failed */
+};
+
+enum ecat_direction { ECAT_INPUT = 0, ECAT_OUTPUT = 1, ECAT_ANY = 2 };
+
+typedef struct ecat_slave_info {
+  uint32_t vendor;      /* vendor ID */
+  uint32_t product;     /* product code */
+  uint32_t revision;    /* revision number */
+  uint32_t serial;      /* serial number */
+  const char *name;     /* from SII, valid until ecat_close */
+  unsigned al_state;    /* AL status register, 0: does not answer */
+  unsigned al_code;     /* AL status code */
+  int domain;           /* 0 first */
+  int has_outputs;      /* 1: the slave has outputs to claim */
+  int outputs;          /* enum ecat_outputs of ecat_shm.h */
+  int owned;            /* 1: by this client */
+} ecat_slave_info;
+
+typedef struct ecat_signal_info {
+  int slave;            /* position */
+  unsigned index;       /* object index */
+  unsigned subindex;    /* object subindex */
+  int output;           /* 1: output, 0: input */
+  unsigned type;        /* CoE data type */
+  unsigned bit_length;
+  double scale;         /* physical value = raw value * scale + offset */
+  double offset;
+  const char *name;     /* valid until ecat_close */
+  const char *unit;     /* valid until ecat_close */
+} ecat_signal_info;
+
+typedef struct ecat_domain_info {
+  uint64_t cycle;        /* cycle of the last sample */
+  uint64_t time_ns;      /* CLOCK_MONOTONIC when its frames came back */
+  double age;            /* seconds since then */
+  unsigned wkc;          /* working counter */
+  unsigned wkc_expected;
+  int wkc_state;         /* enum ecat_wkc_state of ecat_shm.h */
+} ecat_domain_info;
+
+/* Connects to the bus `name` (NULL: "ecat0"). On failure *bus is still set, so that ecat_error()
+ * can be asked, and must be closed; it is NULL only when memory is exhausted. */
+ECAT_API int ecat_open(ecat_t **bus, const char *name);
+/* Releases all claims and forgets the bus. NULL is allowed. */
+ECAT_API void ecat_close(ecat_t *bus);
+
+/* The sentence that explains the last failed call of this handle. Never NULL. */
+ECAT_API const char *ecat_error(const ecat_t *bus);
+/* The general meaning of a code. Never NULL. */
+ECAT_API const char *ecat_strerror(int code);
+
+ECAT_API int ecat_slave_count(const ecat_t *bus);
+ECAT_API int ecat_signal_count(const ecat_t *bus);
+ECAT_API int ecat_domain_count(const ecat_t *bus);
+ECAT_API const char *ecat_name(const ecat_t *bus);
+ECAT_API uint64_t ecat_fingerprint(const ecat_t *bus);
+/* Base cycle in seconds. */
+ECAT_API double ecat_cycle_time(const ecat_t *bus);
+ECAT_API int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info);
+ECAT_API int ecat_signal(ecat_t *bus, int signal, ecat_signal_info *info);
+
+/* Checks that the slave at `position` is the expected one. `revision` 0 accepts any. Returns the
+ * position or ECAT_EBUS; the error text names expected and found. */
+ECAT_API int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product,
+                         uint32_t revision);
+/* The handle of a PDO entry. */
+ECAT_API int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subindex,
+                       int direction);
+
+/* Makes this client the owner of all outputs of a slave. `lease` is the time without ecat_sample()
+ * or ecat_commit() after which they fall to their safe values; 0 takes the daemon's default, more
+ * than its maximum is cut. Outputs stay safe until the first ecat_commit() after a write. */
+ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
+/* Gives the outputs of a slave back; they go to their safe values. */
+ECAT_API int ecat_release(ecat_t *bus, int position);
+
+/* Takes one consistent image of every domain; all reads until the next call see it. Returns
+ * ECAT_ESTALE or ECAT_EDOWN (the values stay readable) when the daemon no longer delivers. */
+ECAT_API int ecat_sample(ecat_t *bus);
+/* The same for one domain. */
+ECAT_API int ecat_sample_domain(ecat_t *bus, int domain);
+/* What is known about the last sample of a domain. */
+ECAT_API int ecat_domain(ecat_t *bus, int domain, ecat_domain_info *info);
+
+/* Raw value of an entry of the last sample: exact for up to 53 bits. */
+ECAT_API int ecat_read(ecat_t *bus, int signal, double *value);
+/* Raw value as integer; unsigned 64-bit values keep their bits. */
+ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
+/* Raw value * scale + offset. */
+ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
+
+/* Stages a raw value of an output; integers are checked against the range of the entry and
+ * fractions refused. Nothing leaves the process before ecat_commit(). */
+ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
+ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
+ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
+/* Publishes all staged outputs at once; they go out with the next cycle. */
+ECAT_API int ecat_commit(ecat_t *bus);
+
+/* Waits until `cycles` more cycles than at the last sample or wait have ended. 0 checks only. */
+ECAT_API int ecat_wait(ecat_t *bus, unsigned cycles, double timeout);
+/* Number of the last finished cycle. */
+ECAT_API uint64_t ecat_cycle(const ecat_t *bus);
+
+/* Starts an SDO upload (data NULL) or download, and returns the handle of the request. */
+ECAT_API int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex,
+                            const void *data, size_t length);
+/* ECAT_EBUSY while the request runs; else it is finished, its handle is free again, and
+ * `data` (up to `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT,
+ * `*abort_code` tells why. All three pointers may be NULL. */
+ECAT_API int ecat_sdo_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
+                           uint32_t *abort_code);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,165 @@
+/* Opening and closing, errors, and what can be asked about the bus. */
+#include "internal.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+int ecat_fail(ecat_t *bus, int code, const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(bus->error, sizeof bus->error, format, arguments);
+  va_end(arguments);
+  return code;
+}
+
+uint64_t ecat_now(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
+}
+
+uint64_t ecat_ns(double seconds) {
+  if (!(seconds > 0)) return 0;
+  return seconds > 1e9 ? (uint64_t)1e18 : (uint64_t)(seconds * 1e9);
+}
+
+int ecat_open(ecat_t **result, const char *name) {
+  ecat_t *bus = calloc(1, sizeof *bus);
+  *result = bus;
+  if (bus == NULL) return ECAT_ESYS;
+  bus->fd = bus->out_fd = bus->slot = -1;
+  if (name == NULL) name = "ecat0";
+  if (name[0] == '\0' || strlen(name) >= sizeof bus->name || strchr(name, '/') != NULL)
+    return ecat_fail(bus, ECAT_EARG, "'%s' is no bus name: 1 to %zu characters without '/'", name,
+                     sizeof bus->name - 1);
+  strcpy(bus->name, name);
+  return ecat_segment_open(bus);
+}
+
+void ecat_close(ecat_t *bus) {
+  if (bus == NULL) return;
+  ecat_slot_free(bus);
+  ecat_segment_close(bus);
+  free(bus);
+}
+
+const char *ecat_error(const ecat_t *bus) {
+  if (bus == NULL) return "out of memory";
+  return bus->error[0] != '\0' ? bus->error : "no error";
+}
+
+const char *ecat_strerror(int code) {
+  switch (code) {
+    case ECAT_EARG: return "wrong argument";
+    case ECAT_EDOWN: return "the daemon is not running";
+    case ECAT_ELAYOUT: return "daemon and client have incompatible versions";
+    case ECAT_EPERM: return "not permitted";
+    case ECAT_EBUS: return "the bus is not the expected one";
+    case ECAT_ESIGNAL: return "no such entry in the process image";
+    case ECAT_EOWNED: return "another client owns the outputs";
+    case ECAT_ECLAIM: return "the outputs are not owned by this client";
+    case ECAT_ELEASE: return "the lease of the outputs was lost";
+    case ECAT_ERANGE: return "value out of range";
+    case ECAT_ETIMEOUT: return "nothing happened in time";
+    case ECAT_ESTALE: return "the cycle of the daemon stands still";
+    case ECAT_EFULL: return "no free client slot or request";
+    case ECAT_EABORT: return "SDO abort by the slave";
+    case ECAT_EBUSY: return "the request is not finished";
+    case ECAT_ESYS: return "system call failed";
+    default: return code >= 0 ? "no error" : "unknown error";
+  }
+}
+
+const char *ecat_name(const ecat_t *bus) { return bus->name; }
+int ecat_slave_count(const ecat_t *bus) { return (int)bus->header->slave_count; }
+int ecat_signal_count(const ecat_t *bus) { return (int)bus->header->signal_count; }
+int ecat_domain_count(const ecat_t *bus) { return (int)bus->header->domain_count; }
+uint64_t ecat_fingerprint(const ecat_t *bus) { return bus->header->fingerprint; }
+double ecat_cycle_time(const ecat_t *bus) { return (double)bus->header->cycle_time_ns * 1e-9; }
+
+uint64_t ecat_cycle(const ecat_t *bus) {
+  return __atomic_load_n(&bus->header->cycle, __ATOMIC_ACQUIRE);
+}
+
+static int check_position(ecat_t *bus, int position) {
+  if (position >= 0 && position < ecat_slave_count(bus)) return 0;
+  return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave %d: it has %d slaves, 0 to %d", bus->name,
+                   position, ecat_slave_count(bus), ecat_slave_count(bus) - 1);
+}
+
+int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info) {
+  const ecat_shm_slave *slave;
+  const ecat_shm_slave_status *status;
+  int code = check_position(bus, position);
+  if (code != 0) return code;
+  slave = &bus->slaves[position];
+  status = &bus->slave_status[position];
+  info->vendor = slave->vendor;
+  info->product = slave->product;
+  info->revision = slave->revision;
+  info->serial = slave->serial;
+  info->name = slave->name;
+  info->al_state = __atomic_load_n(&status->al_state, __ATOMIC_RELAXED);
+  info->al_code = __atomic_load_n(&status->al_code, __ATOMIC_RELAXED);
+  info->domain = slave->domain;
+  info->has_outputs = slave->output_bytes > 0;
+  info->outputs = (int)__atomic_load_n(&status->outputs, __ATOMIC_RELAXED);
+  info->owned = bit_get(bus->claims, (unsigned)position) && !ecat_slot_lapsed(bus);
+  return 0;
+}
+
+int ecat_signal(ecat_t *bus, int number, ecat_signal_info *info) {
+  const ecat_shm_signal *signal;
+  if (number < 0 || number >= ecat_signal_count(bus))
+    return ecat_fail(bus, ECAT_EARG, "%d is no signal: bus '%s' has %d", number, bus->name,
+                     ecat_signal_count(bus));
+  signal = &bus->signals[number];
+  info->slave = signal->slave;
+  info->index = signal->index;
+  info->subindex = signal->subindex;
+  info->output = signal->output;
+  info->type = signal->type;
+  info->bit_length = signal->bit_length;
+  info->scale = signal->scale;
+  info->offset = signal->offset;
+  info->name = signal->name;
+  info->unit = signal->unit;
+  return 0;
+}
+
+int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product, uint32_t revision) {
+  const ecat_shm_slave *slave;
+  int code = check_position(bus, position);
+  if (code != 0) return code;
+  slave = &bus->slaves[position];
+  if (slave->vendor != vendor || slave->product != product)
+    return ecat_fail(bus, ECAT_EBUS,
+                     "slave %d of bus '%s' is %s (vendor 0x%08X, product 0x%08X), but expected is "
+                     "vendor 0x%08X, product 0x%08X",
+                     position, bus->name, slave->name, (unsigned)slave->vendor,
+                     (unsigned)slave->product, (unsigned)vendor, (unsigned)product);
+  if (revision != 0 && slave->revision != revision)
+    return ecat_fail(bus, ECAT_EBUS,
+                     "slave %d of bus '%s' (%s) has revision 0x%08X, but expected is 0x%08X",
+                     position, bus->name, slave->name, (unsigned)slave->revision,
+                     (unsigned)revision);
+  return position;
+}
+
+int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subindex, int direction) {
+  int i, code = check_position(bus, position);
+  if (code != 0) return code;
+  for (i = 0; i < ecat_signal_count(bus); i++) {
+    const ecat_shm_signal *signal = &bus->signals[i];
+    if (signal->slave == (unsigned)position && signal->index == index &&
+        signal->subindex == subindex && (direction == ECAT_ANY || signal->output == direction))
+      return i;
+  }
+  return ecat_fail(bus, ECAT_ESIGNAL, "slave %d (%s) of bus '%s' has no %s 0x%04X:%02X in its process data",
+                   position, bus->slaves[position].name, bus->name,
+                   direction == ECAT_INPUT ? "input" : direction == ECAT_OUTPUT ? "output" : "entry",
+                   index, subindex);
+}

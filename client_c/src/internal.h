@@ -1,0 +1,96 @@
+/* What the parts of the client share. */
+#ifndef ECAT_INTERNAL_H
+#define ECAT_INTERNAL_H
+
+#include <ecat/ecat.h>
+#include <ecat/ecat_shm.h>
+
+#define NS_PER_S 1000000000u
+
+/* Kernel file locks say who is alive: they vanish with their holder however it ends, reach across
+ * pid namespaces and cannot be confused by a process number used again. The daemon holds byte
+ * LOCK_DAEMON of its segment, a client byte LOCK_SLOT + n of the .out segment for its slot n. */
+enum { LOCK_DAEMON = 0, LOCK_SLOT = 1 };
+
+/* How one entry lies in the image of its domain. */
+struct signal {
+  uint32_t byte;   /* of the first bit, in the domain's image */
+  uint32_t staged; /* outputs: the same in the output image of a slot */
+  uint16_t slave;
+  uint16_t domain;
+  uint8_t shift;   /* of the first bit in that byte */
+  uint8_t bits;
+  uint8_t sign, real, output;
+};
+
+/* The last sample of one domain. */
+struct snapshot {
+  const ecat_shm_page *page; /* in the mapping */
+  uint64_t *image;           /* copy; padded, so that any entry may be read as a 64-bit word */
+  size_t words;
+  uint64_t cycle, time_ns;
+  uint32_t wkc, wkc_state;
+};
+
+struct ecat {
+  char name[32];
+  char error[512];
+
+  /* Segment of the daemon, mapped read-only. */
+  int fd;
+  const uint8_t *map;
+  size_t map_size;
+  const ecat_shm_header *header;
+  const ecat_shm_slave *slaves;
+  const ecat_shm_slave_status *slave_status;
+  const ecat_shm_signal *signals;
+  const ecat_shm_domain *domains;
+  const ecat_shm_slot_status *slot_status;
+  const ecat_shm_reply *replies;
+
+  struct signal *signal;
+  struct snapshot *snapshot;
+  uint64_t waited_cycle; /* last cycle seen by ecat_wait or ecat_sample */
+  uint64_t sample_cycle;
+
+  /* Segment of the clients, mapped when the first slot is needed. */
+  int out_fd;
+  uint8_t *out_map;
+  size_t out_size;
+  int slot;              /* -1: none */
+  uint32_t generation;
+  ecat_out_doorbell *doorbell;
+  ecat_out_slot *out;
+  uint8_t *stage;        /* outputs, as they will be committed */
+  uint64_t claims[16], written[16];
+  uint32_t request_seq;
+  uint32_t request[ECAT_REQUESTS]; /* seq of the running requests, 0: free */
+};
+
+/* Fills ecat_error() and returns `code`. */
+__attribute__((format(printf, 3, 4))) int ecat_fail(ecat_t *bus, int code, const char *format,
+                                                    ...);
+uint64_t ecat_now(void);
+uint64_t ecat_ns(double seconds);
+
+/* segment.c */
+int ecat_segment_open(ecat_t *bus);
+void ecat_segment_close(ecat_t *bus);
+int ecat_segment_check(ecat_t *bus, uint64_t age_ns); /* is the daemon still delivering? */
+int ecat_page_copy(const ecat_shm_page *page, uint64_t *image, size_t words,
+                   struct snapshot *meta);
+
+/* outputs.c */
+int ecat_slot_take(ecat_t *bus);
+void ecat_slot_free(ecat_t *bus);
+int ecat_slot_lapsed(const ecat_t *bus);
+
+static inline int bit_get(const uint64_t *set, unsigned bit) {
+  return (int)(set[bit / 64] >> (bit % 64) & 1);
+}
+static inline void bit_set(uint64_t *set, unsigned bit) { set[bit / 64] |= 1ull << (bit % 64); }
+static inline void bit_clear(uint64_t *set, unsigned bit) {
+  set[bit / 64] &= ~(1ull << (bit % 64));
+}
+
+#endif

@@ -1,0 +1,220 @@
+/* The daemon's segment: opening it, trusting it, and noticing when the daemon is gone. */
+#include "internal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <sched.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static int daemon_holds_lock(int fd) {
+  struct flock lock = {.l_type = F_RDLCK, .l_whence = SEEK_SET, .l_start = LOCK_DAEMON, .l_len = 1};
+  /* An answer that cannot be had is no proof of death. */
+  return fcntl(fd, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
+}
+
+static int not_running(ecat_t *bus) {
+  return ecat_fail(bus, ECAT_EDOWN,
+                   "no ecatd serves bus '%s'; start it with 'systemctl start ecatd', or without "
+                   "hardware 'ecatd --simulate troll'",
+                   bus->name);
+}
+
+/* Every table must lie within the segment before a byte of it is used. */
+static int table_fits(const ecat_t *bus, uint32_t offset, uint64_t count, uint64_t size) {
+  return offset % 8 == 0 && offset <= bus->map_size && count <= (bus->map_size - offset) / size;
+}
+
+static int damaged(ecat_t *bus, const char *what) {
+  return ecat_fail(bus, ECAT_ELAYOUT,
+                   "the shared memory of bus '%s' is damaged (%s); restart the daemon", bus->name,
+                   what);
+}
+
+static int check_domain(ecat_t *bus, unsigned number) {
+  const ecat_shm_domain *domain = &bus->domains[number];
+  if (!table_fits(bus, domain->page_offset, 1, sizeof(ecat_shm_page) + (uint64_t)domain->image_bytes))
+    return damaged(bus, "domain page");
+  if (domain->output_bytes > domain->image_bytes ||
+      (uint64_t)domain->output_base + domain->output_bytes > bus->header->output_bytes)
+    return damaged(bus, "domain outputs");
+  return 0;
+}
+
+static int check_slave(ecat_t *bus, unsigned position) {
+  const ecat_shm_slave *slave = &bus->slaves[position];
+  const ecat_shm_domain *domain;
+  if (slave->domain >= bus->header->domain_count) return damaged(bus, "slave domain");
+  domain = &bus->domains[slave->domain];
+  if ((uint64_t)slave->output_offset + slave->output_bytes > domain->output_bytes ||
+      (uint64_t)slave->input_offset + slave->input_bytes > domain->image_bytes)
+    return damaged(bus, "slave image");
+  if (memchr(slave->name, 0, sizeof slave->name) == NULL) return damaged(bus, "slave name");
+  return 0;
+}
+
+static int check_signal(ecat_t *bus, unsigned number) {
+  const ecat_shm_signal *from = &bus->signals[number];
+  struct signal *to = &bus->signal[number];
+  const ecat_shm_domain *domain;
+  if (from->slave >= bus->header->slave_count || from->domain >= bus->header->domain_count ||
+      from->bit_length == 0 || from->bit_length > 64)
+    return damaged(bus, "signal");
+  domain = &bus->domains[from->domain];
+  if ((uint64_t)from->bit_offset + from->bit_length >
+      8ull * (from->output ? domain->output_bytes : domain->image_bytes))
+    return damaged(bus, "signal image");
+  if (memchr(from->name, 0, sizeof from->name) == NULL ||
+      memchr(from->unit, 0, sizeof from->unit) == NULL)
+    return damaged(bus, "signal name");
+  to->byte = from->bit_offset / 8;
+  to->staged = domain->output_base + to->byte;
+  to->shift = (uint8_t)(from->bit_offset % 8);
+  to->bits = (uint8_t)from->bit_length;
+  to->slave = from->slave;
+  to->domain = from->domain;
+  to->output = from->output;
+  /* CoE data types: INTEGER8/16/32, INTEGER24, INTEGER64; REAL32, REAL64. */
+  to->sign = (from->type >= 0x0002 && from->type <= 0x0004) || from->type == 0x0010 ||
+             from->type == 0x0015;
+  to->real = (from->type == 0x0008 && from->bit_length == 32) ||
+             (from->type == 0x0011 && from->bit_length == 64);
+  return 0;
+}
+
+static int check_tables(ecat_t *bus) {
+  const ecat_shm_header *h = bus->header;
+  unsigned i;
+  int code;
+  if (h->slave_count > ECAT_MAX_SLAVES || h->slot_count > ECAT_SLOTS || h->cycle_time_ns == 0)
+    return damaged(bus, "header");
+  if (!table_fits(bus, h->slaves_offset, h->slave_count, sizeof(ecat_shm_slave)) ||
+      !table_fits(bus, h->signals_offset, h->signal_count, sizeof(ecat_shm_signal)) ||
+      !table_fits(bus, h->domains_offset, h->domain_count, sizeof(ecat_shm_domain)) ||
+      !table_fits(bus, h->slave_status_offset, h->slave_count, sizeof(ecat_shm_slave_status)) ||
+      !table_fits(bus, h->slot_status_offset, h->slot_count, sizeof(ecat_shm_slot_status)) ||
+      !table_fits(bus, h->replies_offset, (uint64_t)h->slot_count * ECAT_REQUESTS,
+                  sizeof(ecat_shm_reply)) ||
+      !table_fits(bus, h->health_offset, 1, sizeof(ecat_shm_health)))
+    return damaged(bus, "tables");
+  bus->slaves = (const void *)(bus->map + h->slaves_offset);
+  bus->signals = (const void *)(bus->map + h->signals_offset);
+  bus->domains = (const void *)(bus->map + h->domains_offset);
+  bus->slave_status = (const void *)(bus->map + h->slave_status_offset);
+  bus->slot_status = (const void *)(bus->map + h->slot_status_offset);
+  bus->replies = (const void *)(bus->map + h->replies_offset);
+
+  bus->signal = calloc(h->signal_count + 1, sizeof *bus->signal);
+  bus->snapshot = calloc(h->domain_count + 1, sizeof *bus->snapshot);
+  bus->stage = calloc(1, h->output_bytes + 16);
+  if (bus->signal == NULL || bus->snapshot == NULL || bus->stage == NULL)
+    return ecat_fail(bus, ECAT_ESYS, "out of memory");
+  for (i = 0; i < h->domain_count; i++) {
+    struct snapshot *snapshot = &bus->snapshot[i];
+    if ((code = check_domain(bus, i)) != 0) return code;
+    snapshot->page = (const void *)(bus->map + bus->domains[i].page_offset);
+    snapshot->words = (bus->domains[i].image_bytes + 7) / 8;
+    snapshot->image = calloc(snapshot->words + 2, 8);
+    if (snapshot->image == NULL) return ecat_fail(bus, ECAT_ESYS, "out of memory");
+  }
+  for (i = 0; i < h->slave_count; i++)
+    if ((code = check_slave(bus, i)) != 0) return code;
+  for (i = 0; i < h->signal_count; i++)
+    if ((code = check_signal(bus, i)) != 0) return code;
+  return 0;
+}
+
+int ecat_segment_open(ecat_t *bus) {
+  char path[64];
+  struct stat status;
+  uint32_t layout;
+  snprintf(path, sizeof path, "/dev/shm/ecat.%s", bus->name);
+  bus->fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+  if (bus->fd < 0) {
+    if (errno == ENOENT) return not_running(bus);
+    if (errno == EACCES)
+      return ecat_fail(bus, ECAT_EPERM,
+                       "no right to read bus '%s': become a member of the group 'ecat' "
+                       "('sudo usermod -aG ecat $USER', then log in again)",
+                       bus->name);
+    return ecat_fail(bus, ECAT_ESYS, "cannot open %s: %s", path, strerror(errno));
+  }
+  if (fstat(bus->fd, &status) != 0 || !S_ISREG(status.st_mode) ||
+      (size_t)status.st_size < sizeof(ecat_shm_header))
+    return daemon_holds_lock(bus->fd)
+               ? ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is still starting", bus->name)
+               : not_running(bus);
+  bus->map_size = (size_t)status.st_size;
+  bus->map = mmap(NULL, bus->map_size, PROT_READ, MAP_SHARED, bus->fd, 0);
+  if (bus->map == MAP_FAILED) {
+    bus->map = NULL;
+    return ecat_fail(bus, ECAT_ESYS, "cannot map %s: %s", path, strerror(errno));
+  }
+  bus->header = (const void *)bus->map;
+  layout = __atomic_load_n(&bus->header->layout, __ATOMIC_ACQUIRE);
+  if (!daemon_holds_lock(bus->fd)) return not_running(bus); /* a leftover of a killed daemon */
+  if (layout == 0)
+    return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is still starting", bus->name);
+  if (bus->header->magic != ECAT_SHM_MAGIC || layout >> 16 != ECAT_SHM_LAYOUT_MAJOR)
+    return ecat_fail(bus, ECAT_ELAYOUT,
+                     "the daemon of bus '%s' speaks layout %u.%u, this client %u.%u: install the "
+                     "same version of both (and regenerate libraries)",
+                     bus->name, layout >> 16, layout & 0xFFFF, ECAT_SHM_LAYOUT_MAJOR,
+                     ECAT_SHM_LAYOUT_MINOR);
+  if (bus->header->size > bus->map_size) return damaged(bus, "size");
+  return check_tables(bus);
+}
+
+void ecat_segment_close(ecat_t *bus) {
+  unsigned i;
+  if (bus->snapshot != NULL)
+    for (i = 0; i < bus->header->domain_count; i++) free(bus->snapshot[i].image);
+  free(bus->snapshot);
+  free(bus->signal);
+  free(bus->stage);
+  if (bus->map != NULL) munmap((void *)(uintptr_t)bus->map, bus->map_size);
+  if (bus->fd >= 0) close(bus->fd);
+}
+
+int ecat_segment_check(ecat_t *bus, uint64_t age_ns) {
+  uint64_t limit = 5 * bus->header->cycle_time_ns;
+  if (__atomic_load_n(&bus->header->state, __ATOMIC_RELAXED) == ECAT_BUS_STOPPED)
+    return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' was stopped", bus->name);
+  /* The lock costs a system call, so it is asked for only when a live daemon would have shown
+   * itself by now. */
+  if (limit < 20000000u) limit = 20000000u;
+  if (age_ns <= limit) return 0;
+  if (!daemon_holds_lock(bus->fd))
+    return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' has ended; start it again with "
+                     "'systemctl start ecatd'", bus->name);
+  if (age_ns > limit + 80000000u)
+    return ecat_fail(bus, ECAT_ESTALE, "the cycle of bus '%s' stands still since %.3f s", bus->name,
+                     (double)age_ns * 1e-9);
+  return 0;
+}
+
+int ecat_page_copy(const ecat_shm_page *page, uint64_t *image, size_t words,
+                   struct snapshot *meta) {
+  const uint64_t *data = (const uint64_t *)(page + 1);
+  unsigned tries;
+  for (tries = 0; tries < 1064; tries++) {
+    size_t i;
+    uint64_t before = __atomic_load_n(&page->seq, __ATOMIC_ACQUIRE);
+    if ((before & 1) == 0) {
+      meta->cycle = __atomic_load_n(&page->cycle, __ATOMIC_RELAXED);
+      meta->time_ns = __atomic_load_n(&page->time_ns, __ATOMIC_RELAXED);
+      meta->wkc = __atomic_load_n(&page->wkc, __ATOMIC_RELAXED);
+      meta->wkc_state = __atomic_load_n(&page->wkc_state, __ATOMIC_RELAXED);
+      for (i = 0; i < words; i++) image[i] = __atomic_load_n(&data[i], __ATOMIC_RELAXED);
+      __atomic_thread_fence(__ATOMIC_ACQUIRE);
+      if (__atomic_load_n(&page->seq, __ATOMIC_RELAXED) == before) return 0;
+    }
+    /* The engine writes for well under a microsecond; if it was preempted meanwhile, let it run. */
+    if (tries > 64) sched_yield();
+  }
+  return ECAT_ESTALE;
+}
