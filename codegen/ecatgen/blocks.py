@@ -1,0 +1,151 @@
+"""From a slave of the bus description to its block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.datatypes import DataType, is_real, is_signed, type_name
+
+from . import layout, names
+from .ir import Block, Connector, Kind, Skipped
+
+_MAX_BITS = 64  # of one entry in the shared memory
+_START = {"Boolean": "false", "Integer": "0", "Real": "0"}
+
+# Names that the blocks and their base class use, and so no connector can have.
+_RESERVED = (
+    "domainID slaveData slaveName fingerprint generateCommand etherCATMaster domain "
+    "slaveConfiguration written committed Modelica EtherCAT"
+).split()
+
+
+def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
+    """The blocks of all slaves, in their order on the bus.
+
+    A class is named after the type of its slave. Only slaves of the same type are counted, from
+    the second one on, so that other slaves that are added do not change the name.
+    """
+    namespace = names.Namespace(
+        {*names.FOREIGN_LIBRARIES, library, "UsersGuide", "Examples"}
+        | {"fingerprint", "generateCommand"}
+    )
+    return tuple(
+        _block(slave, namespace.take(names.class_name(slave.name, f"Slave{slave.product:08X}")))
+        for slave in slaves
+    )
+
+
+def kind_of(entry: Entry) -> Kind:
+    """The Modelica type of an entry: a Modelica Integer has 32 bits and a sign."""
+    if entry.data_type == DataType.BOOLEAN or entry.bit_length == 1:
+        return "Boolean"
+    if is_real(entry.data_type):
+        return "Real"
+    return "Integer" if entry.bit_length <= 31 + is_signed(entry.data_type) else "Real"
+
+
+def _block(slave: Slave, name: str) -> Block:
+    skipped: list[Skipped] = []
+    writes = list(_usable(slave, skipped, outputs=True))
+    reads = list(_usable(slave, skipped, outputs=False))
+    connector_names = names.connector_names(
+        [
+            (pdo.name, entry.name, f"object {entry.index:04X} {entry.subindex:02X}")
+            for pdo, entry in writes + reads
+        ],
+        _RESERVED,
+    )
+    size = layout.block_size(len(writes), len(reads))
+    label = slave.name or f"product 0x{slave.product:08X}"
+    return Block(
+        name=name,
+        instance=names.instance_name(name),
+        position=slave.position,
+        description=f"{label}, slave {slave.position}",
+        slave_name=slave.name,
+        slave_label=label,
+        vendor=slave.vendor,
+        product=slave.product,
+        revision=slave.revision,
+        reads=_connectors(reads, connector_names[len(writes) :], size, outputs=False),
+        writes=_connectors(writes, connector_names[: len(writes)], size, outputs=True),
+        skipped=tuple(skipped),
+        icon=layout.icon(size),
+        box=layout.icon(size),
+        name_extent=layout.above(size),
+        title_extent=layout.title(size),
+    )
+
+
+def _usable(
+    slave: Slave, skipped: list[Skipped], *, outputs: bool
+) -> Iterator[tuple[Pdo, Entry]]:
+    seen = set()
+    for pdo, entry, _ in slave.entries(outputs=outputs):
+        address = (entry.index, entry.subindex)
+        reason = ""
+        if entry.bit_length > _MAX_BITS:
+            reason = f"more than {_MAX_BITS} bits"
+        elif address in seen:
+            reason = "mapped twice; the first one has the connector"
+        seen.add(address)
+        if reason:
+            skipped.append(
+                Skipped(
+                    entry.address, entry.name, type_name(entry.data_type), entry.bit_length, reason
+                )
+            )
+        else:
+            yield pdo, entry
+
+
+def _connectors(
+    entries: Sequence[tuple[Pdo, Entry]],
+    connector_names: Sequence[str],
+    size: layout.Size,
+    *,
+    outputs: bool,
+) -> tuple[Connector, ...]:
+    result = []
+    for row, ((pdo, entry), name) in enumerate(zip(entries, connector_names, strict=True)):
+        kind = kind_of(entry)
+        result.append(
+            Connector(
+                name=name,
+                c_name=names.c_name(name),
+                handle=f"{'output' if outputs else 'input'}_{entry.index:04X}_{entry.subindex:02X}",
+                kind=kind,
+                class_name=(
+                    f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}"
+                ),
+                start=_START[kind],
+                function=kind.lower(),
+                index=entry.index,
+                subindex=entry.subindex,
+                address=entry.address,
+                data_type=entry.data_type,
+                type_name=type_name(entry.data_type),
+                bit_length=entry.bit_length,
+                description=_description(pdo, entry),
+                pdo_name=pdo.name,
+                entry_name=entry.name,
+                scaling=_scaling(entry),
+                extent=layout.port(size, row, left=outputs),
+                label_extent=layout.port_label(size, row, left=outputs),
+            )
+        )
+    return tuple(result)
+
+
+def _description(pdo: Pdo, entry: Entry) -> str:
+    text = ": ".join(filter(None, (pdo.name, entry.name)))
+    return f"{text} ({entry.address})" if text else entry.address
+
+
+def _scaling(entry: Entry) -> str:
+    if not entry.unit and entry.scale == 1 and entry.offset == 0:
+        return ""
+    factor = "" if entry.scale == 1 else f" * {entry.scale:g}"
+    shift = "" if entry.offset == 0 else f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
+    return f"value{factor}{shift} {entry.unit}".strip()

@@ -1,0 +1,203 @@
+"""What the generated library contains, with every decision made; templates only write it down.
+
+Texts are plain here: the templates escape them for the language that they write.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["Boolean", "Integer", "Real"]
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A point in an icon or diagram."""
+
+    x: int
+    y: int
+
+    def __str__(self) -> str:
+        return f"{{{self.x}, {self.y}}}"
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """A rectangle in an icon or diagram, by two corners."""
+
+    a: Point
+    b: Point
+
+    def __str__(self) -> str:
+        return f"{{{self.a}, {self.b}}}"
+
+
+@dataclass(frozen=True, slots=True)
+class Connector:
+    """One PDO entry as a connector of a block.
+
+    Attributes:
+        name: Name in Modelica.
+        c_name: Name in C.
+        handle: Name of the external object (and of the pointer in C).
+        kind: Type of the value in the model.
+        class_name: Modelica class of the connector.
+        start: Start value of a value that is read.
+        function: Suffix of the C functions: `boolean`, `integer`, `real`.
+        index: Object index.
+        subindex: Object subindex.
+        address: Index and subindex as printed for users.
+        data_type: Number of the CoE data type.
+        type_name: Name of the CoE data type.
+        bit_length: Bits in the process image.
+        description: What the slave calls it, with its address.
+        pdo_name: Name of its PDO.
+        entry_name: Name of the entry.
+        scaling: How a physical value follows from the value, or empty.
+        extent: Place of the connector in the icon.
+        label_extent: Place of its label in the icon.
+    """
+
+    name: str
+    c_name: str
+    handle: str
+    kind: Kind
+    class_name: str
+    start: str
+    function: str
+    index: int
+    subindex: int
+    address: str
+    data_type: int
+    type_name: str
+    bit_length: int
+    description: str
+    pdo_name: str
+    entry_name: str
+    scaling: str
+    extent: Extent
+    label_extent: Extent
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A PDO entry that has no connector, and why."""
+
+    address: str
+    entry_name: str
+    type_name: str
+    bit_length: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """The block of one slave.
+
+    Attributes:
+        name: Class name.
+        instance: Usual name of a component of this class.
+        position: Position on the bus.
+        description: Description of the class.
+        slave_name: What the slave calls itself.
+        slave_label: How messages name the expected slave.
+        vendor: Vendor ID.
+        product: Product code.
+        revision: Revision number.
+        reads: Inputs of the bus: connectors with values that the block delivers.
+        writes: Outputs of the bus: connectors with values that the block takes.
+        skipped: Entries without connector.
+        icon: Extent of the icon.
+        box: Extent of the box in the icon.
+        name_extent: Place of the component's name in the icon.
+        title_extent: Place of the class name in the icon.
+    """
+
+    name: str
+    instance: str
+    position: int
+    description: str
+    slave_name: str
+    slave_label: str
+    vendor: int
+    product: int
+    revision: int
+    reads: tuple[Connector, ...]
+    writes: tuple[Connector, ...]
+    skipped: tuple[Skipped, ...]
+    icon: Extent
+    box: Extent
+    name_extent: Extent
+    title_extent: Extent
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """A component of an example model."""
+
+    class_name: str
+    name: str
+    modifiers: tuple[str, ...]
+    description: str
+    extent: Extent
+    prefix: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """A connection of an example model."""
+
+    source: str
+    target: str
+    points: tuple[Point, ...]
+    color: str
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A variable of an example model that gives a result a short name."""
+
+    name: str
+    description: str
+    expression: str
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """A model that can be simulated."""
+
+    name: str
+    description: str
+    paragraphs: tuple[str, ...]
+    components: tuple[Component, ...]
+    connections: tuple[Connection, ...]
+    variables: tuple[Variable, ...]
+    diagram: Extent
+    stop_time: str
+    interval: str
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """A generated library.
+
+    Attributes:
+        name: Name of the package.
+        description: Description of the package.
+        bus: Name of the bus.
+        fingerprint: Fingerprint of the bus, 16 hex digits.
+        command: Command that generates the library again.
+        version: Version of the library EtherCAT that it uses.
+        blocks: Blocks by position.
+        examples: Example models.
+    """
+
+    name: str
+    description: str
+    bus: str
+    fingerprint: str
+    command: str
+    version: str
+    blocks: tuple[Block, ...]
+    examples: tuple[Example, ...]

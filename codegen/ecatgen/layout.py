@@ -1,0 +1,87 @@
+"""Where things are in icons and diagrams.
+
+A block is a box with one connector per row: outputs of the bus (what the model writes) on the
+left, inputs of the bus (what it reads) on the right. A unit of a diagram is ten of an icon.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .ir import Extent, Point
+
+ROW = 20
+_HALF_WIDTH = 100
+_TITLE = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Half of the height of a block's icon."""
+
+    half: int
+
+
+def block_size(left: int, right: int) -> Size:
+    """The size of a block with so many connectors on its sides."""
+    rows = max(left, right)
+    return Size(max(100, -(-(rows * ROW + _TITLE) // 40) * 20))
+
+
+def extent(x1: int, y1: int, x2: int, y2: int) -> Extent:
+    """A rectangle."""
+    return Extent(Point(x1, y1), Point(x2, y2))
+
+
+def icon(size: Size) -> Extent:
+    """The whole icon."""
+    return extent(-_HALF_WIDTH, -size.half, _HALF_WIDTH, size.half)
+
+
+def above(size: Size) -> Extent:
+    """The place of the component's name, above the icon."""
+    return extent(-150, size.half + 50, 150, size.half + 10)
+
+
+def title(size: Size) -> Extent:
+    """The place of the class name, at the top of the box."""
+    return extent(-90, size.half - 5, 90, size.half - 35)
+
+
+def row_y(size: Size, row: int) -> int:
+    """The height of a row of connectors."""
+    return size.half - _TITLE - ROW // 2 - row * ROW
+
+
+def port(size: Size, row: int, *, left: bool) -> Extent:
+    """The place of a connector."""
+    y = row_y(size, row)
+    half = ROW // 2
+    x = -_HALF_WIDTH - ROW if left else _HALF_WIDTH
+    return extent(x, y - half, x + ROW, y + half)
+
+
+def port_label(size: Size, row: int, *, left: bool) -> Extent:
+    """The place of a connector's name beside it."""
+    y = row_y(size, row)
+    return extent(-95, y - 8, -2, y + 8) if left else extent(2, y - 8, 95, y + 8)
+
+
+def port_point(size: Size, row: int, centre: Point, *, left: bool) -> Point:
+    """Where a line ends at a connector of a block that is drawn around `centre` in a diagram."""
+    x = -(_HALF_WIDTH + ROW // 2) if left else _HALF_WIDTH + ROW // 2
+    return Point(centre.x + round(x / 10), centre.y + round(row_y(size, row) / 10))
+
+
+def in_diagram(size: Size, centre: Point) -> Extent:
+    """The place of a block in a diagram."""
+    half = size.half // 10
+    return extent(centre.x - 10, centre.y - half, centre.x + 10, centre.y + half)
+
+
+def route(start: Point, end: Point, x: int | None = None) -> tuple[Point, ...]:
+    """A line in right angles, whose vertical part is at `x`."""
+    if start.y == end.y:
+        return (start, end)
+    middle = (start.x + end.x) // 2 if x is None else x
+    return (start, Point(middle, start.y), Point(middle, end.y), end)

@@ -1,0 +1,33 @@
+within EtherCAT.Conversions;
+block RealToInteger "Sample, scale and round a signal for an integer entry"
+  extends Modelica.Blocks.Icons.IntegerBlock;
+
+  parameter Integer domainID(min = 1) = 1 "Domain in whose samples the signal is converted";
+  parameter Real k = 1 "Gain";
+  parameter Integer yMax = 2147483647 "Upper limit of the output";
+  parameter Integer yMin = -yMax "Lower limit of the output";
+
+  Modelica.Blocks.Interfaces.RealInput u "Signal"
+    annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
+  Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true) "Rounded value of k*u"
+    annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+protected
+  outer EtherCAT.EtherCATMaster etherCATMaster;
+equation
+  when etherCATMaster.sampled[domainID] then
+    y = integer(floor(max(yMin, min(yMax, k * u)) + 0.5));
+  end when;
+
+  annotation (
+    defaultComponentName = "realToInteger",
+    Documentation(info = "<html>
+<p>
+Unlike the block of the same name in the Modelica Standard Library it converts only when a sample is
+taken, and so makes no event for each step of the output.
+</p>
+</html>"),
+    Icon(graphics = {
+      Text(extent = {{-90, 40}, {-10, -40}}, textColor = {0, 0, 127}, textString = "R"),
+      Text(extent = {{10, 40}, {90, -40}}, textColor = {255, 127, 0}, textString = "I"),
+      Line(points = {{-20, 0}, {20, 0}}, color = {64, 64, 64}, arrow = {Arrow.None, Arrow.Filled})}));
+end RealToInteger;

@@ -1,0 +1,4 @@
+within EtherCAT;
+package Icons "Icons"
+  extends Modelica.Icons.IconsPackage;
+end Icons;

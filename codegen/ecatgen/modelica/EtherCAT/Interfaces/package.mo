@@ -1,0 +1,4 @@
+within EtherCAT;
+package Interfaces "Partial blocks"
+  extends Modelica.Icons.InterfacesPackage;
+end Interfaces;

@@ -1,0 +1,26 @@
+within EtherCAT.Internal;
+class Domain "Slaves of a model that are sampled together"
+  extends ExternalObject;
+
+  function constructor "Register a domain"
+    input EtherCAT.Internal.Master master "Connection";
+    input Integer domainID "Number of the domain, 1 first";
+    output Domain domain;
+    external "C" domain = ecatm_domain_open(master, domainID)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end constructor;
+
+  function destructor "Release it"
+    input Domain domain;
+    external "C" ecatm_domain_close(domain)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end destructor;
+end Domain;

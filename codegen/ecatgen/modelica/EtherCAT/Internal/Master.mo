@@ -1,0 +1,29 @@
+within EtherCAT.Internal;
+class Master "Connection to a bus"
+  extends ExternalObject;
+
+  function constructor "Connect to a bus"
+    input String bus "Name of the bus";
+    input Boolean waitForBus "= true, if samples wait for bus cycles";
+    input Real sampleTime "Sample time of domain 1 in s";
+    input Integer domains "Number of domains";
+    input Real lease "Time without samples after which outputs become safe, in s";
+    output Master master;
+    external "C" master = ecatm_master_open(bus, waitForBus, sampleTime, domains, lease)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end constructor;
+
+  function destructor "Release it"
+    input Master master;
+    external "C" ecatm_master_close(master)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end destructor;
+end Master;

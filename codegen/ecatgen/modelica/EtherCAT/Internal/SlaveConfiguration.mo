@@ -1,0 +1,32 @@
+within EtherCAT.Internal;
+class SlaveConfiguration "Registration of one slave"
+  extends ExternalObject;
+
+  function constructor "Check the identity of a slave and register it"
+    input EtherCAT.Internal.Domain domain "Domain of the slave";
+    input Integer position "Position on the bus, 0 first";
+    input Integer vendorID "Expected vendor ID";
+    input Integer productCode "Expected product code";
+    input Integer revisionNumber "Expected revision number, 0: any";
+    input String name "Expected name, for error messages";
+    input String fingerprint "Fingerprint of the bus that the block was generated for";
+    input String generateCommand "Command that generates the block again";
+    output SlaveConfiguration slaveConfiguration;
+    external "C" slaveConfiguration = ecatm_slave_open(domain, position, vendorID, productCode, revisionNumber, name, fingerprint, generateCommand)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end constructor;
+
+  function destructor "Release it"
+    input SlaveConfiguration slaveConfiguration;
+    external "C" ecatm_slave_close(slaveConfiguration)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end destructor;
+end SlaveConfiguration;

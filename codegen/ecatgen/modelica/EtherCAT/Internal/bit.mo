@@ -1,0 +1,8 @@
+within EtherCAT.Internal;
+function bit "Whether a bit of a word is set"
+  input Integer word "Word, not negative";
+  input Integer number "Number of the bit, 0 is the lowest";
+  output Boolean set "= true, if the bit is set";
+algorithm
+  set := mod(div(word, integer(2 ^ number)), 2) == 1;
+end bit;

@@ -1,0 +1,26 @@
+within EtherCAT;
+package Internal "Objects and functions that the blocks are made of"
+  extends Modelica.Icons.InternalPackage;
+
+  annotation (Documentation(info = "<html>
+<p>
+For those who write blocks of their own. The external objects depend on each other in the order
+<code>Master</code>, <code>Domain</code>, <code>SlaveConfiguration</code>, <code>PDO</code>. In each
+sample a block first reads, with the cycle of the <code>EtherCATMaster</code> as <code>order</code>, and
+then, in a when-equation of its own, writes and commits:
+</p>
+<pre>
+when etherCATMaster.sampled[domainID] then
+  y = readInteger(pdoY, time, etherCATMaster.cycle);
+end when;
+when etherCATMaster.sampled[domainID] then
+  written = writeInteger(pdoU, time, etherCATMaster.cycle, u);
+  committed = commit(slaveConfiguration, time, written);
+end when;
+</pre>
+<p>
+Two when-equations, because in one the outputs would depend on the inputs, and a controller between
+them would close a loop.
+</p>
+</html>"));
+end Internal;

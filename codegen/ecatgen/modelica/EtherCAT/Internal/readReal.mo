@@ -1,0 +1,13 @@
+within EtherCAT.Internal;
+impure function readReal "Value of an entry in the sample of this time"
+  input EtherCAT.Internal.PDO pdo "Entry";
+  input Real t "Simulation time";
+  input Integer order "Any value whose computation must come before this call";
+  output Real y "Value";
+  external "C" y = ecatm_read_real(pdo, t, order)
+    annotation (
+      Include = "#include \"ecat_modelica.h\"",
+      IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+      Library = "ecat",
+      LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+end readReal;

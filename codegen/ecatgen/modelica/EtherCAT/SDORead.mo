@@ -1,0 +1,38 @@
+within EtherCAT;
+block SDORead "Read an object of a slave when triggered"
+  extends EtherCAT.Interfaces.PartialSDO;
+
+  Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true)
+    "Value of the object at the last successful request"
+    annotation (Placement(transformation(extent = {{100, 70}, {120, 90}})));
+protected
+  Integer value(start = 0, fixed = true) "Value in the answer";
+algorithm
+  when etherCATMaster.sampled[1] then
+    if trigger and not triggered and not busy then
+      state := EtherCAT.Internal.sdoStart(sdo, time, false, 0);
+      busy := true;
+      done := false;
+      abortCode := 0;
+    elseif busy then
+      (state, value, abortCode) := EtherCAT.Internal.sdoPoll(sdo, time);
+      busy := state == 1;
+      done := state == 2;
+      if state == 2 then
+        y := value;
+      end if;
+    end if;
+    triggered := trigger;
+  end when;
+
+  annotation (
+    defaultComponentName = "sdoRead",
+    Documentation(info = "<html>
+<p>
+Uploads the object <code>index:subindex</code> of the slave at <code>position</code> through the mailbox.
+The value arrives at <code>y</code> some bus cycles after the trigger, when <code>done</code> becomes
+true. A value that no Modelica Integer can hold ends the simulation with an error.
+</p>
+</html>"),
+    Icon(graphics = {Text(extent = {{-90, 30}, {90, -30}}, textString = "SDO read")}));
+end SDORead;

@@ -1,0 +1,34 @@
+within EtherCAT;
+block SDOWrite "Write an object of a slave when triggered"
+  extends EtherCAT.Interfaces.PartialSDO;
+
+  Modelica.Blocks.Interfaces.IntegerInput u "Value to write"
+    annotation (Placement(transformation(extent = {{-140, -80}, {-100, -40}})));
+protected
+  Integer value(start = 0, fixed = true) "Value that was written";
+algorithm
+  when etherCATMaster.sampled[1] then
+    if trigger and not triggered and not busy then
+      state := EtherCAT.Internal.sdoStart(sdo, time, true, u);
+      busy := true;
+      done := false;
+      abortCode := 0;
+    elseif busy then
+      (state, value, abortCode) := EtherCAT.Internal.sdoPoll(sdo, time);
+      busy := state == 1;
+      done := state == 2;
+    end if;
+    triggered := trigger;
+  end when;
+
+  annotation (
+    defaultComponentName = "sdoWrite",
+    Documentation(info = "<html>
+<p>
+Downloads the value that <code>u</code> has when triggered to the object <code>index:subindex</code> of
+the slave at <code>position</code> through the mailbox. <code>done</code> becomes true when the slave has
+accepted it.
+</p>
+</html>"),
+    Icon(graphics = {Text(extent = {{-90, 30}, {90, -30}}, textString = "SDO write")}));
+end SDOWrite;

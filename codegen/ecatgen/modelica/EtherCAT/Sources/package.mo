@@ -1,0 +1,4 @@
+within EtherCAT;
+package Sources "Reference signals"
+  extends Modelica.Icons.SourcesPackage;
+end Sources;

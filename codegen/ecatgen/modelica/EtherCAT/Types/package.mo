@@ -1,0 +1,4 @@
+within EtherCAT;
+package Types "Enumerations"
+  extends Modelica.Icons.TypesPackage;
+end Types;

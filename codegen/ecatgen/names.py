@@ -1,0 +1,181 @@
+"""Modelica identifiers from the texts that vendors write into their slaves.
+
+Conventions of the Modelica Standard Library: classes begin with a capital letter, components with
+a small one, words are joined in camel case. An underscore occurs only before a number: between two
+numbers (`limit1_2`) and before the counter that keeps names unique (`EL3008_2`).
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from ecatd.model.errors import UsageError
+
+MAX_LENGTH = 48
+"""Longest name made of a text, before a counter is added."""
+
+KEYWORDS = frozenset(
+    "algorithm and annotation assert block break class connect connector constant constrainedby "
+    "der discrete each else elseif elsewhen encapsulated end enumeration equation expandable "
+    "extends external false final flow for function if import impure in initial inner input loop "
+    "model not operator or outer output package parameter partial protected public pure record "
+    "redeclare replaceable return stream then true type when while within".split()
+)
+
+BUILT_IN = frozenset(
+    "Real Integer Boolean String ExternalObject StateSelect AssertionLevel Clock time abs acos "
+    "actualStream asin atan atan2 backSample cardinality ceil change cos cosh cross delay "
+    "diagonal div edge exp fill floor getInstanceName hold homotopy identity inStream integer "
+    "interval linspace log log10 matrix max min mod ndims noClock noEvent ones outerProduct pre "
+    "previous product promote reinit rem sample scalar semiLinear shiftSample sign sin sinh size "
+    "skew smooth spatialDistribution sqrt subSample sum superSample symmetric tan tanh terminal "
+    "terminate transpose vector zeros".split()
+)
+
+FOREIGN_LIBRARIES = frozenset({"EtherCAT", "Modelica", "ModelicaServices", "Complex"})
+"""Libraries that a generated one uses, and so cannot be called like."""
+
+C_KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch typedef "
+    "union unsigned void volatile while asm typeof linux unix".split()
+)
+
+_LETTERS = str.maketrans(
+    {"µ": "u", "μ": "u", "Ω": "Ohm", "Ω": "Ohm", "°": " deg ", "%": " percent ", "ß": "ss"}
+    | {"æ": "ae", "Æ": "Ae", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L", "'": ""}
+)
+
+
+def library_name(name: str) -> str:
+    """The name itself, if a Modelica library can have it.
+
+    Raises:
+        UsageError: It is no Modelica identifier, or means something else already.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or len(name) > MAX_LENGTH:
+        raise UsageError(
+            f"'{name}' is no name for a Modelica library: use letters, digits and _, a letter "
+            f"first, at most {MAX_LENGTH} characters, for example TrollPlant"
+        )
+    if name in KEYWORDS or name in BUILT_IN:
+        raise UsageError(f"'{name}' is a word of the Modelica language: choose another name")
+    if name.casefold() in {library.casefold() for library in FOREIGN_LIBRARIES}:
+        raise UsageError(f"'{name}' is the name of another Modelica library: choose another one")
+    return name
+
+
+def class_name(text: str, fallback: str) -> str:
+    """A class name for a slave: its order number if the text begins with one, else all words.
+
+    Args:
+        text: Name of the slave.
+        fallback: Class name for texts without letters and digits.
+    """
+    first = _words(text.split(maxsplit=1)[0]) if text.strip() else []
+    if first and re.fullmatch(r"[A-Za-z]+[0-9]+[A-Za-z0-9]*", first[0]):
+        return _bounded(_join(_capital(word) for word in first))
+    words = [_capital(word) for word in _even_case(_words(text))]
+    name = _bounded(_join(words))
+    if not name:
+        return fallback
+    return name if name[0].isalpha() else "Slave" + name
+
+
+def component_name(text: str, fallback: str = "") -> str:
+    """A component name; empty if neither the text nor the fallback has a letter or digit."""
+    words = _even_case(_words(text)) or _words(fallback)
+    if not words:
+        return ""
+    name = _bounded(_join([_small(words[0]), *map(_capital, words[1:])]))
+    return name if name[0].isalpha() else "entry" + name
+
+
+def instance_name(class_: str) -> str:
+    """The usual component name for a class: `el3008_2` for `EL3008_2`."""
+    return class_.lower() if class_.upper() == class_ else class_[0].lower() + class_[1:]
+
+
+def connector_names(
+    entries: Sequence[tuple[str, str, str]], reserved: Iterable[str] = ()
+) -> list[str]:
+    """Names for the entries of one slave, which depend on nothing but the entries.
+
+    Args:
+        entries: Name of the PDO, name of the entry, and a text for entries without any name.
+        reserved: Names that the block uses otherwise.
+
+    The name of the entry alone is taken where it is unique in the slave and no reserved word,
+    with the name of the PDO before it otherwise: "Channel 1", "Input" gives `channel1Input`.
+    """
+    namespace = Namespace(reserved)
+    short = [component_name(entry) for _, entry, _ in entries]
+    seen = Counter(name.casefold() for name in short)
+    return [
+        namespace.take(
+            name
+            if name and seen[name.casefold()] == 1 and namespace.is_free(name)
+            else component_name(f"{pdo} {entry}", fallback)
+        )
+        for name, (pdo, entry, fallback) in zip(short, entries, strict=True)
+    ]
+
+
+class Namespace:
+    """Names that are taken in one scope; case does not make a difference (file systems)."""
+
+    def __init__(self, reserved: Iterable[str] = ()) -> None:
+        self._taken = {name.casefold() for name in (*KEYWORDS, *BUILT_IN, *reserved)}
+
+    def is_free(self, name: str) -> bool:
+        """Whether nobody has the name yet."""
+        return name.casefold() not in self._taken
+
+    def take(self, name: str) -> str:
+        """The name, or else the name with the first counter from 2 that makes it free."""
+        free, count = name, 1
+        while not self.is_free(free):
+            count += 1
+            free = f"{name}_{count}"
+        self._taken.add(free.casefold())
+        return free
+
+
+def c_name(name: str) -> str:
+    """The name as a member of a C structure."""
+    return name + "_" if name in C_KEYWORDS else name
+
+
+def _words(text: str) -> list[str]:
+    plain = unicodedata.normalize("NFKD", text.translate(_LETTERS))
+    plain = "".join(c for c in plain if not unicodedata.combining(c))
+    return re.findall(r"[A-Za-z0-9]+", plain)
+
+
+def _even_case(words: list[str]) -> list[str]:
+    """Words of a text without small letters are acronyms only if there is just one of them."""
+    if sum(word.isalpha() for word in words) > 1 and all(word.upper() == word for word in words):
+        return [word.capitalize() for word in words]
+    return words
+
+
+def _small(word: str) -> str:
+    return word.lower() if word.upper() == word else word[0].lower() + word[1:]
+
+
+def _capital(word: str) -> str:
+    return word[0].upper() + word[1:]
+
+
+def _join(words: Iterable[str]) -> str:
+    name = ""
+    for word in words:
+        name += "_" + word if name[-1:].isdigit() and word[:1].isdigit() else word
+    return name
+
+
+def _bounded(name: str) -> str:
+    return name[:MAX_LENGTH].rstrip("_")

@@ -1,0 +1,38 @@
+/* The engine's side of the segment: domain pages, the cycle number, histograms. */
+#include "engine.h"
+
+#include <limits.h>
+#include <linux/futex.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns) {
+  ecat_shm_page *page = domain->page;
+  uint64_t *data = (uint64_t *)(page + 1);
+  const uint64_t *image = (const uint64_t *)(const void *)domain->image;
+  uint64_t seq = page->seq;
+  uint32_t i, words = (domain->image_bytes + 7) / 8;
+  __atomic_store_n(&page->seq, seq + 1, __ATOMIC_RELAXED);
+  __atomic_thread_fence(__ATOMIC_RELEASE);
+  __atomic_store_n(&page->cycle, c->cycle, __ATOMIC_RELAXED);
+  __atomic_store_n(&page->time_ns, time_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&page->wkc, domain->wkc, __ATOMIC_RELAXED);
+  __atomic_store_n(&page->wkc_state, domain->wkc_state, __ATOMIC_RELAXED);
+  for (i = 0; i < words; i++) __atomic_store_n(&data[i], image[i], __ATOMIC_RELAXED);
+  __atomic_store_n(&page->seq, seq + 2, __ATOMIC_RELEASE);
+}
+
+void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns) {
+  __atomic_store_n(&c->header->cycle_end_ns, time_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&c->header->cycle, c->cycle, __ATOMIC_RELEASE);
+  __atomic_store_n(&c->header->cycle_word, (uint32_t)c->cycle, __ATOMIC_RELEASE);
+  syscall(SYS_futex, &c->header->cycle_word, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);
+}
+
+void cyclic_count(ecat_shm_histogram *histogram, uint64_t ns) {
+  counter_add(&histogram->buckets[ecat_histogram_bucket(ns)], 1);
+  counter_add(&histogram->count, 1);
+  counter_add(&histogram->sum_ns, ns);
+  if (ns < histogram->min_ns) __atomic_store_n(&histogram->min_ns, ns, __ATOMIC_RELAXED);
+  if (ns > histogram->max_ns) __atomic_store_n(&histogram->max_ns, ns, __ATOMIC_RELAXED);
+}

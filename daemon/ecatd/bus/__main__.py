@@ -1,0 +1,74 @@
+"""The process of the bus server: `python -m ecatd.bus`, started by the service.
+
+It reads its settings as one JSON document from stdin: `config`, `interface`, `runtime_dir`,
+`namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent`
+and `log_level`. It writes `ready` to stdout when the bus is in OP.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.config import Config
+from ecatd.model.errors import EcatError
+from ecatd.paths import control_socket
+from ecatd.process import die_with_parent
+
+
+async def _serve(settings: dict[str, Any], log: Log) -> None:
+    # Imported here: entering a namespace needs a process that has no threads yet.
+    from .control import ControlSocket
+    from .server import BusServer
+
+    config = Config.from_dict(settings["config"])
+    control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
+    server = BusServer(config, settings["interface"], log, control.publish)
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, stop.set)
+    starting = asyncio.create_task(server.start())
+    stopping = asyncio.create_task(stop.wait())
+    try:
+        await asyncio.wait((starting, stopping), return_when=asyncio.FIRST_COMPLETED)
+        if starting.done():
+            starting.result()
+            await control.open(server)
+            print("ready", flush=True)
+            monitor = asyncio.create_task(server.monitor())
+            await stopping
+            monitor.cancel()
+    finally:
+        await asyncio.wait((starting,))
+        await control.close()
+        await server.stop()
+        stopping.cancel()
+
+
+def main() -> int:
+    """Runs the bus server; the exit code says why it ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
+    settings = json.load(sys.stdin)
+    log = Log("ecatd", settings["log_level"])
+    try:
+        if settings["namespace_of"]:
+            from ecatsim.namespace import join
+
+            join(settings["namespace_of"])
+            die_with_parent(0)
+        else:
+            die_with_parent(settings["parent"])
+        asyncio.run(_serve(settings, log))
+    except EcatError as error:
+        log.error(str(error))
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

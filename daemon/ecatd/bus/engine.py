@@ -1,0 +1,188 @@
+"""The cyclic engine (`daemon/cyclic`) as seen from Python."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+from dataclasses import dataclass
+from enum import IntEnum
+
+from ecatd import native
+from ecatd.model.errors import EcatError, PermissionError_, UnreachableError
+
+from .layout import DomainImage
+from .segment import Segment
+
+
+class EventType(IntEnum):
+    """`cyclic_event_type`."""
+
+    CLAIMED = 1
+    SAFE = 2
+    WKC = 3
+    REQUEST = 4
+    SEND = 5
+
+
+class Event(ctypes.Structure):
+    """`cyclic_event` of `cyclic.h`."""
+
+    _fields_ = (
+        ("type", ctypes.c_uint32),
+        ("slave", ctypes.c_int32),
+        ("slot", ctypes.c_int32),
+        ("value", ctypes.c_uint32),
+        ("cycle", ctypes.c_uint64),
+    )
+    type: int
+    slave: int
+    slot: int
+    value: int
+    cycle: int
+
+
+class _Settings(ctypes.Structure):
+    """`cyclic_settings` of `cyclic.h`."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_int32) for name in ("priority", "cpu", "lock_memory", "busy_receive")
+    )
+
+
+@dataclass(slots=True)
+class RealTime:
+    """What real time the engine asks for.
+
+    Attributes:
+        priority: SCHED_FIFO priority, 0 for ordinary scheduling.
+        cpu: CPU to run on, -1 for any.
+        lock_memory: Whether the memory of the process is locked.
+        busy_receive: Whether the engine spins for the answer instead of sleeping.
+    """
+
+    priority: int = 80
+    cpu: int = -1
+    lock_memory: bool = True
+    busy_receive: bool = False
+
+
+def _library() -> ctypes.CDLL:
+    lib = native.load("ecatd", "ecat_cyclic")
+    pointer, u32, i32 = ctypes.c_void_p, ctypes.c_uint32, ctypes.c_int32
+    lib.cyclic_new.restype = pointer
+    lib.cyclic_new.argtypes = [pointer, ctypes.c_int, ctypes.c_char_p]
+    lib.cyclic_add_datagram.argtypes = [pointer, u32, ctypes.c_int, u32, u32, u32, u32]
+    lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
+    lib.cyclic_start.argtypes = [pointer, pointer]
+    lib.cyclic_wait_event.argtypes = [pointer, pointer, ctypes.c_int64]
+    lib.cyclic_reply.argtypes = [pointer, u32, u32, u32, u32, i32, u32, ctypes.c_char_p, u32]
+    lib.cyclic_reply.restype = None
+    lib.cyclic_filter_index.argtypes = [ctypes.c_int, ctypes.c_int, u32]
+    for name in ("scheduling_error", "affinity_error", "memory_error"):
+        getattr(lib, f"cyclic_{name}").argtypes = [pointer]
+    for name in ("make_safe", "stop", "free"):
+        getattr(lib, f"cyclic_{name}").argtypes = [pointer]
+        getattr(lib, f"cyclic_{name}").restype = None
+    return lib
+
+
+_LIB = _library()
+
+
+def filter_index(fd: int, *, above: bool, limit: int) -> None:
+    """Lets only EtherCAT frames with an index from (or below) `limit` on into a raw socket."""
+    code = _LIB.cyclic_filter_index(fd, int(above), limit)
+    if code != 0:
+        raise EcatError(f"cannot filter EtherCAT frames: {os.strerror(-code)}")
+
+
+class Engine:
+    """One engine on one interface; see `cyclic.h` for what each call means."""
+
+    def __init__(self, segment: Segment, interface: str) -> None:
+        self._engine = _LIB.cyclic_new(segment.address, segment.out_fd, interface.encode())
+        if not self._engine:
+            code = ctypes.get_errno()
+            message = f"cannot open a raw EtherCAT socket on '{interface}': {os.strerror(code)}"
+            raise (PermissionError_ if code in (errno.EPERM, errno.EACCES) else UnreachableError)(
+                message
+            )
+
+    def add_domain(self, domain: DomainImage) -> None:
+        """Adds the datagrams of a domain."""
+        for item in domain.datagrams:
+            code = _LIB.cyclic_add_datagram(
+                self._engine,
+                domain.number,
+                item.command,
+                domain.address,
+                item.offset,
+                item.length,
+                item.wkc_expected,
+            )
+            if code != 0:
+                raise EcatError(f"datagram refused by the engine: {os.strerror(-code)}")
+
+    def set_safe(self, slave: int, value: bytes, hold: bytes) -> None:
+        """Safe values of a slave: bits of `hold` keep what was last sent, others take `value`."""
+        _LIB.cyclic_set_safe(self._engine, slave, value, hold)
+
+    def start(self, wanted: RealTime) -> list[str]:
+        """Starts the exchange.
+
+        Returns:
+            One sentence for every kind of real time that was asked for and not granted.
+        """
+        settings = _Settings(
+            wanted.priority, wanted.cpu, int(wanted.lock_memory), int(wanted.busy_receive)
+        )
+        code = _LIB.cyclic_start(self._engine, ctypes.byref(settings))
+        if code != 0:
+            raise EcatError(f"the cyclic engine does not start: {os.strerror(-code)}")
+        refused = []
+        for name, what in (
+            ("scheduling", f"SCHED_FIFO priority {wanted.priority} (needs CAP_SYS_NICE)"),
+            ("affinity", f"CPU {wanted.cpu}"),
+            ("memory", "locked memory (needs CAP_IPC_LOCK)"),
+        ):
+            code = getattr(_LIB, f"cyclic_{name}_error")(self._engine)
+            if code != 0:
+                refused.append(f"{what}: {os.strerror(code)}")
+        return refused
+
+    def make_safe(self) -> None:
+        """From the next cycle on all outputs are at their safe values."""
+        _LIB.cyclic_make_safe(self._engine)
+
+    def wait_event(self, timeout: float) -> Event | None:
+        """The next event, or None after `timeout` seconds. For one thread."""
+        event = Event()
+        if _LIB.cyclic_wait_event(self._engine, ctypes.byref(event), int(timeout * 1e9)):
+            return event
+        return None
+
+    def reply(
+        self,
+        slot: int,
+        cell: int,
+        generation: int,
+        seq: int,
+        status: int,
+        abort_code: int,
+        data: bytes,
+    ) -> None:
+        """Answers a request of a client."""
+        _LIB.cyclic_reply(
+            self._engine, slot, cell, generation, seq, status, abort_code, data, len(data)
+        )
+
+    def stop(self) -> None:
+        """Ends the exchange after the current cycle."""
+        _LIB.cyclic_stop(self._engine)
+
+    def close(self) -> None:
+        """Frees the engine; no other call may follow."""
+        if self._engine:
+            _LIB.cyclic_free(self._engine)
+            self._engine = None

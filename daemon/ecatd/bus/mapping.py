@@ -1,0 +1,208 @@
+"""From a scanned slave to its process data: which PDOs it has, and how its ESC is set up for them.
+
+Slaves with CoE say what is assigned now (ETG.1000.6: 0x1C12 and 0x1C13 name the PDOs, 0x1600… and
+0x1A00… their entries); the others are fixed by their SII (categories 50 and 51). Names and data
+types come from the SII where it has them, else from the SDO information service.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.errors import SdoAbortError, StateError
+from ecatd.model.sii import Sii, SiiSyncManager, read_sii
+
+from .layout import Image
+from .master import Master
+
+_PROTOCOL_COE = 0x04
+_USAGE_OUTPUTS, _USAGE_INPUTS = 3, 4
+_SYNC_MANAGER = 0x0800
+_FMMU = 0x0600
+_FMMU_READ, _FMMU_WRITE = 1, 2
+_PDOS_MAX, _ENTRIES_MAX = 64, 254
+
+
+@dataclass(slots=True)
+class Scanned:
+    """A slave and the SII facts that setting it up needs."""
+
+    slave: Slave
+    sii: Sii
+
+
+def scan_slave(master: Master, position: int) -> Scanned:
+    """Reads everything about one slave, which must be in PREOP.
+
+    Raises:
+        StateError: Its EEPROM or object dictionary makes no sense.
+    """
+    name, vendor, product, revision = master.identity(position)
+    try:
+        sii = read_sii(lambda word: master.eeprom_read(position, word))
+    except StateError as error:
+        raise StateError(f"slave {position} ({name}): EEPROM: {error}") from error
+    slave = Slave(
+        position=position,
+        name=sii.order or sii.name or name,
+        vendor=vendor,
+        product=product,
+        revision=revision,
+        serial=sii.serial,
+        alias=sii.alias,
+        address=struct.unpack("<H", master.register_read(position, 0x0010, 2))[0],
+        coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
+    )
+    if slave.coe:
+        slave.outputs = _assigned(master, slave, sii, _USAGE_OUTPUTS)
+        slave.inputs = _assigned(master, slave, sii, _USAGE_INPUTS)
+        _add_names(master, slave, sii)
+    else:
+        # 0xFF in place of a sync manager: the PDO is not part of the default assignment.
+        slave.outputs = [pdo for pdo in sii.outputs if pdo.sync_manager != 0xFF]
+        slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != 0xFF]
+    return Scanned(slave, sii)
+
+
+def _sync_managers(sii: Sii, usage: int) -> list[int]:
+    """Numbers of the sync managers of a kind; ETG.1000.4 makes SM2 and SM3 the usual ones."""
+    numbers = [n for n, item in enumerate(sii.sync_managers) if item.usage == usage]
+    return numbers or ([2] if usage == _USAGE_OUTPUTS else [3])
+
+
+def _assigned(master: Master, slave: Slave, sii: Sii, usage: int) -> list[Pdo]:
+    pdos = []
+    for number in _sync_managers(sii, usage):
+        for index in _list(master, slave, 0x1C10 + number, 2, _PDOS_MAX):
+            entries = [
+                Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF)
+                for value in _list(master, slave, index, 4, _ENTRIES_MAX)
+            ]
+            pdos.append(Pdo(index, "", number, entries))
+    return pdos
+
+
+def _list(master: Master, slave: Slave, index: int, size: int, most: int) -> list[int]:
+    """The values of an object that is a list; a slave without the object has an empty one."""
+    try:
+        count = master.sdo_read(slave.position, index, 0)
+    except SdoAbortError:
+        return []
+    if len(count) < 1 or count[0] > most:
+        raise StateError(
+            f"{slave.label}: 0x{index:04X}:00 says {count.hex()} entries, at most {most} make sense"
+        )
+    values = []
+    for subindex in range(1, count[0] + 1):
+        data = master.sdo_read(slave.position, index, subindex)
+        if len(data) != size:
+            raise StateError(
+                f"{slave.label}: 0x{index:04X}:{subindex:02X} has {len(data)} bytes instead of {size}"
+            )
+        values.append(int.from_bytes(data, "little"))
+    return values
+
+
+def _add_names(master: Master, slave: Slave, sii: Sii) -> None:
+    pdo_names = {pdo.index: pdo.name for pdo in (*sii.outputs, *sii.inputs)}
+    known = {
+        (entry.index, entry.subindex): (entry.name, entry.data_type)
+        for pdo in (*sii.outputs, *sii.inputs)
+        for entry in pdo.entries
+        if entry.name or entry.data_type
+    }
+    entries = [e for pdo in (*slave.outputs, *slave.inputs) for e in pdo.entries if not e.is_gap]
+    if any((entry.index, entry.subindex) not in known for entry in entries):
+        known = master.object_names(slave.position) | known
+    for entry in entries:
+        entry.name, entry.data_type = known.get(
+            (entry.index, entry.subindex), ("", _type_by_size(entry.bit_length))
+        )
+    for pdo in (*slave.outputs, *slave.inputs):
+        pdo.name = pdo_names.get(pdo.index) or known.get((pdo.index, 0), ("", 0))[0]
+
+
+def _type_by_size(bits: int) -> int:
+    """An unsigned type of that size (BOOLEAN for one bit), where the slave tells nothing."""
+    return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)
+
+
+def configure(master: Master, scanned: Iterable[Scanned], image: Image) -> None:
+    """Sets the sync managers and FMMUs of all slaves up; they must be in PREOP.
+
+    Raises:
+        StateError: A slave does not answer, or has no sync manager for its process data.
+    """
+    for item in scanned:
+        slave = item.slave
+        fmmus = []
+        for pdos, kind, offset in (
+            (slave.outputs, _FMMU_WRITE, slave.output_offset),
+            (slave.inputs, _FMMU_READ, slave.input_offset),
+        ):
+            address = image.domains[slave.domain].address + offset
+            fmmus += _set_sync_managers(master, slave, item.sii, pdos, kind, address)
+        _clear_unused(master, slave, item.sii)
+        for number, fmmu in enumerate(fmmus):
+            master.register_write(slave.position, _FMMU + 16 * number, fmmu)
+
+
+def _set_sync_managers(
+    master: Master, slave: Slave, sii: Sii, pdos: list[Pdo], kind: int, address: int
+) -> list[bytes]:
+    """Writes the sync managers of one direction, and returns FMMUs that map them one by one.
+
+    PDOs of one slave follow each other without a gap between sync managers, as
+    `Slave.output_bytes` counts them, so an FMMU may begin within a byte.
+    """
+    fmmus = []
+    bit = 0
+    for number in dict.fromkeys(pdo.sync_manager for pdo in pdos):
+        bits = sum(pdo.bit_length for pdo in pdos if pdo.sync_manager == number)
+        if bits == 0:
+            continue
+        if number >= len(sii.sync_managers):
+            raise StateError(
+                f"{slave.label} wants process data in sync manager {number}, but its EEPROM "
+                f"describes only {len(sii.sync_managers)}"
+            )
+        manager = sii.sync_managers[number]
+        length = (bits + 7) // 8
+        master.register_write(
+            slave.position, _SYNC_MANAGER + 8 * number, _sync_manager(manager, length)
+        )
+        last = bit + bits - 1
+        fmmus.append(
+            struct.pack(
+                "<IHBBHBBB3x",
+                address + bit // 8,
+                last // 8 - bit // 8 + 1,
+                bit % 8,
+                last % 8,
+                manager.start,
+                0,
+                kind,
+                1,
+            )
+        )
+        bit += bits
+    return fmmus
+
+
+def _sync_manager(manager: SiiSyncManager, length: int) -> bytes:
+    return struct.pack("<HHBBBB", manager.start, length, manager.control, 0, 1, 0)
+
+
+def _clear_unused(master: Master, slave: Slave, sii: Sii) -> None:
+    """Switches off process-data sync managers that carry nothing now."""
+    used = {pdo.sync_manager for pdo in (*slave.outputs, *slave.inputs) if pdo.bit_length}
+    for number, manager in enumerate(sii.sync_managers):
+        if manager.usage in (_USAGE_OUTPUTS, _USAGE_INPUTS) and number not in used:
+            master.register_write(
+                slave.position,
+                _SYNC_MANAGER + 8 * number,
+                struct.pack("<HHBBBB", manager.start, 0, manager.control, 0, 0, 0),
+            )

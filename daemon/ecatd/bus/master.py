@@ -1,0 +1,300 @@
+"""The only module that knows pysoem: scan, states, SDO and registers of one bus.
+
+All calls belong on one thread, the mailbox worker: SOEM keeps one error list for all slaves and no
+lock around it. The traps of pysoem that this module keeps others from are listed with the calls.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import socket
+import struct
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pysoem
+
+from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
+from ecatd.model.errors import (
+    PermissionError_,
+    SdoAbortError,
+    StateError,
+    TimeoutError_,
+    UnreachableError,
+)
+
+from .engine import filter_index
+
+_SOEM_INDEX_LIMIT = 16
+"""SOEM numbers its datagrams 0 to 15; the engine's begin at 0x80."""
+
+_SDO_BUFFER = 1 << 16
+"""Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
+
+_SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
+
+
+@dataclass(slots=True)
+class SlaveState:
+    """AL status of one slave: register 0x0130 (0: no answer) and code of register 0x0134."""
+
+    position: int
+    al_state: int
+    al_code: int
+
+    def describe(self) -> str:
+        """The state in words, with the reason where the slave reports an error."""
+        if self.al_state & 0x0F == AlState.NONE:
+            return "does not answer"
+        text = al_state_text(self.al_state)
+        if self.al_state & AL_ERROR_FLAG:
+            text += f" (AL status 0x{self.al_code:04X}: {al_status_text(self.al_code)})"
+        return text
+
+
+class Master:
+    """An EtherCAT master on one interface, through its own socket.
+
+    Raises:
+        UnreachableError: There is no such interface.
+        PermissionError_: The process may not use raw sockets or configure the interface.
+    """
+
+    def __init__(self, interface: str) -> None:
+        self._interface = interface
+        _raise_link(interface)
+        self._master = pysoem.Master()
+        self._master.always_release_gil = True
+        # SOEM would ask for SAFEOP by itself when mapping; the state machine is ours.
+        self._master.manual_state_change = 1
+        before = _packet_sockets()
+        try:
+            self._master.open(interface)
+        except ConnectionError as error:
+            raise PermissionError_(_needs_rights(interface)) from error
+        for fd in _packet_sockets() - before:
+            filter_index(fd, above=False, limit=_SOEM_INDEX_LIMIT)
+            os.set_blocking(fd, False)  # its receive time-out would be rounded up to a jiffy
+
+    def scan(self) -> int:
+        """Finds the slaves and asks all of them for PREOP; returns their number.
+
+        Raises:
+            UnreachableError: No slave answers.
+        """
+        count = self._master.config_init()
+        if count <= 0:
+            raise UnreachableError(
+                f"no EtherCAT slave answers on '{self._interface}': check cable and power of the "
+                f"first slave, and that this is the right interface"
+            )
+        return int(count)
+
+    def identity(self, position: int) -> tuple[str, int, int, int]:
+        """Name, vendor ID, product code and revision number from the SII."""
+        slave = self._master.slaves[position]
+        try:
+            name = slave.name
+        except UnicodeDecodeError:
+            name = ""  # pysoem insists on UTF-8; the SII reader takes Latin-1
+        return name, slave.man, slave.id, slave.rev
+
+    def eeprom_read(self, position: int, word: int) -> bytes:
+        """Four bytes of the SII EEPROM from word address `word` on."""
+        try:
+            return bytes(self._master.slaves[position].eeprom_read(word))
+        except pysoem.EepromError as error:
+            raise StateError(f"slave {position}: its EEPROM cannot be read: {error}") from error
+
+    def register_read(self, position: int, address: int, size: int) -> bytes:
+        """`size` bytes of ESC memory."""
+        try:
+            return bytes(self._master.slaves[position]._fprd(address, size))
+        except pysoem.WkcError as error:
+            raise StateError(
+                f"slave {position} does not answer a read of register 0x{address:04X}"
+            ) from error
+
+    def register_write(self, position: int, address: int, data: bytes) -> None:
+        """Writes ESC memory."""
+        try:
+            self._master.slaves[position]._fpwr(address, data)
+        except pysoem.WkcError as error:
+            raise StateError(
+                f"slave {position} does not answer a write of register 0x{address:04X}"
+            ) from error
+
+    def sdo_read(self, position: int, index: int, subindex: int, *, complete: bool = False) -> bytes:
+        """Uploads an object.
+
+        Raises:
+            SdoAbortError: The slave refused.
+            TimeoutError_: It did not answer.
+        """
+        slave = self._master.slaves[position]
+        with self._mailbox(position, index, subindex):
+            return bytes(slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True))
+
+    def sdo_write(
+        self, position: int, index: int, subindex: int, data: bytes, *, complete: bool = False
+    ) -> None:
+        """Downloads an object; raises as `sdo_read`."""
+        slave = self._master.slaves[position]
+        with self._mailbox(position, index, subindex):
+            slave.sdo_write(index, subindex, data, complete, release_gil=True)
+
+    @contextlib.contextmanager
+    def _mailbox(self, position: int, index: int, subindex: int) -> Iterator[None]:
+        where = f"slave {position}, 0x{index:04X}:{subindex:02X}"
+        try:
+            yield
+        except pysoem.SdoError as error:
+            code = int(error.abort_code) & 0xFFFFFFFF
+            abort = SdoAbortError(code)
+            raise SdoAbortError(code, f"{where}: {abort}") from error
+        except pysoem.WkcError as error:
+            raise TimeoutError_(f"{where}: the slave does not answer its mailbox") from error
+        except pysoem.MailboxError as error:
+            raise StateError(f"{where}: mailbox error 0x{error.error_code:04X}: {error.desc}") from error
+        except pysoem.PacketError as error:
+            raise StateError(f"{where}: the slave answered with a wrong frame: {error}") from error
+        except AssertionError as error:
+            # pysoem asserts that the oldest error belongs to the slave it asked.
+            raise StateError(f"{where}: another slave reported an error meanwhile; try again") from error
+
+    def object_names(self, position: int) -> dict[tuple[int, int], tuple[str, int]]:
+        """Names and data types of all objects from the SDO information service, if it has one."""
+        names = {}
+        try:
+            for item in self._master.slaves[position].od:
+                names[item.index, 0] = (_text(item.name), int(item.data_type))
+                for subindex, entry in enumerate(item.entries):
+                    if entry.data_type:
+                        names[item.index, subindex] = (_text(entry.name), int(entry.data_type))
+        except (pysoem.SdoInfoError, pysoem.SdoError, pysoem.WkcError, pysoem.PacketError):
+            return names
+        return names
+
+    def request_state(self, state: AlState, position: int | None = None) -> None:
+        """Asks one slave or all of them for a state, with errors acknowledged first."""
+        if position is None:
+            self._master.state = state
+            self._master.write_state()
+            return
+        slave = self._master.slaves[position]
+        slave.state = state
+        slave.write_state()
+
+    def acknowledge(self, states: Sequence[SlaveState]) -> None:
+        """Acknowledges the error flag of slaves that have it (AL control bit 4)."""
+        for item in states:
+            if item.al_state & AL_ERROR_FLAG:
+                slave = self._master.slaves[item.position]
+                slave.state = (item.al_state & 0x0F) | AL_ERROR_FLAG
+                slave.write_state()
+
+    def states(self) -> list[SlaveState]:
+        """The AL status of every slave, freshly read."""
+        self._master.read_state()
+        return [
+            SlaveState(position, int(slave.state), int(slave.al_status))
+            for position, slave in enumerate(self._master.slaves)
+        ]
+
+    def reach(self, state: AlState, timeout: float, positions: Sequence[int] | None = None) -> None:
+        """Requests a state and waits until all slaves have it.
+
+        Args:
+            state: The state.
+            timeout: Seconds to wait.
+            positions: The slaves, or None for all.
+
+        Raises:
+            StateError: Slaves did not reach it; the message names each, with its AL status.
+        """
+        if positions is None:
+            self.request_state(state)
+        else:
+            for position in positions:
+                self.request_state(state, position)
+        deadline = time.monotonic() + timeout
+        while True:
+            now = self.states()
+            wrong = [
+                item
+                for item in now
+                if item.al_state != state and (positions is None or item.position in positions)
+            ]
+            if not wrong:
+                return
+            refused = [item for item in wrong if item.al_state & AL_ERROR_FLAG]
+            if refused or time.monotonic() > deadline:
+                raise StateError(
+                    "; ".join(
+                        f"slave {item.position} ({self.identity(item.position)[0]}) does not reach "
+                        f"{state.name}: it is {item.describe()}"
+                        if item.al_state & 0x0F
+                        else f"slave {item.position} ({self.identity(item.position)[0]}) does not "
+                        f"reach {state.name}: it does not answer"
+                        for item in (refused or wrong)[:8]
+                    )
+                )
+            time.sleep(0.002)
+
+    def close(self) -> None:
+        """Closes the socket."""
+        self._master.close()
+
+
+def _text(name: bytes | str) -> str:
+    return name.decode("latin-1") if isinstance(name, bytes) else name
+
+
+def _needs_rights(interface: str) -> str:
+    return (
+        f"no right to use interface '{interface}' for EtherCAT, which needs CAP_NET_RAW and "
+        f"CAP_NET_ADMIN: run as root (`sudo ecatd --interface {interface}`, or `systemctl start "
+        f"ecatd`), or try without hardware: `ecatd --simulate troll`"
+    )
+
+
+def _raise_link(interface: str) -> None:
+    """Sets the interface up, which SOEM does not."""
+    if not Path(f"/sys/class/net/{interface}").exists():
+        _check_exists(interface)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        request = struct.pack("16sH14x", interface.encode(), 0)
+        flags = struct.unpack("16xH14x", fcntl.ioctl(control, _SIOCGIFFLAGS, request))[0]
+        if not flags & _IFF_UP:
+            request = struct.pack("16sH14x", interface.encode(), flags | _IFF_UP)
+            try:
+                fcntl.ioctl(control, _SIOCSIFFLAGS, request)
+            except PermissionError as error:
+                raise PermissionError_(_needs_rights(interface)) from error
+
+
+def _check_exists(interface: str) -> None:
+    # /sys may show another network namespace than ours, so the kernel is asked.
+    names = [name for _, name in socket.if_nameindex()]
+    if interface not in names:
+        raise UnreachableError(
+            f"there is no network interface '{interface}'; there are: {', '.join(names)}"
+        )
+
+
+def _packet_sockets() -> set[int]:
+    """File descriptors of this process that are AF_PACKET sockets; pysoem does not tell its own."""
+    found = set()
+    for name in os.listdir("/proc/self/fd"):  # noqa: PTH208  a Path per entry serves nobody here
+        try:
+            probe = socket.socket(fileno=os.dup(int(name)))
+        except OSError:
+            continue
+        with probe:
+            if probe.family == socket.AF_PACKET:
+                found.add(int(name))
+    return found

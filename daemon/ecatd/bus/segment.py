@@ -1,0 +1,279 @@
+"""Creates the two shared-memory segments of a bus and fills their tables.
+
+The segment appears under its final name only when it is complete, is locked for as long as this
+process lives, and replaces the leftover of a daemon that was killed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import mmap
+import os
+import struct as binary
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from ecatd import shm
+from ecatd.model.bus import Bus
+from ecatd.model.errors import PermissionError_, StateError
+from ecatd.version import VERSION
+
+from .layout import Image
+
+_FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
+_PAGE = 4096
+
+
+def _lock(fd: int) -> bool:
+    """Takes the daemon's lock of a segment (see `client_c/src/internal.h`); False if it is held."""
+    request = binary.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, shm.LOCK_DAEMON, 1, 0)
+    try:
+        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, request)
+    except OSError:
+        return False
+    return True
+
+
+class Segment:
+    """The segments of one bus, created and owned by this process.
+
+    Attributes:
+        address: Address of the header in this process, for the engine.
+        out_fd: File descriptor of the `.out` segment.
+        header: `ecat_shm_header` in place: assignments are visible to clients.
+        slave_status: `ecat_shm_slave_status` table in place.
+    """
+
+    def __init__(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
+        self.path = shm.FOLDER / f"ecat.{bus.name}"
+        self.out_path = shm.FOLDER / f"ecat.{bus.name}.out"
+        self._bus = bus
+        self._image = image
+        self._inode = 0
+        instance = time.time_ns()
+        plan = _Plan(bus, image)
+        self._fd = _create(self.path.with_name(self.path.name + f".new.{os.getpid()}"), 0o640)
+        self._temporary = [self.path.with_name(self.path.name + f".new.{os.getpid()}")]
+        try:
+            os.posix_fallocate(self._fd, 0, plan.size)
+            self._map = mmap.mmap(self._fd, plan.size)
+            self._fill(plan, instance, lease_ns, lease_max_ns)
+            self.out_fd = _create(
+                self.out_path.with_name(self.out_path.name + f".new.{os.getpid()}"), 0o660
+            )
+            self._temporary.append(
+                self.out_path.with_name(self.out_path.name + f".new.{os.getpid()}")
+            )
+            self._fill_out(instance)
+            _lock(self._fd)
+            self._put_in_place()
+        except BaseException:
+            for file in self._temporary:
+                file.unlink(missing_ok=True)
+            raise
+
+    def _at(self, name: str, offset: int, count: int = 1) -> Any:
+        kind = shm.struct(name)
+        return (kind * count if count != 1 else kind).from_buffer(self._map, offset)
+
+    def _fill(self, plan: _Plan, instance: int, lease_ns: int, lease_max_ns: int) -> None:
+        bus, header = self._bus, self._at("ecat_shm_header", 0)
+        self.header = header
+        self.address = ctypes.addressof(header)
+        header.magic = shm.SHM_MAGIC
+        header.state = shm.BusState.STARTING
+        header.size = plan.size
+        header.instance = instance
+        header.fingerprint = bus.fingerprint
+        header.cycle_time_ns = bus.cycle_time_us * 1000
+        header.lease_ns = lease_ns
+        header.lease_max_ns = lease_max_ns
+        header.pid = os.getpid()
+        header.slave_count = len(bus.slaves)
+        header.signal_count = len(plan.signals)
+        header.domain_count = len(self._image.domains)
+        header.slot_count = shm.SLOTS
+        header.output_bytes = self._image.output_bytes
+        header.bus = bus.name.encode()
+        header.version = VERSION.encode()[:15]
+        for key, offset in plan.offsets.items():
+            setattr(header, f"{key}_offset", offset)
+        self._fill_slaves(plan)
+        self._fill_signals(plan)
+        self._fill_domains(plan)
+
+    def _fill_slaves(self, plan: _Plan) -> None:
+        count = max(1, len(self._bus.slaves))
+        # Arrays of one entry are given as arrays too, so that indexing is the same for all.
+        kind = shm.struct("ecat_shm_slave") * count
+        table = kind.from_buffer(self._map, plan.offsets["slaves"])
+        status = shm.struct("ecat_shm_slave_status") * count
+        self.slave_status = status.from_buffer(self._map, plan.offsets["slave_status"])
+        for row, slave in zip(table, self._bus.slaves, strict=False):
+            for key in ("vendor", "product", "revision", "serial", "position", "alias"):
+                setattr(row, key, getattr(slave, key))
+            row.address = slave.address
+            row.domain = slave.domain
+            row.output_offset, row.output_bytes = slave.output_offset, slave.output_bytes
+            row.input_offset, row.input_bytes = slave.input_offset, slave.input_bytes
+            row.name = _text(slave.name, 64)
+
+    def _fill_signals(self, plan: _Plan) -> None:
+        kind = shm.struct("ecat_shm_signal") * max(1, len(plan.signals))
+        table = kind.from_buffer(self._map, plan.offsets["signals"])
+        for row, (slave, name, entry, output, bit_offset) in zip(
+            table, plan.signals, strict=False
+        ):
+            row.slave, row.domain = slave.position, slave.domain
+            row.index, row.subindex, row.output = entry.index, entry.subindex, int(output)
+            row.type, row.bit_length = entry.data_type, entry.bit_length
+            row.bit_offset = bit_offset
+            row.scale, row.offset = entry.scale, entry.offset
+            row.name, row.unit = _text(name, 64), _text(entry.unit, 16)
+
+    def _fill_domains(self, plan: _Plan) -> None:
+        kind = shm.struct("ecat_shm_domain") * len(self._image.domains)
+        table = kind.from_buffer(self._map, plan.offsets["domains"])
+        for row, domain, page in zip(table, self._image.domains, plan.pages, strict=True):
+            row.page_offset = page
+            row.image_bytes = domain.output_bytes + domain.input_bytes
+            row.output_bytes = domain.output_bytes
+            row.output_base = domain.output_base
+            row.divider = 1
+            row.wkc_expected = domain.wkc_expected
+
+    def _fill_out(self, instance: int) -> None:
+        header = shm.struct("ecat_out_header")()
+        header.magic = shm.OUT_MAGIC
+        header.layout = shm.LAYOUT
+        header.slot_count = shm.SLOTS
+        header.instance = instance
+        header.doorbells_offset = _PAGE
+        header.slots_offset = 2 * _PAGE
+        header.image_stride = _up(shm.size("ecat_out_image") + self._image.output_bytes, 64)
+        header.slot_stride = _up(
+            shm.size("ecat_out_slot")
+            + shm.REQUESTS * shm.size("ecat_out_request")
+            + shm.IMAGES * header.image_stride,
+            _PAGE,
+        )
+        os.posix_fallocate(self.out_fd, 0, header.slots_offset + shm.SLOTS * header.slot_stride)
+        os.pwrite(self.out_fd, bytes(header), 0)
+        self.out = header
+
+    def _put_in_place(self) -> None:
+        """Gives both files their names, unless a living daemon has them."""
+        while True:
+            try:
+                os.link(self._temporary[0], self.path)
+                break
+            except FileExistsError:
+                self._remove_leftover()
+        # Whoever holds the name and lock of the main segment decides over the other one as well.
+        self._temporary[1].replace(self.out_path)
+        self._temporary[0].unlink()
+        self._temporary.clear()
+        self._inode = self.path.stat().st_ino
+
+    def _remove_leftover(self) -> None:
+        try:
+            old = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise PermissionError_(
+                f"{self.path} belongs to another user and cannot be replaced ({error.strerror}); "
+                f"give the bus another name, or have its owner remove it"
+            ) from error
+        try:
+            if not _lock(old):
+                pid = shm.struct("ecat_shm_header").from_buffer_copy(
+                    os.pread(old, shm.size("ecat_shm_header"), 0)
+                ).pid
+                raise StateError(
+                    f"bus '{self._bus.name}' is already served by another ecatd (pid {pid}); "
+                    f"stop it first, or give this one another name with --bus"
+                )
+            with suppress(FileNotFoundError):
+                if self.path.stat().st_ino == os.fstat(old).st_ino:
+                    self.path.unlink()
+        finally:
+            os.close(old)
+
+    def publish(self) -> None:
+        """Makes the segment valid for clients; the layout version is the last word written."""
+        self.header.state = shm.BusState.RUNNING
+        self.header.layout = shm.LAYOUT
+
+    def set_state(self, state: shm.BusState) -> None:
+        """Tells clients what the daemon is doing."""
+        self.header.state = state
+
+    def close(self) -> None:
+        """Tells clients that the daemon has stopped, and removes the names."""
+        self.header.state = shm.BusState.STOPPED
+        with suppress(FileNotFoundError):
+            if self.path.stat().st_ino == self._inode:
+                self.out_path.unlink(missing_ok=True)
+                self.path.unlink()
+        os.close(self.out_fd)
+        os.close(self._fd)
+
+
+class _Plan:
+    """Where everything lies in the segment, and which signals there are."""
+
+    def __init__(self, bus: Bus, image: Image) -> None:
+        self.signals = [
+            (
+                slave,
+                entry.name or pdo.name,
+                entry,
+                output,
+                8 * (slave.output_offset if output else slave.input_offset) + bit,
+            )
+            for slave in bus.slaves
+            for output in (True, False)
+            for pdo, entry, bit in slave.entries(outputs=output)
+            if entry.bit_length <= 64
+        ]
+        self.size = _up(shm.size("ecat_shm_header"), 64)
+        self.offsets = {
+            "slaves": self._place("ecat_shm_slave", len(bus.slaves)),
+            "signals": self._place("ecat_shm_signal", len(self.signals)),
+            "domains": self._place("ecat_shm_domain", len(image.domains)),
+            "slave_status": self._place("ecat_shm_slave_status", len(bus.slaves)),
+            "slot_status": self._place("ecat_shm_slot_status", shm.SLOTS),
+            "replies": self._place("ecat_shm_reply", shm.SLOTS * shm.REQUESTS),
+            "health": self._place("ecat_shm_health", 1),
+        }
+        self.pages = []
+        for domain in image.domains:
+            self.pages.append(self.size)
+            data = _up(domain.output_bytes + domain.input_bytes, 8)
+            self.size = _up(self.size + shm.size("ecat_shm_page") + data, 64)
+
+    def _place(self, name: str, count: int) -> int:
+        at = self.size
+        self.size = _up(at + shm.size(name) * max(1, count), 64)
+        return at
+
+
+def _up(value: int, step: int) -> int:
+    return -(-value // step) * step
+
+
+def _text(text: str, room: int) -> bytes:
+    """UTF-8 cut to fit with its NUL, never within a character."""
+    data = text.replace("\0", " ").encode("utf-8", "replace")[: room - 1]
+    return data.decode("utf-8", "ignore").encode()
+
+
+def _create(path: Path, mode: int) -> int:
+    path.unlink(missing_ok=True)  # of a daemon of the same process number that was killed
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, mode)
+    os.fchmod(fd, mode)  # whatever the umask is
+    return fd

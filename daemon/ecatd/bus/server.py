@@ -1,0 +1,340 @@
+"""The life of a bus: from an interface to slaves in OP, and back.
+
+Order matters and is all here: scan in PREOP, map, SAFEOP, exchange with safe outputs, OP, publish.
+Stopping goes the same way back: safe outputs, SAFEOP, INIT, no more frames.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ecatd import shm
+from ecatd.log import Log
+from ecatd.model.al import AlState
+from ecatd.model.bus import Bus
+from ecatd.model.config import Config
+from ecatd.model.errors import StateError
+from ecatd.model.messages import (
+    Describe,
+    ReadStates,
+    Request,
+    SdoRead,
+    SdoWrite,
+    SetState,
+)
+from ecatd.version import VERSION
+
+from .engine import Engine, Event, EventType, RealTime
+from .layout import Image, lay_out
+from .mailbox import Mailbox
+from .mapping import configure, scan_slave
+from .master import Master, SlaveState
+from .safe import safe_images
+from .segment import Segment
+from .slot_requests import SlotRequests
+
+_MONITOR_PERIOD = 0.25
+_EVENT_PATIENCE = 0.2
+_STOP_CYCLES = 3
+
+_REASONS = {
+    shm.Reason.RELEASED: "their owner released them",
+    shm.Reason.LAPSED: "their owner gave no sign of life",
+    shm.Reason.GONE: "their owner is gone",
+    shm.Reason.STOPPING: "the daemon stops",
+}
+
+
+class BusServer:
+    """One bus.
+
+    Args:
+        config: The configuration.
+        interface: The interface, which may come from the simulator instead of the configuration.
+        log: Where events are told.
+        publish: Called with every event, as a map, on the event loop's thread.
+    """
+
+    def __init__(
+        self, config: Config, interface: str, log: Log, publish: Callable[[dict[str, Any]], None]
+    ) -> None:
+        self._config = config
+        self._interface = interface
+        self._log = log
+        self._publish = publish
+        self._mailbox = Mailbox()
+        self._stopping = threading.Event()
+        self._states: list[SlaveState] = []
+        self._started = 0.0
+        self._master: Master | None = None
+        self._segment: Segment | None = None
+        self._engine: Engine | None = None
+        self._events: threading.Thread | None = None
+        self.bus = Bus(config.bus, config.cycle_time_us)
+
+    async def start(self) -> None:
+        """Brings the bus to OP and publishes it.
+
+        Raises:
+            EcatError: It does not work; nothing is left behind after `stop`.
+        """
+        loop = asyncio.get_running_loop()
+        await self._mailbox.run(self._bring_up)
+        self._events = threading.Thread(target=self._watch_events, args=(loop,), daemon=True)
+        self._events.start()
+
+    def _bring_up(self) -> None:
+        config = self._config
+        begin = time.monotonic()
+        self._master = master = Master(self._interface)
+        count = master.scan()
+        self._log.info(f"{count} slaves answer on {self._interface}")
+        master.reach(AlState.PREOP, config.state_timeout_s)
+        scanned = [scan_slave(master, position) for position in range(count)]
+        self.bus.slaves = [item.slave for item in scanned]
+        image = lay_out(
+            self.bus, {item.slave.position for item in scanned if item.sii.without_lrw}
+        )
+        configure(master, scanned, image)
+        master.reach(AlState.SAFEOP, config.state_timeout_s)
+        self._exchange(image)
+        self._reach_op(master)
+        self._publish_states(master.states())
+        assert self._segment is not None
+        self._segment.publish()
+        self._started = time.time()
+        self._log.info(
+            f"bus '{self.bus.name}' is in OP: {count} slaves, {image.output_bytes} bytes of outputs, "
+            f"{sum(d.input_bytes for d in image.domains)} of inputs, every {config.cycle_time_us} µs "
+            f"(after {time.monotonic() - begin:.1f} s)"
+        )
+
+    def _exchange(self, image: Image) -> None:
+        """Starts the cyclic exchange with all outputs safe."""
+        config = self._config
+        cycle_ns = config.cycle_time_us * 1000
+        lease_max = config.outputs.lease_max_ms * 1_000_000
+        lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
+        safe = safe_images(self.bus, config.outputs.safe)
+        self._segment = Segment(self.bus, image, lease, lease_max)
+        self._engine = Engine(self._segment, self._interface)
+        for domain in image.domains:
+            self._engine.add_domain(domain)
+        for position, (value, hold) in safe.items():
+            self._engine.set_safe(position, value, hold)
+        wanted = config.realtime
+        refused = self._engine.start(
+            RealTime(wanted.priority, wanted.cpu, wanted.lock_memory, wanted.busy_receive)
+        )
+        if refused:
+            self._log.warning(f"no real time: not granted are {'; '.join(refused)}")
+
+    def _reach_op(self, master: Master) -> None:
+        """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
+        assert self._segment is not None
+        first = self._segment.header.cycle
+        deadline = time.monotonic() + self._config.state_timeout_s
+        while self._segment.header.cycle < first + _STOP_CYCLES:
+            if time.monotonic() > deadline:
+                raise StateError("the cyclic engine does not run")
+            time.sleep(self._config.cycle_time_us * 1e-6)
+        master.reach(AlState.OP, self._config.state_timeout_s)
+
+    def _publish_states(self, states: list[SlaveState]) -> list[SlaveState]:
+        """Writes AL states to shared memory; returns those that have changed."""
+        assert self._segment is not None
+        changed = [
+            now
+            for now in states
+            if not self._states or now != self._states[min(now.position, len(self._states) - 1)]
+        ]
+        for now in changed:
+            row = self._segment.slave_status[now.position]
+            row.al_state, row.al_code = now.al_state, now.al_code
+        self._states = states
+        return changed
+
+    def _watch_events(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Thread: brings the engine's events to the event loop."""
+        assert self._engine is not None
+        while not self._stopping.is_set():
+            event = self._engine.wait_event(_EVENT_PATIENCE)
+            if event is not None and not self._stopping.is_set():
+                loop.call_soon_threadsafe(self._handle, event)
+
+    def _handle(self, event: Event) -> None:
+        if event.type == EventType.REQUEST:
+            self._requests.look(event.slot, event.value)
+        elif event.type == EventType.CLAIMED:
+            self._tell("claimed", slave=event.slave, slot=event.slot, cycle=event.cycle)
+        elif event.type == EventType.SAFE:
+            reason = shm.Reason(event.value)
+            if reason in (shm.Reason.LAPSED, shm.Reason.GONE):
+                self._log.warning(
+                    f"outputs of {self.bus.slaves[event.slave].label} are safe: {_REASONS[reason]}"
+                )
+            self._tell("safe", slave=event.slave, reason=reason.name.lower(), cycle=event.cycle)
+        elif event.type == EventType.WKC:
+            state = shm.WkcState(event.value).name.lower()
+            self._log.debug(f"domain {event.slave}: working counter {state}")
+            self._tell("working_counter", domain=event.slave, state=state, cycle=event.cycle)
+        elif event.type == EventType.SEND:
+            self._log.error(f"frames cannot be sent on {self._interface}: errno {event.value}")
+            self._tell("send_failed", errno=event.value, cycle=event.cycle)
+
+    def _tell(self, kind: str, **facts: Any) -> None:
+        self._publish({"event": kind, "time_ns": time.time_ns(), **facts})
+
+    @property
+    def _requests(self) -> SlotRequests:
+        if not hasattr(self, "_slot_requests"):
+            assert self._segment and self._engine and self._master
+            self._slot_requests = SlotRequests(
+                self._segment, self._engine, self._mailbox, self._master, len(self.bus.slaves)
+            )
+        return self._slot_requests
+
+    async def monitor(self) -> None:
+        """Watches the AL states until the server stops."""
+        while not self._stopping.is_set():
+            await asyncio.sleep(_MONITOR_PERIOD)
+            try:
+                await self._mailbox.run(self._look_at_states)
+            except StateError:
+                continue  # the mailbox is busy: the next look is soon
+
+    def _look_at_states(self) -> None:
+        assert self._master is not None
+        for item in self._publish_states(self._master.states()):
+            slave = self.bus.slaves[item.position]
+            self._log.warning(f"{slave.label} {item.describe()}")
+            self._tell(
+                "al_state",
+                slave=item.position,
+                al_state=item.al_state,
+                al_code=item.al_code,
+                text=item.describe(),
+            )
+
+    async def answer(self, request: Request) -> dict[str, Any]:
+        """Carries a request out.
+
+        Raises:
+            EcatError: It cannot be done, or the slave refuses.
+        """
+        match request:
+            case Describe():
+                return self._describe()
+            case ReadStates():
+                await self._mailbox.run(self._look_at_states)
+                return {"slaves": [self._state_row(item) for item in self._states]}
+            case SetState():
+                return await self._set_state(request)
+            case SdoRead(slave, index, subindex, complete):
+                self._check_slave(slave)
+                master = self._coe_master(slave)
+                data = await self._mailbox.run(
+                    lambda: master.sdo_read(slave, index, subindex, complete=complete)
+                )
+                return {"data": data, **self._known_type(slave, index, subindex)}
+            case SdoWrite(slave, index, data, subindex, complete):
+                self._check_slave(slave)
+                master = self._coe_master(slave)
+                await self._mailbox.run(
+                    lambda: master.sdo_write(slave, index, subindex, data, complete=complete)
+                )
+                return {}
+
+    def _describe(self) -> dict[str, Any]:
+        return {
+            "bus": self.bus.to_dict(),
+            "info": {
+                "version": VERSION,
+                "interface": self._interface,
+                "started": self._started,
+                "cycle_time_us": self._config.cycle_time_us,
+            },
+        }
+
+    def _state_row(self, item: SlaveState) -> dict[str, Any]:
+        return {
+            "position": item.position,
+            "name": self.bus.slaves[item.position].name,
+            "al_state": item.al_state,
+            "al_code": item.al_code,
+            "text": item.describe(),
+        }
+
+    async def _set_state(self, request: SetState) -> dict[str, Any]:
+        assert self._master is not None
+        master, state = self._master, AlState.parse(request.state)
+        positions = None
+        if request.slave >= 0:
+            self._check_slave(request.slave)
+            positions = [request.slave]
+
+        def change() -> None:
+            master.acknowledge(
+                [item for item in master.states() if positions is None or item.position in positions]
+            )
+            try:
+                master.reach(state, self._config.state_timeout_s, positions)
+            finally:
+                self._publish_states(master.states())
+
+        await self._mailbox.run(change)
+        return {"slaves": [self._state_row(item) for item in self._states]}
+
+    def _check_slave(self, position: int) -> None:
+        if position >= len(self.bus.slaves):
+            raise StateError(
+                f"there is no slave {position}: bus '{self.bus.name}' has {len(self.bus.slaves)} "
+                f"slaves, 0 to {len(self.bus.slaves) - 1}"
+            )
+
+    def _coe_master(self, position: int) -> Master:
+        slave = self.bus.slaves[position]
+        if not slave.coe:
+            raise StateError(f"{slave.label} has no object dictionary: it does not speak CoE")
+        assert self._master is not None
+        return self._master
+
+    def _known_type(self, position: int, index: int, subindex: int) -> dict[str, Any]:
+        """Name and type of an object that is in the process image; others are not known here."""
+        slave = self.bus.slaves[position]
+        for outputs in (True, False):
+            for _pdo, entry, _bit in slave.entries(outputs=outputs):
+                if (entry.index, entry.subindex) == (index, subindex):
+                    return {"name": entry.name, "data_type": entry.data_type, "unit": entry.unit}
+        return {}
+
+    async def stop(self) -> None:
+        """Takes the bus down in order; also after a start that failed half-way."""
+        self._stopping.set()
+        if self._segment is not None:
+            self._segment.set_state(shm.BusState.STOPPING)
+        if self._engine is not None:
+            self._engine.make_safe()
+            await asyncio.sleep((_STOP_CYCLES + 1) * self._config.cycle_time_us * 1e-6)
+        if self._events is not None:
+            self._events.join()
+        await asyncio.to_thread(self._mailbox.close)
+        await asyncio.to_thread(self._take_down)
+
+    def _take_down(self) -> None:
+        if self._master is not None and self.bus.slaves:
+            for state in (AlState.SAFEOP, AlState.INIT):
+                try:
+                    self._master.reach(state, 1.0)
+                except StateError:
+                    break  # slaves that are gone cannot be asked; their watchdog takes care
+        if self._engine is not None:
+            self._engine.close()
+        if self._segment is not None:
+            self._segment.close()
+        if self._master is not None:
+            self._master.close()

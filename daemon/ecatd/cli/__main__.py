@@ -1,0 +1,7 @@
+"""`python -m ecatd.cli`, for a checkout that is not installed."""
+
+import sys
+
+from .main import main
+
+sys.exit(main())

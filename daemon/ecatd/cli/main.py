@@ -1,0 +1,135 @@
+"""The command `ecatctl`: its arguments, and errors as exit statuses."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from ecatd.client.remote import Remote
+from ecatd.model.datatypes import TYPE_NAMES
+from ecatd.model.errors import EcatError
+from ecatd.version import VERSION
+
+from . import library, sdo, show
+from .output import SCHEMA
+
+_EPILOG = """\
+exit status:
+  0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
+  6 not permitted   7 wrong state or no such slave   70 a defect of ours
+
+The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another host.
+"""
+
+Command = Callable[[Remote, argparse.Namespace], None]
+
+
+def _number(text: str) -> int:
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number (10 or 0x0A)") from None
+
+
+def _bounded(low: int, high: int) -> Callable[[str], int]:
+    def convert(text: str) -> int:
+        value = _number(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is out of range: 0x{low:X} to 0x{high:X}")
+        return value
+
+    return convert
+
+
+def _common() -> argparse.ArgumentParser:
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--bus", default=os.environ.get("ECATD_BUS", "ecat0"), metavar="NAME",
+                        help="name of the bus (default: $ECATD_BUS or ecat0)")
+    common.add_argument("--connect", metavar="ENDPOINT",
+                        help="Zenoh endpoint of a daemon, for example tcp/host:7447")
+    common.add_argument("--timeout", type=float, default=15.0, metavar="S",
+                        help="seconds to wait for an answer (default: 15)")
+    common.add_argument("--json", action="store_true", help="print JSON for programs")
+    return common
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ecatctl",
+        description="Shows and controls an EtherCAT bus that ecatd runs.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"ecatctl {VERSION}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    common = _common()
+
+    def add(name: str, run: Command, summary: str, *aliases: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(
+            name, parents=[common], help=summary, description=summary, aliases=aliases
+        )
+        command.set_defaults(run=run)
+        return command
+
+    add("slaves", show.slaves, "List the slaves in the order of the wire.")
+    command = add("pdos", show.pdos, "List the process data of the slaves.")
+    command.add_argument("-p", "--slave", type=_number, metavar="POS", help="only this slave")
+    command = add("state", show.state, "Show the AL states, or bring slaves to one.", "states")
+    command.add_argument("state", nargs="?", metavar="STATE", help="INIT, PREOP, SAFEOP or OP")
+    command.add_argument("-p", "--slave", type=_number, metavar="POS", help="only this slave")
+    command = add("stats", show.stats, "Show counters and timing of the cyclic exchange.")
+    command.add_argument("--watch", action="store_true", help="show them again every second")
+    add("info", show.info, "Show version, interface and cycle time of the daemon.")
+    for name, run, summary, alias in (
+        ("sdo-read", sdo.sdo_read, "Read an object of a slave.", "upload"),
+        ("sdo-write", sdo.sdo_write, "Write an object of a slave.", "download"),
+    ):
+        command = add(name, run, summary, alias)
+        command.add_argument("slave", type=_number, metavar="POS", help="position of the slave")
+        command.add_argument("index", type=_bounded(0, 0xFFFF), help="object index, as 0x6060")
+        reading = name == "sdo-read"
+        command.add_argument(
+            "subindex",
+            type=_bounded(0, 0xFF),
+            nargs="?" if reading else None,
+            default=0,
+            help="object subindex" + (" (default: 0)" if reading else ""),
+        )
+        if not reading:
+            command.add_argument("value", help="number, text, or hexadecimal bytes")
+        command.add_argument(
+            "--type", metavar="TYPE", help=f"data type, where it is not known: {', '.join(TYPE_NAMES)}"
+        )
+        command.add_argument("--complete", action="store_true", help="complete access")
+        command.add_argument("-v", "--verbose", action="store_true", help="print name and type too")
+    command = add("generate", library.generate, "Write a Modelica library for the bus.")
+    command.add_argument("name", metavar="NAME", help="name of the library, as TrollPlant")
+    command.add_argument("out", metavar="DIR", type=Path, help="folder that the library is put into")
+    return parser
+
+
+def main() -> int:
+    """Runs one command; returns the exit status."""
+    options = _parser().parse_args()
+    try:
+        with Remote(options.bus, options.connect, options.timeout) as remote:
+            options.run(remote, options)
+    except EcatError as error:
+        if options.json:
+            print(json.dumps({"schema": SCHEMA, "error": error.to_reply()}))
+        print(f"ecatctl: {error}", file=sys.stderr)
+        return error.exit_code
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

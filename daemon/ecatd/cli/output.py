@@ -1,0 +1,33 @@
+"""What the commands print: tables for people, JSON for programs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+SCHEMA = 1
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """Prints one JSON document; `schema` tells programs what to expect."""
+    print(json.dumps({"schema": SCHEMA, **document}, indent=2, ensure_ascii=False))
+
+
+def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:
+    """Prints columns under their heads.
+
+    Args:
+        head: Column heads.
+        rows: Cells, converted with `str`.
+        right: For each column `>` to align it right; others are aligned left.
+    """
+    table = [list(head), *([str(cell) for cell in row] for row in rows)]
+    widths = [max(len(row[column]) for row in table) for column in range(len(head))]
+    right = right.ljust(len(head))
+    for row in table:
+        cells = [
+            cell.rjust(width) if side == ">" else cell.ljust(width)
+            for cell, width, side in zip(row, widths, right, strict=True)
+        ]
+        print("  ".join(cells).rstrip())

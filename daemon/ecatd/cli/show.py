@@ -1,0 +1,206 @@
+"""Commands that show the bus: `slaves`, `pdos`, `state`, `stats`, `info`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from typing import Any
+
+from ecatd.client.remote import Remote
+from ecatd.model.al import al_state_text
+from ecatd.model.bus import Bus, Pdo, Slave
+from ecatd.model.datatypes import type_name
+from ecatd.model.errors import StateError
+
+from .output import print_json, print_table
+
+
+def pick_slaves(bus: Bus, position: int | None) -> list[Slave]:
+    """One slave, or all.
+
+    Raises:
+        StateError: There is no such slave.
+    """
+    if position is None:
+        return bus.slaves
+    if not 0 <= position < len(bus.slaves):
+        raise StateError(
+            f"there is no slave {position}: bus '{bus.name}' has {len(bus.slaves)} slaves, "
+            f"0 to {len(bus.slaves) - 1}"
+        )
+    return [bus.slaves[position]]
+
+
+def slaves(remote: Remote, options: argparse.Namespace) -> None:
+    """Lists the slaves in the order of the wire."""
+    bus = remote.describe()
+    states = {row["position"]: row for row in remote.states()}
+    if options.json:
+        rows = [
+            {
+                "position": slave.position,
+                "alias": slave.alias,
+                "state": al_state_text(states[slave.position]["al_state"]),
+                "name": slave.name,
+                "vendor": slave.vendor,
+                "product": slave.product,
+                "revision": slave.revision,
+                "serial": slave.serial,
+                "address": slave.address,
+                "coe": slave.coe,
+                "output_bytes": slave.output_bytes,
+                "input_bytes": slave.input_bytes,
+            }
+            for slave in bus.slaves
+        ]
+        print_json({"bus": bus.name, "fingerprint": f"{bus.fingerprint:016x}", "slaves": rows})
+        return
+    print_table(
+        ("POS", "ALIAS", "STATE", "NAME", "VENDOR", "PRODUCT", "REVISION", "OUT", "IN"),
+        (
+            (
+                slave.position,
+                slave.alias,
+                al_state_text(states[slave.position]["al_state"]),
+                slave.name or "(no name)",
+                f"0x{slave.vendor:08X}",
+                f"0x{slave.product:08X}",
+                f"0x{slave.revision:08X}",
+                f"{slave.output_bytes} B",
+                f"{slave.input_bytes} B",
+            )
+            for slave in bus.slaves
+        ),
+        ">>     >>",
+    )
+
+
+def pdos(remote: Remote, options: argparse.Namespace) -> None:
+    """Lists the process data of one slave or all."""
+    bus = remote.describe()
+    chosen = pick_slaves(bus, options.slave)
+    if options.json:
+        document = bus.to_dict()
+        positions = {slave.position for slave in chosen}
+        document["slaves"] = [s for s in document["slaves"] if s["position"] in positions]
+        print_json({"bus": bus.name, "slaves": document["slaves"]})
+        return
+    for slave in chosen:
+        print(f"{slave.position}  {slave.name or '(no name)'}")
+        if not slave.outputs and not slave.inputs:
+            print("  no process data")
+        for title, kind, group in (
+            ("outputs", "RxPDO", slave.outputs),
+            ("inputs", "TxPDO", slave.inputs),
+        ):
+            if group:
+                print(f"  {title}")
+            _print_pdos(kind, group)
+
+
+def _print_pdos(kind: str, group: list[Pdo]) -> None:
+    bit = 0
+    for pdo in group:
+        print(f"    {kind} 0x{pdo.index:04X}  {pdo.name}".rstrip() + f"  (SM{pdo.sync_manager})")
+        for entry in pdo.entries:
+            place = f"{bit // 8:4d}.{bit % 8}"
+            bit += entry.bit_length
+            if entry.is_gap:
+                print(f"      {place}  -          {entry.bit_length:2d} bit  (gap)")
+                continue
+            print(
+                f"      {place}  {entry.address}  {entry.bit_length:2d} bit  "
+                f"{type_name(entry.data_type):<10}  {entry.name}".rstrip()
+            )
+
+
+def state(remote: Remote, options: argparse.Namespace) -> None:
+    """Shows the AL states, or asks for one."""
+    if options.state is None:
+        rows = remote.states()
+    else:
+        rows = remote.set_state(options.state, options.slave)
+    if options.slave is not None:
+        pick_slaves(remote.describe(), options.slave)
+        rows = [row for row in rows if row["position"] == options.slave]
+    if options.json:
+        print_json({"bus": remote.bus, "slaves": rows})
+        return
+    print_table(
+        ("POS", "NAME", "STATE"), ((row["position"], row["name"], row["text"]) for row in rows), ">"
+    )
+
+
+def info(remote: Remote, options: argparse.Namespace) -> None:
+    """Shows what the daemon is."""
+    document = remote.info()
+    if options.json:
+        print_json({"bus": remote.bus, **document})
+        return
+    started = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(document["started"]))
+    print(f"bus         {remote.bus}")
+    print(f"interface   {document['interface']}")
+    print(f"cycle time  {document['cycle_time_us']} µs")
+    print(f"in OP since {started}")
+    print(f"version     {document['version']}")
+
+
+_TIMES = (
+    ("wakeup", "wake-up after deadline"),
+    ("exchange", "exchange with the slaves"),
+    ("cycle", "whole cycle"),
+    ("delay", "commit to bus"),
+)
+_COLUMNS = ("mean", "p50", "p90", "p99", "p999", "max")
+
+
+def stats(remote: Remote, options: argparse.Namespace) -> None:
+    """Shows the timing of the cyclic exchange, once or every second."""
+    while True:
+        document = remote.stats()
+        if options.json:
+            print_json(document)
+        else:
+            if options.watch and sys.stdout.isatty():
+                print("\033[H\033[2J", end="")
+            print_stats(document)
+        if not options.watch:
+            return
+        sys.stdout.flush()
+        time.sleep(1)
+
+
+def print_stats(document: dict[str, Any]) -> None:
+    """Prints counters and percentiles as tables."""
+    real_time = document["realtime"]
+    scheduling = real_time["scheduling"]
+    if real_time["priority"]:
+        scheduling += f" priority {real_time['priority']}"
+    if real_time["cpu"] >= 0:
+        scheduling += f", CPU {real_time['cpu']}"
+    memory = "locked" if real_time["memory_locked"] else "not locked"
+    print(
+        f"bus {document['bus']}: {document['state']}, cycle {document['cycle_time_us']:g} µs, "
+        f"{scheduling}, memory {memory}"
+    )
+    print(
+        f"cycles {document['cycles']}, missed {document['missed']}; frames {document['frames']}, "
+        f"lost {document['lost']}, late {document['late']}, wrong counter {document['wkc_bad']}, "
+        f"not sent {document['send_errors']}"
+    )
+    delays = document["delay_cycles"]
+    print(
+        f"commits {document['commits']}, leases lost {document['lapses']}; sample to bus in cycles: "
+        f"1: {delays[1]}, 2: {delays[2]}, 3 or more: {delays[3]}"
+    )
+    print()
+    print_table(
+        ("TIMES IN µs", *(column.replace("p999", "p99.9") for column in _COLUMNS)),
+        (
+            (title, *(f"{document[key].get(column, 0):.1f}" for column in _COLUMNS))
+            for key, title in _TIMES
+            if document[key]["count"]
+        ),
+        " >>>>>>",
+    )

@@ -1,0 +1,215 @@
+"""Requests to a daemon over Zenoh: what `ecatctl` and programs on other hosts use."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from ecatd.gateway.keys import bus_key, object_key, session_config
+from ecatd.model.bus import Bus
+from ecatd.model.errors import (
+    EcatError,
+    PermissionError_,
+    TimeoutError_,
+    UnreachableError,
+    UsageError,
+)
+from ecatd.paths import search_dirs, zenoh_socket
+from ecatd.wire import MAX_REPLY, pack, unpack
+
+_START = (
+    "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SdoValue:
+    """Uploaded data, and what the daemon knows about the object (type 0: nothing)."""
+
+    data: bytes
+    name: str = ""
+    data_type: int = 0
+    unit: str = ""
+
+
+def _local_endpoint(bus: str) -> str:
+    """The Unix socket of a daemon on this machine.
+
+    Raises:
+        UnreachableError: There is none; the message says how to start one.
+    """
+    for folder in search_dirs():
+        path = zenoh_socket(folder, bus)
+        try:
+            if path.is_socket():
+                if not os.access(path, os.W_OK):
+                    raise PermissionError_(
+                        f"no right to use bus '{bus}': become a member of the group 'ecat' "
+                        f"('sudo usermod -aG ecat $USER', then log in again)"
+                    )
+                return f"unixsock-stream/{path}"
+        except PermissionError as error:
+            raise PermissionError_(
+                f"no right to look into {folder}: become a member of the group 'ecat'"
+            ) from error
+    others = _running()
+    hint = f"; running are: {', '.join(others)} (choose with --bus)" if others else f"; {_START}"
+    raise UnreachableError(f"no ecatd serves bus '{bus}'{hint}")
+
+
+def _running() -> list[str]:
+    found: list[str] = []
+    for folder in search_dirs():
+        if os.access(folder, os.R_OK | os.X_OK):
+            found += sorted(path.stem for path in Path(folder).glob("*.zenoh"))
+    return found
+
+
+class Remote:
+    """A session with the gateway of one bus.
+
+    Args:
+        bus: Name of the bus.
+        connect: Zenoh endpoint such as `tcp/host:7447`; by default the daemon of this machine.
+        timeout: Seconds to wait for an answer.
+
+    Raises:
+        UnreachableError: No daemon is there.
+        PermissionError_: This user may not use it.
+    """
+
+    def __init__(self, bus: str = "ecat0", connect: str | None = None, timeout: float = 10.0) -> None:
+        self.bus = bus
+        self._timeout = timeout
+        endpoint = connect or _local_endpoint(bus)
+        zenoh.init_log_from_env_or("off")
+        settings = {
+            "connect/endpoints": [endpoint],
+            "connect/timeout_ms": int(min(timeout, 2.0) * 1000),
+            "connect/exit_on_failure": True,
+        }
+        try:
+            config = session_config("client", settings)
+        except zenoh.ZError as error:
+            raise UsageError(f"'{endpoint}' is no Zenoh endpoint such as tcp/host:7447") from error
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            hint = _START if connect is None else "is it running, and does it listen there?"
+            raise UnreachableError(
+                f"no ecatd answers for bus '{bus}' at {endpoint}; {hint}"
+            ) from error
+
+    def close(self) -> None:
+        """Ends the session."""
+        self._session.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _ask(
+        self, *key: str, payload: dict[str, Any] | None = None, parameters: str = ""
+    ) -> dict[str, Any]:
+        """The answer to one query.
+
+        Raises:
+            EcatError: The error that the daemon replied, as its own class.
+        """
+        selector = bus_key(self.bus, *key) + (f"?{parameters}" if parameters else "")
+        data = pack(payload) if payload is not None else None
+        for reply in self._session.get(selector, payload=data, timeout=self._timeout):
+            sample = reply.ok if reply.ok is not None else reply.err
+            if sample is None:
+                continue
+            answer = unpack(bytes(sample.payload), MAX_REPLY)
+            if "error" in answer:
+                raise EcatError.from_reply(answer["error"])
+            return answer
+        raise self._silence(key)
+
+    def _silence(self, key: tuple[str, ...]) -> EcatError:
+        """Why no answer came: a query that is not permitted gets none at all."""
+        alive = any(
+            reply.ok is not None
+            for reply in self._session.liveliness().get(
+                bus_key(self.bus, "alive"), timeout=min(self._timeout, 2.0)
+            )
+        )
+        if not alive:
+            return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {_START}")
+        if key[0] == "rw":
+            return PermissionError_(
+                f"the daemon of bus '{self.bus}' gave no answer: changes are permitted only on its "
+                f"own machine, to members of the group 'ecat'"
+            )
+        return TimeoutError_(
+            f"the daemon of bus '{self.bus}' gave no answer within {self._timeout:g} s"
+        )
+
+    def info(self) -> dict[str, Any]:
+        """Version, interface, start time and cycle time of the daemon."""
+        return self._ask("ro", "info")
+
+    def describe(self) -> Bus:
+        """The bus description."""
+        return Bus.from_dict(self._ask("ro", "slaves"))
+
+    def states(self) -> list[dict[str, Any]]:
+        """AL states of all slaves: `position`, `name`, `al_state`, `al_code`, `text`."""
+        return list(self._ask("ro", "state")["slaves"])
+
+    def stats(self) -> dict[str, Any]:
+        """Counters and percentiles of the cyclic exchange (see `gateway/stats.py`)."""
+        return self._ask("ro", "stats")
+
+    def sdo_read(
+        self, slave: int, index: int, subindex: int = 0, *, complete: bool = False
+    ) -> SdoValue:
+        """Uploads an object."""
+        answer = self._ask(
+            "ro",
+            "sdo",
+            str(slave),
+            *object_key(index, subindex),
+            parameters="complete=1" if complete else "",
+        )
+        known = {key: answer[key] for key in ("name", "data_type", "unit") if key in answer}
+        return SdoValue(answer["data"], **known)
+
+    def sdo_write(
+        self, slave: int, index: int, subindex: int, data: bytes, *, complete: bool = False
+    ) -> None:
+        """Downloads an object."""
+        self._ask(
+            "rw",
+            "sdo",
+            str(slave),
+            *object_key(index, subindex),
+            payload={"id": _request_id(), "data": data, "complete": complete},
+        )
+
+    def set_state(self, state: str, slave: int | None = None) -> list[dict[str, Any]]:
+        """Brings one slave, or all, to an AL state; returns all states as `states` does."""
+        payload: dict[str, Any] = {"id": _request_id(), "state": state}
+        if slave is not None:
+            payload["slave"] = slave
+        return list(self._ask("rw", "state", payload=payload)["slaves"])
+
+
+def _request_id() -> str:
+    """Names one request, so that the daemon carries it out once even if it arrives twice."""
+    return uuid.uuid4().hex

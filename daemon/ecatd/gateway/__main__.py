@@ -1,0 +1,52 @@
+"""The process of the gateway: `python -m ecatd.gateway`, started by the service.
+
+Its settings come as one JSON document on stdin (see `ecatd.bus.__main__`); it writes `ready` to
+stdout when it answers. It has no capabilities, and the bus does not depend on it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.config import Config
+from ecatd.model.errors import EcatError
+from ecatd.process import die_with_parent, drop_rights
+
+
+async def _serve(settings: dict[str, Any], log: Log) -> None:
+    from .gateway import Gateway
+
+    stop = asyncio.Event()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
+    gateway = Gateway(
+        Config.from_dict(settings["config"]), Path(settings["runtime_dir"]), log, stop.set
+    )
+    await gateway.start()
+    print("ready", flush=True)
+    await stop.wait()
+    await gateway.stop()
+
+
+def main() -> int:
+    """Runs the gateway; the exit code says why it ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
+    settings = json.load(sys.stdin)
+    die_with_parent(settings["parent"])
+    drop_rights()
+    log = Log("ecatd", settings["log_level"])
+    try:
+        asyncio.run(_serve(settings, log))
+    except EcatError as error:
+        log.error(f"gateway: {error}")
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

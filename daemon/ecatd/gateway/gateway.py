@@ -1,0 +1,236 @@
+"""The gateway: Zenoh on one side, the bus server's control socket on the other."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from ecatd.log import Log
+from ecatd.model.config import Config
+from ecatd.model.errors import EcatError, UnreachableError, UsageError
+from ecatd.model.messages import MAX_MESSAGE, Describe, ReadStates, Request, parse_request
+from ecatd.paths import control_socket, zenoh_socket
+from ecatd.wire import pack, unpack
+
+from .bus_client import BusClient
+from .keys import SCHEMA, bus_key, session_config
+from .publisher import Publisher
+from .stats import read_stats
+
+_REMEMBERED = 1024
+"""Changes whose answers are kept, so that a request that arrives twice is carried out once."""
+
+_ALL_MESSAGES = [
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "declare_queryable",
+    "reply",
+    "liveliness_token",
+    "declare_liveliness_subscriber",
+    "liveliness_query",
+]
+
+
+class Gateway:
+    """Answers queries and publishes events of one bus.
+
+    Args:
+        config: The configuration.
+        runtime_dir: Where the sockets are.
+        log: Where failures are told.
+        on_end: Called when the bus server has gone.
+    """
+
+    def __init__(
+        self, config: Config, runtime_dir: Path, log: Log, on_end: Callable[[], None]
+    ) -> None:
+        self._config = config
+        self._log = log
+        self._socket = zenoh_socket(runtime_dir, config.bus)
+        self._bus = BusClient(control_socket(runtime_dir, config.bus), self._publish_event, on_end)
+        self._session: zenoh.Session | None = None
+        self._declared: list[Any] = []
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._answers: OrderedDict[str, asyncio.Future[dict[str, Any]]] = OrderedDict()
+        self._description: dict[str, Any] = {}
+
+    async def start(self) -> None:
+        """Connects to the bus server and opens the Zenoh session.
+
+        Raises:
+            EcatError: One of both does not work.
+        """
+        await self._bus.open()
+        self._description = await self._bus.ask(Describe())
+        zenoh.init_log_from_env_or("off")
+        self._session = session = self._open_session()
+        loop = asyncio.get_running_loop()
+
+        def receive(query: zenoh.Query) -> None:
+            loop.call_soon_threadsafe(self._receive, query)
+
+        name = self._config.bus
+        for part in ("ro", "rw"):
+            self._declared.append(session.declare_queryable(bus_key(name, part, "**"), receive))
+        self._declared.append(session.liveliness().declare_token(bus_key(name, "alive")))
+        publisher = Publisher(session, name, self._config.gateway.publish_hz, self._log)
+        self._keep(asyncio.create_task(publisher.run()))
+
+    def _keep(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _open_session(self) -> zenoh.Session:
+        """Listens on the Unix socket for this machine's users, who may change things, and on the
+        configured endpoints for everybody else, who may read."""
+        self._socket.unlink(missing_ok=True)
+        local = f"unixsock-stream/{self._socket}"
+        wanted = self._config.gateway.listen
+        old = os.umask(0o117)
+        try:
+            for endpoints in ([local, *wanted], [local]):
+                try:
+                    session = zenoh.open(self._session_config(endpoints))
+                except zenoh.ZError as error:
+                    if endpoints == [local]:
+                        raise UnreachableError(f"Zenoh does not open: {error}") from error
+                    self._log.warning(
+                        f"not listening on {', '.join(wanted)}: {_reason(error)}; the bus can be "
+                        f"reached from this machine only (set gateway.listen)"
+                    )
+                else:
+                    return session
+        finally:
+            os.umask(old)
+        raise AssertionError
+
+    def _session_config(self, endpoints: list[str]) -> zenoh.Config:
+        name = self._config.bus
+        rule = {"messages": _ALL_MESSAGES, "flows": ["ingress", "egress"], "permission": "allow"}
+        return session_config(
+            "peer",
+            {
+                "listen/endpoints": endpoints,
+                "access_control": {
+                    "enabled": True,
+                    "default_permission": "deny",
+                    "rules": [
+                        {"id": "all", "key_exprs": ["**"], **rule},
+                        {
+                            "id": "read",
+                            "key_exprs": [bus_key(name, "ro", "**"), bus_key(name, "alive")],
+                            **rule,
+                        },
+                    ],
+                    "subjects": [
+                        {"id": "local", "link_protocols": ["unixsock-stream"]},
+                        {
+                            "id": "network",
+                            "link_protocols": ["tcp", "udp", "tls", "quic", "ws"],
+                        },
+                    ],
+                    "policies": [
+                        {"rules": ["all"], "subjects": ["local"]},
+                        {"rules": ["read"], "subjects": ["network"]},
+                    ],
+                },
+            },
+        )
+
+    def _receive(self, query: zenoh.Query) -> None:
+        self._keep(asyncio.create_task(self._answer(query)))
+
+    async def _answer(self, query: zenoh.Query) -> None:
+        with query:
+            try:
+                answer = {"schema": SCHEMA, **await self._carry_out(query)}
+                query.reply(query.key_expr, pack(answer))
+            except EcatError as error:
+                query.reply_err(pack({"schema": SCHEMA, "error": error.to_reply()}))
+            except Exception as error:
+                # A defect in one answer must not silence the gateway; the caller hears of it.
+                self._log.error(f"defect while answering {query.key_expr}: {error!r}")
+                reply = EcatError(f"defect in the gateway: {error!r}").to_reply()
+                query.reply_err(pack({"schema": SCHEMA, "error": reply}))
+
+    async def _carry_out(self, query: zenoh.Query) -> dict[str, Any]:
+        parts = str(query.key_expr).split("/")[3:]
+        payload = b"" if query.payload is None else bytes(query.payload)
+        if len(payload) > MAX_MESSAGE:
+            raise UsageError(f"a request of {len(payload)} bytes is too long")
+        match parts:
+            case ["ro", "info"]:
+                return dict(self._description["info"])
+            case ["ro", "slaves"]:
+                return dict(self._description["bus"])
+            case ["ro", "state"]:
+                return await self._bus.ask(ReadStates())
+            case ["ro", "stats"]:
+                return read_stats(self._config.bus)
+            case ["ro", "sdo", slave, index, subindex]:
+                complete = query.parameters.get("complete", "0") in ("1", "true")
+                return await self._bus.ask(
+                    _object_request("sdo_read", slave, index, subindex, {"complete": complete})
+                )
+            case ["rw", "sdo", slave, index, subindex]:
+                values = unpack(payload)
+                identity = values.pop("id", None)
+                request = _object_request("sdo_write", slave, index, subindex, values)
+                return await self._once(identity, request)
+            case ["rw", "state"]:
+                values = unpack(payload)
+                identity = values.pop("id", None)
+                return await self._once(identity, parse_request({"op": "set_state", **values}))
+        raise UsageError(f"'{query.key_expr}' is no key of this version")
+
+    async def _once(self, identity: Any, request: Request) -> dict[str, Any]:
+        """Carries a change out, or gives the answer that its first arrival got."""
+        if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
+            raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
+        if identity not in self._answers:
+            self._answers[identity] = asyncio.ensure_future(self._bus.ask(request))
+            if len(self._answers) > _REMEMBERED:
+                self._answers.popitem(last=False)
+        return await asyncio.shield(self._answers[identity])
+
+    def _publish_event(self, event: dict[str, Any]) -> None:
+        if self._session is not None:
+            self._session.put(
+                bus_key(self._config.bus, "ro", "event"), pack({"schema": SCHEMA, **event})
+            )
+
+    async def stop(self) -> None:
+        """Closes the session and the connection."""
+        for task in list(self._tasks):
+            task.cancel()
+        self._bus.close()
+        if self._session is not None:
+            await asyncio.to_thread(self._session.close)
+        self._socket.unlink(missing_ok=True)
+
+
+def _object_request(
+    op: str, slave: str, index: str, subindex: str, values: dict[str, Any]
+) -> Request:
+    """An SDO request whose address is in the key."""
+    address = {}
+    for key, text in (("slave", slave), ("index", index), ("subindex", subindex)):
+        try:
+            address[key] = int(text, 0)
+        except ValueError:
+            raise UsageError(f"'{text}' in the key is no {key}") from None
+    return parse_request({"op": op, **address, **values})
+
+
+def _reason(error: Exception) -> str:
+    """The part of a Zenoh error that a person needs; its source positions are for its authors."""
+    text = str(error)
+    return "the address is in use" if "in use" in text else text.split(" at /")[0]

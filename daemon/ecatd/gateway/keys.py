@@ -1,0 +1,40 @@
+"""The Zenoh keys (decision D10), in one place for gateway and clients."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import zenoh
+
+VERSION = "v1"
+SCHEMA = 1
+
+
+def bus_key(bus: str, *rest: str) -> str:
+    """A key below a bus, for example `bus_key("ecat0", "ro", "info")`."""
+    return "/".join(("ecat", VERSION, bus, *rest))
+
+
+def object_key(index: int, subindex: int) -> tuple[str, str]:
+    """Index and subindex as the last two parts of an SDO key."""
+    return f"0x{index:04X}", f"0x{subindex:02X}"
+
+
+def session_config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
+    """A Zenoh configuration that talks to nobody unless told to.
+
+    Args:
+        mode: `peer` for the gateway, `client` for those who ask it.
+        settings: Further settings by path, for example `{"listen/endpoints": […]}`.
+    """
+    config = zenoh.Config()
+    quiet = {
+        "mode": mode,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+    }
+    for path, value in (quiet | settings).items():
+        config.insert_json5(path, json.dumps(value))
+    return config

@@ -1,0 +1,76 @@
+"""Publishes the values of all signals at a decimated rate, for dashboards and other hosts."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import zenoh
+
+from ecatd.client import Client
+from ecatd.log import Log
+from ecatd.model.errors import EcatError
+from ecatd.wire import pack
+
+from .keys import SCHEMA, bus_key
+
+
+class Publisher:
+    """Samples shared memory and puts what has changed.
+
+    A key is put when its value differs from the last one that was put, and in any case once a
+    second, so that a late subscriber has the whole image soon.
+
+    Args:
+        session: The gateway's session.
+        bus: Name of the bus.
+        rate: Samples a second.
+        log: Where failures are told.
+    """
+
+    def __init__(self, session: zenoh.Session, bus: str, rate: float, log: Log) -> None:
+        self._session = session
+        self._bus = bus
+        self._rate = rate
+        self._log = log
+        self._last: dict[int, float] = {}
+
+    async def run(self) -> None:
+        """Publishes until it is cancelled or the daemon ends."""
+        if self._rate <= 0:
+            return
+        try:
+            with Client(self._bus) as client:
+                await self._loop(client)
+        except EcatError as error:
+            self._log.debug(f"values are no longer published: {error}")
+
+    async def _loop(self, client: Client) -> None:
+        signals = [
+            (
+                signal,
+                bus_key(self._bus, "ro", "pdo", str(signal.slave), signal.address),
+            )
+            for signal in client.signals()
+        ]
+        refresh = max(1, round(self._rate))
+        turn = 0
+        while True:
+            client.sample()
+            cycle = client.domain().cycle
+            for signal, key in signals:
+                value = client.read(signal.number)
+                if turn % refresh and self._last.get(signal.number) == value:
+                    continue
+                self._last[signal.number] = value
+                message: dict[str, Any] = {
+                    "schema": SCHEMA,
+                    "raw": value,
+                    "value": value * signal.scale + signal.offset,
+                    "unit": signal.unit,
+                    "name": signal.name,
+                    "cycle": cycle,
+                }
+                self._session.put(key, pack(message))
+            turn += 1
+            await asyncio.sleep(1 / self._rate)

@@ -1,0 +1,138 @@
+"""Requests that change or ask something of the bus, and their validation.
+
+The same maps travel over Zenoh (msgpack), and from the gateway to the bus server; both sides check
+them with `parse_request`, since neither trusts the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+from .al import AlState
+from .errors import UsageError
+
+MAX_MESSAGE = 64 * 1024
+"""Bytes of an encoded message; longer ones are refused before they are decoded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Describe:
+    """Asks for the bus description and the static information about the daemon."""
+
+    op: ClassVar[str] = "describe"
+
+
+@dataclass(frozen=True, slots=True)
+class ReadStates:
+    """Asks for the AL states of all slaves, freshly read."""
+
+    op: ClassVar[str] = "states"
+
+
+@dataclass(frozen=True, slots=True)
+class SetState:
+    """Asks for an AL state.
+
+    Attributes:
+        state: Name of the state.
+        slave: Position, or -1 for all slaves.
+    """
+
+    op: ClassVar[str] = "set_state"
+    state: str
+    slave: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class SdoRead:
+    """Uploads an object.
+
+    Attributes:
+        slave: Position.
+        index: Object index.
+        subindex: Object subindex.
+        complete: Complete access.
+    """
+
+    op: ClassVar[str] = "sdo_read"
+    slave: int
+    index: int
+    subindex: int = 0
+    complete: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SdoWrite:
+    """Downloads an object; attributes as `SdoRead`, and the data in wire order.
+
+    Attributes:
+        slave: Position.
+        index: Object index.
+        data: Bytes, little endian.
+        subindex: Object subindex.
+        complete: Complete access.
+    """
+
+    op: ClassVar[str] = "sdo_write"
+    slave: int
+    index: int
+    data: bytes
+    subindex: int = 0
+    complete: bool = False
+
+
+Request = Describe | ReadStates | SetState | SdoRead | SdoWrite
+
+_KINDS: dict[str, type[Request]] = {
+    kind.op: kind for kind in (Describe, ReadStates, SetState, SdoRead, SdoWrite)
+}
+_RANGES = {"slave": (-1, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
+_DATA_MAX = 32 * 1024
+
+
+def to_map(request: Request) -> dict[str, Any]:
+    """The request as a map, with its `op`."""
+    return {"op": request.op, **asdict(request)}
+
+
+def parse_request(data: Any) -> Request:
+    """The request in a map.
+
+    Raises:
+        UsageError: It is no known request, or a key is unknown, missing, of the wrong type or out
+            of range; the message names the key.
+    """
+    if not isinstance(data, dict):
+        raise UsageError("a request is a map with string keys")
+    values = dict(data)
+    op = values.pop("op", None)
+    if not isinstance(op, str) or op not in _KINDS:
+        raise UsageError(f"op {op!r} is no request: use {', '.join(_KINDS)}")
+    kind = _KINDS[op]
+    fields = kind.__dataclass_fields__
+    for key, value in values.items():
+        if key not in fields:
+            raise UsageError(f"'{key}' is no key of {op}: use {', '.join(fields) or 'none'}")
+        _check(op, key, value, str(fields[key].type))
+    try:
+        return kind(**values)
+    except TypeError:
+        missing = [key for key in fields if key not in values and key in ("slave", "index", "state", "data")]
+        raise UsageError(f"{op} needs {', '.join(missing)}") from None
+
+
+def _check(op: str, key: str, value: Any, kind: str) -> None:
+    # bool is an int in Python, but true is no slave number.
+    if type(value).__name__ != kind:
+        raise UsageError(f"'{key}' of {op} must be {kind}, not {type(value).__name__}")
+    if key in _RANGES:
+        low, high = _RANGES[key]
+        if key == "slave" and op != SetState.op:
+            low = 0
+        if not low <= value <= high:
+            raise UsageError(f"'{key}' of {op} is {value}, but must be from {low} to {high}")
+    if key == "data" and not 1 <= len(value) <= _DATA_MAX:
+        raise UsageError(f"'data' of {op} has {len(value)} bytes; 1 to {_DATA_MAX} are allowed")
+    if key == "state":
+        AlState.parse(value)

@@ -1,0 +1,60 @@
+"""Where the sockets of a bus are.
+
+A daemon of the system (root, systemd) keeps them in `/run/ecatd`, one of an ordinary user in
+`$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` where there is no such directory.
+`$ECATD_RUNTIME_DIR` overrides all of them.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from .model.errors import PermissionError_
+
+SYSTEM = Path("/run/ecatd")
+
+
+def user_dir() -> Path:
+    """The directory in which this process would make its sockets."""
+    if override := os.environ.get("ECATD_RUNTIME_DIR"):
+        return Path(override)
+    if os.geteuid() == 0:
+        return SYSTEM
+    if session := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(session) / "ecatd"
+    return Path(f"/tmp/ecatd-{os.geteuid()}")  # noqa: S108  its owner and mode are checked
+
+
+def make_dir() -> Path:
+    """The same directory, made if need be.
+
+    Raises:
+        PermissionError_: It cannot be made, or belongs to somebody else.
+    """
+    folder = user_dir()
+    try:
+        folder.mkdir(mode=0o750, exist_ok=True, parents=True)
+        owner = folder.lstat().st_uid
+    except OSError as error:
+        raise PermissionError_(f"cannot make {folder}: {error.strerror}") from error
+    if owner != os.geteuid():
+        raise PermissionError_(
+            f"{folder} belongs to user {owner}; set ECATD_RUNTIME_DIR to a directory of your own"
+        )
+    return folder
+
+
+def search_dirs() -> list[Path]:
+    """Where a client looks for a daemon: its own user's first, then the system's."""
+    return list(dict.fromkeys((user_dir(), SYSTEM)))
+
+
+def control_socket(folder: Path, bus: str) -> Path:
+    """Socket between gateway and bus server."""
+    return folder / f"{bus}.control"
+
+
+def zenoh_socket(folder: Path, bus: str) -> Path:
+    """Socket on which the gateway speaks Zenoh with this machine's users."""
+    return folder / f"{bus}.zenoh"

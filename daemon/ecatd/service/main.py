@@ -1,0 +1,90 @@
+"""The command `ecatd`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+from pathlib import Path
+
+from ecatd.log import Log
+from ecatd.model.config import Config
+from ecatd.model.errors import EcatError, UsageError
+from ecatd.version import VERSION
+
+from .supervisor import Supervisor
+
+_EPILOG = """\
+examples:
+  ecatd --simulate troll             the simulated rig "troll"; needs no root and no hardware
+  sudo ecatd --interface eth1        the slaves on a network interface
+  ecatd --config /etc/ecatd/ecat0.toml
+
+`ecatctl slaves` then shows what is on the bus. Exit status: 0 stopped by a signal, 2 wrong usage or
+configuration, 3 no such interface or no slaves, 6 not permitted, 7 the bus does not reach OP,
+70 a defect.
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ecatd",
+        description="EtherCAT daemon: runs the bus and shares its process image.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--interface", metavar="IF", help="network interface with the slaves")
+    source.add_argument(
+        "--simulate", metavar="RIG", help="run a simulated rig instead of hardware (see ecatsim)"
+    )
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration in TOML")
+    parser.add_argument("--check-config", action="store_true", help="check the configuration and end")
+    parser.add_argument("--bus", metavar="NAME", help="name of the bus (default: ecat0)")
+    parser.add_argument(
+        "--cycle-time-us", metavar="N", type=int, help="base cycle in microseconds (default: 1000)"
+    )
+    parser.add_argument("-v", "--verbose", action="store_true", help="tell details")
+    parser.add_argument("-q", "--quiet", action="store_true", help="tell only warnings and errors")
+    parser.add_argument("--version", action="version", version=f"ecatd {VERSION}")
+    return parser
+
+
+def _configuration(options: argparse.Namespace) -> Config:
+    """The file's configuration, with what the command line says on top."""
+    config = Config.load(options.config) if options.config else Config()
+    values = config.to_dict()
+    for option, key in (("bus", "bus"), ("interface", "interface"), ("cycle_time_us", "cycle_time_us")):
+        if getattr(options, option) is not None:
+            values[key] = getattr(options, option)
+    if options.bus or options.cycle_time_us or options.interface:
+        try:
+            config = Config.from_dict(values)
+        except UsageError as error:
+            raise UsageError(f"command line: {error}") from error
+    if not (config.interface or options.simulate or options.check_config):
+        raise UsageError(
+            "which bus? Give --interface IF, or --simulate troll to try without hardware, or "
+            "--config FILE with the key 'interface'"
+        )
+    return config
+
+
+def main() -> int:
+    """Runs the daemon until a signal ends it; returns the exit status."""
+    options = _parser().parse_args()
+    level = "debug" if options.verbose else "warning" if options.quiet else "info"
+    log = Log("ecatd", level)
+    try:
+        config = _configuration(options)
+        if options.check_config:
+            print(f"{options.config or 'the default configuration'} is valid")
+            return 0
+        return asyncio.run(Supervisor(config, options.simulate, log, level).run())
+    except EcatError as error:
+        log.error(str(error))
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""Starts the processes of the daemon, watches them, and ends them in order.
+
+Simulator (if any), bus server, gateway: in this order up, and back in the other. The bus server or
+the simulator ending is the end of the daemon; the gateway is started again, the bus does not notice.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.config import Config
+from ecatd.model.errors import EcatError, StateError
+from ecatd.paths import make_dir
+
+from .notify import notify
+
+_GATEWAY_PAUSE = 1.0
+_STOP_PATIENCE = 15.0
+
+
+class _Ended(EcatError):
+    """A child has ended with this exit status and has told why."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__("")
+        self.status = status
+
+
+class Supervisor:
+    """The processes of one bus.
+
+    Args:
+        config: The configuration, which is handed to the children.
+        rig: The rig to simulate, or None.
+        log: Where events are told.
+        log_level: For the children.
+    """
+
+    def __init__(self, config: Config, rig: str | None, log: Log, log_level: str) -> None:
+        self._config = config
+        self._rig = rig
+        self._log = log
+        self._level = log_level
+        self._stop = asyncio.Event()
+        self._children: list[asyncio.subprocess.Process] = []
+
+    async def run(self) -> int:
+        """Runs until SIGTERM or SIGINT; returns the exit status."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._stop.set)
+        status = 0
+        try:
+            await self._run()
+        except _Ended as ended:
+            status = ended.status
+        finally:
+            notify("STOPPING=1")
+            await self._end()
+        return status
+
+    async def _run(self) -> None:
+        runtime_dir = make_dir()
+        settings: dict[str, Any] = {
+            "config": self._config.to_dict(),
+            "interface": self._config.interface,
+            "runtime_dir": str(runtime_dir),
+            "namespace_of": 0,
+            "parent": os.getpid(),
+            "log_level": self._level,
+        }
+        fatal = []
+        if self._rig:
+            simulator, ready = await self._start_simulator(self._rig)
+            settings["interface"] = ready["interface"]
+            settings["namespace_of"] = ready["pid"]
+            fatal.append(simulator)
+        server = await self._start_python("ecatd.bus", settings)
+        fatal.append(server)
+        await self._ready(server)
+        gateway = await self._start_python("ecatd.gateway", settings)
+        await self._ready(gateway)
+        notify("READY=1", f"STATUS=bus '{self._config.bus}' is in OP")
+        await self._watch(fatal, gateway, settings)
+
+    async def _start_simulator(self, rig: str) -> tuple[asyncio.subprocess.Process, dict[str, Any]]:
+        read, write = os.pipe()
+        child = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "ecatsim",
+            "run",
+            rig,
+            "--ready-fd",
+            str(write),
+            "--die-with-parent",
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            pass_fds=(write,),
+            start_new_session=True,
+        )
+        os.close(write)
+        self._children.append(child)
+        reader = asyncio.StreamReader()
+        await asyncio.get_running_loop().connect_read_pipe(
+            lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(read, "rb")
+        )
+        line = await self._or_stop(reader.readline())
+        if not line:
+            raise _Ended(await child.wait() or 70)
+        return child, json.loads(line)
+
+    async def _start_python(
+        self, module: str, settings: dict[str, Any]
+    ) -> asyncio.subprocess.Process:
+        # A session of its own: Ctrl-C reaches only this process, which then ends the others in order.
+        child = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            module,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            start_new_session=True,
+        )
+        self._children.append(child)
+        assert child.stdin is not None
+        child.stdin.write(json.dumps(settings).encode())
+        child.stdin.close()
+        return child
+
+    async def _ready(self, child: asyncio.subprocess.Process) -> None:
+        assert child.stdout is not None
+        line = await self._or_stop(child.stdout.readline())
+        if not line:
+            raise _Ended(_status(await child.wait()))
+
+    async def _or_stop(self, work: Any) -> bytes:
+        """The line that a child writes when it is ready; a signal meanwhile ends the daemon."""
+        line = asyncio.ensure_future(work)
+        stop = asyncio.ensure_future(self._stop.wait())
+        await asyncio.wait((line, stop), return_when=asyncio.FIRST_COMPLETED)
+        if not line.done():
+            line.cancel()
+            raise _Ended(0)
+        stop.cancel()
+        result: bytes = line.result()
+        return result
+
+    async def _watch(
+        self,
+        fatal: list[asyncio.subprocess.Process],
+        gateway: asyncio.subprocess.Process,
+        settings: dict[str, Any],
+    ) -> None:
+        stop = asyncio.ensure_future(self._stop.wait())
+        ends = {asyncio.ensure_future(child.wait()): child for child in fatal}
+        gateway_end = asyncio.ensure_future(gateway.wait())
+        while True:
+            done, _ = await asyncio.wait(
+                (stop, gateway_end, *ends), return_when=asyncio.FIRST_COMPLETED
+            )
+            if stop in done:
+                return
+            for end in done & set(ends):
+                child = ends[end]
+                what = "the bus server" if child is fatal[-1] else "the simulator"
+                self._log.error(f"{what} has ended unexpectedly ({_cause(end.result())})")
+                raise _Ended(_status(end.result()) or StateError.exit_code)
+            if gateway_end in done:
+                self._log.warning(
+                    f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"
+                )
+                self._children.remove(gateway)
+                await asyncio.wait((stop,), timeout=_GATEWAY_PAUSE)
+                gateway = await self._start_python("ecatd.gateway", settings)
+                gateway_end = asyncio.ensure_future(gateway.wait())
+
+    async def _end(self) -> None:
+        """Ends the children, the last one first, each given time to clean up."""
+        for child in reversed(self._children):
+            if child.returncode is not None:
+                continue
+            child.terminate()
+            try:
+                await asyncio.wait_for(child.wait(), _STOP_PATIENCE)
+            except TimeoutError:
+                self._log.error(f"process {child.pid} does not end; it is killed")
+                child.kill()
+                await child.wait()
+
+
+def _status(returncode: int) -> int:
+    """The exit status to pass on: a signal is a defect of ours."""
+    return returncode if returncode >= 0 else EcatError.exit_code
+
+
+def _cause(returncode: int) -> str:
+    return f"status {returncode}" if returncode >= 0 else f"signal {-returncode}"

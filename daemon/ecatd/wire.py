@@ -1,0 +1,61 @@
+"""Framing on the control socket between gateway and bus server: length, then msgpack."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from typing import Any
+
+import msgpack
+
+from .model.errors import UsageError
+from .model.messages import MAX_MESSAGE
+
+_LENGTH = struct.Struct(">I")
+
+MAX_REPLY = 1 << 26
+"""Bytes of a reply from a daemon that one has chosen to trust: a large bus has much to tell."""
+
+
+def pack(message: dict[str, Any]) -> bytes:
+    """A message as msgpack."""
+    return bytes(msgpack.packb(message))
+
+
+def unpack(data: bytes, limit: int = MAX_MESSAGE) -> dict[str, Any]:
+    """The map in a msgpack message of at most `limit` bytes.
+
+    Raises:
+        UsageError: It is too long, no msgpack, or no map with string keys.
+    """
+    if len(data) > limit:
+        raise UsageError(f"a message of {len(data)} bytes is too long: {limit} are allowed")
+    try:
+        message = msgpack.unpackb(data)
+    except (ValueError, msgpack.UnpackException) as error:
+        raise UsageError(f"this is no msgpack message: {error or type(error).__name__}") from error
+    if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):
+        raise UsageError("a message is a map with string keys")
+    return message
+
+
+def frame(message: dict[str, Any]) -> bytes:
+    """A message with its length in front."""
+    data = pack(message)
+    return _LENGTH.pack(len(data)) + data
+
+
+async def read_frame(reader: asyncio.StreamReader, limit: int = MAX_MESSAGE) -> dict[str, Any] | None:
+    """The next message, or None when the other side has closed.
+
+    Raises:
+        UsageError: The message is too long or malformed.
+    """
+    try:
+        (length,) = _LENGTH.unpack(await reader.readexactly(_LENGTH.size))
+        if length > limit:
+            raise UsageError(f"a message of {length} bytes is too long: {limit} are allowed")
+        data = await reader.readexactly(length)
+    except (asyncio.IncompleteReadError, ConnectionResetError):
+        return None
+    return unpack(data, limit)

@@ -1,0 +1,197 @@
+"""The command `ecatsim`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import FrameType
+
+from ecatd.model.errors import EcatError, UsageError
+
+from . import namespace, netlink, rig
+from .simulation import Simulation
+
+SIMULATOR_END = "ecat-sim"
+MASTER_END = "ecat-master"
+_CHILD_GRACE = 2.0
+
+
+def _version() -> str:
+    try:
+        return version("ecatd")
+    except PackageNotFoundError:
+        return "unknown (not installed)"
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports wrong arguments as every other error, in one line."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        raise UsageError(f"{message}; see `{self.prog} --help`")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
+    )
+    parser.add_argument("--version", action="version", version=f"ecatsim {_version()}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run = commands.add_parser(
+        "run",
+        help="simulate a rig",
+        description="Simulates a rig until it is interrupted, or until COMMAND ends.",
+        epilog=f"Without --interface the segment is reachable on {MASTER_END} in a network "
+        "namespace of its own; COMMAND runs in there. The exit status is that of COMMAND.",
+    )
+    run.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or Python file")
+    run.add_argument("--interface", metavar="IF", help="serve an existing interface")
+    run.add_argument("--trace", metavar="FILE", type=Path, help="record the plant as CSV")
+    run.add_argument(
+        "--ready-fd", metavar="N", type=int, help="write a line of JSON there when it answers"
+    )
+    run.add_argument(
+        "--die-with-parent", action="store_true", help="end when the calling process ends"
+    )
+    run.add_argument("child", metavar="-- COMMAND", nargs="*", help="command to run beside it")
+    commands.add_parser("rigs", help="list the rigs that come with ecatsim")
+    return parser
+
+
+class _Runner:
+    """One `ecatsim run`."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._stop = False
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def run(self) -> int:
+        """Simulates; returns the exit status."""
+        arguments = self._arguments
+        what = rig.make(arguments.rig)
+        parent = os.getppid()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._on_signal)
+        interface = arguments.interface
+        if interface is None:
+            namespace.enter_new()
+            netlink.create_veth(SIMULATOR_END, MASTER_END)
+            interface = SIMULATOR_END
+        if arguments.die_with_parent:
+            namespace.die_with_parent(signal.SIGTERM)
+            if os.getppid() != parent:
+                return 0
+        simulation = Simulation(what, arguments.trace)
+        try:
+            simulation.segment.start(interface)
+            self._announce(what)
+            if arguments.child:
+                self._start_child()
+            simulation.run(self._finished)
+        finally:
+            simulation.close()
+            status = self._end_child()
+        return status
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        del number, frame
+        self._stop = True
+
+    def _finished(self) -> bool:
+        return self._stop or (self._child is not None and self._child.poll() is not None)
+
+    def _announce(self, what: rig.Rig) -> None:
+        arguments = self._arguments
+        interface = arguments.interface or MASTER_END
+        facts = {
+            "pid": os.getpid(),
+            "interface": interface,
+            "rig": what.name,
+            "slaves": len(what.devices),
+        }
+        if arguments.ready_fd is not None:
+            try:
+                with os.fdopen(arguments.ready_fd, "w") as ready:
+                    ready.write(json.dumps(facts) + "\n")
+            except OSError as error:
+                raise UsageError(f"--ready-fd {arguments.ready_fd}: {error.strerror}") from error
+        elif not arguments.child:
+            print(f"rig {what.name}: {len(what.devices)} slaves on {interface}")
+            if arguments.interface is None:
+                print(
+                    "run a master beside it with: "
+                    f"nsenter --preserve-credentials -U -n -t {os.getpid()} COMMAND"
+                )
+            print("Ctrl-C ends it", flush=True)
+
+    def _start_child(self) -> None:
+        command = self._arguments.child
+        try:
+            self._child = subprocess.Popen(
+                command,
+                preexec_fn=lambda: namespace.die_with_parent(signal.SIGKILL),  # noqa: PLW1509
+            )
+        except OSError as error:
+            raise UsageError(f"cannot run '{command[0]}': {error.strerror}") from error
+
+    def _end_child(self) -> int:
+        """Ends the command if it still runs; returns what the exit status is to be."""
+        child = self._child
+        if child is None:
+            return 0
+        if child.poll() is None:
+            child.terminate()
+            try:
+                child.wait(_CHILD_GRACE)
+            except subprocess.TimeoutExpired:
+                child.kill()
+        status = child.wait()
+        return status if status >= 0 else 128 - status
+
+
+def _rigs() -> int:
+    width = max(len(usage) for usage, _ in rig.library())
+    for usage, text in rig.library():
+        print(f"{usage:{width}}  {text}")
+    return 0
+
+
+def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Separates our arguments from the command behind `--`."""
+    ours = list(arguments)
+    if "--" in ours:
+        at = ours.index("--")
+        return ours[:at], ours[at + 1 :]
+    return ours, []
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    try:
+        ours, child = _split(sys.argv[1:] if arguments is None else arguments)
+        options = _parser().parse_args(ours)
+        if options.command == "rigs":
+            return _rigs()
+        if options.child:
+            raise UsageError("put `--` in front of the command to run")
+        options.child = child
+        return _Runner(options).run()
+    except EcatError as error:
+        print(f"ecatsim: {error}", file=sys.stderr)
+        return error.exit_code
+    except Exception:
+        traceback.print_exc()
+        print("ecatsim: a defect of ecatsim; please report the lines above", file=sys.stderr)
+        return EcatError.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,330 @@
+"""The C library of slave controllers (simulator/esc/esc.h), as one Python class."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+from dataclasses import dataclass
+from enum import IntFlag
+from functools import cache
+
+from ecatd.model.errors import EcatError, PermissionError_, StateError, UnreachableError, UsageError
+from ecatd.native import load
+
+MAX_SLAVES = 1024
+_MAX_MAIL = 2048
+_MAX_EVENTS = 256
+
+
+class Event(IntFlag):
+    """What happened to a slave (enum esc_event_bits)."""
+
+    AL_CONTROL = 0x01
+    MAILBOX_IN = 0x02
+    MAILBOX_OUT = 0x04
+    MAILBOX_AGAIN = 0x08
+    OUTPUTS = 0x10
+    WATCHDOG = 0x20
+    EEPROM = 0x40
+
+
+@dataclass(frozen=True, slots=True)
+class Chip:
+    """The slave controller of a device, registers 0x0000 to 0x0009.
+
+    Attributes:
+        type: Type of the controller (0x11 = ET1100).
+        revision: Its revision.
+        build: Its build.
+        fmmus: Number of FMMUs, at most 16.
+        sync_managers: Number of sync managers, at most 16.
+        ram_kib: Process data RAM in KiB.
+        ports: Port descriptor, two bits a port from port 0: 0 none, 2 EBUS, 3 MII.
+    """
+
+    type: int = 0x11
+    revision: int = 0
+    build: int = 0x0002
+    fmmus: int = 8
+    sync_managers: int = 8
+    ram_kib: int = 8
+    ports: int = 0x0F
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessDataMap:
+    """Where a slave's process data lie: in its memory, and in the images of the segment."""
+
+    output_address: int
+    output_size: int
+    output_offset: int
+    input_address: int
+    input_size: int
+    input_offset: int
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """What the segment did since it was made.
+
+    Attributes:
+        frames: Frames answered.
+        malformed: Frames whose lengths contradict each other.
+        dropped: Frames lost on purpose, or because there are no slaves.
+    """
+
+    frames: int
+    malformed: int
+    dropped: int
+
+
+class _Config(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_uint8),
+        ("revision", ctypes.c_uint8),
+        ("build", ctypes.c_uint16),
+        ("fmmus", ctypes.c_uint8),
+        ("sync_managers", ctypes.c_uint8),
+        ("ram_kib", ctypes.c_uint8),
+        ("ports", ctypes.c_uint8),
+    )
+
+
+class _Event(ctypes.Structure):
+    _fields_ = (("position", ctypes.c_uint32), ("bits", ctypes.c_uint32))
+
+
+class _Map(ctypes.Structure):
+    _fields_ = (
+        ("output_address", ctypes.c_uint16),
+        ("output_size", ctypes.c_uint16),
+        ("output_offset", ctypes.c_uint32),
+        ("input_address", ctypes.c_uint16),
+        ("input_size", ctypes.c_uint16),
+        ("input_offset", ctypes.c_uint32),
+    )
+
+
+class _Counters(ctypes.Structure):
+    _fields_ = (
+        ("frames", ctypes.c_uint64),
+        ("malformed", ctypes.c_uint64),
+        ("dropped", ctypes.c_uint64),
+    )
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    lib = load("ecatsim", "ecat_esc")
+    segment, number, size = ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t
+    data, address = ctypes.c_char_p, ctypes.c_uint16
+    signatures: dict[str, tuple[type | None, list[type]]] = {
+        "esc_create": (segment, []),
+        "esc_destroy": (None, [segment]),
+        "esc_add_slave": (number, [segment, ctypes.POINTER(_Config), data, size]),
+        "esc_start": (number, [segment, data]),
+        "esc_stop": (number, [segment]),
+        "esc_process": (number, [segment, ctypes.c_void_p, size]),
+        "esc_wait": (number, [segment, ctypes.c_int64, ctypes.POINTER(_Event), number]),
+        "esc_read": (number, [segment, number, address, ctypes.c_void_p, size]),
+        "esc_write": (number, [segment, number, address, data, size]),
+        "esc_set_al_status": (number, [segment, number, address, address]),
+        "esc_lock_sync_manager": (number, [segment, number, number, number]),
+        "esc_mailbox_take": (number, [segment, number, ctypes.c_void_p, size]),
+        "esc_mailbox_put": (number, [segment, number, data, size, number]),
+        "esc_map": (number, [segment, number, ctypes.POINTER(_Map)]),
+        "esc_await_outputs": (number, [segment, number]),
+        "esc_get_outputs": (number, [segment, ctypes.c_void_p, size, ctypes.c_int64]),
+        "esc_put_inputs": (number, [segment, ctypes.c_void_p, size]),
+        "esc_sii": (number, [segment, number, ctypes.c_void_p, size]),
+        "esc_drop": (None, [segment, ctypes.c_uint32]),
+        "esc_get_counters": (None, [segment, ctypes.POINTER(_Counters)]),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(lib, name)
+        function.restype = result
+        function.argtypes = arguments
+    return lib
+
+
+def _checked(result: int) -> int:
+    if result < 0:
+        raise EcatError(f"the slave controllers refused a call: {os.strerror(-result)}")
+    return result
+
+
+class Segment:
+    """A line of slave controllers behind one interface.
+
+    The controllers run in C; this class is their process data interface (PDI). Its methods may be
+    called from any thread except that `close` must be the last call.
+    """
+
+    def __init__(self) -> None:
+        self._lib = _library()
+        self._handle = self._lib.esc_create()
+        if not self._handle:
+            raise EcatError("not enough memory or file descriptors for a segment")
+        self._events = (_Event * _MAX_EVENTS)()
+        self._mail = ctypes.create_string_buffer(_MAX_MAIL)
+        self._images: tuple[object, object] = (None, None)
+        self.outputs = memoryview(b"")
+        self.inputs = memoryview(b"")
+
+    def close(self) -> None:
+        """Stops the segment and frees it."""
+        if self._handle:
+            self._lib.esc_destroy(self._handle)
+            self._handle = None
+
+    def add(self, chip: Chip, sii: bytes) -> int:
+        """Appends a slave; returns its position on the wire."""
+        config = _Config(
+            chip.type,
+            chip.revision,
+            chip.build,
+            chip.fmmus,
+            chip.sync_managers,
+            chip.ram_kib,
+            chip.ports,
+        )
+        result: int = self._lib.esc_add_slave(self._handle, config, sii, len(sii))
+        if result == -errno.ENOSPC:
+            raise UsageError(f"a segment has at most {MAX_SLAVES} slaves")
+        return _checked(result)
+
+    def start(self, interface: str) -> None:
+        """Begins to serve an Ethernet interface, in a thread of its own.
+
+        Raises:
+            UnreachableError: There is no such interface.
+            PermissionError_: The process may not open raw sockets.
+        """
+        result = self._lib.esc_start(self._handle, interface.encode())
+        if result in (-errno.ENODEV, -errno.ENXIO):
+            raise UnreachableError(f"there is no network interface '{interface}'")
+        if result in (-errno.EPERM, -errno.EACCES):
+            raise PermissionError_(
+                f"raw sockets on '{interface}' need CAP_NET_RAW: run as root, "
+                "or leave --interface out to serve a private interface"
+            )
+        if result == -errno.EALREADY:
+            raise StateError("the segment already serves an interface")
+        _checked(result)
+
+    def stop(self) -> None:
+        """Stops serving the interface."""
+        _checked(self._lib.esc_stop(self._handle))
+
+    def process(self, frame: bytes) -> bytes | None:
+        """Passes one Ethernet frame through all slaves; None if it is not answered."""
+        buffer = ctypes.create_string_buffer(frame, len(frame))
+        answered: int = self._lib.esc_process(self._handle, buffer, len(frame))
+        return buffer.raw if answered else None
+
+    def wait(self, seconds: float) -> list[tuple[int, Event]]:
+        """Waits for events; returns pairs of position and events, none after the timeout."""
+        count = self._lib.esc_wait(
+            self._handle, max(0, int(seconds * 1e9)), self._events, _MAX_EVENTS
+        )
+        if count == -errno.EINTR:
+            return []
+        return [
+            (event.position, Event(event.bits)) for event in self._events[: _checked(count)]
+        ]
+
+    def read(self, position: int, address: int, size: int) -> bytes:
+        """Reads memory of a slave as its device does."""
+        buffer = ctypes.create_string_buffer(size)
+        _checked(self._lib.esc_read(self._handle, position, address, buffer, size))
+        return buffer.raw
+
+    def write(self, position: int, address: int, data: bytes) -> None:
+        """Writes memory of a slave as its device does."""
+        _checked(self._lib.esc_write(self._handle, position, address, data, len(data)))
+
+    def set_al_status(self, position: int, status: int, code: int) -> None:
+        """Sets AL status and AL status code."""
+        _checked(self._lib.esc_set_al_status(self._handle, position, status, code))
+
+    def lock_sync_manager(self, position: int, channel: int, locked: bool) -> None:
+        """Deactivates a sync manager (the master's accesses fail), or releases it."""
+        _checked(self._lib.esc_lock_sync_manager(self._handle, position, channel, locked))
+
+    def take_mail(self, position: int) -> bytes:
+        """The mail that the master wrote; empty if there is none."""
+        size = _checked(
+            self._lib.esc_mailbox_take(self._handle, position, self._mail, _MAX_MAIL)
+        )
+        return self._mail.raw[:size]
+
+    def put_mail(self, position: int, mail: bytes, *, again: bool = False) -> bool:
+        """Offers a mail to the master.
+
+        Args:
+            position: Position of the slave.
+            mail: The mail, no longer than the sync manager.
+            again: Overwrite an unread mail and acknowledge the master's repeat request.
+
+        Returns:
+            False while the last mail is unread.
+        """
+        return bool(
+            _checked(self._lib.esc_mailbox_put(self._handle, position, mail, len(mail), again))
+        )
+
+    def make_images(self, output_size: int, input_size: int) -> None:
+        """Makes the images through which all slaves exchange process data at once (bytes)."""
+        buffers = tuple(ctypes.create_string_buffer(max(1, n)) for n in (output_size, input_size))
+        self._images = (buffers[0], buffers[1])
+        self.outputs = memoryview(buffers[0]).cast("B")[:output_size]
+        self.inputs = memoryview(buffers[1]).cast("B")[:input_size]
+
+    def map(self, position: int, where: ProcessDataMap | None) -> None:
+        """Connects the process data of a slave with the images, or disconnects it."""
+        entry = None
+        if where is not None:
+            entry = _Map(
+                where.output_address,
+                where.output_size,
+                where.output_offset,
+                where.input_address,
+                where.input_size,
+                where.input_offset,
+            )
+        _checked(self._lib.esc_map(self._handle, position, entry))
+
+    def await_outputs(self, position: int) -> None:
+        """Asks for `Event.OUTPUTS` when the master next writes complete output data."""
+        _checked(self._lib.esc_await_outputs(self._handle, position))
+
+    def get_outputs(self, now_ns: int) -> None:
+        """Copies the outputs of all slaves to `outputs`; runs the watchdogs to `now_ns`.
+
+        The outputs of a slave are zero unless it is in OP and its watchdog has not expired.
+        """
+        _checked(
+            self._lib.esc_get_outputs(self._handle, self._images[0], len(self.outputs), now_ns)
+        )
+
+    def put_inputs(self) -> None:
+        """Copies `inputs` to the inputs of all slaves."""
+        _checked(self._lib.esc_put_inputs(self._handle, self._images[1], len(self.inputs)))
+
+    def sii(self, position: int) -> bytes:
+        """The SII image of a slave, with what the master wrote into it."""
+        size = _checked(self._lib.esc_sii(self._handle, position, None, 0))
+        buffer = ctypes.create_string_buffer(size)
+        _checked(self._lib.esc_sii(self._handle, position, buffer, size))
+        return buffer.raw
+
+    def drop(self, count: int) -> None:
+        """Loses the next `count` frames."""
+        self._lib.esc_drop(self._handle, count)
+
+    def counters(self) -> Counters:
+        """The counters of the segment."""
+        counters = _Counters()
+        self._lib.esc_get_counters(self._handle, counters)
+        return Counters(counters.frames, counters.malformed, counters.dropped)

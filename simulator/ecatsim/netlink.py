@@ -1,0 +1,81 @@
+"""Virtual Ethernet pairs through rtnetlink, without any tool."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+from pathlib import Path
+
+from ecatd.model.errors import EcatError, PermissionError_, StateError
+
+_RTM_NEWLINK = 16
+_NLM_F_REQUEST, _NLM_F_ACK, _NLM_F_EXCL, _NLM_F_CREATE = 0x01, 0x04, 0x200, 0x400
+_NLMSG_ERROR = 2
+_IFLA_IFNAME, _IFLA_LINKINFO = 3, 18
+_IFLA_INFO_KIND, _IFLA_INFO_DATA = 1, 2
+_VETH_INFO_PEER = 1
+_IFF_UP, _IFF_NOARP = 0x01, 0x80
+_NLMSG_HEADER = struct.Struct("=IHHII")
+_IFINFOMSG = struct.Struct("=BxHiII")
+_RECEIVE_SIZE = 65536
+
+
+def _attribute(kind: int, payload: bytes) -> bytes:
+    size = 4 + len(payload)
+    return struct.pack("=HH", size, kind) + payload + bytes(-size % 4)
+
+
+def _request(flags: int, body: bytes) -> None:
+    """Sends one RTM_NEWLINK request and waits for its acknowledgement."""
+    size = _NLMSG_HEADER.size + len(body)
+    flags |= _NLM_F_REQUEST | _NLM_F_ACK
+    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as link:
+        link.bind((0, 0))
+        link.sendto(_NLMSG_HEADER.pack(size, _RTM_NEWLINK, flags, 1, 0) + body, (0, 0))
+        reply = link.recv(_RECEIVE_SIZE)
+    kind = _NLMSG_HEADER.unpack_from(reply)[1]
+    code = struct.unpack_from("=i", reply, _NLMSG_HEADER.size)[0] if kind == _NLMSG_ERROR else 0
+    if code:
+        raise OSError(-code, os.strerror(-code))
+
+
+def create_veth(name: str, peer: str) -> None:
+    """Makes a pair of connected interfaces and sets both up, without IPv6 on them.
+
+    Raises:
+        PermissionError_: The process may not change interfaces here.
+        StateError: One of the names is taken.
+    """
+    _disable_ipv6("default")
+    header = _IFINFOMSG.pack(socket.AF_UNSPEC, 0, 0, _IFF_NOARP, _IFF_NOARP)
+    peer_body = header + _attribute(_IFLA_IFNAME, peer.encode() + b"\0")
+    info = _attribute(_IFLA_INFO_KIND, b"veth") + _attribute(
+        _IFLA_INFO_DATA, _attribute(_VETH_INFO_PEER, peer_body)
+    )
+    body = (
+        header + _attribute(_IFLA_IFNAME, name.encode() + b"\0") + _attribute(_IFLA_LINKINFO, info)
+    )
+    try:
+        _request(_NLM_F_CREATE | _NLM_F_EXCL, body)
+        set_up(name)  # not before both exist
+        set_up(peer)
+    except PermissionError as error:
+        raise PermissionError_("making network interfaces needs CAP_NET_ADMIN") from error
+    except FileExistsError as error:
+        raise StateError(f"a network interface '{name}' or '{peer}' exists already") from error
+    except OSError as error:
+        raise EcatError(f"cannot make a veth pair: {error.strerror}") from error
+
+
+def set_up(name: str) -> None:
+    """Sets a link up."""
+    index = socket.if_nametoindex(name)
+    _request(0, _IFINFOMSG.pack(socket.AF_UNSPEC, 0, index, _IFF_UP, _IFF_UP))
+
+
+def _disable_ipv6(name: str) -> None:
+    """Keeps the kernel from sending router solicitations and the like on new interfaces."""
+    switch = Path(f"/proc/sys/net/ipv6/conf/{name}/disable_ipv6")
+    if switch.exists():
+        switch.write_text("1")

@@ -1,0 +1,244 @@
+"""Object dictionary of a device (ETG.1000.6 "CoE", CiA 301)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+
+from ecatd.model import abort_codes
+from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
+from ecatd.model.errors import SdoAbortError
+
+Value = int | float | str | bytes
+
+
+class Access(IntFlag):
+    """Access rights of an entry, coded as in the SDO information service."""
+
+    READ = 0x07  # in PREOP, SAFEOP and OP
+    WRITE_PREOP = 0x08
+    WRITE = 0x38
+    RX_PDO = 0x40
+    TX_PDO = 0x80
+
+    RO = READ
+    RW = READ | WRITE
+    WO = WRITE
+
+
+class ObjectCode(IntEnum):
+    """Kind of an object."""
+
+    VAR = 7
+    ARRAY = 8
+    RECORD = 9
+
+
+@dataclass(slots=True)
+class Variable:
+    """One entry of the dictionary.
+
+    Attributes:
+        index: Index of its object.
+        subindex: Subindex.
+        name: Name.
+        type: Data type.
+        bits: Bits in process data and complete access; 0 takes them from the type or value.
+        access: Access rights; also whether it may be mapped to a PDO.
+        value: Its value: integer, float, text or bytes.
+        minimum: Smallest value that a master may write, or None.
+        maximum: Largest value that a master may write, or None.
+        on_read: Called before a master reads the entry; returns the value.
+        on_write: Called with a value that a master writes by SDO, before it is stored. It may
+            raise `SdoAbortError` to refuse it.
+        zero_keeps: A 0 in the process data leaves the value as it is.
+    """
+
+    index: int
+    subindex: int
+    name: str
+    type: DataType
+    bits: int = 0
+    access: Access = Access.RO
+    value: Value = 0
+    minimum: int | None = None
+    maximum: int | None = None
+    on_read: Callable[[], Value] | None = None
+    on_write: Callable[[Value], None] | None = None
+    zero_keeps: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.bits:
+            self.bits = bit_length(self.type) or 8 * len(self.encode())
+
+    def encode(self) -> bytes:
+        """The value as SDO data (little endian)."""
+        value = self.on_read() if self.on_read else self.value
+        if isinstance(value, str):
+            return value.encode("latin-1", "replace")
+        if isinstance(value, bytes):
+            return value
+        if is_real(self.type):
+            return struct.pack("<f" if self.bits == 32 else "<d", value)
+        size = (self.bits + 7) // 8
+        return (int(value) & ((1 << self.bits) - 1)).to_bytes(size, "little")
+
+    def decode(self, data: bytes) -> Value:
+        """The value of SDO data.
+
+        Raises:
+            SdoAbortError: The length does not fit.
+        """
+        if self.type in STRINGS:
+            if len(data) > self.bits // 8:
+                raise SdoAbortError(abort_codes.LENGTH_TOO_HIGH)
+            if self.type == DataType.VISIBLE_STRING:
+                return data.rstrip(b"\0").decode("latin-1")
+            return data
+        size = (self.bits + 7) // 8
+        if len(data) > size:
+            raise SdoAbortError(abort_codes.LENGTH_TOO_HIGH)
+        if len(data) < size:
+            raise SdoAbortError(abort_codes.LENGTH_TOO_LOW)
+        if is_real(self.type):
+            number: float = struct.unpack("<f" if size == 4 else "<d", data)[0]
+            return number
+        return int.from_bytes(data, "little", signed=is_signed(self.type))
+
+    def write(self, data: bytes) -> None:
+        """Stores SDO data, after all checks.
+
+        Raises:
+            SdoAbortError: The value is refused.
+        """
+        value = self.decode(data)
+        if isinstance(value, int):
+            if value >= 1 << self.bits and not is_signed(self.type):
+                raise SdoAbortError(abort_codes.VALUE_RANGE)
+            if self.maximum is not None and value > self.maximum:
+                raise SdoAbortError(abort_codes.VALUE_TOO_HIGH)
+            if self.minimum is not None and value < self.minimum:
+                raise SdoAbortError(abort_codes.VALUE_TOO_LOW)
+        if self.on_write:
+            self.on_write(value)
+        self.value = value
+
+
+@dataclass(slots=True)
+class DictionaryObject:
+    """An object: a variable, or an array or record of entries.
+
+    Attributes:
+        index: Index.
+        name: Name.
+        code: Its kind.
+        type: Data type of the object; for a record the index of its structure.
+        entries: Entries by subindex; arrays and records have the number of entries at 0.
+    """
+
+    index: int
+    name: str
+    code: ObjectCode
+    type: int
+    entries: dict[int, Variable] = field(default_factory=dict)
+
+    @property
+    def max_subindex(self) -> int:
+        """Highest subindex, as the SDO information service reports it."""
+        return max(self.entries, default=0)
+
+
+class Dictionary:
+    """The objects of a device, in the order of their indices."""
+
+    def __init__(self) -> None:
+        self._objects: dict[int, DictionaryObject] = {}
+
+    def __contains__(self, index: int) -> bool:
+        return index in self._objects
+
+    def __iter__(self) -> Iterator[DictionaryObject]:
+        return iter(sorted(self._objects.values(), key=lambda item: item.index))
+
+    def __getitem__(self, key: tuple[int, int]) -> Variable:
+        """The entry at (index, subindex); for the device's own use."""
+        index, subindex = key
+        return self._objects[index].entries[subindex]
+
+    def object(self, index: int) -> DictionaryObject:
+        """An object.
+
+        Raises:
+            SdoAbortError: There is none.
+        """
+        if index not in self._objects:
+            raise SdoAbortError(abort_codes.NO_OBJECT)
+        return self._objects[index]
+
+    def entry(self, index: int, subindex: int) -> Variable:
+        """An entry.
+
+        Raises:
+            SdoAbortError: There is none.
+        """
+        entries = self.object(index).entries
+        if subindex not in entries:
+            raise SdoAbortError(abort_codes.NO_SUBINDEX)
+        return entries[subindex]
+
+    def variable(
+        self,
+        index: int,
+        name: str,
+        type: DataType,
+        value: Value = 0,
+        access: Access = Access.RO,
+        bits: int = 0,
+    ) -> Variable:
+        """Adds an object that is one variable."""
+        entry = Variable(index, 0, name, type, bits, access, value)
+        self._objects[index] = DictionaryObject(index, name, ObjectCode.VAR, type, {0: entry})
+        return entry
+
+    def record(
+        self,
+        index: int,
+        name: str,
+        entries: Iterable[Variable],
+        *,
+        code: ObjectCode = ObjectCode.RECORD,
+        type: int = 0,
+        count_access: Access = Access.RO,
+    ) -> DictionaryObject:
+        """Adds a record, or an array; entry 0 (the number of entries) is made from the others."""
+        members = {entry.subindex: entry for entry in entries}
+        count = Variable(
+            index,
+            0,
+            "SubIndex 000",
+            DataType.UNSIGNED8,
+            access=count_access,
+            value=max(members, default=0),
+        )
+        item = DictionaryObject(index, name, code, type, {0: count} | members)
+        self._objects[index] = item
+        return item
+
+    def array(
+        self,
+        index: int,
+        name: str,
+        type: DataType,
+        values: Iterable[Value],
+        access: Access = Access.RO,
+    ) -> DictionaryObject:
+        """Adds an array of values of one type."""
+        members = [
+            Variable(index, i, f"SubIndex {i:03d}", type, 0, access, value)
+            for i, value in enumerate(values, 1)
+        ]
+        return self.record(
+            index, name, members, code=ObjectCode.ARRAY, type=type, count_access=access
+        )

@@ -1,0 +1,54 @@
+"""Process data of one direction of a device: bits in its memory, values in its dictionary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from ecatd.model.bus import Pdo
+from ecatd.model.datatypes import is_signed
+
+from .objects import Dictionary, Variable
+
+
+class ProcessImage:
+    """Moves values between the dictionary and the bytes of a sync manager.
+
+    Args:
+        pdos: PDOs in the order of the process image.
+        dictionary: The dictionary that holds the mapped entries.
+    """
+
+    def __init__(self, pdos: Iterable[Pdo], dictionary: Dictionary) -> None:
+        self._fields: list[tuple[Variable, int, int, int]] = []
+        bit = 0
+        for pdo in pdos:
+            for entry in pdo.entries:
+                if not entry.is_gap:
+                    variable = dictionary[entry.index, entry.subindex]
+                    mask = (1 << entry.bit_length) - 1
+                    sign = (mask + 1) >> 1 if is_signed(variable.type) else 0
+                    self._fields.append((variable, bit, mask, sign))
+                bit += entry.bit_length
+        self.size = (bit + 7) // 8
+
+    @property
+    def variables(self) -> Sequence[Variable]:
+        """The mapped entries."""
+        return [field[0] for field in self._fields]
+
+    def unpack(self, data: bytes | memoryview) -> None:
+        """Sets the values of the dictionary from process data."""
+        image = int.from_bytes(data, "little")
+        for variable, bit, mask, sign in self._fields:
+            raw = image >> bit & mask
+            if raw or not variable.zero_keeps:
+                variable.value = (raw ^ sign) - sign
+
+    def pack(self) -> bytes:
+        """Process data from the values of the dictionary."""
+        image = 0
+        for variable, bit, mask, _ in self._fields:
+            value = variable.value
+            if isinstance(value, int):
+                image |= (value & mask) << bit
+        return image.to_bytes(self.size, "little")

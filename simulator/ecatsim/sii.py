@@ -1,0 +1,272 @@
+"""SII images: what the EEPROM of a slave says about it (ETG.2010, ETG.1000.6 "SII coding")."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from ecatd.model.bus import Pdo
+from ecatd.model.errors import UsageError
+
+_HEADER_WORDS = 0x40
+_MAX_STRINGS = 255
+_MAX_STRING = 255
+UNASSIGNED = 0xFF
+"""Sync manager of a PDO that is not mapped by default."""
+
+
+class Category(IntEnum):
+    """Types of SII categories."""
+
+    STRINGS = 10
+    GENERAL = 30
+    FMMU = 40
+    SYNC_MANAGER = 41
+    TX_PDO = 50
+    RX_PDO = 51
+    END = 0xFFFF
+
+
+class SmType(IntEnum):
+    """Purpose of a sync manager, as in object 0x1C00."""
+
+    UNUSED = 0
+    MAILBOX_OUT = 1
+    MAILBOX_IN = 2
+    OUTPUTS = 3
+    INPUTS = 4
+
+
+class FmmuType(IntEnum):
+    """Purpose of an FMMU."""
+
+    UNUSED = 0
+    OUTPUTS = 1
+    INPUTS = 2
+    MAILBOX_STATE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class SyncManager:
+    """Default settings of a sync manager.
+
+    Attributes:
+        type: Its purpose.
+        start: First byte in the memory of the slave.
+        size: Bytes; for process data, what the default PDOs need.
+        control: Control register 0x0804: mode, direction, events, watchdog.
+        enable: Activate register 0x0806.
+    """
+
+    type: SmType
+    start: int
+    size: int
+    control: int
+    enable: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Mailbox:
+    """Mailbox of a slave, seen from the slave.
+
+    Attributes:
+        receive: Offset of the mailbox that the master writes.
+        receive_size: Its size in bytes.
+        send: Offset of the mailbox that the master reads.
+        send_size: Its size in bytes.
+        protocols: Bits: 1 AoE, 2 EoE, 4 CoE, 8 FoE, 16 SoE, 32 VoE.
+        coe_details: Bits: 1 SDO, 2 SDO information, 4 PDO assignment, 8 PDO configuration,
+            16 upload at start-up, 32 complete access.
+    """
+
+    receive: int = 0x1000
+    receive_size: int = 128
+    send: int = 0x1080
+    send_size: int = 128
+    protocols: int = 0x04
+    coe_details: int = 0x07
+
+
+@dataclass(slots=True)
+class Description:
+    """Everything an SII image is made from.
+
+    Attributes:
+        vendor: Vendor ID.
+        product: Product code.
+        revision: Revision number.
+        serial: Serial number.
+        alias: Configured station alias.
+        order: Order code; string 1, which SOEM shows as the name.
+        name: Name of the device.
+        group: Group type.
+        group_name: Name of the group.
+        pdi_control: Word 0, to register 0x0140.
+        pdi_config: Word 1, to register 0x0150.
+        mailbox: The mailbox, or None.
+        sync_managers: Sync managers by channel.
+        fmmus: FMMUs by channel.
+        tx_pdos: All TxPDOs; those without a sync manager have 0xFF.
+        rx_pdos: All RxPDOs.
+        ebus_current: Current taken from the E-bus in mA; negative where it is fed.
+        physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
+        no_lrw: The slave cannot process LRW.
+    """
+
+    vendor: int
+    product: int
+    revision: int
+    serial: int = 0
+    alias: int = 0
+    order: str = ""
+    name: str = ""
+    group: str = ""
+    group_name: str = ""
+    pdi_control: int = 0
+    pdi_config: int = 0
+    mailbox: Mailbox | None = None
+    sync_managers: Sequence[SyncManager] = ()
+    fmmus: Sequence[FmmuType] = ()
+    tx_pdos: Sequence[Pdo] = ()
+    rx_pdos: Sequence[Pdo] = ()
+    ebus_current: int = 0
+    physical_ports: int = 0x11
+    no_lrw: bool = False
+
+
+@dataclass(slots=True)
+class _Strings:
+    """String category: every text once, numbered from 1; 0 means no text."""
+
+    texts: list[bytes] = field(default_factory=list)
+
+    def number(self, text: str, *, force: bool = False) -> int:
+        raw = text.encode("latin-1", "replace")[:_MAX_STRING]
+        if not raw and not force:
+            return 0
+        if raw not in self.texts:
+            if len(self.texts) == _MAX_STRINGS:
+                return 0
+            self.texts.append(raw)
+        return self.texts.index(raw) + 1
+
+    def encode(self) -> bytes:
+        body = b"".join(bytes([len(text)]) + text for text in self.texts)
+        return bytes([len(self.texts)]) + body
+
+
+def checksum(data: bytes) -> int:
+    """CRC of the configuration area: x^8 + x^2 + x + 1, initial value 0xFF."""
+    crc = 0xFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = ((crc << 1) ^ (0x07 if crc & 0x80 else 0)) & 0xFF
+    return crc
+
+
+def _category(kind: Category, body: bytes) -> bytes:
+    if len(body) % 2:
+        body += b"\xff"
+    return struct.pack("<HH", kind, len(body) // 2) + body
+
+
+def _pdos(pdos: Iterable[Pdo], strings: _Strings) -> bytes:
+    parts = []
+    for pdo in pdos:
+        name = strings.number(pdo.name)
+        parts.append(
+            struct.pack("<HBBBBH", pdo.index, len(pdo.entries), pdo.sync_manager, 0, name, 0)
+        )
+        parts += [
+            struct.pack(
+                "<HBBBBH",
+                entry.index,
+                entry.subindex,
+                strings.number(entry.name),
+                entry.data_type,
+                entry.bit_length,
+                0,
+            )
+            for entry in pdo.entries
+        ]
+    return b"".join(parts)
+
+
+def _general(info: Description, strings: _Strings) -> bytes:
+    mailbox = info.mailbox
+    group = strings.number(info.group)
+    return struct.pack(
+        "<BBBBxBBBBBBBhBxH14x",
+        group,
+        0,  # no image
+        strings.number(info.order, force=True),
+        strings.number(info.name),
+        mailbox.coe_details if mailbox and mailbox.protocols & 0x04 else 0,
+        1 if mailbox and mailbox.protocols & 0x08 else 0,
+        1 if mailbox and mailbox.protocols & 0x02 else 0,
+        0,  # SoE channels
+        0,  # DS402 channels
+        0,  # SysMan class
+        0x02 if info.no_lrw else 0,
+        info.ebus_current,
+        strings.number(info.group_name),
+        info.physical_ports,
+    )
+
+
+def _header(info: Description, size: int) -> bytes:
+    header = bytearray(2 * _HEADER_WORDS)
+    struct.pack_into("<HH4xH", header, 0, info.pdi_control, info.pdi_config, info.alias)
+    struct.pack_into("<H", header, 14, checksum(bytes(header[:14])))
+    struct.pack_into("<IIII", header, 16, info.vendor, info.product, info.revision, info.serial)
+    if info.mailbox:
+        box = info.mailbox
+        struct.pack_into(
+            "<HHHHH",
+            header,
+            2 * 0x18,
+            box.receive,
+            box.receive_size,
+            box.send,
+            box.send_size,
+            box.protocols,
+        )
+    struct.pack_into("<HH", header, 2 * 0x3E, size * 8 // 1024 - 1, 1)
+    return bytes(header)
+
+
+def build(info: Description) -> bytes:
+    """The SII image of a description, padded with 0xFF to a power of two of at least 2 KiB.
+
+    Raises:
+        UsageError: The description does not fit into an SII image.
+    """
+    strings = _Strings()
+    strings.number(info.order, force=True)
+    general = _general(info, strings)
+    tx_pdos, rx_pdos = _pdos(info.tx_pdos, strings), _pdos(info.rx_pdos, strings)
+    parts = [_category(Category.STRINGS, strings.encode()), _category(Category.GENERAL, general)]
+    if info.fmmus:
+        parts.append(_category(Category.FMMU, bytes(info.fmmus) + b"\xff" * (len(info.fmmus) % 2)))
+    if info.sync_managers:
+        body = b"".join(
+            struct.pack("<HHBBBB", sm.start, sm.size, sm.control, 0, sm.enable, sm.type)
+            for sm in info.sync_managers
+        )
+        parts.append(_category(Category.SYNC_MANAGER, body))
+    if tx_pdos:
+        parts.append(_category(Category.TX_PDO, tx_pdos))
+    if rx_pdos:
+        parts.append(_category(Category.RX_PDO, rx_pdos))
+    parts.append(struct.pack("<H", Category.END))
+    body = b"".join(parts)
+    size = 2048
+    while size < 2 * _HEADER_WORDS + len(body):
+        size *= 2
+    if size > 0x20000:
+        raise UsageError(f"the SII image of {info.order or 'a device'} would exceed 128 KiB")
+    return (_header(info, size) + body).ljust(size, b"\xff")
+

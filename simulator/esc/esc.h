@@ -1,0 +1,132 @@
+/* The slave controllers of a simulated segment: interface for the device side (the PDI).
+ *
+ * One segment is a line of slave controllers (ESC) behind one Ethernet interface. A thread receives
+ * frames, lets every slave process every datagram in wire order and sends the frame back; the
+ * device side waits for events and reads and writes the memory of its slave. Register addresses and
+ * meanings are those of ETG.1000.4 and the public data sheets of the ESCs.
+ *
+ * Functions return a negative errno value on failure. Every function may be called from any thread.
+ */
+#ifndef ECAT_ESC_H
+#define ECAT_ESC_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define ESC_API __attribute__((visibility("default")))
+
+enum {
+    ESC_MAX_SLAVES = 1024,
+    ESC_MEMORY = 0x10000, /* bytes of address space of one slave */
+    ESC_MAX_CHANNELS = 16 /* FMMUs, and sync managers, of one slave */
+};
+
+/* What happened to a slave since the last `esc_wait`. */
+enum esc_event_bits {
+    ESC_AL_CONTROL = 0x01,   /* AL control (0x0120) was written */
+    ESC_MAILBOX_IN = 0x02,   /* the master wrote a mail (SM0 became full) */
+    ESC_MAILBOX_OUT = 0x04,  /* the master read a mail (SM1 became empty) */
+    ESC_MAILBOX_AGAIN = 0x08, /* the master toggled the repeat request of SM1 */
+    ESC_OUTPUTS = 0x10,      /* first process data outputs since `esc_await_outputs` */
+    ESC_WATCHDOG = 0x20,     /* the process data watchdog expired in OP */
+    ESC_EEPROM = 0x40        /* the master changed the SII image */
+};
+
+struct esc_event {
+    uint32_t position;
+    uint32_t bits;
+};
+
+/* Properties of the chip, registers 0x0000 to 0x0009. */
+struct esc_config {
+    uint8_t type;
+    uint8_t revision;
+    uint16_t build;
+    uint8_t fmmus;         /* at most ESC_MAX_CHANNELS */
+    uint8_t sync_managers; /* at most ESC_MAX_CHANNELS */
+    uint8_t ram_kib;       /* process data RAM from 0x1000 */
+    uint8_t ports;         /* port descriptor: 2 bits a port, 2 = EBUS, 3 = MII */
+};
+
+/* Where the process data of a slave lie in its memory and in the images of the device side. */
+struct esc_process_data {
+    uint16_t output_address;
+    uint16_t output_size;
+    uint32_t output_offset;
+    uint16_t input_address;
+    uint16_t input_size;
+    uint32_t input_offset;
+};
+
+struct esc_counters {
+    uint64_t frames;    /* EtherCAT frames answered */
+    uint64_t malformed; /* frames whose lengths contradict each other */
+    uint64_t dropped;   /* frames lost on purpose, or because nothing is connected */
+};
+
+struct esc_segment;
+
+/* An empty segment, or NULL without memory. Slaves are added before `esc_start`. */
+ESC_API struct esc_segment *esc_create(void);
+/* Stops the segment and frees it. No other call may be under way. */
+ESC_API void esc_destroy(struct esc_segment *segment);
+
+/* Appends a slave and loads its SII image (copied) as at power-on. Returns its position. */
+ESC_API int esc_add_slave(struct esc_segment *segment, const struct esc_config *config,
+                          const uint8_t *sii, size_t sii_size);
+
+/* Serves the interface from a thread of its own, until `esc_stop`. */
+ESC_API int esc_start(struct esc_segment *segment, const char *interface);
+ESC_API int esc_stop(struct esc_segment *segment);
+
+/* Processes one frame in place, as the thread does. Returns 1 if it is answered, 0 if not. */
+ESC_API int esc_process(struct esc_segment *segment, uint8_t *frame, size_t size);
+
+/* Waits at most `timeout_ns` for events and moves up to `capacity` of them to `events`.
+ * Returns their number, 0 after the timeout, -EINTR when a signal came. */
+ESC_API int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *events,
+                     int capacity);
+
+/* PDI access to the memory of a slave: no sync manager stands in its way. */
+ESC_API int esc_read(struct esc_segment *segment, int position, uint16_t address, uint8_t *data,
+                     size_t size);
+ESC_API int esc_write(struct esc_segment *segment, int position, uint16_t address,
+                      const uint8_t *data, size_t size);
+
+/* Sets AL status (0x0130) and AL status code (0x0134). */
+ESC_API int esc_set_al_status(struct esc_segment *segment, int position, uint16_t status,
+                              uint16_t code);
+
+/* Deactivates (SM control of the PDI, 0x0807 bit 0) or releases a sync manager. */
+ESC_API int esc_lock_sync_manager(struct esc_segment *segment, int position, int channel,
+                                  int locked);
+
+/* Takes the mail in SM0. Returns its size (that of the sync manager), 0 if there is none. */
+ESC_API int esc_mailbox_take(struct esc_segment *segment, int position, uint8_t *mail,
+                             size_t capacity);
+/* Puts a mail into SM1 and pads it with zeros. Returns 1, or 0 while the last one is unread.
+ * `again` overwrites an unread mail and acknowledges the master's repeat request. */
+ESC_API int esc_mailbox_put(struct esc_segment *segment, int position, const uint8_t *mail,
+                            size_t size, int again);
+
+/* Registers (or with NULL forgets) the process data of a slave. */
+ESC_API int esc_map(struct esc_segment *segment, int position,
+                    const struct esc_process_data *map);
+/* Arms ESC_OUTPUTS for the next complete output data. */
+ESC_API int esc_await_outputs(struct esc_segment *segment, int position);
+
+/* Copies the outputs of all mapped slaves to the image and runs the process data watchdogs to
+ * `now_ns` (CLOCK_MONOTONIC). Outputs are zero unless the slave is in OP and its watchdog runs. */
+ESC_API int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size,
+                            int64_t now_ns);
+/* Copies the image to the inputs of all mapped slaves. */
+ESC_API int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t size);
+
+/* Copies the SII image. Returns its size. */
+ESC_API int esc_sii(struct esc_segment *segment, int position, uint8_t *image, size_t capacity);
+
+/* Loses the next `count` frames. */
+ESC_API void esc_drop(struct esc_segment *segment, uint32_t count);
+ESC_API void esc_get_counters(struct esc_segment *segment, struct esc_counters *counters);
+
+#endif

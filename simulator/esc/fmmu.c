@@ -1,0 +1,160 @@
+/* Logical addressing: the FMMUs (registers 0x0600 upward) map logical bits to physical memory. */
+#include "slave.h"
+
+enum { TYPE_READ = 1, TYPE_WRITE = 2, ACTIVATE = 1 };
+
+/* The buffered sync manager that holds [from, to) alone, and no other channel touches it. */
+static struct sync_manager *only_buffer(struct slave *slave, uint32_t from, uint32_t to, bool write)
+{
+    struct sync_manager *found = NULL;
+    for (unsigned i = 0; i < slave->sync_managers; i++) {
+        struct sync_manager *sm = &slave->sm[i];
+        uint32_t end = (uint32_t)sm->start + sm->size;
+        if (sm->size == 0 || from >= end || to <= sm->start)
+            continue;
+        if (found != NULL || sm->mailbox || sm->locked || sm->write != write || from < sm->start ||
+            to > end)
+            return NULL;
+        found = sm;
+    }
+    return from >= REG_RAM ? found : NULL;
+}
+
+static void decode(struct slave *slave, const uint8_t *reg, struct fmmu *fmmu)
+{
+    uint32_t size = load16(reg + 4);
+    uint8_t type = reg[11];
+    fmmu->start = load32(reg);
+    fmmu->end = fmmu->start + size < fmmu->start ? UINT32_MAX : fmmu->start + size;
+    fmmu->first_bit = reg[6] & 7;
+    fmmu->last_bit = reg[7] & 7;
+    fmmu->address = load16(reg + 8);
+    fmmu->physical_bit = reg[10] & 7;
+    fmmu->read = (type & TYPE_READ) != 0;
+    fmmu->write = (type & TYPE_WRITE) != 0;
+    fmmu->aligned = fmmu->first_bit == 0 && fmmu->last_bit == 7 && fmmu->physical_bit == 0;
+    fmmu->slave = slave;
+    fmmu->fast = NULL;
+    if (fmmu->aligned && fmmu->read != fmmu->write && fmmu->address + size <= slave->ram_end)
+        fmmu->fast = only_buffer(slave, fmmu->address, fmmu->address + size, fmmu->write);
+}
+
+/* Collects the active channels of all slaves. */
+static void collect(struct esc_segment *segment)
+{
+    segment->active_count = 0;
+    for (unsigned i = 0; i < segment->count; i++) {
+        struct slave *slave = segment->slaves[i];
+        for (unsigned k = 0; k < slave->fmmus; k++) {
+            const uint8_t *reg = slave->memory + REG_FMMU + 16 * k;
+            if ((reg[12] & ACTIVATE) != 0 && load16(reg + 4) > 0)
+                decode(slave, reg, &segment->active[segment->active_count++]);
+        }
+    }
+    segment->fmmus_changed = false;
+}
+
+/* Logical bits [first, last] of the part that a datagram covers, counted from the first bit of the
+ * FMMU's window; the window starts at the first bit of its first byte. */
+struct span {
+    uint32_t first, last;
+    uint32_t physical;      /* physical bit (from address 0) that belongs to `first` */
+    uint32_t datagram_bit;  /* bit of the datagram's data that belongs to `first` */
+};
+
+static bool clip(const struct fmmu *fmmu, uint32_t from, uint32_t to, uint32_t address,
+                 struct span *span)
+{
+    uint32_t window_last = (fmmu->end - 1 - fmmu->start) * 8 + fmmu->last_bit;
+    span->first = (from - fmmu->start) * 8;
+    span->last = (to - 1 - fmmu->start) * 8 + 7;
+    if (span->first < fmmu->first_bit)
+        span->first = fmmu->first_bit;
+    if (span->last > window_last)
+        span->last = window_last;
+    if (span->first > span->last)
+        return false;
+    span->physical = fmmu->address * 8U + fmmu->physical_bit + span->first - fmmu->first_bit;
+    span->datagram_bit = span->first - (address - fmmu->start) * 8;
+    return true;
+}
+
+static void copy_bit(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t from_bit)
+{
+    uint8_t mask = (uint8_t)(1U << (to_bit & 7));
+    if (from[from_bit >> 3] & 1U << (from_bit & 7))
+        to[to_bit >> 3] |= mask;
+    else
+        to[to_bit >> 3] &= (uint8_t)~mask;
+}
+
+/* Any alignment, any memory. Signed because the datagram may begin inside the window. */
+static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_t *data, bool write)
+{
+    struct slave *slave = fmmu->slave;
+    uint32_t from = span->physical / 8;
+    uint32_t bits = span->last - span->first + 1;
+    uint32_t to = (span->physical + bits + 7) / 8;
+    uint32_t shift = span->physical - from * 8;
+    if (to > slave->ram_end)
+        return false;
+    if (write) {
+        uint8_t merged[0x800 + 1];
+        memcpy(merged, slave->memory + from, to - from);
+        for (uint32_t i = 0; i < bits; i++)
+            copy_bit(merged, shift + i, data, span->datagram_bit + i);
+        return access_write(slave, (uint16_t)from, merged, to - from);
+    }
+    const uint8_t *memory = access_read(slave, (uint16_t)from, to - from);
+    for (uint32_t i = 0; memory != NULL && i < bits; i++)
+        copy_bit(data, span->datagram_bit + i, memory, shift + i);
+    return memory != NULL;
+}
+
+static bool access_channel(const struct fmmu *fmmu, uint32_t address, uint8_t *data, uint32_t end,
+                           bool write)
+{
+    uint32_t from = address > fmmu->start ? address : fmmu->start;
+    uint32_t to = end < fmmu->end ? end : fmmu->end;
+    if (fmmu->fast != NULL) {
+        struct slave *slave = fmmu->slave;
+        uint32_t physical = fmmu->address + (from - fmmu->start);
+        uint8_t *memory = slave->memory + physical;
+        if (!write) {
+            memcpy(data + (from - address), memory, to - from);
+            return true;
+        }
+        memcpy(memory, data + (from - address), to - from);
+        if (physical + (to - from) == (uint32_t)fmmu->fast->start + fmmu->fast->size)
+            sm_accessed(slave, physical, physical + (to - from), true);
+        return true;
+    }
+    struct span span;
+    return clip(fmmu, from, to, address, &span) && access_bits(fmmu, &span, data, write);
+}
+
+/* A slave first writes what the master sent, then puts what the master reads: the two windows of a
+ * slave may lie on the same logical bytes. Its working counter counts once for each direction. */
+unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *data, unsigned size,
+                     bool read, bool write)
+{
+    unsigned count = 0;
+    uint32_t end = address + size < address ? UINT32_MAX : address + size;
+    if (segment->fmmus_changed)
+        collect(segment);
+    const struct fmmu *fmmu = segment->active, *last = fmmu + segment->active_count;
+    while (fmmu < last) {
+        const struct slave *slave = fmmu->slave;
+        const struct fmmu *first = fmmu;
+        bool written = false, was_read = false;
+        for (; fmmu < last && fmmu->slave == slave; fmmu++)
+            if (write && fmmu->write && fmmu->start < end && address < fmmu->end)
+                written |= access_channel(fmmu, address, data, end, true);
+        if (read)
+            for (fmmu = first; fmmu < last && fmmu->slave == slave; fmmu++)
+                if (fmmu->read && fmmu->start < end && address < fmmu->end)
+                    was_read |= access_channel(fmmu, address, data, end, false);
+        count += (unsigned)was_read + (unsigned)written * (read ? 2U : 1U);
+    }
+    return count;
+}
