@@ -1,1 +1,11 @@
-"""The generator: bus description to Modelica library."""
+"""The generator: bus description to Modelica library.
+
+```
+bus description -> build (blocks, examples) -> ir -> render (templates) -> output
+```
+"""
+
+from .generate import generate
+from .output import Report
+
+__all__ = ["Report", "generate"]

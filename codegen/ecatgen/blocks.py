@@ -13,6 +13,12 @@ from .ir import Block, Connector, Kind, Skipped
 _MAX_BITS = 64  # of one entry in the shared memory
 _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
 
+EXAMPLE_COMPONENTS = frozenset(
+    "etherCATMaster enable startUp reference standstill target toInteger ratedTorque off zero "
+    "zeroReal w_ref w_m i_m".split()
+)
+"""Names that the example models use beside those of the blocks."""
+
 # Names that the blocks and their base class use, and so no connector can have.
 _RESERVED = (
     "domainID slaveData slaveName fingerprint generateCommand etherCATMaster domain "
@@ -30,10 +36,12 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
         {*names.FOREIGN_LIBRARIES, library, "UsersGuide", "Examples"}
         | {"fingerprint", "generateCommand"}
     )
-    return tuple(
-        _block(slave, namespace.take(names.class_name(slave.name, f"Slave{slave.product:08X}")))
-        for slave in slaves
-    )
+    instances = names.Namespace(EXAMPLE_COMPONENTS)
+    blocks = []
+    for slave in slaves:
+        name = namespace.take(names.class_name(slave.name, f"Slave{slave.product:08X}"))
+        blocks.append(_block(slave, name, instances.take(names.instance_name(name))))
+    return tuple(blocks)
 
 
 def kind_of(entry: Entry) -> Kind:
@@ -45,7 +53,7 @@ def kind_of(entry: Entry) -> Kind:
     return "Integer" if entry.bit_length <= 31 + is_signed(entry.data_type) else "Real"
 
 
-def _block(slave: Slave, name: str) -> Block:
+def _block(slave: Slave, name: str, instance: str) -> Block:
     skipped: list[Skipped] = []
     writes = list(_usable(slave, skipped, outputs=True))
     reads = list(_usable(slave, skipped, outputs=False))
@@ -60,7 +68,7 @@ def _block(slave: Slave, name: str) -> Block:
     label = slave.name or f"product 0x{slave.product:08X}"
     return Block(
         name=name,
-        instance=names.instance_name(name),
+        instance=instance,
         position=slave.position,
         description=f"{label}, slave {slave.position}",
         slave_name=slave.name,

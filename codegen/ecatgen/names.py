@@ -71,6 +71,8 @@ def library_name(name: str) -> str:
 def class_name(text: str, fallback: str) -> str:
     """A class name for a slave: its order number if the text begins with one, else all words.
 
+    The word EtherCAT is left out, since it says nothing in a library of EtherCAT slaves.
+
     Args:
         text: Name of the slave.
         fallback: Class name for texts without letters and digits.
@@ -78,7 +80,7 @@ def class_name(text: str, fallback: str) -> str:
     first = _words(text.split(maxsplit=1)[0]) if text.strip() else []
     if first and re.fullmatch(r"[A-Za-z]+[0-9]+[A-Za-z0-9]*", first[0]):
         return _bounded(_join(_capital(word) for word in first))
-    words = [_capital(word) for word in _even_case(_words(text))]
+    words = [_capital(w) for w in _even_case(_words(text)) if w.casefold() != "ethercat"]
     name = _bounded(_join(words))
     if not name:
         return fallback
@@ -96,7 +98,7 @@ def component_name(text: str, fallback: str = "") -> str:
 
 def instance_name(class_: str) -> str:
     """The usual component name for a class: `el3008_2` for `EL3008_2`."""
-    return class_.lower() if class_.upper() == class_ else class_[0].lower() + class_[1:]
+    return _small(class_)
 
 
 def connector_names(
@@ -163,7 +165,9 @@ def _even_case(words: list[str]) -> list[str]:
 
 
 def _small(word: str) -> str:
-    return word.lower() if word.upper() == word else word[0].lower() + word[1:]
+    """The word with its leading capitals made small, up to the one that begins the next word."""
+    acronym = re.match(r"[A-Z]+(?![a-z])|[A-Z]", word)
+    return word[: acronym.end()].lower() + word[acronym.end() :] if acronym else word
 
 
 def _capital(word: str) -> str:

@@ -8,11 +8,13 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import traceback
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 
 from ecatd.model.errors import EcatError, UsageError
 
@@ -34,7 +36,7 @@ def _version() -> str:
 class _Parser(argparse.ArgumentParser):
     """Reports wrong arguments as every other error, in one line."""
 
-    def error(self, message: str) -> None:  # type: ignore[override]
+    def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}; see `{self.prog} --help`")
 
 
@@ -70,8 +72,10 @@ class _Runner:
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
-        self._stop = False
+        self._signal = 0
         self._child: subprocess.Popen[bytes] | None = None
+        self._deadline = 0.0
+        self._user_namespace = False
 
     def run(self) -> int:
         """Simulates; returns the exit status."""
@@ -82,9 +86,11 @@ class _Runner:
             signal.signal(number, self._on_signal)
         interface = arguments.interface
         if interface is None:
-            namespace.enter_new()
+            self._user_namespace = namespace.enter_new()
             netlink.create_veth(SIMULATOR_END, MASTER_END)
             interface = SIMULATOR_END
+        else:
+            netlink.check_up(interface)
         if arguments.die_with_parent:
             namespace.die_with_parent(signal.SIGTERM)
             if os.getppid() != parent:
@@ -96,17 +102,36 @@ class _Runner:
             if arguments.child:
                 self._start_child()
             simulation.run(self._finished)
+            return self._status()
         finally:
+            if self._child and self._child.poll() is None:
+                self._child.kill()
+                self._child.wait()
             simulation.close()
-            status = self._end_child()
-        return status
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        del number, frame
-        self._stop = True
+        del frame
+        self._signal = number
+        self._deadline = time.monotonic() + _CHILD_GRACE
+        # Ctrl-C has reached the command already.
+        if self._child and number != signal.SIGINT:
+            self._child.terminate()
 
     def _finished(self) -> bool:
-        return self._stop or (self._child is not None and self._child.poll() is not None)
+        """Whether to stop: at once, or with a command when that has ended."""
+        if self._child is None:
+            return self._signal != 0
+        if self._child.poll() is not None:
+            return True
+        return self._signal != 0 and time.monotonic() > self._deadline
+
+    def _status(self) -> int:
+        if self._child is None:
+            return 0
+        if self._child.poll() is None:
+            self._child.kill()
+        status = self._child.wait()
+        return status if status >= 0 else 128 - status
 
     def _announce(self, what: rig.Rig) -> None:
         arguments = self._arguments
@@ -126,10 +151,8 @@ class _Runner:
         elif not arguments.child:
             print(f"rig {what.name}: {len(what.devices)} slaves on {interface}")
             if arguments.interface is None:
-                print(
-                    "run a master beside it with: "
-                    f"nsenter --preserve-credentials -U -n -t {os.getpid()} COMMAND"
-                )
+                user = "--preserve-credentials -U " if self._user_namespace else ""
+                print(f"run a master beside it with: nsenter {user}-n -t {os.getpid()} COMMAND")
             print("Ctrl-C ends it", flush=True)
 
     def _start_child(self) -> None:
@@ -137,24 +160,10 @@ class _Runner:
         try:
             self._child = subprocess.Popen(
                 command,
-                preexec_fn=lambda: namespace.die_with_parent(signal.SIGKILL),  # noqa: PLW1509
+                preexec_fn=lambda: namespace.die_with_parent(signal.SIGKILL),
             )
         except OSError as error:
             raise UsageError(f"cannot run '{command[0]}': {error.strerror}") from error
-
-    def _end_child(self) -> int:
-        """Ends the command if it still runs; returns what the exit status is to be."""
-        child = self._child
-        if child is None:
-            return 0
-        if child.poll() is None:
-            child.terminate()
-            try:
-                child.wait(_CHILD_GRACE)
-            except subprocess.TimeoutExpired:
-                child.kill()
-        status = child.wait()
-        return status if status >= 0 else 128 - status
 
 
 def _rigs() -> int:
@@ -189,7 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     except Exception:
         traceback.print_exc()
-        print("ecatsim: a defect of ecatsim; please report the lines above", file=sys.stderr)
+        print("ecatsim: defect; the lines above say where", file=sys.stderr)
         return EcatError.exit_code
 
 

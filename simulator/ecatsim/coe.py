@@ -171,6 +171,7 @@ class CoeServer:
             size = struct.unpack_from("<I", request, 4)[0]
             data = request[8 : 8 + size]
             self._check_writable(index, subindex, complete)
+            self._check_size(index, subindex, complete, size)
             if len(data) < size:
                 self._transfer = _Transfer(index, subindex, complete, False, data, size)
             else:
@@ -222,6 +223,15 @@ class CoeServer:
         # Bits 3 to 5 of the access rights stand for writing in PREOP, SAFEOP and OP.
         if not entry.access & {2: 0x08, 4: 0x10, 8: 0x20}.get(self._state() & 0x0F, 0):
             raise SdoAbortError(abort_codes.DEVICE_STATE)
+
+    def _check_size(self, index: int, subindex: int, complete: bool, size: int) -> None:
+        """Refuses a download that is too long before it begins."""
+        if complete:
+            room = self._layout(self._dictionary.object(index), subindex)[1]
+        else:
+            room = self._dictionary.entry(index, subindex).bits
+        if size > (room + 7) // 8:
+            raise SdoAbortError(abort_codes.LENGTH_TOO_HIGH)
 
     def _write(self, index: int, subindex: int, complete: bool, data: bytes) -> None:
         self._check_writable(index, subindex, complete)
@@ -289,14 +299,16 @@ class CoeServer:
         parts = [body[i : i + room] for i in range(0, len(body), room)]
         header = struct.pack("<H", Service.SDO_INFORMATION << 12)
         return [
-            header
-            + struct.pack("<BBH", opcode + 1 | (0x80 if left else 0), 0, left)
-            + part
+            header + struct.pack("<BBH", opcode + 1 | (0x80 if left else 0), 0, left) + part
             for left, part in zip(range(len(parts) - 1, -1, -1), parts, strict=True)
         ]
 
     def _object_list(self, kind: int) -> bytes:
-        """List 0: lengths of all lists; 1: all; 2: RxPDO mappable; 3: TxPDO mappable; 4, 5: none."""
+        """Indices of a list of objects.
+
+        List 0 has the lengths of all lists, 1 all objects, 2 and 3 those that RxPDOs and TxPDOs
+        may map, 4 and 5 those that are stored for an exchange of the device and for start-up.
+        """
         lists = [
             [item.index for item in self._dictionary],
             self._mappable(Access.RX_PDO),
@@ -324,7 +336,5 @@ class CoeServer:
     def _entry_description(self, index: int, subindex: int) -> bytes:
         """Description without the optional parts (unit, default, minimum, maximum)."""
         entry = self._dictionary.entry(index, subindex)
-        fixed = struct.pack(
-            "<HBBHHH", index, subindex, 0, entry.type, entry.bits, entry.access
-        )
+        fixed = struct.pack("<HBBHHH", index, subindex, 0, entry.type, entry.bits, entry.access)
         return fixed + entry.name.encode("latin-1", "replace")

@@ -230,9 +230,7 @@ class Segment:
         )
         if count == -errno.EINTR:
             return []
-        return [
-            (event.position, Event(event.bits)) for event in self._events[: _checked(count)]
-        ]
+        return [(event.position, Event(event.bits)) for event in self._events[: _checked(count)]]
 
     def read(self, position: int, address: int, size: int) -> bytes:
         """Reads memory of a slave as its device does."""
@@ -254,9 +252,7 @@ class Segment:
 
     def take_mail(self, position: int) -> bytes:
         """The mail that the master wrote; empty if there is none."""
-        size = _checked(
-            self._lib.esc_mailbox_take(self._handle, position, self._mail, _MAX_MAIL)
-        )
+        size = _checked(self._lib.esc_mailbox_take(self._handle, position, self._mail, _MAX_MAIL))
         return self._mail.raw[:size]
 
     def put_mail(self, position: int, mail: bytes, *, again: bool = False) -> bool:

@@ -33,18 +33,21 @@ def _call(function: str, *arguments: int) -> None:
         raise OSError(code, os.strerror(code))
 
 
-def enter_new() -> None:
+def enter_new() -> bool:
     """Moves this process, which must have one thread, into a new network namespace.
 
     With CAP_SYS_ADMIN that is all. Without it the process gets a user namespace as well, in
     which its user is root.
+
+    Returns:
+        Whether there is a user namespace as well.
 
     Raises:
         PermissionError_: The system forbids it; the message says what to do.
     """
     try:
         _call("unshare", _CLONE_NEWNET)
-        return
+        return False
     except OSError as error:
         if error.errno != errno.EPERM:
             raise EcatError(f"cannot make a network namespace: {error.strerror}") from error
@@ -63,6 +66,7 @@ def enter_new() -> None:
         ) from error
     # Otherwise the kernel hides our namespaces from other processes of the same user.
     _call("prctl", _PR_SET_DUMPABLE, 1, 0, 0, 0)
+    return True
 
 
 def join(pid: int) -> None:

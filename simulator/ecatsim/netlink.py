@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import fcntl
 import os
 import socket
 import struct
 from pathlib import Path
 
-from ecatd.model.errors import EcatError, PermissionError_, StateError
+from ecatd.model.errors import EcatError, PermissionError_, StateError, UnreachableError
 
 _RTM_NEWLINK = 16
 _NLM_F_REQUEST, _NLM_F_ACK, _NLM_F_EXCL, _NLM_F_CREATE = 0x01, 0x04, 0x200, 0x400
@@ -16,6 +19,7 @@ _IFLA_IFNAME, _IFLA_LINKINFO = 3, 18
 _IFLA_INFO_KIND, _IFLA_INFO_DATA = 1, 2
 _VETH_INFO_PEER = 1
 _IFF_UP, _IFF_NOARP = 0x01, 0x80
+_SIOCGIFFLAGS = 0x8913
 _NLMSG_HEADER = struct.Struct("=IHHII")
 _IFINFOMSG = struct.Struct("=BxHiII")
 _RECEIVE_SIZE = 65536
@@ -65,6 +69,8 @@ def create_veth(name: str, peer: str) -> None:
     except FileExistsError as error:
         raise StateError(f"a network interface '{name}' or '{peer}' exists already") from error
     except OSError as error:
+        if error.errno == errno.EOPNOTSUPP:
+            raise StateError("this kernel has no virtual Ethernet (CONFIG_VETH)") from error
         raise EcatError(f"cannot make a veth pair: {error.strerror}") from error
 
 
@@ -74,8 +80,25 @@ def set_up(name: str) -> None:
     _request(0, _IFINFOMSG.pack(socket.AF_UNSPEC, 0, index, _IFF_UP, _IFF_UP))
 
 
+def check_up(name: str) -> None:
+    """Checks that an interface can carry frames.
+
+    Raises:
+        UnreachableError: There is no such interface.
+        StateError: It is down.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        try:
+            request = struct.pack("16sh14x", name.encode()[:15], 0)
+            reply = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, request)
+        except OSError as error:
+            raise UnreachableError(f"there is no network interface '{name}'") from error
+    if not struct.unpack_from("=16xH", reply)[0] & _IFF_UP:
+        raise StateError(f"network interface '{name}' is down: `ip link set {name} up`")
+
+
 def _disable_ipv6(name: str) -> None:
     """Keeps the kernel from sending router solicitations and the like on new interfaces."""
-    switch = Path(f"/proc/sys/net/ipv6/conf/{name}/disable_ipv6")
-    if switch.exists():
-        switch.write_text("1")
+    # Where this is impossible a few stray frames do no harm.
+    with contextlib.suppress(OSError):
+        Path(f"/proc/sys/net/ipv6/conf/{name}/disable_ipv6").write_text("1")

@@ -12,9 +12,13 @@ from types import ModuleType
 from ecatd.model.errors import ConfigError, UsageError
 
 from .device import Device
+from .objects import Variable
 
 Plant = Callable[[float], None]
 """Called before each step of the devices, with CLOCK_MONOTONIC in seconds."""
+
+Terminal = tuple[Device, int, int]
+"""A device and the index and subindex of one of its PDO entries."""
 
 
 @dataclass(slots=True)
@@ -46,22 +50,29 @@ class Rig:
     plants: list[Plant] = field(default_factory=list)
     trace: Trace | None = None
 
-    def wire(
-        self,
-        source: tuple[Device, int, int],
-        target: tuple[Device, int, int],
-    ) -> None:
-        """Connects an output with an input; each is (device, index, subindex) of a PDO entry."""
-        from_device, *from_key = source
-        to_device, *to_key = target
-        output = from_device.dictionary[from_key[0], from_key[1]]
-        entry = to_device.dictionary[to_key[0], to_key[1]]
+    def wire(self, source: Terminal, target: Terminal) -> None:
+        """Connects an output with an input."""
+        output, entry = _entry(source), _entry(target)
 
         def carry(now: float) -> None:
             del now
             entry.value = output.value
 
         self.plants.append(carry)
+
+    def drive(self, target: Terminal, signal: Callable[[float], int]) -> None:
+        """Connects a signal source with an input."""
+        entry = _entry(target)
+
+        def carry(now: float) -> None:
+            entry.value = signal(now)
+
+        self.plants.append(carry)
+
+
+def _entry(terminal: Terminal) -> Variable:
+    device, index, subindex = terminal
+    return device.dictionary[index, subindex]
 
 
 def _troll(argument: str) -> Rig:

@@ -269,4 +269,3 @@ def build(info: Description) -> bytes:
     if size > 0x20000:
         raise UsageError(f"the SII image of {info.order or 'a device'} would exceed 128 KiB")
     return (_header(info, size) + body).ljust(size, b"\xff")
-

@@ -9,7 +9,7 @@ from typing import IO
 
 from ecatd.model.errors import UsageError
 
-from .core import Event, Segment
+from .core import Segment
 from .rig import Rig
 
 _PERIOD = 0.001
@@ -64,16 +64,13 @@ class Simulation:
         while not stop():
             now = time.monotonic()
             for position, event in self.segment.wait(max(0.0, due - now)):
-                self._handle(position, event)
+                self.rig.devices[position].handle(event, now)
             now = time.monotonic()
             if now >= due:
                 self.step()
                 due += _PERIOD
                 if now - due > _MAX_LAG:
                     due = now
-
-    def _handle(self, position: int, event: Event) -> None:
-        self.rig.devices[position].handle(event, time.monotonic())
 
     def step(self) -> None:
         """One step of plants and devices."""

@@ -25,7 +25,7 @@ class AlCode(IntEnum):
     INPUTS = 0x001E
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """A check of a state change failed.
 
     Attributes:
@@ -35,10 +35,6 @@ class Refused(Exception):
     def __init__(self, code: int) -> None:
         super().__init__(f"AL status code 0x{code:04X}")
         self.code = code
-
-
-class Pending(Exception):
-    """A state change waits for something; the device finishes or refuses it later."""
 
 
 _STEPS_UP = {
@@ -52,15 +48,15 @@ class StateMachine:
     """Decides on AL control requests and keeps AL status.
 
     Args:
-        enter: Checks and carries out a change, called with the old and the new state. It raises
-            `Refused` or `Pending` instead of changing anything; a change to a lower state is
-            never refused.
+        enter: Checks and carries out a change, called with the old and the new state. It returns
+            whether the change is complete; if not, `finish` or `refuse` follows. It raises
+            `RefusedError` before changing anything; a change to a lower state is never refused.
         publish: Called with the new AL status and AL status code.
     """
 
     def __init__(
         self,
-        enter: Callable[[AlState, AlState], None],
+        enter: Callable[[AlState, AlState], bool],
         publish: Callable[[int, int], None],
     ) -> None:
         self._enter = enter
@@ -83,9 +79,10 @@ class StateMachine:
         if target is None:
             self._refuse(AlCode.UNKNOWN_STATE)
         elif target == AlState.BOOT:
-            self._refuse(AlCode.NO_BOOTSTRAP if self.state == AlState.INIT else _INVALID)
+            in_init = self.state == AlState.INIT
+            self._refuse(AlCode.NO_BOOTSTRAP if in_init else AlCode.INVALID_CHANGE)
         elif target > self.state and (self.state, target) not in _STEPS_UP:
-            self._refuse(_INVALID)
+            self._refuse(AlCode.INVALID_CHANGE)
         else:
             self._change(target)
 
@@ -111,19 +108,16 @@ class StateMachine:
 
     def _change(self, target: AlState) -> None:
         try:
-            if target != self.state:
-                self._enter(self.state, target)
-        except Refused as refusal:
+            complete = target == self.state or self._enter(self.state, target)
+        except RefusedError as refusal:
             self._refuse(refusal.code)
-        except Pending:
-            self.pending = target
-        else:
+            return
+        if complete:
             self.state = target
             self._publish(target, AlCode.NONE)
+        else:
+            self.pending = target
 
     def _refuse(self, code: int) -> None:
         self.error = True
         self._publish(self.state | AL_ERROR_FLAG, code)
-
-
-_INVALID = AlCode.INVALID_CHANGE

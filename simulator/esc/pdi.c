@@ -188,9 +188,8 @@ int esc_mailbox_put(struct esc_segment *segment, int position, const uint8_t *ma
         return -ENODEV;
     struct sync_manager *sm = &slave->sm[1];
     int result = 0;
-    if (sm->size == 0 || !sm->mailbox || sm->write || size > sm->size) {
-        result = -EINVAL;
-    } else if (!sm->full || again) {
+    bool usable = sm->mailbox && !sm->write && size <= sm->size && sm->size > 0;
+    if (usable && (!sm->full || again)) {
         uint8_t *reg = slave->memory + REG_SM + 8;
         memcpy(slave->memory + sm->start, mail, size);
         memset(slave->memory + sm->start + size, 0, sm->size - size);
@@ -257,56 +256,44 @@ static void run_watchdog(struct slave *slave, int64_t now_ns)
     }
 }
 
-static bool watchdog_enabled(const struct slave *slave)
-{
-    for (unsigned i = 0; i < slave->sync_managers; i++)
-        if (slave->sm[i].size > 0 && slave->sm[i].write && slave->sm[i].watchdog)
-            return true;
-    return false;
-}
-
+/* Process data are copied slave by slave, so that no frame waits for more than one of them. */
 int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size, int64_t now_ns)
 {
+    struct slave *slave;
     int result = 0;
-    pthread_mutex_lock(&segment->lock);
-    for (unsigned i = 0; i < segment->count; i++) {
-        struct slave *slave = segment->slaves[i];
+    for (int position = 0; (slave = enter(segment, position)) != NULL; position++) {
         const struct esc_process_data *map = &slave->map;
-        if (!slave->mapped || map->output_size == 0)
-            continue;
-        if (watchdog_enabled(slave))
-            run_watchdog(slave, now_ns);
-        if ((size_t)map->output_offset + map->output_size > size) {
-            result = -EINVAL;
-            break;
+        if (slave->mapped && map->output_size > 0) {
+            if (slave->watchdog)
+                run_watchdog(slave, now_ns);
+            if ((size_t)map->output_offset + map->output_size > size)
+                result = -EINVAL;
+            else if (slave->memory[REG_AL_STATUS] == AL_OP && !slave->expired)
+                memcpy(image + map->output_offset, slave->memory + map->output_address,
+                       map->output_size);
+            else
+                memset(image + map->output_offset, 0, map->output_size);
         }
-        bool valid = slave->memory[REG_AL_STATUS] == AL_OP && !slave->expired;
-        if (valid)
-            memcpy(image + map->output_offset, slave->memory + map->output_address,
-                   map->output_size);
-        else
-            memset(image + map->output_offset, 0, map->output_size);
+        leave(segment);
     }
-    leave(segment);
     return result;
 }
 
 int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t size)
 {
+    struct slave *slave;
     int result = 0;
-    pthread_mutex_lock(&segment->lock);
-    for (unsigned i = 0; i < segment->count; i++) {
-        struct slave *slave = segment->slaves[i];
+    for (int position = 0; (slave = enter(segment, position)) != NULL; position++) {
         const struct esc_process_data *map = &slave->map;
-        if (!slave->mapped || map->input_size == 0)
-            continue;
-        if ((size_t)map->input_offset + map->input_size > size) {
-            result = -EINVAL;
-            break;
+        if (slave->mapped && map->input_size > 0) {
+            if ((size_t)map->input_offset + map->input_size > size)
+                result = -EINVAL;
+            else
+                memcpy(slave->memory + map->input_address, image + map->input_offset,
+                       map->input_size);
         }
-        memcpy(slave->memory + map->input_address, image + map->input_offset, map->input_size);
+        leave(segment);
     }
-    leave(segment);
     return result;
 }
 

@@ -81,6 +81,7 @@ struct slave {
     unsigned sync_managers, fmmus;
     struct sync_manager sm[ESC_MAX_CHANNELS];
     bool awaits_outputs;
+    bool watchdog;       /* a sync manager has the process data watchdog */
     bool fed;            /* process data watchdog: output data since the last look */
     bool expired;        /* process data watchdog */
     int64_t deadline_ns; /* process data watchdog; 0 = not started */

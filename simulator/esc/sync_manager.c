@@ -46,6 +46,9 @@ void sm_decode(struct slave *slave, unsigned channel)
         sm->open = false;
         reg[OFFSET_STATUS] = sm->mailbox ? 0 : STATUS_LAST_BUFFER;
     }
+    slave->watchdog = false;
+    for (unsigned i = 0; i < slave->sync_managers; i++)
+        slave->watchdog |= slave->sm[i].size > 0 && slave->sm[i].write && slave->sm[i].watchdog;
     slave->segment->fmmus_changed = true;
 }
 

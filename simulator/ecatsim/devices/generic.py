@@ -12,9 +12,7 @@ _BYTES = 32
 
 
 def _bytes(index: int, word: str) -> list[Entry]:
-    return [
-        Entry(index, i, f"{word} {i}", DataType.UNSIGNED8, 8) for i in range(1, _BYTES + 1)
-    ]
+    return [Entry(index, i, f"{word} {i}", DataType.UNSIGNED8, 8) for i in range(1, _BYTES + 1)]
 
 
 class Loopback(Device):

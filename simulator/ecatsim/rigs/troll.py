@@ -37,12 +37,7 @@ def rig() -> Rig:
     for channel in range(_WIRED):
         result.wire((outputs, 0x7000 + 16 * channel, 1), (inputs, 0x6000 + 16 * channel, 1))
     for channel, frequency in _BLINK_HZ.items():
-        entry, blink = inputs.dictionary[0x6000 + 16 * channel, 1], square(frequency)
-
-        def show(now: float, entry=entry, blink=blink) -> None:
-            entry.value = blink(now)
-
-        result.plants.append(show)
+        result.drive((inputs, 0x6000 + 16 * channel, 1), square(frequency))
     result.trace = Trace(
         ("reference_counts_per_s", "velocity_counts_per_s", "position_counts", "current_A"),
         lambda: (

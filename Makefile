@@ -1,0 +1,57 @@
+# The two commands of the README: `make demo` and `make test`. Everything is installed into .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator client_c -type f \
+             -not -path '*/__pycache__/*' -not -path '*/_native/*' -not -path '*/_client/*')
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check
+
+.PHONY: help demo test check bench clean
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
+	@echo "make test    run all tests"
+	@echo "make check   lint, types, formatting"
+	@echo "make bench   measure"
+	@echo "make clean   remove what the other commands made"
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "Python 3.11 or newer is needed; say which with: make PYTHON=python3.12 ..."; exit 1; }
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
+	  echo "Python cannot make virtual environments here; on Debian: apt install python3-venv"; exit 1; }
+
+# An environment per purpose would be cleaner and slow; extras are added as they are needed.
+$(VENV)/.demo: $(BIN)/python $(SOURCES)
+	@echo "Installing into $(VENV) ..."
+	@$(PIP) --upgrade ".[demo]" && $(PIP) --force-reinstall --no-deps .
+	@touch $@
+
+$(VENV)/.test: $(BIN)/python $(SOURCES)
+	@echo "Installing into $(VENV) ..."
+	@$(PIP) --upgrade ".[demo,test,check]" && $(PIP) --force-reinstall --no-deps .
+	@touch $@ $(VENV)/.demo
+
+demo: $(VENV)/.demo
+	@$(BIN)/python examples/figure9/demo.py --out demo
+
+# Most people start as an ordinary user, so a part of the tests is run as one, too: in a user
+# namespace in which this process is user 1000 and has no rights beyond it.
+test: $(VENV)/.test
+	$(BIN)/python -m pytest
+	@if [ "$$(id -u)" = 0 ]; then \
+	  echo "The same as an ordinary user:"; \
+	  unshare --user --map-user=1000 --map-group=1000 \
+	    $(BIN)/python -m pytest -p no:cacheprovider -m unprivileged; fi
+
+check: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.test
+	$(BIN)/python benchmarks/run.py
+
+clean:
+	rm -rf $(VENV) build demo .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,33 @@
+"""From the bus description to the library: the one place where all parts come together."""
+
+from __future__ import annotations
+
+from ecatd.model.bus import Bus
+
+from . import names
+from .blocks import build_blocks
+from .examples import build_examples
+from .ir import Library
+
+STATIC_VERSION = "0.1.0"
+"""Version of the library EtherCAT."""
+
+
+def build_library(bus: Bus, name: str) -> Library:
+    """The generated library for a bus.
+
+    Raises:
+        UsageError: The name cannot be that of a Modelica library.
+    """
+    name = names.library_name(name)
+    blocks = build_blocks(bus.slaves, name)
+    return Library(
+        name=name,
+        description=f"Slaves of the EtherCAT bus {bus.name}",
+        bus=bus.name,
+        fingerprint=f"{bus.fingerprint:016x}",
+        command=f"ecatctl generate {name} DIR",
+        version=STATIC_VERSION,
+        blocks=blocks,
+        examples=build_examples(bus, name, blocks),
+    )

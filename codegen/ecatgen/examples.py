@@ -1,0 +1,214 @@
+"""The example models of a generated library."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ecatd.model.bus import Bus
+
+from . import layout
+from .diagram import Diagram
+from .ir import Block, Connector, Example, Kind, Point
+from .text import modelica_string
+
+CONTROL_WORD, MODE, TARGET_VELOCITY = 0x6040, 0x6060, 0x60FF
+MAX_TORQUE = 0x6072
+STATUS_WORD, VELOCITY, TORQUE, CURRENT = 0x6041, 0x606C, 0x6077, 0x6078
+
+# The movement of the example, in increments of the encoder: 70 revolutions with at most 10 in a
+# second, for an encoder of 16 bits.
+DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 4_587_520, 655_360, 655_360, 1
+
+
+def build_examples(bus: Bus, library: str, blocks: Sequence[Block]) -> tuple[Example, ...]:
+    """The example models that make sense for the bus."""
+    examples = [_all_slaves(bus, library, blocks)]
+    drive = next(filter(is_velocity_drive, blocks), None)
+    if drive is not None:
+        examples.append(_point_to_point(bus, library, drive, blocks))
+    return tuple(examples)
+
+
+def is_velocity_drive(block: Block) -> bool:
+    """Whether the process data are enough to run a CiA 402 drive in a velocity mode."""
+    return all(_find(block.writes, index) for index in (CONTROL_WORD, TARGET_VELOCITY)) and all(
+        _find(block.reads, index) for index in (STATUS_WORD, VELOCITY)
+    )
+
+
+def _find(connectors: Sequence[Connector], index: int) -> Connector | None:
+    return next((c for c in connectors if (c.index, c.subindex) == (index, 0)), None)
+
+
+def _master(diagram: Diagram, bus: Bus, centre: Point) -> None:
+    diagram.add(
+        "EtherCAT.EtherCATMaster",
+        "etherCATMaster",
+        centre,
+        "Connection to the bus, which paces the model",
+        f"bus = {modelica_string(bus.name)}",
+        f"sampleTime = {{{bus.cycle_time_us / 1e6!r}}}",
+        "waitForBus = true",
+        prefix="inner ",
+    )
+
+
+class _Constants:
+    """Sources for outputs that an example leaves at zero; only those that are needed."""
+
+    _CLASSES: dict[Kind, tuple[str, str, str]] = {
+        "Boolean": ("Modelica.Blocks.Sources.BooleanConstant", "off", "k = false"),
+        "Integer": ("Modelica.Blocks.Sources.IntegerConstant", "zero", "k = 0"),
+        "Real": ("Modelica.Blocks.Sources.Constant", "zeroReal", "k = 0"),
+    }
+
+    def __init__(self, diagram: Diagram, x: int, y: int) -> None:
+        self._diagram, self._x, self._y = diagram, x, y
+        self._names: dict[Kind, str] = {}
+
+    def feed(self, target: str, kind: Kind) -> None:
+        """Connects a constant to an input."""
+        class_name, name, modifier = self._CLASSES[kind]
+        if kind not in self._names:
+            centre = Point(self._x, self._y - 40 * len(self._names))
+            self._names[kind] = self._diagram.add(
+                class_name, name, centre, "Value of outputs that are not used", modifier
+            )
+        self._diagram.connect(f"{name}.y", target, kind)
+
+
+def _column(diagram: Diagram, library: str, blocks: Sequence[Block], x: int, top: int) -> None:
+    """Places blocks one below the other."""
+    for block in blocks:
+        half = layout.block_size(len(block.writes), len(block.reads)).half // 10
+        diagram.add_block(library, block, Point(x, top - half))
+        top -= 2 * half + 20
+
+
+def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
+    diagram = Diagram()
+    _master(diagram, bus, Point(-80, 80))
+    _column(diagram, library, blocks, 40, 90)
+    constants = _Constants(diagram, -80, 20)
+    for block in blocks:
+        for connector in block.writes:
+            constants.feed(f"{block.instance}.{connector.name}", connector.kind)
+    return Example(
+        name="AllSlaves",
+        description="Read every input of the bus while all outputs are zero",
+        paragraphs=(
+            "Simulate the model while ecatd serves the bus, and plot the outputs of the blocks. All "
+            "outputs of the bus are owned by the model and kept at zero.",
+        ),
+        components=tuple(diagram.components),
+        connections=tuple(diagram.connections),
+        variables=(),
+        diagram=diagram.box,
+        stop_time="10",
+        interval="0.001",
+    )
+
+
+def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block]) -> Example:
+    diagram = Diagram()
+    _master(diagram, bus, Point(-110, 90))
+    name = diagram.add_block(library, drive, Point(70, 0))
+    diagram.add(
+        "Modelica.Blocks.Sources.BooleanConstant",
+        "enable",
+        Point(-110, 46),
+        "The drive shall be in operation",
+        "k = true",
+    )
+    diagram.add(
+        "EtherCAT.Drives.StartUp",
+        "startUp",
+        Point(-50, 40),
+        "Sets the mode of the drive and enables it",
+        f"position = {drive.position}",
+        "mode = EtherCAT.Types.DriveMode.CyclicVelocity",
+        "resetFault = true",
+    )
+    diagram.add(
+        "EtherCAT.Sources.PointToPoint",
+        "reference",
+        Point(-110, -12),
+        "Reference speed in increments per second",
+        f"distance = {DISTANCE}",
+        f"maxSpeed = {MAX_SPEED}",
+        f"maxAcceleration = {MAX_ACCELERATION}",
+        f"startTime = {START}",
+    )
+    diagram.add(
+        "Modelica.Blocks.Sources.Constant",
+        "standstill",
+        Point(-110, -50),
+        "Speed while the drive is not in operation",
+        "k = 0",
+    )
+    diagram.add(
+        "Modelica.Blocks.Logical.Switch", "target", Point(-50, -20), "Reference once enabled"
+    )
+    diagram.add(
+        "EtherCAT.Conversions.RealToInteger",
+        "toInteger",
+        Point(-14, -20),
+        "Value for the process data",
+    )
+    diagram.connect("enable.y", "startUp.enable", "Boolean")
+    diagram.connect("reference.y", "target.u1", "Real")
+    diagram.connect("startUp.enabled", "target.u2", "Boolean", x=-30)
+    diagram.connect("standstill.y", "target.u3", "Real")
+    diagram.connect("target.y", "toInteger.u", "Real")
+    sources = {
+        CONTROL_WORD: ("startUp.controlWord", 20),
+        MODE: ("startUp.modeOfOperation", 16),
+        TARGET_VELOCITY: ("toInteger.y", 10),
+        MAX_TORQUE: ("ratedTorque.y", 24),
+    }
+    if _find(drive.writes, MAX_TORQUE):
+        diagram.add(
+            "Modelica.Blocks.Sources.IntegerConstant",
+            "ratedTorque",
+            Point(-14, 80),
+            "Largest torque in 1/1000 of the rated one",
+            "k = 1000",
+        )
+    constants = _Constants(diagram, -14, -60)
+    for connector in drive.writes:
+        target = f"{name}.{connector.name}"
+        if connector.subindex == 0 and connector.index in sources and connector.kind == "Integer":
+            source, x = sources[connector.index]
+            diagram.connect(source, target, "Integer", x)
+        else:
+            constants.feed(target, connector.kind)
+    status, velocity = _find(drive.reads, STATUS_WORD), _find(drive.reads, VELOCITY)
+    current = _find(drive.reads, CURRENT) or _find(drive.reads, TORQUE)
+    assert status is not None and velocity is not None  # is_velocity_drive() has found them
+    diagram.connect_around(f"{name}.{status.name}", "startUp.statusWord", "Integer", y=66)
+    _column(diagram, library, [b for b in blocks if b.reads and not b.writes], 150, 90)
+    diagram.result("w_ref", "Reference speed in increments/s", "target.y")
+    diagram.result("w_m", "Measured speed in increments/s", f"{name}.{velocity.name}")
+    if current is not None:
+        what = "current" if current.index == CURRENT else "torque"
+        diagram.result(
+            "i_m", f"Measured {what} in 1/1000 of the rated one", f"{name}.{current.name}"
+        )
+    return Example(
+        name="PointToPointMovement",
+        description=f"Move the drive {drive.slave_label} over a distance and back to rest",
+        paragraphs=(
+            "A point-to-point reference gives the speed of the drive, as in Figures 8 and 9 of the "
+            "paper on the DLR EtherCAT library. The start-up state machine sets the mode of "
+            "operation (cyclic synchronous velocity) by SDO and enables the drive first.",
+            "Plot w_ref, w_m and i_m. Speeds are in increments of the encoder per second: set "
+            "distance, maxSpeed and maxAcceleration of the component reference to what suits your "
+            "motor before you simulate with real hardware.",
+        ),
+        components=tuple(diagram.components),
+        connections=tuple(diagram.connections),
+        variables=tuple(diagram.variables),
+        diagram=diagram.box,
+        stop_time="10",
+        interval="0.001",
+    )

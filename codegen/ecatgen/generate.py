@@ -1,0 +1,36 @@
+"""The generator as one function."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ecatd.model.bus import Bus
+
+from . import static_library
+from .build import build_library
+from .output import Report, install
+from .render import render
+
+
+def generate(bus: Bus, name: str, out: Path) -> Report:
+    """Writes the Modelica library for a bus, and a copy of the library EtherCAT beside it.
+
+    The same bus and name give the same bytes. An earlier result in `out` is replaced.
+
+    Args:
+        bus: Description of the bus.
+        name: Name of the library, a Modelica identifier.
+        out: Directory that the folders `name` and `EtherCAT` are written to.
+
+    Raises:
+        UsageError: The name cannot be that of a Modelica library.
+        StateError: The folders hold files that were not generated, or changed since.
+        PermissionError_: The directory cannot be written.
+        EcatError: The C client is not installed.
+    """
+    library = build_library(bus, name)
+    packages = {
+        static_library.NAME: static_library.static_files(),
+        library.name: render(library),
+    }
+    return install(out, packages, library.name)

@@ -1,0 +1,55 @@
+"""The files of the static library EtherCAT: its Modelica part and the C client for this platform."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+from ecatd.model.errors import EcatError
+
+NAME = "EtherCAT"
+
+# Folders that Modelica tools search: the standard names, and what OpenModelica derives on ARM.
+_PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux"}
+
+
+def static_files() -> dict[str, bytes]:
+    """The files of the library, by their path in it.
+
+    Raises:
+        EcatError: The C client is not installed, or there is none for this platform.
+    """
+    files = dict(_tree(_folder("modelica", "the static library") / NAME, ""))
+    client = _folder("_client", "the C client for generated libraries")
+    files |= _tree(client / "include", "Resources/Include/")
+    files |= _tree(client / "src", "Resources/Source/")
+    archive = client / "lib" / "libecat.a"
+    files[f"Resources/Library/{_platform()}/libecat.a"] = archive.read_bytes()
+    return files
+
+
+def _platform() -> str:
+    machine = platform.machine()
+    if machine not in _PLATFORMS:
+        raise EcatError(
+            f"no Modelica library can be generated on a {machine} machine: "
+            f"{' and '.join(_PLATFORMS)} are supported"
+        )
+    return _PLATFORMS[machine]
+
+
+def _folder(name: str, what: str) -> Path:
+    # A development install keeps Python files and built files in two folders of the package.
+    for folder in import_module("ecatgen").__path__:
+        path = Path(folder) / name
+        if path.is_dir():
+            return path
+    raise EcatError(f"{what} is not built: install the package (`pip install .`, or `make`)")
+
+
+def _tree(folder: Path, prefix: str) -> Iterator[tuple[str, bytes]]:
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            yield prefix + path.relative_to(folder).as_posix(), path.read_bytes()

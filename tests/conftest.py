@@ -1,0 +1,193 @@
+"""Fixtures: a real daemon on a real simulated segment, and the command line that talks to it."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ecatd.client import Client
+
+SHM = Path("/dev/shm")
+
+
+class Daemon:
+    """An `ecatd` that the test started.
+
+    Attributes:
+        bus: Its name, unique to the test.
+        env: Environment with which its clients find it.
+    """
+
+    def __init__(self, folder: Path, rig: str, *options: str, config: str | None = None) -> None:
+        self.bus = f"t{uuid.uuid4().hex[:10]}"
+        self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": self.bus}
+        file = folder / "ecat.toml"
+        file.write_text(config if config is not None else "[gateway]\nlisten = []\n")
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        address = str(folder / "notify")
+        Path(address).unlink(missing_ok=True)
+        self._socket.bind(address)
+        self._log = folder / "ecatd.log"
+        with self._log.open("w") as log:
+            self.process = subprocess.Popen(
+                [
+                    sys.executable,
+                    "-m",
+                    "ecatd.service",
+                    *(("--simulate", rig) if rig else ()),
+                    *("--bus", self.bus),
+                    *("--config", str(file)),
+                    *options,
+                ],
+                env={**self.env, "NOTIFY_SOCKET": address},
+                stderr=log,
+            )
+
+    @property
+    def log(self) -> str:
+        """What it has written to stderr."""
+        return self._log.read_text()
+
+    def wait_ready(self) -> "Daemon":
+        """Waits until it says READY=1, as systemd does."""
+        self._socket.settimeout(0.2)
+        while True:
+            try:
+                if b"READY=1" in self._socket.recv(4096):
+                    return self
+            except TimeoutError:
+                assert self.process.poll() is None, f"ecatd has ended:\n{self.log}"
+
+    def wait_end(self) -> tuple[int, str]:
+        """Waits until it ends by itself; exit status and log."""
+        status = self.process.wait(30)
+        return status, self.log
+
+    def stop(self) -> int:
+        """Ends it as systemd does; returns the exit status."""
+        self.process.terminate()
+        return self.process.wait(30)
+
+    def kill_all(self) -> None:
+        """Kills every process of it at once, as a power cut would."""
+        children = _children(self.process.pid)
+        for pid in (*children, self.process.pid):
+            with_suppress_kill(pid, signal.SIGKILL)
+        self.process.wait(10)
+
+    def server_pid(self) -> int:
+        """The bus server."""
+        for pid in _children(self.process.pid):
+            if "ecatd.bus" in Path(f"/proc/{pid}/cmdline").read_text():
+                return pid
+        raise AssertionError("there is no bus server")
+
+    def gateway_pid(self) -> int:
+        """The gateway."""
+        for pid in _children(self.process.pid):
+            if "ecatd.gateway" in Path(f"/proc/{pid}/cmdline").read_text():
+                return pid
+        raise AssertionError("there is no gateway")
+
+    def ctl(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess[str]:
+        """Runs `ecatctl`."""
+        result = run_module("ecatd.cli", *arguments, env=self.env)
+        if check:
+            assert result.returncode == 0, result.stderr
+        return result
+
+    def ctl_json(self, *arguments: str) -> dict[str, Any]:
+        """Runs `ecatctl … --json` and returns the document."""
+        document = json.loads(self.ctl(*arguments, "--json").stdout)
+        assert document["schema"] == 1
+        return document
+
+    def client(self) -> Client:
+        """A connection to its shared memory."""
+        return Client(self.bus)
+
+    def close(self) -> None:
+        """Ends it if it still runs, and checks that nothing is left."""
+        if self.process.poll() is None:
+            self.stop()
+        self._socket.close()
+
+
+def with_suppress_kill(pid: int, number: int) -> None:
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:
+        pass
+
+
+def _children(pid: int) -> list[int]:
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        found += [int(child) for child in (task / "children").read_text().split()]
+    return found
+
+
+def run_module(
+    module: str, *arguments: str, env: dict[str, str] | None = None, timeout: float = 60
+) -> subprocess.CompletedProcess[str]:
+    """Runs one of our commands to its end."""
+    return subprocess.run(
+        [sys.executable, "-m", module, *arguments],
+        env=env,
+        text=True,
+        capture_output=True,
+        timeout=timeout,
+        check=False,
+    )
+
+
+@pytest.fixture
+def start_daemon(tmp_path: Path) -> Iterator[Callable[..., Daemon]]:
+    """Starts daemons, which are ended after the test; `start_daemon("troll")`."""
+    daemons: list[Daemon] = []
+
+    def start(rig: str, *options: str, ready: bool = True, config: str | None = None) -> Daemon:
+        folder = tmp_path / f"d{len(daemons)}"
+        folder.mkdir()
+        daemon = Daemon(folder, rig, *options, config=config)
+        daemons.append(daemon)
+        return daemon.wait_ready() if ready else daemon
+
+    yield start
+    for daemon in daemons:
+        daemon.close()
+
+
+@pytest.fixture(scope="module")
+def troll(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    """A daemon on the rig `troll`, for tests that leave it as they found it."""
+    daemon = Daemon(tmp_path_factory.mktemp("troll"), "troll").wait_ready()
+    yield daemon
+    daemon.close()
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+
+
+@pytest.fixture(scope="session")
+def compiler() -> str:
+    """The C compiler."""
+    found = shutil.which("gcc")
+    assert found, "gcc is needed to test what C users get"
+    return found
+
+
+def one_line_error(text: str, program: str) -> str:
+    """The one line that a program says when it fails; fails on a traceback or on silence."""
+    lines = [line for line in text.strip().splitlines() if line.startswith(f"{program}:")]
+    assert lines, text
+    assert "Traceback" not in text
+    return re.sub(r"^\w+: ", "", lines[-1])

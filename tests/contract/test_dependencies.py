@@ -1,0 +1,80 @@
+"""Dependencies point one way, and foreign packages are fenced in."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+ROOTS = {"ecatd": "daemon", "ecatgen": "codegen", "ecatsim": "simulator"}
+
+
+def imports() -> Iterator[tuple[str, str]]:
+    """Every import of ours as (importing module, imported module)."""
+    for package, folder in ROOTS.items():
+        for file in sorted((ROOT / folder / package).rglob("*.py")):
+            parts = file.relative_to(ROOT / folder).with_suffix("").parts
+            module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.Import):
+                    yield from ((module, alias.name) for alias in node.names)
+                elif isinstance(node, ast.ImportFrom):
+                    base = module.split(".")
+                    if file.name != "__init__.py":
+                        base = base[:-1]
+                    base = base[: len(base) - node.level + 1] if node.level else []
+                    yield module, ".".join([*base, *filter(None, [node.module])])
+
+
+def importers(prefix: str) -> set[str]:
+    return {m for m, name in imports() if name == prefix or name.startswith(prefix + ".")}
+
+
+def test_the_model_imports_nothing_of_ours() -> None:
+    wrong = {
+        (module, name)
+        for module, name in imports()
+        if module.startswith("ecatd.model")
+        and name.split(".")[0] in ROOTS
+        and not name.startswith("ecatd.model")
+    }
+    assert not wrong
+
+
+def test_pysoem_is_known_in_one_module() -> None:
+    assert importers("pysoem") == {"ecatd.bus.master"}
+
+
+def test_zenoh_is_known_to_gateway_and_client_only() -> None:
+    assert all(m.startswith(("ecatd.gateway", "ecatd.client")) for m in importers("zenoh"))
+
+
+def test_jinja2_is_known_to_the_generator_only() -> None:
+    assert all(m.startswith("ecatgen") for m in importers("jinja2"))
+
+
+def test_the_bus_server_never_sees_the_network() -> None:
+    wrong = {
+        (module, name)
+        for module, name in imports()
+        if module.startswith("ecatd.bus") and name.startswith(("ecatd.gateway", "ecatd.client"))
+    }
+    assert not wrong
+
+
+def test_generator_and_simulator_use_the_model_only() -> None:
+    allowed = ("ecatd.model", "ecatd.native", "ecatd.version")
+    wrong = {
+        (module, name)
+        for module, name in imports()
+        if module.startswith(("ecatgen", "ecatsim"))
+        and name.startswith("ecatd")
+        and not name.startswith(allowed)
+    }
+    assert not wrong
+
+
+def test_the_client_is_standard_c_alone() -> None:
+    for file in (ROOT / "client_c").rglob("*.[ch]"):
+        text = file.read_text()
+        assert "cyclic" not in text
+        assert "Python.h" not in text

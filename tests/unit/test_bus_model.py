@@ -1,0 +1,126 @@
+"""The bus description and its layout in the logical address space."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from ecatd.bus.layout import DATAGRAM_BYTES, LRD, LRW, LWR, lay_out
+from ecatd.bus.safe import safe_images
+from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.config import SafeConfig
+from ecatd.model.errors import ConfigError, StateError, UsageError
+
+
+def slave(position: int, out_bits: list[int], in_bits: list[int]) -> Slave:
+    def pdo(index: int, base: int, bits: list[int]) -> list[Pdo]:
+        entries = [Entry(base, n + 1, f"e{n}", 0x0005, size) for n, size in enumerate(bits)]
+        return [Pdo(index, "", 2, entries)] if bits else []
+
+    return Slave(
+        position,
+        f"S{position}",
+        2,
+        7,
+        1,
+        outputs=pdo(0x1600, 0x7000, out_bits),
+        inputs=pdo(0x1A00, 0x6000, in_bits),
+    )
+
+
+def bus(*slaves: Slave) -> Bus:
+    return Bus("b", 1000, list(slaves))
+
+
+def test_description_survives_json() -> None:
+    made = bus(slave(0, [8, 16], [1, 7]), slave(1, [], []))
+    read = Bus.from_dict(json.loads(json.dumps(made.to_dict())) | {})
+    assert read == made
+    assert read.fingerprint == made.fingerprint
+
+
+def test_wrong_descriptions_are_refused() -> None:
+    with pytest.raises(UsageError, match="schema 2"):
+        Bus.from_dict({"schema": 2})
+    with pytest.raises(UsageError, match="incomplete"):
+        Bus.from_dict({"schema": 1, "name": "x"})
+
+
+def test_fingerprint_follows_what_decides_where_values_lie() -> None:
+    first = bus(slave(0, [8], [8]))
+    same = bus(replace(slave(0, [8], [8]), name="other", serial=5, alias=7))
+    assert first.fingerprint == same.fingerprint
+    for other in (
+        bus(slave(0, [8], [16])),
+        bus(slave(0, [8], [8]), slave(1, [], [])),
+        bus(replace(slave(0, [8], [8]), product=8)),
+        bus(replace(slave(0, [8], [8]), revision=2)),
+    ):
+        assert other.fingerprint != first.fingerprint
+
+
+def test_entries_skip_gaps_but_count_their_bits() -> None:
+    one = slave(0, [], [1, 7, 16])
+    one.inputs[0].entries[1].index = 0
+    assert [(e.subindex, bit) for _, e, bit in one.entries(outputs=False)] == [(1, 0), (3, 8)]
+
+
+def test_every_slave_has_whole_bytes() -> None:
+    made = bus(slave(0, [4], [1]), slave(1, [4], [12]), slave(2, [], []))
+    image = lay_out(made, set())
+    domain = image.domains[0]
+    assert [s.output_offset for s in made.slaves[:2]] == [0, 1]
+    assert [s.input_offset for s in made.slaves[:2]] == [2, 3]
+    assert (domain.output_bytes, domain.input_bytes) == (2, 3)
+    (datagram,) = domain.datagrams
+    assert (datagram.command, datagram.length, datagram.wkc_expected) == (LRW, 5, 6)
+
+
+def test_a_slave_without_lrw_splits_the_domain() -> None:
+    made = bus(slave(0, [8], [8]), slave(1, [8], [8]))
+    datagrams = lay_out(made, {1}).domains[0].datagrams
+    assert [(d.command, d.offset, d.length, d.wkc_expected) for d in datagrams] == [
+        (LWR, 0, 2, 2),
+        (LRD, 2, 2, 2),
+    ]
+
+
+def test_large_images_are_cut_at_slave_boundaries() -> None:
+    made = bus(*(slave(n, [8] * 64, [8] * 64) for n in range(40)))
+    domain = lay_out(made, set()).domains[0]
+    assert sum(d.length for d in domain.datagrams) == 40 * 128
+    assert all(d.length <= DATAGRAM_BYTES for d in domain.datagrams)
+    assert all(d.offset % 64 == 0 for d in domain.datagrams)
+    # A slave counts once for reading and twice for writing, in whichever datagram its bytes are.
+    assert domain.wkc_expected == 40 * 3
+
+
+def test_more_than_a_frame_for_one_slave_is_refused() -> None:
+    with pytest.raises(StateError, match=r"slave 0 \(S0\) has 1500 bytes of inputs"):
+        lay_out(bus(slave(0, [], [8] * 1500)), set())
+
+
+def test_safe_values_reach_the_right_bits() -> None:
+    made = bus(slave(0, [1, 3, 4, 16], []))
+    rules = [
+        SafeConfig(0, 5, "0x7000:02"),
+        SafeConfig(0, "hold", "0x7000:04"),
+    ]
+    value, hold = safe_images(made, rules)[0]
+    assert value == bytes([5 << 1, 0, 0])
+    assert hold == bytes([0, 0xFF, 0xFF])
+    value, hold = safe_images(made, [SafeConfig(0, "hold"), SafeConfig(0, "zero", "0x7000:01")])[0]
+    assert (value, hold) == (b"\0\0\0", b"\xfe\xff\xff")
+
+
+@pytest.mark.parametrize(
+    ("rule", "what"),
+    [
+        (SafeConfig(1, "zero"), "slave 1 of this bus has no outputs"),
+        (SafeConfig(0, 1, "0x7000:09"), "has no output 0x7000:09"),
+        (SafeConfig(0, 8, "0x7000:02"), "8 is out of range .* 0 to 7"),
+    ],
+)
+def test_wrong_safe_values_are_refused(rule: SafeConfig, what: str) -> None:
+    with pytest.raises(ConfigError, match=what):
+        safe_images(bus(slave(0, [1, 3], [])), [rule])

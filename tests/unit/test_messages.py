@@ -1,0 +1,92 @@
+"""Requests from outside: right ones pass, wrong ones are refused by name."""
+
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ecatd.model.errors import EcatError, SdoAbortError, UsageError
+from ecatd.model.messages import SdoRead, SdoWrite, SetState, parse_request, to_map
+from ecatd.wire import unpack
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        SdoRead(3, 0x6060),
+        SdoWrite(0, 0x1C12, b"\x00", 1, complete=True),
+        SetState("OP"),
+        SetState("PREOP", 2),
+    ],
+)
+def test_requests_survive(request_: Any) -> None:
+    assert parse_request(to_map(request_)) == request_
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        ([], "is a map"),
+        ({}, "op None is no request"),
+        ({"op": ["sdo_read"]}, "is no request"),
+        ({"op": "sdo_read", "slave": 0}, "needs index"),
+        ({"op": "sdo_read", "slave": -1, "index": 1}, "'slave' of sdo_read is -1"),
+        ({"op": "sdo_read", "slave": True, "index": 1}, "must be int, not bool"),
+        ({"op": "sdo_read", "slave": 0.0, "index": 1}, "must be int, not float"),
+        ({"op": "sdo_read", "slave": 0, "index": 0x10000}, "from 0 to 65535"),
+        ({"op": "sdo_read", "slave": 0, "index": 1, "subindex": 256}, "from 0 to 255"),
+        ({"op": "sdo_read", "slave": 0, "index": 1, "sub": 1}, "'sub' is no key"),
+        ({"op": "sdo_write", "slave": 0, "index": 1, "data": "x"}, "must be bytes"),
+        ({"op": "sdo_write", "slave": 0, "index": 1, "data": b""}, "has 0 bytes"),
+        ({"op": "set_state", "state": "RUN"}, "is no AL state"),
+        ({"op": "set_state", "state": "OP", "slave": -2}, "from -1 to"),
+    ],
+)
+def test_wrong_requests_are_refused(data: Any, what: str) -> None:
+    with pytest.raises(UsageError, match=what):
+        parse_request(data)
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.floats() | st.text() | st.binary(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=8,
+)
+FIELDS = st.sampled_from(["op", "slave", "index", "subindex", "data", "state", "complete", "x"])
+OPS = st.sampled_from(["sdo_read", "sdo_write", "set_state", "states", "describe"])
+
+
+@given(st.dictionaries(FIELDS, ANYTHING | OPS))
+def test_anything_is_a_request_or_a_usage_error(data: dict[str, Any]) -> None:
+    try:
+        request = parse_request(data)
+    except UsageError:
+        return
+    assert parse_request(to_map(request)) == request
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_map_or_a_usage_error(data: bytes) -> None:
+    try:
+        message = unpack(data)
+    except UsageError:
+        return
+    assert all(isinstance(key, str) for key in message)
+
+
+def test_long_and_nested_messages_are_refused() -> None:
+    with pytest.raises(UsageError, match="too long"):
+        unpack(msgpack.packb({"x": b"\0" * 70000}))
+    with pytest.raises(UsageError, match="no msgpack"):
+        unpack(b"\x81\xa1x" + b"\x91" * 60000)
+
+
+def test_errors_survive_the_way_through_a_reply() -> None:
+    error = EcatError.from_reply(SdoAbortError(0x06020000).to_reply())
+    assert isinstance(error, SdoAbortError)
+    assert error.code == 0x06020000
+    assert "does not exist" in str(error)
+    assert isinstance(EcatError.from_reply(UsageError("x").to_reply()), UsageError)
+    assert type(EcatError.from_reply({"name": "new", "message": "m"})) is EcatError
