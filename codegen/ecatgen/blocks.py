@@ -22,7 +22,7 @@ EXAMPLE_COMPONENTS = frozenset(
 # Names that the blocks and their base class use, and so no connector can have.
 _RESERVED = (
     "domainID slaveData slaveName fingerprint generateCommand etherCATMaster domain "
-    "slaveConfiguration written committed Modelica EtherCAT"
+    "slaveConfiguration committed Modelica EtherCAT"
 ).split()
 
 
@@ -118,11 +118,13 @@ def _connectors(
     result = []
     for row, ((pdo, entry), name) in enumerate(zip(entries, connector_names, strict=True)):
         kind = kind_of(entry)
+        place = f"{entry.index:04X}_{entry.subindex:02X}"  # no connector has such a name
         result.append(
             Connector(
                 name=name,
                 c_name=names.c_name(name),
-                handle=f"{'output' if outputs else 'input'}_{entry.index:04X}_{entry.subindex:02X}",
+                handle=f"{'output' if outputs else 'input'}_{place}",
+                written=f"written_{place}",
                 kind=kind,
                 class_name=(
                     f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}"

@@ -15,9 +15,9 @@ CONTROL_WORD, MODE, TARGET_VELOCITY = 0x6040, 0x6060, 0x60FF
 MAX_TORQUE = 0x6072
 STATUS_WORD, VELOCITY, TORQUE, CURRENT = 0x6041, 0x606C, 0x6077, 0x6078
 
-# The movement of the example, in increments of the encoder: 70 revolutions with at most 10 in a
-# second, for an encoder of 16 bits.
-DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 4_587_520, 655_360, 655_360, 1
+# The movement of the example, in increments of the encoder: with an encoder of 16 bits, 75
+# revolutions, at most 10 in a second, reached in half a second.
+DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 4_915_200, 655_360, 1_310_720, 1
 
 
 def build_examples(bus: Bus, library: str, blocks: Sequence[Block]) -> tuple[Example, ...]:

@@ -41,6 +41,7 @@ class Connector:
         name: Name in Modelica.
         c_name: Name in C.
         handle: Name of the external object (and of the pointer in C).
+        written: Name of the variable that orders the writes.
         kind: Type of the value in the model.
         class_name: Modelica class of the connector.
         start: Start value of a value that is read.
@@ -62,6 +63,7 @@ class Connector:
     name: str
     c_name: str
     handle: str
+    written: str
     kind: Kind
     class_name: str
     start: str

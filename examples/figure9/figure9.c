@@ -25,7 +25,7 @@
 #define LEASE 0.1 /* seconds without samples until the outputs become safe */
 
 /* Parameters of the component `reference`, in increments of the encoder. */
-static const double distance = 4587520, max_speed = 655360, max_acceleration = 655360,
+static const double distance = 4915200, max_speed = 655360, max_acceleration = 1310720,
                     start_time = 1;
 
 typedef struct row {
@@ -62,12 +62,12 @@ static double point_to_point(double time) {
 static int read_object(int index, int subindex) {
   static double time = -1e6; /* of its own: the experiment begins at 0 */
   void *sdo = ecatm_sdo_open(run.master, 0, index, subindex, 7 /* UNSIGNED32 */);
-  int value = 0, abort_code = 0, state = ecatm_sdo_start(sdo, time, 0, 0);
+  int value, state = ECATM_SDO_BUSY;
   while (state == ECATM_SDO_BUSY && !interrupted) {
-    time += SAMPLE_TIME;
-    ecatm_wait(run.master, time);
-    state = ecatm_sdo_poll(sdo, time, &value, &abort_code);
+    int cycle = ecatm_wait(run.master, time += SAMPLE_TIME);
+    state = ecatm_sdo_read(sdo, time, cycle, 1);
   }
+  value = ecatm_sdo_value(sdo, state);
   ecatm_sdo_close(sdo);
   return state == ECATM_SDO_DONE ? value : 0;
 }
@@ -127,7 +127,7 @@ static void experiment(double seconds) {
     TrollPlant_EL3008_read(&el3008, time, cycle);
     TrollPlant_EL3008_2_read(&el3008_2, time, cycle);
 
-    start_up_step(&start, time, 1, drive.statusWord);
+    start_up_step(&start, time, cycle, 1, drive.statusWord);
     r->w_ref = start.enabled ? point_to_point(time) : 0;
     drive.targetVelocity = (int)floor(r->w_ref + 0.5);
     drive.maxTorque = 1000;

@@ -19,8 +19,8 @@ enum drive_state {
 
 typedef struct start_up {
   void *sdo;
-  int triggered, busy, done, abort_code; /* of the SDO that writes the mode */
   int mode;
+  int abort_code; /* of the SDO that writes the mode */
   enum drive_state state;
   int control_word;
   int enabled;
@@ -55,20 +55,13 @@ static void start_up_open(start_up *start, void *master, int position, enum driv
   start->sdo = ecatm_sdo_open(master, position, 0x6060, 0, 2 /* INTEGER8 */);
 }
 
-static void start_up_step(start_up *start, double time, int enable, int status_word) {
-  if (enable && !start->triggered && !start->busy) {
-    ecatm_sdo_start(start->sdo, time, 1, start->mode);
-    start->busy = 1;
-    start->done = 0;
-    start->abort_code = 0;
-  } else if (start->busy) {
-    int value, state = ecatm_sdo_poll(start->sdo, time, &value, &start->abort_code);
-    start->busy = state == ECATM_SDO_BUSY;
-    start->done = state == ECATM_SDO_DONE;
-  }
-  start->triggered = enable;
+static void start_up_step(start_up *start, double time, int cycle, int enable,
+                          int status_word) {
+  int state = ecatm_sdo_write(start->sdo, time, cycle, enable, start->mode);
+  start->abort_code = ecatm_sdo_abort_code(start->sdo, state);
   start->state = drive_state_of(status_word);
-  start->control_word = drive_control(start->state, enable && start->done, start->control_word);
+  start->control_word = drive_control(start->state, enable && state == ECATM_SDO_DONE,
+                                      start->control_word);
   start->enabled = start->state == OPERATION_ENABLED;
 }
 

@@ -59,8 +59,8 @@ def _local_endpoint(bus: str) -> str:
                 f"no right to look into {folder}: become a member of the group 'ecat'"
             ) from error
     others = _running()
-    hint = f"; running are: {', '.join(others)} (choose with --bus)" if others else f"; {_START}"
-    raise UnreachableError(f"no ecatd serves bus '{bus}'{hint}")
+    hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
+    raise UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {_START}")
 
 
 def _running() -> list[str]:

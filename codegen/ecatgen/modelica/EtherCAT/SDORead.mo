@@ -5,24 +5,10 @@ block SDORead "Read an object of a slave when triggered"
   Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true)
     "Value of the object at the last successful request"
     annotation (Placement(transformation(extent = {{100, 70}, {120, 90}})));
-protected
-  Integer value(start = 0, fixed = true) "Value in the answer";
-algorithm
+equation
   when etherCATMaster.sampled[1] then
-    if trigger and not triggered and not busy then
-      state := EtherCAT.Internal.sdoStart(sdo, time, false, 0);
-      busy := true;
-      done := false;
-      abortCode := 0;
-    elseif busy then
-      (state, value, abortCode) := EtherCAT.Internal.sdoPoll(sdo, time);
-      busy := state == 1;
-      done := state == 2;
-      if state == 2 then
-        y := value;
-      end if;
-    end if;
-    triggered := trigger;
+    state = EtherCAT.Internal.sdoRead(sdo, time, etherCATMaster.cycle, trigger);
+    y = EtherCAT.Internal.sdoValue(sdo, state);
   end when;
 
   annotation (

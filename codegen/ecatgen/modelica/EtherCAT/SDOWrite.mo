@@ -4,21 +4,9 @@ block SDOWrite "Write an object of a slave when triggered"
 
   Modelica.Blocks.Interfaces.IntegerInput u "Value to write"
     annotation (Placement(transformation(extent = {{-140, -80}, {-100, -40}})));
-protected
-  Integer value(start = 0, fixed = true) "Value that was written";
-algorithm
+equation
   when etherCATMaster.sampled[1] then
-    if trigger and not triggered and not busy then
-      state := EtherCAT.Internal.sdoStart(sdo, time, true, u);
-      busy := true;
-      done := false;
-      abortCode := 0;
-    elseif busy then
-      (state, value, abortCode) := EtherCAT.Internal.sdoPoll(sdo, time);
-      busy := state == 1;
-      done := state == 2;
-    end if;
-    triggered := trigger;
+    state = EtherCAT.Internal.sdoWrite(sdo, time, etherCATMaster.cycle, trigger, u);
   end when;
 
   annotation (

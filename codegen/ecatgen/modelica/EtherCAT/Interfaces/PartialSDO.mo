@@ -26,8 +26,13 @@ protected
   outer EtherCAT.EtherCATMaster etherCATMaster;
   parameter EtherCAT.Internal.SDO sdo = EtherCAT.Internal.SDO(
     etherCATMaster.master, position, index, subindex, Integer(dataType));
-  Boolean triggered(start = false, fixed = true) "Trigger at the last sample";
-  Integer state(start = 0, fixed = true) "1: busy, 2: done, 3: failed";
+  Integer state(start = 0, fixed = true) "0: no request yet, 1: busy, 2: done, 3: failed";
+equation
+  when etherCATMaster.sampled[1] then
+    busy = state == 1;
+    done = state == 2;
+    abortCode = EtherCAT.Internal.sdoAbortCode(sdo, state);
+  end when;
   annotation (Documentation(info = "<html>
 <p>
 The trigger is looked at in every sample of domain 1. While a request is running, further triggers are

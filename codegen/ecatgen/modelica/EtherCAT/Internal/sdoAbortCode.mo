@@ -1,0 +1,12 @@
+within EtherCAT.Internal;
+impure function sdoAbortCode "Why the last request has failed"
+  input EtherCAT.Internal.SDO sdo "Object";
+  input Integer order "Any value whose computation must come before this call";
+  output Integer abortCode "SDO abort code, negative: no answer, 0: it has not failed";
+  external "C" abortCode = ecatm_sdo_abort_code(sdo, order)
+    annotation (
+      Include = "#include \"ecat_modelica.h\"",
+      IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+      Library = "ecat",
+      LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+end sdoAbortCode;

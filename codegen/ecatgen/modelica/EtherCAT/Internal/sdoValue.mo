@@ -1,0 +1,12 @@
+within EtherCAT.Internal;
+impure function sdoValue "Value of the last successful read"
+  input EtherCAT.Internal.SDO sdo "Object";
+  input Integer order "Any value whose computation must come before this call";
+  output Integer y "Value, 0 at first";
+  external "C" y = ecatm_sdo_value(sdo, order)
+    annotation (
+      Include = "#include \"ecat_modelica.h\"",
+      IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+      Library = "ecat",
+      LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+end sdoValue;

@@ -1,0 +1,313 @@
+"""The daemon on the simulated rig: what comes up, what clients see, and how it ends."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from conftest import SHM, Daemon
+
+from ecatd import shm
+from ecatd.model.errors import SdoAbortError, StateError, UnreachableError, UsageError
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+DRIVE, EL1018, EL2008, EL3008 = 0, 2, 3, 5
+VOLT = 32767 / 10
+
+
+def test_the_bus_is_described_and_in_op(troll: Daemon) -> None:
+    with troll.client() as client:
+        slaves = client.slaves()
+        assert [slave.product for slave in slaves] == [
+            0x00030924,
+            0x044C2C52,
+            0x03FA3052,
+            0x07D83052,
+            0x0BC03052,
+            0x0BC03052,
+            0x1A5F3052,
+            0x1A5F3052,
+        ]
+        assert all(slave.al_state == 8 for slave in slaves)
+        assert client.cycle_time == 0.001
+        with pytest.raises(StateError, match=r"slave 2 of bus .* is EL1018 .* but expected is"):
+            client.expect(2, 2, 0x07D83052)
+        with pytest.raises(StateError, match="has revision"):
+            client.expect(2, 2, 0x03FA3052, 5)
+        with pytest.raises(StateError, match=r"slave 2 \(EL1018\) .* has no input 0x6060:00"):
+            client.find(2, 0x6060, 0, 0)
+
+
+def test_samples_are_fresh_and_complete(troll: Daemon) -> None:
+    with troll.client() as client:
+        complete = 0
+        last = 0
+        for _ in range(200):
+            client.wait()
+            client.sample()
+            domain = client.domain()
+            assert domain.cycle > last
+            last = domain.cycle
+            complete += domain.wkc_state == shm.WkcState.COMPLETE
+        assert complete > 100  # frames may be late on a busy machine, not most of them
+        # Constants at the second analog terminal: -8, -4, -1, 0, 1, 4, 8 and 10 V.
+        values = [
+            client.read(client.find(EL3008, 0x6000 + 16 * channel, 0x11)) for channel in range(8)
+        ]
+        assert [round(value / VOLT) for value in values] == [-8, -4, -1, 0, 1, 4, 8, 10]
+
+
+def test_outputs_reach_the_slaves_and_come_back_over_wires(troll: Daemon) -> None:
+    with troll.client() as client:
+        outputs = [client.find(EL2008, 0x7000 + 16 * n, 1) for n in range(8)]
+        inputs = [client.find(EL1018, 0x6000 + 16 * n, 1) for n in range(4)]
+        client.claim(EL2008, lease=0.5)
+        for pattern in (0b0101, 0b1010, 0b1111, 0b0000):
+            for bit, output in enumerate(outputs):
+                client.write(output, pattern >> bit & 1)
+            client.commit()
+            for _ in range(2000):
+                client.wait()
+                client.sample()
+                if [client.read(i) for i in inputs] == [pattern >> n & 1 for n in range(4)]:
+                    break
+            else:
+                pytest.fail(f"pattern {pattern:04b} does not arrive")
+
+
+def test_outputs_belong_to_one_client(troll: Daemon) -> None:
+    with troll.client() as first, troll.client() as second:
+        first.claim(EL2008)
+        with pytest.raises(StateError, match=r"slave 3 \(EL2008\) .* belong to .*python.* \(pid"):
+            second.claim(EL2008)
+        output = second.find(EL2008, 0x7000, 1)
+        with pytest.raises(StateError, match="must be claimed before"):
+            second.write(output, 1)
+        first.release(EL2008)
+        second.claim(EL2008)
+        assert second.slaves()[EL2008].owned
+        assert second.slaves()[EL2008].outputs == shm.Outputs.CLAIMED
+        second.write(output, 1)
+        second.commit()
+        for _ in range(100):
+            second.wait()
+            if second.slaves()[EL2008].outputs == shm.Outputs.ACTIVE:
+                break
+        else:
+            pytest.fail("the commit is not taken over")
+
+
+def test_values_out_of_range_are_refused(troll: Daemon) -> None:
+    with troll.client() as client:
+        client.claim(DRIVE, lease=0.5)
+        torque = client.find(DRIVE, 0x6071)
+        for wrong in (32768, -32769, 0.5, float("nan"), float("inf"), 1e300):
+            with pytest.raises(UsageError, match=r"out of range for 0x6071:00 .*-32768 to 32767"):
+                client.write(torque, wrong)
+        for right in (32767, -32768, 0):
+            client.write(torque, right)
+        bit = client.find(EL2008, 0x7000, 1)
+        with pytest.raises(StateError, match="claimed"):
+            client.write(bit, 1)
+        with pytest.raises(UsageError, match="is an input"):
+            client.write(client.find(EL1018, 0x6000, 1), 1)
+        with pytest.raises(UsageError, match="99999 is no signal"):
+            client.read(99999)
+
+
+def test_slaves_without_outputs_cannot_be_claimed(troll: Daemon) -> None:
+    with troll.client() as client:
+        with pytest.raises(UsageError, match=r"slave 2 \(EL1018\) .* has no outputs"):
+            client.claim(EL1018)
+        with pytest.raises(StateError, match="has no slave 77"):
+            client.claim(77)
+
+
+def test_sdo_requests_through_shared_memory(troll: Daemon) -> None:
+    with troll.client() as client:
+
+        def finish(request: int) -> bytes:
+            while (data := client.sdo_poll(request)) is None:
+                client.wait()
+            return data
+
+        assert finish(client.sdo_start(DRIVE, 0x1018, 1)) == b"\x9a\0\0\0"
+        assert finish(client.sdo_start(DRIVE, 0x6060, 0, b"\x03")) == b""
+        assert finish(client.sdo_start(DRIVE, 0x6060, 0)) == b"\x03"
+        # Several at once, answered in any order to the right one.
+        requests = [client.sdo_start(DRIVE, 0x1018, sub) for sub in (1, 2, 3)]
+        assert [finish(r) for r in reversed(requests)][::-1][1] == (0x30924).to_bytes(4, "little")
+        with pytest.raises(SdoAbortError, match="does not exist") as caught:
+            finish(client.sdo_start(DRIVE, 0x7777, 0))
+        assert caught.value.code == 0x06020000
+        with pytest.raises(StateError, match="requests are running"):
+            for _ in range(5):
+                client.sdo_start(DRIVE, 0x1018, 1)
+
+
+def test_a_client_of_a_bus_that_is_not_there() -> None:
+    from ecatd.client import Client
+
+    with pytest.raises(UnreachableError, match=r"no ecatd serves bus 'nobody'; start it with"):
+        Client("nobody")
+    with pytest.raises(UsageError, match="is no bus name"):
+        Client("a/b")
+
+
+OWNER = """
+import sys, time
+from ecatd.client import Client
+client = Client(sys.argv[1])
+client.claim(3, lease=float(sys.argv[2]))
+for n in range(8):
+    client.write(client.find(3, 0x7000 + 16 * n, 1), 1)
+client.commit()
+print("owns", flush=True)
+while True:
+    client.wait()
+    client.sample()
+"""
+
+
+@contextmanager
+def own_outputs(daemon: Daemon, lease: float = 0.1) -> Iterator[subprocess.Popen[str]]:
+    """A process that owns the digital outputs, has set all of them and keeps its lease."""
+    with subprocess.Popen(
+        [sys.executable, "-c", OWNER, daemon.bus, str(lease)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout
+        assert process.stdout.readline() == "owns\n"
+        yield process
+        process.kill()
+
+
+def outputs_now(daemon: Daemon) -> tuple[list[float], shm.Outputs]:
+    with daemon.client() as client:
+        client.wait(2)
+        client.sample()
+        values = [client.read(client.find(3, 0x7000 + 16 * n, 1)) for n in range(8)]
+        return values, client.slaves()[3].outputs
+
+
+@pytest.mark.parametrize("end", ["kill", "stop", "terminate"])
+def test_outputs_of_a_client_that_ends_or_hangs_are_safe(troll: Daemon, end: str) -> None:
+    number = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "terminate": signal.SIGTERM}[end]
+    with own_outputs(troll) as owner:
+        for _ in range(1000):
+            if outputs_now(troll) == ([1.0] * 8, shm.Outputs.ACTIVE):
+                break
+        else:
+            pytest.fail("the outputs are not set")
+        owner.send_signal(number)
+        for _ in range(1000):
+            if outputs_now(troll) == ([0.0] * 8, shm.Outputs.SAFE):
+                break
+        else:
+            pytest.fail("the outputs stay")
+        # The slot and the slave can be used again.
+        with troll.client() as client:
+            client.claim(3)
+
+
+def test_a_client_that_lost_its_lease_is_told(troll: Daemon) -> None:
+    with troll.client() as client:
+        client.claim(EL2008)  # five cycles
+        output = client.find(EL2008, 0x7000, 1)
+        client.write(output, 1)
+        client.commit()
+        while client.slaves()[EL2008].owned:
+            client.wait()  # waiting alone is no sign of life
+        client.write(output, 1)
+        with pytest.raises(StateError, match="did not sample in time"):
+            client.commit()
+        client.claim(EL2008, lease=0.5)
+        client.write(output, 1)
+        client.commit()
+
+
+def test_safe_values_come_from_the_configuration(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon(
+        "troll",
+        config="[gateway]\nlisten = []\n[[outputs.safe]]\nslave = 3\nentry = '0x7010:01'\nvalue = 1\n"
+        "[[outputs.safe]]\nslave = 3\nentry = '0x7020:01'\nvalue = 'hold'\n",
+    )
+    assert outputs_now(daemon) == ([0, 1, 0, 0, 0, 0, 0, 0], shm.Outputs.SAFE)
+    with own_outputs(daemon):
+        while outputs_now(daemon)[1] != shm.Outputs.ACTIVE:
+            pass
+    for _ in range(1000):
+        if outputs_now(daemon) == ([0, 1, 1, 0, 0, 0, 0, 0], shm.Outputs.SAFE):
+            return
+    pytest.fail(f"{outputs_now(daemon)}")
+
+
+def test_a_reader_notices_that_the_daemon_was_killed(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    with daemon.client() as client:
+        client.wait()
+        client.sample()
+        daemon.kill_all()
+        # Not one of the two that say "in vain": the error names the cause.
+        with pytest.raises(UnreachableError, match=r"has ended; start it again"):
+            for _ in range(100000):
+                client.wait(1, timeout=30)
+                client.sample()
+        with pytest.raises(UnreachableError):
+            client.sample()
+    # What was left over does not deceive a new client, and does not stop a new daemon.
+    assert (SHM / f"ecat.{daemon.bus}").exists()
+    with pytest.raises(UnreachableError, match="start it with"):
+        daemon.client()
+    again = start_daemon("troll", "--bus", daemon.bus)
+    again.bus = daemon.bus
+    with again.client() as client:
+        client.wait()
+    assert again.stop() == 0
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+
+
+def test_a_reader_notices_that_the_daemon_was_stopped(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    with daemon.client() as client:
+        client.wait()
+        assert daemon.stop() == 0
+        with pytest.raises(UnreachableError, match="was stopped"):
+            for _ in range(2):  # the first may find cycles that ended before the stop
+                client.wait(1, timeout=30)
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+
+
+def test_the_gateway_may_die_and_comes_back(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    first = daemon.gateway_pid()
+    os.kill(first, signal.SIGKILL)
+    with daemon.client() as client:
+        for _ in range(3000):
+            client.wait()
+            client.sample()
+            if daemon.ctl("info", check=False).returncode == 0:
+                break
+    assert daemon.gateway_pid() != first
+    assert "the gateway has ended (signal 9); starting it again" in daemon.log
+    assert daemon.ctl_json("stats")["state"] == "running"
+
+
+def test_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    os.kill(daemon.server_pid(), signal.SIGKILL)
+    status, log = daemon.wait_end()
+    assert status == 70
+    assert "the bus server has ended unexpectedly (signal 9)" in log
+
+
+def test_both_segments_have_the_documented_modes(troll: Daemon) -> None:
+    modes = {
+        path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")
+    }
+    assert modes == {f"ecat.{troll.bus}": "0o640", f"ecat.{troll.bus}.out": "0o660"}

@@ -1,0 +1,173 @@
+"""`ecatctl` against a live daemon: what it prints, and its exit statuses."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import Daemon, one_line_error, run_module
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+
+def test_slaves_lists_the_rig(troll: Daemon) -> None:
+    lines = troll.ctl("slaves").stdout.splitlines()
+    assert lines[0].split() == "POS ALIAS STATE NAME VENDOR PRODUCT REVISION OUT IN".split()
+    assert len(lines) == 9
+    assert lines[3].split()[:6] == ["2", "0", "OP", "EL1018", "0x00000002", "0x03FA3052"]
+    document = troll.ctl_json("slaves")
+    assert [slave["position"] for slave in document["slaves"]] == list(range(8))
+    assert document["slaves"][4]["input_bytes"] == 32
+    assert len(document["fingerprint"]) == 16
+
+
+def test_pdos_names_every_entry(troll: Daemon) -> None:
+    text = troll.ctl("pdos", "-p", "0").stdout
+    assert "0x6040:00  16 bit  UNSIGNED16  Control word" in text
+    assert "EL1018" not in text
+    assert "no process data" in troll.ctl("pdos", "-p", "1").stdout
+    (slave,) = troll.ctl_json("pdos", "-p", "2")["slaves"]
+    entries = [entry for pdo in slave["inputs"] for entry in pdo["entries"]]
+    assert [entry["index"] for entry in entries] == [0x6000 + 16 * n for n in range(8)]
+
+
+def test_state_shows_and_changes(troll: Daemon) -> None:
+    assert troll.ctl("state").stdout.count("OP") == 8
+    assert troll.ctl("state", "SAFEOP", "-p", "3").stdout.split()[-1] == "SAFEOP"
+    rows = troll.ctl_json("state")["slaves"]
+    assert [row["text"] for row in rows] == ["OP"] * 3 + ["SAFEOP"] + ["OP"] * 4
+    troll.ctl("state", "op")
+    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"OP"}
+    wrong = troll.ctl("state", "RUN", check=False)
+    assert wrong.returncode == 2
+    assert "'RUN' is no AL state: use INIT, PREOP" in wrong.stderr
+
+
+def test_sdo_in_every_kind(troll: Daemon) -> None:
+    troll.ctl("sdo-write", "0", "0x6060", "0", "9")
+    assert troll.ctl("sdo-read", "0", "0x6060").stdout == "0x09 9\n"
+    assert troll.ctl("upload", "0", "0x6060", "0", "-v").stdout.split()[2:4] == [
+        "0x6060:00",
+        "INTEGER8",
+    ]
+    troll.ctl("download", "0", "0x6060", "0", "8", "--type", "sint")
+    assert troll.ctl("sdo-read", "0", "0x6060").stdout == "0x08 8\n"
+    document = troll.ctl_json("sdo-read", "0", "0x1018", "2")
+    assert (document["value"], document["name"]) == (0x00030924, "Product code")
+    # Longer than a mailbox or not, a name comes whole.
+    assert "Gold" in troll.ctl("sdo-read", "0", "0x1008").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "what"),
+    [
+        ("sdo-read 0 0x7777", 5, "SDO abort 0x06020000: The object does not exist"),
+        ("sdo-read 0 0x1018 99", 5, "Subindex does not exist"),
+        ("sdo-write 0 0x1018 1 5", 5, "read-only"),
+        ("sdo-read 9 0x1018", 7, "there is no slave 9: bus"),
+        ("sdo-read 2 0x1018", 7, "slave 2 (EL1018) has no object dictionary"),
+        ("pdos -p 8", 7, "there is no slave 8"),
+        ("sdo-write 0 0x6060 0 900", 2, "900 is out of range for INTEGER8: -128 to 127"),
+        ("sdo-write 0 0x6060 0 x", 2, "'x' is no value of INTEGER8"),
+        ("sdo-write 0 0x6060 0 1 --type word3", 2, "'word3' is no data type"),
+        ("slaves --connect nonsense", 2, "is no Zenoh endpoint"),
+        ("slaves --connect tcp/127.0.0.1:1", 3, "no ecatd answers for bus"),
+        ("slaves --bus nobody", 3, "no ecatd serves bus 'nobody' (running are: "),
+    ],
+)
+def test_errors_say_what_and_why(troll: Daemon, arguments: str, status: int, what: str) -> None:
+    result = troll.ctl(*arguments.split(), check=False)
+    assert result.returncode == status, result.stderr
+    assert what in one_line_error(result.stderr, "ecatctl")
+    assert result.stdout == ""
+    document = json.loads(troll.ctl(*arguments.split(), "--json", check=False).stdout)
+    assert what in document["error"]["message"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["", "nonsense", "sdo-read", "sdo-read 0", "sdo-read x 0x6060", "sdo-read 0 0x10000", "slaves x"],
+)
+def test_wrong_usage_is_status_2(arguments: str) -> None:
+    result = run_module("ecatd.cli", *arguments.split())
+    assert result.returncode == 2
+    assert "usage: ecatctl" in result.stderr
+
+
+@pytest.mark.parametrize("program", ["ecatd.service", "ecatd.cli", "ecatsim"])
+def test_help_and_version(program: str) -> None:
+    assert "usage:" in run_module(program, "--help").stdout
+    assert run_module(program, "--version").stdout.split()[0] in ("ecatd", "ecatctl", "ecatsim")
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["slaves", "pdos", "state", "stats", "info", "sdo-read", "sdo-write", "generate"],
+)
+def test_every_command_explains_itself(command: str) -> None:
+    text = run_module("ecatd.cli", command, "--help").stdout
+    assert f"usage: ecatctl {command}" in text
+    assert "--json" in text
+
+
+def test_stats_count_and_measure(troll: Daemon) -> None:
+    first = troll.ctl_json("stats")
+    second = troll.ctl_json("stats")
+    assert second["cycles"] > first["cycles"]
+    assert second["exchange"]["count"] >= second["cycles"] - 1
+    assert 0 < second["exchange"]["p50"] <= second["exchange"]["p99"] <= second["exchange"]["max"]
+    text = troll.ctl("stats").stdout
+    assert "exchange with the slaves" in text
+    assert "p99.9" in text
+
+
+def test_info_tells_what_runs(troll: Daemon) -> None:
+    document = troll.ctl_json("info")
+    assert (document["interface"], document["cycle_time_us"]) == ("ecat-master", 1000)
+
+
+def test_generate_writes_a_library_and_loses_nothing(troll: Daemon, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    first = troll.ctl("generate", "TrollPlant", str(out))
+    assert "package.mo" in first.stdout
+    assert (out / "TrollPlant" / "package.mo").is_file()
+    assert (out / "EtherCAT" / "package.mo").is_file()
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    troll.ctl("generate", "TrollPlant", str(out))
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    mine = out / "TrollPlant" / "mine.mo"
+    mine.write_text("within TrollPlant; model mine end mine;")
+    refused = troll.ctl("generate", "TrollPlant", str(out), check=False)
+    assert refused.returncode == 7
+    assert "mine.mo" in one_line_error(refused.stderr, "ecatctl")
+    assert mine.exists()
+    mine.unlink()
+    edited = out / "TrollPlant" / "EL1018.mo"
+    edited.write_text(edited.read_text() + "\n")
+    refused = troll.ctl("generate", "TrollPlant", str(out), check=False)
+    assert refused.returncode == 7
+    assert "EL1018.mo" in refused.stderr
+    assert edited.read_bytes() == before[edited] + b"\n"
+
+
+@pytest.mark.parametrize("name", ["Troll-Plant", "9Plant", "model", "EtherCAT", "Modelica", ""])
+def test_generate_refuses_names_that_are_no_identifiers(
+    troll: Daemon, tmp_path: Path, name: str
+) -> None:
+    result = troll.ctl("generate", name, str(tmp_path / "out"), check=False)
+    assert result.returncode == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_that_are_no_identifiers_generate_all_the_same(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    from pymoca.parser import parse
+
+    rig = Path(__file__).parents[1] / "rigs" / "odd_names.py"
+    daemon = start_daemon(str(rig))
+    daemon.ctl("generate", "Odd", str(tmp_path / "out"))
+    files = sorted((tmp_path / "out" / "Odd").rglob("*.mo"))
+    assert len(files) >= 8
+    for file in files:
+        assert parse(file.read_text()) is not None, file

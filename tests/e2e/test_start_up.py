@@ -1,0 +1,181 @@
+"""Starts that fail: each says in one line what, where, why and what to do, and leaves nothing."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import SHM, Daemon, one_line_error, run_module
+
+RIGS = Path(__file__).parents[1] / "rigs"
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+
+@pytest.fixture
+def env(tmp_path: Path) -> dict[str, str]:
+    return {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path / "run")}
+
+
+def refused(
+    status: int,
+    *arguments: str,
+    env: dict[str, str],
+    wrapper: tuple[str, ...] = (),
+    program: str = "ecatd",
+) -> str:
+    """The one line of an `ecatd` (or of its simulator) that does not start."""
+    before = set(SHM.iterdir())
+    result = subprocess.run(
+        [*wrapper, sys.executable, "-m", "ecatd.service", *arguments],
+        env=env,
+        text=True,
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == status, result.stderr
+    assert {path for path in SHM.iterdir() if path not in before} == set()
+    return one_line_error(result.stderr, program)
+
+
+def test_no_such_interface(env: dict[str, str]) -> None:
+    text = refused(3, "--interface", "eth77", env=env)
+    assert text.startswith("error: there is no network interface 'eth77'; there are: ")
+
+
+def test_interface_without_permission(env: dict[str, str]) -> None:
+    # In a user namespace of its own, this process has no rights over the system's interfaces.
+    text = refused(
+        6, "--interface", "lo", env=env, wrapper=("unshare", "--user", "--map-user=1000")
+    )
+    assert "CAP_NET_RAW" in text
+    assert "ecatd --simulate troll" in text
+
+
+def test_user_namespaces_forbidden(env: dict[str, str], tmp_path: Path) -> None:
+    # Within a user namespace the number of further ones can be set to 0; what then has no right
+    # to make a network namespace either is in the same position as a user of a locked-down system.
+    script = tmp_path / "locked.sh"
+    script.write_text(
+        "echo 0 > /proc/sys/user/max_user_namespaces && "
+        'exec setpriv --bounding-set -all --inh-caps -all --ambient-caps -all "$@"\n'
+    )
+    text = refused(
+        6,
+        *("--simulate", "troll"),
+        env=env,
+        wrapper=("unshare", "--user", "--map-root-user", "sh", str(script)),
+        program="ecatsim",
+    )
+    assert "namespace" in text
+    assert "root" in text
+    assert "sysctl" in text
+
+
+def test_no_slaves_on_the_bus(env: dict[str, str]) -> None:
+    text = refused(3, "--simulate", "empty", "--bus", "tempty", env=env)
+    assert "no EtherCAT slave answers on 'ecat-master': check cable and power" in text
+
+
+def test_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
+    text = refused(7, "--simulate", str(RIGS / "no_op.py"), "--bus", "tnoop", env=env)
+    assert "slave 1 (EL2008) does not reach OP: it is SAFEOP+ERROR" in text
+    assert "AL status 0x001D: Invalid output configuration" in text
+
+
+def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None:
+    result = run_module(
+        "ecatd.service",
+        *("--simulate", "line:1", "--bus", troll.bus),
+        env={**troll.env, "ECATD_RUNTIME_DIR": str(tmp_path / "other")},
+    )
+    assert result.returncode == 7
+    text = one_line_error(result.stderr, "ecatd")
+    assert f"bus '{troll.bus}' is already served by another ecatd (pid " in text
+    assert "--bus" in text
+    # The first one has not noticed.
+    assert troll.ctl_json("stats")["state"] == "running"
+
+
+def test_unknown_rig(env: dict[str, str]) -> None:
+    result = run_module("ecatd.service", "--simulate", "nonsense", env=env)
+    assert result.returncode == 2
+    assert "there is no rig 'nonsense'" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("cycle_time = 1", "{file}:1: cycle_time: is no key; did you mean 'cycle_time_us'?"),
+        ("[realtime\n", "{file}: is no valid TOML: "),
+        ("\n\ncycle_time_us = 1", "{file}:3: cycle_time_us: is 1, but must be from 100"),
+    ],
+)
+def test_broken_configuration(
+    env: dict[str, str], tmp_path: Path, text: str, what: str
+) -> None:
+    file = tmp_path / "ecat.toml"
+    file.write_text(text)
+    for more in ((), ("--check-config",)):
+        said = refused(2, "--simulate", "troll", "--config", str(file), *more, env=env)
+        assert what.format(file=file) in said
+
+
+def test_configuration_that_does_not_fit_the_bus(env: dict[str, str], tmp_path: Path) -> None:
+    file = tmp_path / "ecat.toml"
+    file.write_text("[[outputs.safe]]\nslave = 2\nvalue = 'hold'\n")
+    text = refused(2, "--simulate", "troll", "--config", str(file), "--bus", "tfit", env=env)
+    assert "outputs.safe: slave 2 of this bus has no outputs" in text
+
+
+def test_no_bus_is_named(env: dict[str, str]) -> None:
+    text = refused(2, env=env)
+    assert "Give --interface IF, or --simulate troll" in text
+
+
+def test_ecatctl_without_a_daemon(env: dict[str, str]) -> None:
+    result = run_module("ecatd.cli", "slaves", "--bus", "nobody", env=env)
+    assert result.returncode == 3
+    text = one_line_error(result.stderr, "ecatctl")
+    assert text.startswith("no ecatd serves bus 'nobody'")
+    assert "systemctl start ecatd" in text
+
+
+def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:64", ready=False)
+    while "64 slaves answer" not in daemon.log:
+        assert daemon.process.poll() is None
+    assert daemon.stop() == 0
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+
+
+def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    import signal
+
+    daemon = start_daemon("troll")
+    pids = [daemon.server_pid(), daemon.gateway_pid()]
+    daemon.process.send_signal(signal.SIGINT)
+    assert daemon.process.wait(30) == 0
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list((tmp_path / "d0" / "run").iterdir())
+
+
+def test_no_real_time_is_told_in_one_line(start_daemon: Callable[..., Daemon]) -> None:
+    if os.geteuid() == 0:
+        pytest.skip("root is granted everything; the run as an ordinary user tests this")
+    daemon = start_daemon("troll")
+    lines = [line for line in daemon.log.splitlines() if "no real time" in line]
+    assert len(lines) == 1
+    assert "SCHED_FIFO priority 80 (needs CAP_SYS_NICE)" in lines[0]
+    assert "locked memory (needs CAP_IPC_LOCK)" in lines[0]
+
+
+def test_setpriv_and_unshare_are_there() -> None:
+    """They come with util-linux, which every Debian has; the tests above rely on them."""
+    assert shutil.which("unshare")
+    assert shutil.which("setpriv")

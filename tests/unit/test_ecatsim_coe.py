@@ -1,0 +1,327 @@
+"""CoE server and mailbox, request by request."""
+
+import struct
+
+import pytest
+from ecatd.model import abort_codes
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import SdoAbortError
+from ecatsim.coe import CoeServer
+from ecatsim.mailbox import MailboxServer, Protocol
+from ecatsim.objects import Access, Dictionary, ObjectCode, Variable
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+REPLY_SIZE = 48
+PREOP, OP = 2, 8
+LONG = bytes(range(200))
+
+
+def dictionary():
+    objects = Dictionary()
+    objects.variable(0x2000, "Small", DataType.INTEGER16, -2, Access.RW)
+    objects.variable(0x2001, "Text", DataType.VISIBLE_STRING, "hello world")
+    objects.variable(0x2002, "Long", DataType.OCTET_STRING, LONG, Access.RW, bits=8 * 300)
+    objects.variable(0x2003, "Secret", DataType.UNSIGNED8, 1, Access.WO)
+    objects.variable(0x2004, "Set-up", DataType.UNSIGNED8, 1, Access.READ | Access.WRITE_PREOP)
+    objects.variable(0x2005, "Bit", DataType.BOOLEAN, 0, Access.RW)
+    objects.variable(0x2006, "Real", DataType.REAL32, 1.5, Access.RW)
+    limited = objects.variable(0x2007, "Limited", DataType.INTEGER8, 0, Access.RW)
+    limited.minimum, limited.maximum = -5, 5
+    objects.array(0x2010, "Row", DataType.UNSIGNED16, [1, 2, 3], Access.RW)
+    objects.record(
+        0x2020,
+        "Mixed",
+        [
+            Variable(0x2020, 1, "Flag", DataType.BOOLEAN, access=Access.RW, value=1),
+            Variable(0x2020, 2, "Two bits", DataType.BIT2, access=Access.RW, value=2),
+            Variable(0x2020, 3, "Rest", DataType.UNSIGNED8, 5, Access.RO, 0x15),
+            Variable(0x2020, 4, "Number", DataType.INTEGER16, access=Access.RW, value=-1),
+        ],
+    )
+    return objects
+
+
+class Client:
+    """A master's side of the protocol, written against the standard and not against the server."""
+
+    def __init__(self, state=PREOP, complete_access=True):
+        self.objects = dictionary()
+        self.server = CoeServer(
+            self.objects, lambda: state, REPLY_SIZE, complete_access=complete_access
+        )
+
+    def sdo(self, request):
+        (reply,) = self.server.handle(struct.pack("<H", 2 << 12) + request)
+        service = struct.unpack_from("<H", reply)[0] >> 12
+        if reply[2] == 0x80:
+            assert service == 2, "an abort is an SDO request"
+            raise SdoAbortError(struct.unpack_from("<I", reply, 6)[0])
+        assert service == 3
+        return reply[2:]
+
+    def upload(self, index, subindex, complete=False):
+        reply = self.sdo(struct.pack("<BHBI", 0x40 | complete << 4, index, subindex, 0))
+        assert struct.unpack_from("<HB", reply, 1) == (index, subindex)
+        assert bool(reply[0] & 0x10) == complete
+        if reply[0] & 0x02:
+            return reply[4 : 8 - (reply[0] >> 2 & 3)]
+        size = struct.unpack_from("<I", reply, 4)[0]
+        data, toggle, last = reply[8:], 0, False
+        while len(data) < size and not last:
+            reply = self.sdo(struct.pack("<B7x", 0x60 | toggle << 4))
+            assert reply[0] >> 4 & 1 == toggle
+            last = bool(reply[0] & 1)
+            data += reply[1 : len(reply) - (reply[0] >> 1 & 7)]
+            toggle ^= 1
+        assert len(data) == size
+        return data
+
+    def download(self, index, subindex, data, complete=False, first=12, segment=20):
+        bits = 0x20 | complete << 4
+        if len(data) <= 4:
+            bits |= 0x03 | (4 - len(data)) << 2
+            self.sdo(struct.pack("<BHB", bits, index, subindex) + data.ljust(4, b"\0"))
+            return
+        head = struct.pack("<BHBI", bits | 0x01, index, subindex, len(data))
+        self.sdo(head + data[:first])
+        rest, toggle = data[first:], 0
+        while rest:
+            part, rest = rest[:segment], rest[segment:]
+            unused = max(0, 7 - len(part))
+            command = toggle << 4 | unused << 1 | (not rest)
+            reply = self.sdo(bytes([command]) + part.ljust(7, b"\0"))
+            assert reply[0] == 0x20 | toggle << 4
+            toggle ^= 1
+
+    def information(self, opcode, payload):
+        request = struct.pack("<HBBH", 8 << 12, opcode, 0, 0) + payload
+        replies = self.server.handle(request)
+        left = len(replies)
+        body = b""
+        for reply in replies:
+            left -= 1
+            code, _, fragments = struct.unpack_from("<BBH", reply, 2)
+            assert fragments == left
+            assert bool(code & 0x80) == bool(left)
+            assert len(reply) <= REPLY_SIZE - 6
+            body += reply[6:]
+            answer = code & 0x7F
+        if answer == 7:
+            raise SdoAbortError(struct.unpack("<I", body)[0])
+        assert answer == opcode + 1
+        return body
+
+
+def code(function, *arguments, **options):
+    with pytest.raises(SdoAbortError) as caught:
+        function(*arguments, **options)
+    return caught.value.code
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "data"),
+    [
+        (0x2000, 0, b"\xfe\xff"),
+        (0x2001, 0, b"hello world"),
+        (0x2002, 0, LONG),
+        (0x2005, 0, b"\0"),
+        (0x2006, 0, struct.pack("<f", 1.5)),
+        (0x2010, 0, b"\3"),
+        (0x2010, 3, b"\3\0"),
+        (0x2020, 3, b"\x15"),
+    ],
+)
+def test_upload(index, subindex, data):
+    assert Client().upload(index, subindex) == data
+
+
+@pytest.mark.parametrize("length", [5, 9, 12, 13, 19, 20, 32, 33, 38, 39, 40, 200, 300])
+def test_download_and_upload_of_every_length(length):
+    client, data = Client(OP), bytes(i & 0xFF for i in range(length))
+    client.download(0x2002, 0, data)
+    assert client.upload(0x2002, 0) == data
+
+
+def test_download():
+    client = Client()
+    client.download(0x2000, 0, b"\x00\x80")
+    assert client.objects[0x2000, 0].value == -32768
+    client.download(0x2005, 0, b"\1")
+    assert client.objects[0x2005, 0].value == 1
+    client.download(0x2006, 0, struct.pack("<f", -0.5))
+    assert client.objects[0x2006, 0].value == -0.5
+
+
+def test_abort_codes():
+    client = Client()
+    assert code(client.upload, 0x3000, 0) == abort_codes.NO_OBJECT
+    assert code(client.upload, 0x2010, 9) == abort_codes.NO_SUBINDEX
+    assert code(client.upload, 0x2003, 0) == abort_codes.WRITE_ONLY
+    assert code(client.download, 0x2001, 0, b"x") == abort_codes.READ_ONLY
+    assert code(client.download, 0x2000, 0, b"abcd") == abort_codes.LENGTH_TOO_HIGH
+    assert code(client.download, 0x2000, 0, b"a") == abort_codes.LENGTH_TOO_LOW
+    assert code(client.download, 0x2005, 0, b"\2") == abort_codes.VALUE_RANGE
+    assert code(client.download, 0x2007, 0, b"\6") == abort_codes.VALUE_TOO_HIGH
+    assert code(client.download, 0x2007, 0, b"\xfa") == abort_codes.VALUE_TOO_LOW
+    assert code(client.download, 0x2002, 0, bytes(301)) == abort_codes.LENGTH_TOO_HIGH
+    assert code(client.sdo, b"\xe0" + bytes(7)) == abort_codes.INVALID_COMMAND
+    assert code(client.sdo, b"\x60" + bytes(7)) == abort_codes.INVALID_COMMAND
+    assert client.upload(0x2000, 0) == b"\xfe\xff", "nothing has changed"
+
+
+def test_state_decides_what_may_be_written():
+    Client(PREOP).download(0x2004, 0, b"\7")
+    assert code(Client(OP).download, 0x2004, 0, b"\7") == abort_codes.DEVICE_STATE
+
+
+def test_wrong_toggle_ends_the_transfer():
+    client = Client()
+    client.sdo(struct.pack("<BHBI", 0x40, 0x2002, 0, 0))
+    assert code(client.sdo, struct.pack("<B7x", 0x70)) == abort_codes.TOGGLE
+    assert code(client.sdo, struct.pack("<B7x", 0x60)) == abort_codes.INVALID_COMMAND
+
+
+def test_too_short_segmented_download_changes_nothing():
+    client = Client()
+    client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 30))
+    assert code(client.sdo, b"\x01" + bytes(20)) == abort_codes.LENGTH_TOO_LOW
+    assert client.upload(0x2002, 0) == LONG
+
+
+def test_master_aborts_a_transfer():
+    client = Client()
+    client.sdo(struct.pack("<BHBI", 0x40, 0x2002, 0, 0))
+    assert client.server.handle(struct.pack("<HBHBI", 2 << 12, 0x80, 0x2002, 0, 0)) == []
+    assert code(client.sdo, struct.pack("<B7x", 0x60)) == abort_codes.INVALID_COMMAND
+
+
+def test_complete_access():
+    client = Client()
+    assert client.upload(0x2010, 0, True) == struct.pack("<BxHHH", 3, 1, 2, 3)
+    assert client.upload(0x2010, 1, True) == struct.pack("<HHH", 1, 2, 3)
+    assert client.upload(0x2020, 1, True) == bytes([1 | 2 << 1 | 0x15 << 3]) + b"\xff\xff"
+    client.download(0x2010, 1, struct.pack("<HHH", 7, 8, 9), True)
+    assert [client.objects[0x2010, i].value for i in (1, 2, 3)] == [7, 8, 9]
+    client.download(0x2020, 1, b"\x00\x10\x00", True)
+    assert [client.objects[0x2020, i].value for i in (1, 2, 3, 4)] == [0, 0, 0x15, 0x10]
+
+
+def test_complete_access_is_refused_where_it_is_impossible():
+    client = Client()
+    assert code(client.upload, 0x2000, 0, True) == abort_codes.NO_COMPLETE_ACCESS
+    assert code(client.upload, 0x2010, 2, True) == abort_codes.NO_COMPLETE_ACCESS
+    client = Client(complete_access=False)
+    assert code(client.upload, 0x2010, 0, True) == abort_codes.NO_COMPLETE_ACCESS
+
+
+def test_object_lists():
+    client = Client()
+    kind, *lengths = struct.unpack("<6H", client.information(1, struct.pack("<H", 0)))
+    assert (kind, lengths) == (0, [10, 0, 0, 0, 0])
+    kind, *indices = struct.unpack("<11H", client.information(1, struct.pack("<H", 1)))
+    assert indices == [*range(0x2000, 0x2008), 0x2010, 0x2020]
+    assert code(client.information, 1, struct.pack("<H", 9)) == abort_codes.UNSUPPORTED_ACCESS
+
+
+def test_object_and_entry_descriptions():
+    client = Client()
+    body = client.information(3, struct.pack("<H", 0x2020))
+    assert struct.unpack_from("<HHBB", body) == (0x2020, 0, 4, ObjectCode.RECORD)
+    assert body[6:] == b"Mixed"
+    body = client.information(5, struct.pack("<HBB", 0x2020, 2, 0))
+    assert struct.unpack_from("<HBBHHH", body) == (0x2020, 2, 0, 0x31, 2, 0x3F)
+    assert body[10:] == b"Two bits"
+    assert code(client.information, 3, struct.pack("<H", 0x9999)) == abort_codes.NO_OBJECT
+    assert code(client.information, 5, struct.pack("<HB", 0x2020, 9)) == abort_codes.NO_SUBINDEX
+    assert code(client.information, 9, b"") == abort_codes.UNSUPPORTED_ACCESS
+
+
+# --- mailbox ---------------------------------------------------------------------------------
+
+
+class Wire:
+    """The master's side of the mailbox: one mail at a time."""
+
+    def __init__(self):
+        self.mail = None
+        self.server = MailboxServer({Protocol.COE: lambda body: [body] * body[0]}, self.put)
+
+    def put(self, mail, again):
+        if self.mail is not None and not again:
+            return False
+        self.mail = mail
+        return True
+
+    def read(self):
+        mail, self.mail = self.mail, None
+        self.server.was_read()
+        return mail
+
+    def write(self, body, kind=3, counter=1, length=None):
+        size = len(body) if length is None else length
+        self.server.receive(struct.pack("<HHBB", size, 0, 0, kind | counter << 4) + body)
+
+
+def test_replies_wait_for_each_other_and_are_counted():
+    wire = Wire()
+    wire.write(b"\x03x")
+    kinds = [wire.read()[5] for _ in range(3)]
+    assert kinds == [0x13, 0x23, 0x33]
+    assert wire.read() is None
+
+
+def test_counter_wraps_from_7_to_1():
+    wire = Wire()
+    wire.write(b"\x09")
+    assert [wire.read()[5] >> 4 for _ in range(9)] == [1, 2, 3, 4, 5, 6, 7, 1, 2]
+
+
+def test_repeated_request_is_answered_once():
+    wire = Wire()
+    for counter in (1, 1, 2, 2, 0, 0):
+        wire.write(b"\x01", counter=counter)
+    assert [wire.read() is not None for _ in range(5)] == [True] * 4 + [False]
+
+
+def test_lost_mail_is_given_again():
+    wire = Wire()
+    wire.write(b"\x03x")
+    first = wire.read()  # lost on the way to the master; the second is offered already
+    wire.server.again()
+    assert wire.read() == first
+    assert [wire.read()[5] for _ in range(2)] == [0x23, 0x33]
+
+
+def test_repeat_request_without_a_mail_does_no_harm():
+    wire = Wire()
+    wire.server.again()
+    assert wire.mail is None
+    wire.write(b"\x01")
+    wire.server.again()
+    assert wire.read()[5] == 0x13
+
+
+@pytest.mark.parametrize(("kind", "length", "detail"), [(4, None, 2), (9, None, 2), (3, 400, 4)])
+def test_error_replies(kind, length, detail):
+    wire = Wire()
+    wire.write(b"\x01", kind=kind, length=length)
+    mail = wire.read()
+    assert mail[5] & 0x0F == 0
+    assert struct.unpack_from("<HH", mail, 6) == (1, detail)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.binary(max_size=64), max_size=8))
+def test_no_mail_does_harm(mails):
+    client = Client()
+    wire = Wire()
+    wire.server = MailboxServer({Protocol.COE: client.server.handle}, wire.put)
+    for mail in mails:
+        wire.server.receive(mail)
+        wire.write(b"\x00\x20" + mail, counter=0)
+        wire.write(b"\x00\x80" + mail, counter=0)
+        while wire.read():
+            pass
+    client.server.reset()
+    assert client.upload(0x2001, 0) == b"hello world"
