@@ -1,5 +1,6 @@
 """Fixtures: a real daemon on a real simulated segment, and the command line that talks to it."""
 
+import contextlib
 import json
 import os
 import re
@@ -124,10 +125,8 @@ class Daemon:
 
 
 def with_suppress_kill(pid: int, number: int) -> None:
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.kill(pid, number)
-    except ProcessLookupError:
-        pass
 
 
 def _children(pid: int) -> list[int]:

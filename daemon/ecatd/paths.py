@@ -23,7 +23,7 @@ def user_dir() -> Path:
         return SYSTEM
     if session := os.environ.get("XDG_RUNTIME_DIR"):
         return Path(session) / "ecatd"
-    return Path(f"/tmp/ecatd-{os.geteuid()}")  # noqa: S108  its owner and mode are checked
+    return Path(f"/tmp/ecatd-{os.geteuid()}")
 
 
 def make_dir() -> Path:

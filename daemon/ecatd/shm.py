@@ -18,7 +18,7 @@ from . import native
 LIBRARY = native.load("ecatd", "ecat")
 LIBRARY.ecat_layout.restype = ctypes.c_char_p
 
-FOLDER = Path("/dev/shm")  # noqa: S108  where POSIX shared memory lives on Linux
+FOLDER = Path("/dev/shm")
 
 SHM_MAGIC = 0x314D485354414345
 OUT_MAGIC = 0x3154554F54414345
@@ -77,7 +77,7 @@ _SCALARS: dict[str, Any] = {
 
 @cache
 def layout() -> dict[str, list[tuple[str, str, int, int, int]]]:
-    """Fields of every struct as `(name, type, offset, size, count)`; the first row is the struct."""
+    """Fields of every struct as `(name, type, offset, size, count)`; first the struct itself."""
     structs: dict[str, list[tuple[str, str, int, int, int]]] = {}
     for line in LIBRARY.ecat_layout().decode().splitlines():
         struct, field, kind, offset, size, count = line.split()
@@ -94,7 +94,9 @@ def struct(name: str) -> Any:
         fields.append((field, base if count == 1 else base * count))
     made: Any = type(name, (ctypes.Structure,), {"_fields_": fields})
     if ctypes.sizeof(made) != layout()[name][0][3]:
-        raise ImportError(f"{name} has {ctypes.sizeof(made)} bytes in Python, but another size in C")
+        raise ImportError(
+            f"{name} has {ctypes.sizeof(made)} bytes in Python, but another size in C"
+        )
     return made
 
 

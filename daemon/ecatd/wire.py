@@ -45,7 +45,9 @@ def frame(message: dict[str, Any]) -> bytes:
     return _LENGTH.pack(len(data)) + data
 
 
-async def read_frame(reader: asyncio.StreamReader, limit: int = MAX_MESSAGE) -> dict[str, Any] | None:
+async def read_frame(
+    reader: asyncio.StreamReader, limit: int = MAX_MESSAGE
+) -> dict[str, Any] | None:
     """The next message, or None when the other side has closed.
 
     Raises:

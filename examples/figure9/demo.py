@@ -1,8 +1,8 @@
 """`make demo`: the experiment of Figures 8 and 9 of the paper, from nothing to a plot.
 
 Starts the simulated rig `troll` and `ecatd` on it, generates the Modelica library of the bus, runs
-the library's example (by OpenModelica where `omc` is on PATH, else by a C program that makes the same
-calls), plots the result and shows how punctual the bus was. Everything it starts, it stops.
+the library's example (by OpenModelica where `omc` is on PATH, else by a C program that makes the
+same calls), plots the result and shows how punctual the bus was. Everything it starts, it stops.
 """
 
 from __future__ import annotations
@@ -56,22 +56,24 @@ def ctl(bus: str, *arguments: str | Path, quiet: bool = False) -> str:
 @contextmanager
 def running_daemon(bus: str) -> Iterator[None]:
     """`ecatd` on the simulated rig, from the moment it is in OP."""
-    with tempfile.TemporaryDirectory(prefix="ecatd-demo-") as folder:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ready:
-            ready.bind(f"{folder}/notify")
-            ready.settimeout(0.2)
-            daemon = subprocess.Popen(
-                [sys.executable, "-m", "ecatd.service", "--simulate", "troll", "--bus", bus],
-                env={**os.environ, "NOTIFY_SOCKET": f"{folder}/notify"},
-                start_new_session=True,  # Ctrl-C is for this program, which then ends the daemon
-            )
-            try:
-                _wait_ready(ready, daemon)
-                yield
-            finally:
-                if daemon.poll() is None:
-                    daemon.send_signal(signal.SIGTERM)
-                daemon.wait()
+    with (
+        tempfile.TemporaryDirectory(prefix="ecatd-demo-") as folder,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ready,
+    ):
+        ready.bind(f"{folder}/notify")
+        ready.settimeout(0.2)
+        daemon = subprocess.Popen(
+            [sys.executable, "-m", "ecatd.service", "--simulate", "troll", "--bus", bus],
+            env={**os.environ, "NOTIFY_SOCKET": f"{folder}/notify"},
+            start_new_session=True,  # Ctrl-C is for this program, which then ends the daemon
+        )
+        try:
+            _wait_ready(ready, daemon)
+            yield
+        finally:
+            if daemon.poll() is None:
+                daemon.send_signal(signal.SIGTERM)
+            daemon.wait()
 
 
 def _wait_ready(ready: socket.socket, daemon: subprocess.Popen[bytes]) -> None:
@@ -147,7 +149,9 @@ def print_summary(stats: dict[str, Any]) -> None:
         print(f"{title:<28}{values}")
     one, two, more = stats["delay_cycles"][1:]
     total = max(1, one + two + more)
-    print(f"outputs left with the cycle after the sample that they answer: {100 * one / total:.2f} %")
+    print(
+        f"outputs left with the cycle after the sample that they answer: {100 * one / total:.2f} %"
+    )
 
 
 def demo(bus: str, seconds: float, out: Path) -> None:
@@ -169,7 +173,9 @@ def demo(bus: str, seconds: float, out: Path) -> None:
     call(sys.executable, HERE / "plot.py", record, out / "figure9.png")
     step("Timing of the bus")
     print_summary(stats)
-    step(f"Done: look at {out / 'figure9.png'}, open {out / LIBRARY / 'package.mo'} in OpenModelica")
+    step(
+        f"Done: look at {out / 'figure9.png'}, open {out / LIBRARY / 'package.mo'} in OpenModelica"
+    )
 
 
 def main() -> int:

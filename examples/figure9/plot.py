@@ -50,9 +50,15 @@ def read(file: Path) -> Result:
             [float(row[name]) for row in rows] for name in ("time", "w_ref", "w_m", "i_m")
         )
     except KeyError as missing:
-        raise SystemExit(f"{file} has no column {missing}: is it a result of this experiment?") from None
-    facts = dict(re.findall(r"([a-z ]+?)(?: in mA)?: (\d+)", first)) if first.startswith("#") else {}
-    encoder = int(facts.get(" encoder increments", 0)) / (int(facts.get(" per revolutions", 0)) or 1)
+        raise SystemExit(
+            f"{file} has no column {missing}: is it a result of this experiment?"
+        ) from None
+    facts = (
+        dict(re.findall(r"([a-z ]+?)(?: in mA)?: (\d+)", first)) if first.startswith("#") else {}
+    )
+    encoder = int(facts.get(" encoder increments", 0)) / (
+        int(facts.get(" per revolutions", 0)) or 1
+    )
     rated = int(facts.get(" rated current", 0))
     per_minute = 60 / encoder if encoder else 1
     ampere = rated / 1000 / RATED if rated else 1

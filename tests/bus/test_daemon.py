@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from conftest import SHM, Daemon
 
+from conftest import SHM, Daemon
 from ecatd import shm
 from ecatd.model.errors import SdoAbortError, StateError, UnreachableError, UsageError
 
@@ -234,7 +234,8 @@ def test_safe_values_come_from_the_configuration(
 ) -> None:
     daemon = start_daemon(
         "troll",
-        config="[gateway]\nlisten = []\n[[outputs.safe]]\nslave = 3\nentry = '0x7010:01'\nvalue = 1\n"
+        config="[gateway]\nlisten = []\n"
+        "[[outputs.safe]]\nslave = 3\nentry = '0x7010:01'\nvalue = 1\n"
         "[[outputs.safe]]\nslave = 3\nentry = '0x7020:01'\nvalue = 'hold'\n",
     )
     assert outputs_now(daemon) == ([0, 1, 0, 0, 0, 0, 0, 0], shm.Outputs.SAFE)
@@ -307,7 +308,5 @@ def test_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Da
 
 
 def test_both_segments_have_the_documented_modes(troll: Daemon) -> None:
-    modes = {
-        path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")
-    }
+    modes = {path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")}
     assert modes == {f"ecat.{troll.bus}": "0o640", f"ecat.{troll.bus}.out": "0o660"}

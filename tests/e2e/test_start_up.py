@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from conftest import SHM, Daemon, one_line_error, run_module
 
 RIGS = Path(__file__).parents[1] / "rigs"
@@ -115,9 +116,7 @@ def test_unknown_rig(env: dict[str, str]) -> None:
         ("\n\ncycle_time_us = 1", "{file}:3: cycle_time_us: is 1, but must be from 100"),
     ],
 )
-def test_broken_configuration(
-    env: dict[str, str], tmp_path: Path, text: str, what: str
-) -> None:
+def test_broken_configuration(env: dict[str, str], tmp_path: Path, text: str, what: str) -> None:
     file = tmp_path / "ecat.toml"
     file.write_text(text)
     for more in ((), ("--check-config",)):

@@ -3,14 +3,15 @@
 import struct
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError
 from ecatsim.coe import CoeServer
 from ecatsim.mailbox import MailboxServer, Protocol
 from ecatsim.objects import Access, Dictionary, ObjectCode, Variable
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 REPLY_SIZE = 48
 PREOP, OP = 2, 8

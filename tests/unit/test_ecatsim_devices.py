@@ -3,6 +3,7 @@
 import math
 
 import pytest
+
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType

@@ -4,6 +4,7 @@ import random
 import struct
 
 import pytest
+
 from ecatsim.core import Chip, Event, ProcessDataMap, Segment
 from ecatsim.sii import Description, build
 
@@ -70,7 +71,7 @@ def test_answer_is_marked_and_otherwise_untouched(segment):
 
 def test_auto_increment_addresses(segment):
     for position in range(SLAVES):
-        data, counter, key = send(segment, APRD, -position, 0x0500, bytes(2))
+        _data, counter, key = send(segment, APRD, -position, 0x0500, bytes(2))
         assert (counter, key) == (1, (SLAVES - position) & 0xFFFF)
     assert send(segment, APRD, 1, 0x0000, bytes(2))[1] == 0
     assert send(segment, APRD, -SLAVES, 0x0000, bytes(2))[1] == 0

@@ -1,6 +1,7 @@
 import struct
 
 import pytest
+
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatsim import rig, sii
@@ -134,7 +135,7 @@ TROLL = [
 
 def test_troll_has_its_identities_in_order():
     found = [parse(device.sii_image()) for device in rig.make("troll").devices]
-    assert TROLL == [(f["strings"][1], f["vendor"], f["product"], f["revision"]) for f in found]
+    assert [(f["strings"][1], f["vendor"], f["product"], f["revision"]) for f in found] == TROLL
 
 
 def test_pdos_of_the_terminals_are_those_of_the_real_ones():

@@ -55,9 +55,7 @@ def test_everything_a_master_needs() -> None:
 
 
 def test_an_empty_eeprom_has_nothing() -> None:
-    assert read(b"\xff" * 256) == Sii(
-        alias=0xFFFF, serial=0xFFFFFFFF, mailbox_protocols=0xFFFF
-    )
+    assert read(b"\xff" * 256) == Sii(alias=0xFFFF, serial=0xFFFFFFFF, mailbox_protocols=0xFFFF)
 
 
 @pytest.mark.parametrize(

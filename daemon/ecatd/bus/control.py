@@ -75,7 +75,10 @@ class ControlSocket:
         except Exception as error:
             # The bus must outlive a defect in one answer; the caller hears of it.
             self._log.error(f"defect while answering {message.get('op')!r}: {error!r}")
-            reply = {"id": identity, "error": EcatError(f"defect in the daemon: {error!r}").to_reply()}
+            reply = {
+                "id": identity,
+                "error": EcatError(f"defect in the daemon: {error!r}").to_reply(),
+            }
         if not writer.is_closing():
             writer.write(frame(reply))
 

@@ -100,7 +100,7 @@ def _list(master: Master, slave: Slave, index: int, size: int, most: int) -> lis
         data = master.sdo_read(slave.position, index, subindex)
         if len(data) != size:
             raise StateError(
-                f"{slave.label}: 0x{index:04X}:{subindex:02X} has {len(data)} bytes instead of {size}"
+                f"{slave.label}: 0x{index:04X}:{subindex:02X} has {len(data)} bytes, not {size}"
             )
         values.append(int.from_bytes(data, "little"))
     return values

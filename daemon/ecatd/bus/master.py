@@ -128,7 +128,9 @@ class Master:
                 f"slave {position} does not answer a write of register 0x{address:04X}"
             ) from error
 
-    def sdo_read(self, position: int, index: int, subindex: int, *, complete: bool = False) -> bytes:
+    def sdo_read(
+        self, position: int, index: int, subindex: int, *, complete: bool = False
+    ) -> bytes:
         """Uploads an object.
 
         Raises:
@@ -159,12 +161,16 @@ class Master:
         except pysoem.WkcError as error:
             raise TimeoutError_(f"{where}: the slave does not answer its mailbox") from error
         except pysoem.MailboxError as error:
-            raise StateError(f"{where}: mailbox error 0x{error.error_code:04X}: {error.desc}") from error
+            raise StateError(
+                f"{where}: mailbox error 0x{error.error_code:04X}: {error.desc}"
+            ) from error
         except pysoem.PacketError as error:
             raise StateError(f"{where}: the slave answered with a wrong frame: {error}") from error
         except AssertionError as error:
             # pysoem asserts that the oldest error belongs to the slave it asked.
-            raise StateError(f"{where}: another slave reported an error meanwhile; try again") from error
+            raise StateError(
+                f"{where}: another slave reported an error meanwhile; try again"
+            ) from error
 
     def object_names(self, position: int) -> dict[tuple[int, int], tuple[str, int]]:
         """Names and data types of all objects from the SDO information service, if it has one."""

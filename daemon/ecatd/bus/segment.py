@@ -124,9 +124,7 @@ class Segment:
     def _fill_signals(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_signal") * max(1, len(plan.signals))
         table = kind.from_buffer(self._map, plan.offsets["signals"])
-        for row, (slave, name, entry, output, bit_offset) in zip(
-            table, plan.signals, strict=False
-        ):
+        for row, (slave, name, entry, output, bit_offset) in zip(table, plan.signals, strict=False):
             row.slave, row.domain = slave.position, slave.domain
             row.index, row.subindex, row.output = entry.index, entry.subindex, int(output)
             row.type, row.bit_length = entry.data_type, entry.bit_length
@@ -190,9 +188,11 @@ class Segment:
             ) from error
         try:
             if not _lock(old):
-                pid = shm.struct("ecat_shm_header").from_buffer_copy(
-                    os.pread(old, shm.size("ecat_shm_header"), 0)
-                ).pid
+                pid = (
+                    shm.struct("ecat_shm_header")
+                    .from_buffer_copy(os.pread(old, shm.size("ecat_shm_header"), 0))
+                    .pid
+                )
                 raise StateError(
                     f"bus '{self._bus.name}' is already served by another ecatd (pid {pid}); "
                     f"stop it first, or give this one another name with --bus"

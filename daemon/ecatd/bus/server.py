@@ -96,9 +96,7 @@ class BusServer:
         master.reach(AlState.PREOP, config.state_timeout_s)
         scanned = [scan_slave(master, position) for position in range(count)]
         self.bus.slaves = [item.slave for item in scanned]
-        image = lay_out(
-            self.bus, {item.slave.position for item in scanned if item.sii.without_lrw}
-        )
+        image = lay_out(self.bus, {item.slave.position for item in scanned if item.sii.without_lrw})
         configure(master, scanned, image)
         master.reach(AlState.SAFEOP, config.state_timeout_s)
         self._exchange(image)
@@ -108,9 +106,9 @@ class BusServer:
         self._segment.publish()
         self._started = time.time()
         self._log.info(
-            f"bus '{self.bus.name}' is in OP: {count} slaves, {image.output_bytes} bytes of outputs, "
-            f"{sum(d.input_bytes for d in image.domains)} of inputs, every {config.cycle_time_us} µs "
-            f"(after {time.monotonic() - begin:.1f} s)"
+            f"bus '{self.bus.name}' is in OP: {count} slaves, {image.output_bytes} bytes of "
+            f"outputs, {sum(d.input_bytes for d in image.domains)} of inputs, every "
+            f"{config.cycle_time_us} µs (after {time.monotonic() - begin:.1f} s)"
         )
 
     def _exchange(self, image: Image) -> None:
@@ -192,7 +190,9 @@ class BusServer:
     @property
     def _requests(self) -> SlotRequests:
         if not hasattr(self, "_slot_requests"):
-            assert self._segment and self._engine and self._master
+            assert self._segment
+            assert self._engine
+            assert self._master
             self._slot_requests = SlotRequests(
                 self._segment, self._engine, self._mailbox, self._master, len(self.bus.slaves)
             )
@@ -279,7 +279,11 @@ class BusServer:
 
         def change() -> None:
             master.acknowledge(
-                [item for item in master.states() if positions is None or item.position in positions]
+                [
+                    item
+                    for item in master.states()
+                    if positions is None or item.position in positions
+                ]
             )
             try:
                 master.reach(state, self._config.state_timeout_s, positions)

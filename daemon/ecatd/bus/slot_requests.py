@@ -89,8 +89,8 @@ class SlotRequests:
             data = self._master.sdo_read(*where)
             if len(data) > _REPLY_BYTES:
                 raise UsageError(
-                    f"0x{request.index:04X}:{request.subindex:02X} has {len(data)} bytes, more than "
-                    f"the {_REPLY_BYTES} that a model can read; use `ecatctl sdo-read`"
+                    f"0x{request.index:04X}:{request.subindex:02X} has {len(data)} bytes, more "
+                    f"than the {_REPLY_BYTES} that a model can read; use `ecatctl sdo-read`"
                 )
             return data
         self._master.sdo_write(*where, request.data)

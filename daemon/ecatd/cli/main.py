@@ -47,12 +47,24 @@ def _bounded(low: int, high: int) -> Callable[[str], int]:
 
 def _common() -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--bus", default=os.environ.get("ECATD_BUS", "ecat0"), metavar="NAME",
-                        help="name of the bus (default: $ECATD_BUS or ecat0)")
-    common.add_argument("--connect", metavar="ENDPOINT",
-                        help="Zenoh endpoint of a daemon, for example tcp/host:7447")
-    common.add_argument("--timeout", type=float, default=15.0, metavar="S",
-                        help="seconds to wait for an answer (default: 15)")
+    common.add_argument(
+        "--bus",
+        default=os.environ.get("ECATD_BUS", "ecat0"),
+        metavar="NAME",
+        help="name of the bus (default: $ECATD_BUS or ecat0)",
+    )
+    common.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        help="Zenoh endpoint of a daemon, for example tcp/host:7447",
+    )
+    common.add_argument(
+        "--timeout",
+        type=float,
+        default=15.0,
+        metavar="S",
+        help="seconds to wait for an answer (default: 15)",
+    )
     common.add_argument("--json", action="store_true", help="print JSON for programs")
     return common
 
@@ -102,13 +114,17 @@ def _parser() -> argparse.ArgumentParser:
         if not reading:
             command.add_argument("value", help="number, text, or hexadecimal bytes")
         command.add_argument(
-            "--type", metavar="TYPE", help=f"data type, where it is not known: {', '.join(TYPE_NAMES)}"
+            "--type",
+            metavar="TYPE",
+            help=f"data type, where it is not known: {', '.join(TYPE_NAMES)}",
         )
         command.add_argument("--complete", action="store_true", help="complete access")
         command.add_argument("-v", "--verbose", action="store_true", help="print name and type too")
     command = add("generate", library.generate, "Write a Modelica library for the bus.")
     command.add_argument("name", metavar="NAME", help="name of the library, as TrollPlant")
-    command.add_argument("out", metavar="DIR", type=Path, help="folder that the library is put into")
+    command.add_argument(
+        "out", metavar="DIR", type=Path, help="folder that the library is put into"
+    )
     return parser
 
 

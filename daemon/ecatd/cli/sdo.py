@@ -47,7 +47,9 @@ def _guess(data: bytes) -> DataType:
 def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     """Uploads an object and prints it as `ethercat upload` does: hexadecimal and decimal."""
     (slave,) = pick_slaves(remote.describe(), options.slave)
-    value = remote.sdo_read(slave.position, options.index, options.subindex, complete=options.complete)
+    value = remote.sdo_read(
+        slave.position, options.index, options.subindex, complete=options.complete
+    )
     name, data_type = _known(slave, options.index, options.subindex) or ("", 0)
     if options.complete:
         data_type = 0
@@ -87,7 +89,9 @@ def _wrong_size(data_type: int, data: bytes) -> bool:
 def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
     """Downloads a value to an object."""
     (slave,) = pick_slaves(remote.describe(), options.slave)
-    data_type = parse_type(options.type) if options.type else _type_for_write(remote, slave, options)
+    data_type = (
+        parse_type(options.type) if options.type else _type_for_write(remote, slave, options)
+    )
     data = encode(data_type, options.value)
     remote.sdo_write(
         slave.position, options.index, options.subindex, data, complete=options.complete

@@ -191,8 +191,8 @@ def print_stats(document: dict[str, Any]) -> None:
     )
     delays = document["delay_cycles"]
     print(
-        f"commits {document['commits']}, leases lost {document['lapses']}; sample to bus in cycles: "
-        f"1: {delays[1]}, 2: {delays[2]}, 3 or more: {delays[3]}"
+        f"commits {document['commits']}, leases lost {document['lapses']}; sample to bus in "
+        f"cycles: 1: {delays[1]}, 2: {delays[2]}, 3 or more: {delays[3]}"
     )
     print()
     print_table(

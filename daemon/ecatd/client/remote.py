@@ -23,9 +23,7 @@ from ecatd.model.errors import (
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.wire import MAX_REPLY, pack, unpack
 
-_START = (
-    "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
-)
+_START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +82,9 @@ class Remote:
         PermissionError_: This user may not use it.
     """
 
-    def __init__(self, bus: str = "ecat0", connect: str | None = None, timeout: float = 10.0) -> None:
+    def __init__(
+        self, bus: str = "ecat0", connect: str | None = None, timeout: float = 10.0
+    ) -> None:
         self.bus = bus
         self._timeout = timeout
         endpoint = connect or _local_endpoint(bus)
@@ -108,7 +108,7 @@ class Remote:
 
     def close(self) -> None:
         """Ends the session."""
-        self._session.close()
+        self._session.close()  # type: ignore[no-untyped-call]  a gap in its annotations
 
     def __enter__(self) -> Self:
         return self

@@ -368,15 +368,13 @@ class Client:
         self._check(_LIB.ecat_commit(self._bus))
 
     def wait(self, cycles: int = 1, timeout: float = 1.0) -> None:
-        """Waits for the end of so many more cycles; raises `TimeoutError_` or `UnreachableError`."""
+        """Waits for the end of so many more cycles; raises when they do not come in time."""
         self._check(_LIB.ecat_wait(self._bus, cycles, timeout))
 
     def sdo_start(self, position: int, index: int, subindex: int, data: bytes | None = None) -> int:
         """Starts an SDO upload, or a download of `data`; returns the handle of the request."""
         length = len(data) if data is not None else 0
-        return self._check(
-            _LIB.ecat_sdo_start(self._bus, position, index, subindex, data, length)
-        )
+        return self._check(_LIB.ecat_sdo_start(self._bus, position, index, subindex, data, length))
 
     def sdo_poll(self, request: int) -> bytes | None:
         """What was uploaded, or None while the request runs.

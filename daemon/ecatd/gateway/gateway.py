@@ -89,8 +89,7 @@ class Gateway:
         task.add_done_callback(self._tasks.discard)
 
     def _open_session(self) -> zenoh.Session:
-        """Listens on the Unix socket for this machine's users, who may change things, and on the
-        configured endpoints for everybody else, who may read."""
+        """Opens Zenoh: users of this machine's socket may change things, all others only read."""
         self._socket.unlink(missing_ok=True)
         local = f"unixsock-stream/{self._socket}"
         wanted = self._config.gateway.listen

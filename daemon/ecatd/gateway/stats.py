@@ -29,8 +29,11 @@ _COUNTERS = (
 
 
 def read_stats(bus: str) -> dict[str, Any]:
-    """Counters (`cycles`, `missed`, …), `realtime`, `delay_cycles`, and for each of `wakeup`,
-    `exchange`, `cycle` and `delay` a map of `count`, `mean`, `min`, `p50` … `p999` and `max`.
+    """Reads all statistics of a bus.
+
+    Returns:
+        Counters (`cycles`, `missed`, …), `realtime`, `delay_cycles`, and for each of `wakeup`,
+        `exchange`, `cycle` and `delay` a map of `count`, `mean`, `min`, `p50` … `p999` and `max`.
 
     Raises:
         UnreachableError: No daemon serves the bus.

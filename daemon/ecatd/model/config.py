@@ -185,10 +185,15 @@ class _Reader:
         gateway = self._check(top.pop("gateway", {}), _GATEWAY, "gateway")
         for endpoint in gateway.get("listen", []):
             if not isinstance(endpoint, str) or "/" not in endpoint:
-                self._fail("gateway", "listen", f"{endpoint!r} is no Zenoh endpoint such as "
-                           '"tcp/127.0.0.1:7447"')
+                self._fail(
+                    "gateway",
+                    "listen",
+                    f'{endpoint!r} is no Zenoh endpoint such as "tcp/127.0.0.1:7447"',
+                )
         if not BUS_NAME.fullmatch(top.get("bus", "ecat0")):
-            self._fail("", "bus", f"{top['bus']!r} is no bus name: use 1 to 31 letters, digits, _ or -")
+            self._fail(
+                "", "bus", f"{top['bus']!r} is no bus name: use 1 to 31 letters, digits, _ or -"
+            )
         if len(top.get("interface", "").encode()) > 15:
             self._fail("", "interface", "an interface name has at most 15 characters")
         realtime = self._check(top.pop("realtime", {}), _REALTIME, "realtime")
@@ -207,11 +212,11 @@ class _Reader:
             self._fail("outputs.safe", "slave", "is missing: which slave is meant?")
         safe = SafeConfig(**values)
         if safe.entry and safe.address is None:
-            self._fail("outputs.safe", "entry", f"{safe.entry!r} is no address such as \"0x60FF:00\"")
+            self._fail("outputs.safe", "entry", f'{safe.entry!r} is no address such as "0x60FF:00"')
         if isinstance(safe.value, bool) or not isinstance(safe.value, int | str):
             self._fail("outputs.safe", "value", 'must be "zero", "hold" or a whole number')
         if isinstance(safe.value, str) and safe.value not in ("zero", "hold"):
-            self._fail("outputs.safe", "value", f"{safe.value!r} is neither \"zero\" nor \"hold\"")
+            self._fail("outputs.safe", "value", f'{safe.value!r} is neither "zero" nor "hold"')
         if isinstance(safe.value, int) and not safe.entry:
             self._fail("outputs.safe", "value", "a number needs an entry: which one is meant?")
         return safe
@@ -225,7 +230,7 @@ class _Reader:
                 self._fail(table, key, f"is no key; {hint}")
             kind, low, high = rules[key]
             if kind is float and type(value) is int:
-                value = float(value)  # noqa: PLW2901  TOML writes whole numbers without a point
+                value = float(value)
             if kind is not object and type(value) is not kind:
                 self._fail(table, key, f"must be {_TYPE_WORDS[kind]}, not {value!r}")
             if kind in (int, float) and not low <= value <= high:

@@ -129,9 +129,7 @@ def parse_type(text: str) -> DataType:
     try:
         return DataType[text.upper()]
     except KeyError:
-        raise UsageError(
-            f"'{text}' is no data type; use one of {', '.join(TYPE_NAMES)}"
-        ) from None
+        raise UsageError(f"'{text}' is no data type; use one of {', '.join(TYPE_NAMES)}") from None
 
 
 def type_name(data_type: int) -> str:

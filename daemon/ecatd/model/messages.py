@@ -118,7 +118,11 @@ def parse_request(data: Any) -> Request:
     try:
         return kind(**values)
     except TypeError:
-        missing = [key for key in fields if key not in values and key in ("slave", "index", "state", "data")]
+        missing = [
+            key
+            for key in fields
+            if key not in values and key in ("slave", "index", "state", "data")
+        ]
         raise UsageError(f"{op} needs {', '.join(missing)}") from None
 
 

@@ -39,7 +39,9 @@ def _parser() -> argparse.ArgumentParser:
         "--simulate", metavar="RIG", help="run a simulated rig instead of hardware (see ecatsim)"
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration in TOML")
-    parser.add_argument("--check-config", action="store_true", help="check the configuration and end")
+    parser.add_argument(
+        "--check-config", action="store_true", help="check the configuration and end"
+    )
     parser.add_argument("--bus", metavar="NAME", help="name of the bus (default: ecat0)")
     parser.add_argument(
         "--cycle-time-us", metavar="N", type=int, help="base cycle in microseconds (default: 1000)"
@@ -54,7 +56,11 @@ def _configuration(options: argparse.Namespace) -> Config:
     """The file's configuration, with what the command line says on top."""
     config = Config.load(options.config) if options.config else Config()
     values = config.to_dict()
-    for option, key in (("bus", "bus"), ("interface", "interface"), ("cycle_time_us", "cycle_time_us")):
+    for option, key in (
+        ("bus", "bus"),
+        ("interface", "interface"),
+        ("cycle_time_us", "cycle_time_us"),
+    ):
         if getattr(options, option) is not None:
             values[key] = getattr(options, option)
     if options.bus or options.cycle_time_us or options.interface:

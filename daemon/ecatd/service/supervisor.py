@@ -1,7 +1,7 @@
 """Starts the processes of the daemon, watches them, and ends them in order.
 
 Simulator (if any), bus server, gateway: in this order up, and back in the other. The bus server or
-the simulator ending is the end of the daemon; the gateway is started again, the bus does not notice.
+the simulator ending is the end of the daemon; the gateway is started again, unnoticed by the bus.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _GATEWAY_PAUSE = 1.0
 _STOP_PATIENCE = 15.0
 
 
-class _Ended(EcatError):
+class _EndedError(EcatError):
     """A child has ended with this exit status and has told why."""
 
     def __init__(self, status: int) -> None:
@@ -58,7 +58,7 @@ class Supervisor:
         status = 0
         try:
             await self._run()
-        except _Ended as ended:
+        except _EndedError as ended:
             status = ended.status
         finally:
             notify("STOPPING=1")
@@ -113,13 +113,13 @@ class Supervisor:
         )
         line = await self._or_stop(reader.readline())
         if not line:
-            raise _Ended(await child.wait() or 70)
+            raise _EndedError(await child.wait() or 70)
         return child, json.loads(line)
 
     async def _start_python(
         self, module: str, settings: dict[str, Any]
     ) -> asyncio.subprocess.Process:
-        # A session of its own: Ctrl-C reaches only this process, which then ends the others in order.
+        # A session of its own: Ctrl-C reaches only this process, which ends the others in order.
         child = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
@@ -138,7 +138,7 @@ class Supervisor:
         assert child.stdout is not None
         line = await self._or_stop(child.stdout.readline())
         if not line:
-            raise _Ended(_status(await child.wait()))
+            raise _EndedError(_status(await child.wait()))
 
     async def _or_stop(self, work: Any) -> bytes:
         """The line that a child writes when it is ready; a signal meanwhile ends the daemon."""
@@ -147,7 +147,7 @@ class Supervisor:
         await asyncio.wait((line, stop), return_when=asyncio.FIRST_COMPLETED)
         if not line.done():
             line.cancel()
-            raise _Ended(0)
+            raise _EndedError(0)
         stop.cancel()
         result: bytes = line.result()
         return result
@@ -171,7 +171,7 @@ class Supervisor:
                 child = ends[end]
                 what = "the bus server" if child is fatal[-1] else "the simulator"
                 self._log.error(f"{what} has ended unexpectedly ({_cause(end.result())})")
-                raise _Ended(_status(end.result()) or StateError.exit_code)
+                raise _EndedError(_status(end.result()) or StateError.exit_code)
             if gateway_end in done:
                 self._log.warning(
                     f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"

@@ -103,7 +103,7 @@ class Motion:
     def status(self, mode: Mode, word: int) -> int:
         """The bits of the status word that depend on the mode."""
         motor, halted = self._motor, bool(word & HALT)
-        limited = _LIMIT if abs(motor.current) >= motor.current_limit else 0
+        limited = _LIMIT * motor.limited
         if mode in CYCLIC:
             return limited | _MODE_BIT * (not halted)  # the drive follows the target
         if mode == Mode.PROFILE_VELOCITY:

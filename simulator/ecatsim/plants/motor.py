@@ -77,6 +77,7 @@ class Motor:
         speed: Speed in rad/s.
         current: Current in ampere.
         measured_current: The same, as the drive measures it.
+        limited: Whether the current is held at its limit.
     """
 
     def __init__(self, data: MotorData | None = None, seed: int = 1) -> None:
@@ -89,6 +90,7 @@ class Motor:
         self.speed = 0.0
         self.current = 0.0
         self.measured_current = 0.0
+        self.limited = False
         self._noise = Random(seed)
         self._voltage_integral = 0.0
         self._current_integral = 0.0
@@ -116,6 +118,7 @@ class Motor:
         if self.control is Control.OFF:
             self._voltage_integral = self._current_integral = 0.0
             self.current = 0.0
+            self.limited = False
         else:
             back_emf = d.torque_constant * self.speed
             wanted = self._wanted_current()
@@ -129,19 +132,22 @@ class Motor:
         self._move(d.torque_constant * self.current)
 
     def _wanted_current(self) -> float:
-        limit = self.current_limit
         if self.control is Control.CURRENT:
-            return max(-limit, min(limit, self.target / self.data.torque_constant))
+            return self._limit_current(self.target / self.data.torque_constant)
         speed = self.target
         if self.control is Control.POSITION:
             error = self.target - self.position
             speed = self.feedforward + self.data.position_gain * error
         error = speed - self.speed
-        free = self._kp_speed * error + self._current_integral
-        wanted = max(-limit, min(limit, free))
-        if wanted == free:
+        wanted = self._limit_current(self._kp_speed * error + self._current_integral)
+        if not self.limited:
             self._current_integral += self._ki_speed * error
         return wanted
+
+    def _limit_current(self, current: float) -> float:
+        limit = self.current_limit
+        self.limited = abs(current) > limit
+        return max(-limit, min(limit, current))
 
     def _move(self, torque: float) -> None:
         d = self.data

@@ -1,0 +1,68 @@
+"""What independent Modelica front ends say about a library."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+_INTERFACE = Path(__file__).parent / "Modelica"
+
+
+def check_syntax(library: Path) -> Iterator[str]:
+    """Files that pymoca cannot parse."""
+    from pymoca import parser
+
+    for file in sorted(library.rglob("*.mo")):
+        if parser.parse(file.read_text("utf-8")) is None:
+            yield f"{file.relative_to(library.parent)} is not valid Modelica"
+
+
+def check_translation(out: Path, models: Iterable[str], standard_library: Path | None = None) -> Iterator[str]:
+    """What rumoca finds wrong when it translates models of the libraries in a directory.
+
+    It resolves names, checks types and counts equations. It does not know ExternalObject, so it
+    sees a copy in which external objects are Integers and their constructors functions.
+
+    Args:
+        out: Directory with the libraries.
+        models: Full names of the models, each in a file of its own.
+        standard_library: Directory with the Modelica Standard Library; by default a stand-in is
+            used that has the interfaces which our libraries need.
+    """
+    import rumoca
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "libraries"
+        shutil.copytree(out, copy, ignore=lambda _, names: [n for n in names if n == "Resources"])
+        if standard_library is None:
+            shutil.copytree(_INTERFACE, copy / "Modelica")
+        _replace_external_objects(copy)
+        roots = [str(copy), *([str(standard_library)] if standard_library else [])]
+        for model in models:
+            file = copy.joinpath(*model.split(".")).with_suffix(".mo")
+            try:
+                rumoca.Session(roots=roots).load(str(file), model=model)
+            except rumoca.RumocaError as error:
+                yield f"{model}: {error}"
+
+
+def _replace_external_objects(copy: Path) -> None:
+    objects = [
+        file for file in copy.rglob("*.mo") if "extends ExternalObject;" in file.read_text("utf-8")
+    ]
+    names = "|".join(file.stem for file in objects)
+    call = re.compile(rf"(EtherCAT\.Internal\.)({names})\(")
+    for file in copy.rglob("*.mo"):
+        file.write_text(call.sub(r"\1new\2(", file.read_text("utf-8")))
+    for file in objects:
+        source = file.read_text("utf-8")
+        constructor = source.split("function constructor", 1)[1].split("end constructor;", 1)[0]
+        file.with_name(f"new{file.name}").write_text(
+            f"within EtherCAT.Internal;\nimpure function new{file.stem}{constructor}end new{file.stem};\n"
+        )
+        file.write_text(f"within EtherCAT.Internal;\ntype {file.stem} = Integer;\n")
+    order = copy / "EtherCAT" / "Internal" / "package.order"
+    order.write_text(order.read_text() + "".join(f"new{file.stem}\n" for file in objects))
