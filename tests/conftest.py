@@ -122,6 +122,8 @@ class Daemon:
         if self.process.poll() is None:
             self.stop()
         self._socket.close()
+        for leftover in SHM.glob(f"ecat.{self.bus}*"):  # of a bus server that the test killed
+            leftover.unlink()
 
 
 def with_suppress_kill(pid: int, number: int) -> None:
@@ -172,8 +174,9 @@ def troll(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     """A daemon on the rig `troll`, for tests that leave it as they found it."""
     daemon = Daemon(tmp_path_factory.mktemp("troll"), "troll").wait_ready()
     yield daemon
-    daemon.close()
+    assert daemon.stop() == 0
     assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    daemon.close()
 
 
 @pytest.fixture(scope="session")

@@ -13,17 +13,17 @@ from .ir import Block, Connector, Kind, Skipped
 _MAX_BITS = 64  # of one entry in the shared memory
 _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
 
-EXAMPLE_COMPONENTS = frozenset(
-    "etherCATMaster enable startUp reference standstill target toInteger ratedTorque off zero "
-    "zeroReal w_ref w_m i_m".split()
+EXAMPLE_COMPONENTS = (
+    *("etherCATMaster", "enable", "startUp", "reference", "standstill", "target", "toInteger"),
+    *("ratedTorque", "off", "zero", "zeroReal", "w_ref", "w_m", "i_m"),
 )
 """Names that the example models use beside those of the blocks."""
 
 # Names that the blocks and their base class use, and so no connector can have.
 _RESERVED = (
-    "domainID slaveData slaveName fingerprint generateCommand etherCATMaster domain "
-    "slaveConfiguration committed Modelica EtherCAT"
-).split()
+    *("domainID", "slaveData", "slaveName", "fingerprint", "generateCommand", "etherCATMaster"),
+    *("domain", "slaveConfiguration", "committed", "Modelica", "EtherCAT"),
+)
 
 
 def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
@@ -34,9 +34,10 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
     """
     namespace = names.Namespace(
         {*names.FOREIGN_LIBRARIES, library, "UsersGuide", "Examples"}
-        | {"fingerprint", "generateCommand"}
+        | {"fingerprint", "generateCommand"},
+        suffix="Slave",
     )
-    instances = names.Namespace(EXAMPLE_COMPONENTS)
+    instances = names.Namespace(EXAMPLE_COMPONENTS, suffix="Slave")
     blocks = []
     for slave in slaves:
         name = namespace.take(names.class_name(slave.name, f"Slave{slave.product:08X}"))
@@ -86,9 +87,7 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
     )
 
 
-def _usable(
-    slave: Slave, skipped: list[Skipped], *, outputs: bool
-) -> Iterator[tuple[Pdo, Entry]]:
+def _usable(slave: Slave, skipped: list[Skipped], *, outputs: bool) -> Iterator[tuple[Pdo, Entry]]:
     seen = set()
     for pdo, entry, _ in slave.entries(outputs=outputs):
         address = (entry.index, entry.subindex)
@@ -122,13 +121,10 @@ def _connectors(
         result.append(
             Connector(
                 name=name,
-                c_name=names.c_name(name),
                 handle=f"{'output' if outputs else 'input'}_{place}",
                 written=f"written_{place}",
                 kind=kind,
-                class_name=(
-                    f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}"
-                ),
+                class_name=(f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}"),
                 start=_START[kind],
                 function=kind.lower(),
                 index=entry.index,
@@ -157,5 +153,7 @@ def _scaling(entry: Entry) -> str:
     if not entry.unit and entry.scale == 1 and entry.offset == 0:
         return ""
     factor = "" if entry.scale == 1 else f" * {entry.scale:g}"
-    shift = "" if entry.offset == 0 else f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
+    shift = (
+        "" if entry.offset == 0 else f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
+    )
     return f"value{factor}{shift} {entry.unit}".strip()

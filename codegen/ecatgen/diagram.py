@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from . import layout
-from .ir import Block, Component, Connection, Kind, Point, Variable
+from .ir import Block, Component, Connection, Extent, Kind, Point, Variable
 
 _COLORS: dict[Kind, str] = {
     "Boolean": "{255, 0, 255}",
@@ -59,9 +59,7 @@ class Diagram:
         for port, offset in _PORTS[class_name].items():
             self._ports[f"{name}.{port}"] = Point(centre.x + offset.x, centre.y + offset.y)
         place = layout.extent(centre.x - 10, centre.y - 10, centre.x + 10, centre.y + 10)
-        self.components.append(
-            Component(class_name, name, modifiers, description, place, prefix)
-        )
+        self.components.append(Component(class_name, name, modifiers, description, place, prefix))
         return name
 
     def add_block(self, library: str, block: Block, centre: Point) -> str:
@@ -106,10 +104,10 @@ class Diagram:
         self.variables.append(Variable(name, description, expression))
 
     @property
-    def box(self) -> layout.Extent:
+    def box(self) -> Extent:
         """The extent of everything."""
-        corners = [p for component in self.components for p in (component.extent.a, component.extent.b)]
-        corners += [point for connection in self.connections for point in connection.points]
+        corners = [p for c in self.components for p in (c.extent.a, c.extent.b)]
+        corners += [p for c in self.connections for p in c.points]
         return layout.extent(
             min(p.x for p in corners) - 20,
             min(p.y for p in corners) - 20,

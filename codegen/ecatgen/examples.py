@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 from ecatd.model.bus import Bus
 
@@ -56,7 +57,7 @@ def _master(diagram: Diagram, bus: Bus, centre: Point) -> None:
 class _Constants:
     """Sources for outputs that an example leaves at zero; only those that are needed."""
 
-    _CLASSES: dict[Kind, tuple[str, str, str]] = {
+    _CLASSES: ClassVar[dict[Kind, tuple[str, str, str]]] = {
         "Boolean": ("Modelica.Blocks.Sources.BooleanConstant", "off", "k = false"),
         "Integer": ("Modelica.Blocks.Sources.IntegerConstant", "zero", "k = 0"),
         "Real": ("Modelica.Blocks.Sources.Constant", "zeroReal", "k = 0"),
@@ -97,8 +98,8 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
         name="AllSlaves",
         description="Read every input of the bus while all outputs are zero",
         paragraphs=(
-            "Simulate the model while ecatd serves the bus, and plot the outputs of the blocks. All "
-            "outputs of the bus are owned by the model and kept at zero.",
+            "Simulate the model while ecatd serves the bus, and plot the outputs of the blocks. "
+            "All outputs of the bus are owned by the model and kept at zero.",
         ),
         components=tuple(diagram.components),
         connections=tuple(diagram.connections),
@@ -184,7 +185,8 @@ def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block
             constants.feed(target, connector.kind)
     status, velocity = _find(drive.reads, STATUS_WORD), _find(drive.reads, VELOCITY)
     current = _find(drive.reads, CURRENT) or _find(drive.reads, TORQUE)
-    assert status is not None and velocity is not None  # is_velocity_drive() has found them
+    assert status is not None  # is_velocity_drive() has found them
+    assert velocity is not None
     diagram.connect_around(f"{name}.{status.name}", "startUp.statusWord", "Integer", y=66)
     _column(diagram, library, [b for b in blocks if b.reads and not b.writes], 150, 90)
     diagram.result("w_ref", "Reference speed in increments/s", "target.y")

@@ -38,8 +38,7 @@ class Connector:
     """One PDO entry as a connector of a block.
 
     Attributes:
-        name: Name in Modelica.
-        c_name: Name in C.
+        name: Name in Modelica and in C.
         handle: Name of the external object (and of the pointer in C).
         written: Name of the variable that orders the writes.
         kind: Type of the value in the model.
@@ -61,7 +60,6 @@ class Connector:
     """
 
     name: str
-    c_name: str
     handle: str
     written: str
     kind: Kind

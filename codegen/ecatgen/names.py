@@ -14,38 +14,16 @@ from collections.abc import Iterable, Sequence
 
 from ecatd.model.errors import UsageError
 
+from .words import WORDS
+
 MAX_LENGTH = 48
 """Longest name made of a text, before a counter is added."""
-
-KEYWORDS = frozenset(
-    "algorithm and annotation assert block break class connect connector constant constrainedby "
-    "der discrete each else elseif elsewhen encapsulated end enumeration equation expandable "
-    "extends external false final flow for function if import impure in initial inner input loop "
-    "model not operator or outer output package parameter partial protected public pure record "
-    "redeclare replaceable return stream then true type when while within".split()
-)
-
-BUILT_IN = frozenset(
-    "Real Integer Boolean String ExternalObject StateSelect AssertionLevel Clock time abs acos "
-    "actualStream asin atan atan2 backSample cardinality ceil change cos cosh cross delay "
-    "diagonal div edge exp fill floor getInstanceName hold homotopy identity inStream integer "
-    "interval linspace log log10 matrix max min mod ndims noClock noEvent ones outerProduct pre "
-    "previous product promote reinit rem sample scalar semiLinear shiftSample sign sin sinh size "
-    "skew smooth spatialDistribution sqrt subSample sum superSample symmetric tan tanh terminal "
-    "terminate transpose vector zeros".split()
-)
 
 FOREIGN_LIBRARIES = frozenset({"EtherCAT", "Modelica", "ModelicaServices", "Complex"})
 """Libraries that a generated one uses, and so cannot be called like."""
 
-C_KEYWORDS = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if "
-    "inline int long register restrict return short signed sizeof static struct switch typedef "
-    "union unsigned void volatile while asm typeof linux unix".split()
-)
-
 _LETTERS = str.maketrans(
-    {"µ": "u", "μ": "u", "Ω": "Ohm", "Ω": "Ohm", "°": " deg ", "%": " percent ", "ß": "ss"}
+    {"µ": "u", "μ": "u", "Ω": "Ohm", "°": " deg ", "%": " percent ", "ß": "ss"}
     | {"æ": "ae", "Æ": "Ae", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L", "'": ""}
 )
 
@@ -61,8 +39,8 @@ def library_name(name: str) -> str:
             f"'{name}' is no name for a Modelica library: use letters, digits and _, a letter "
             f"first, at most {MAX_LENGTH} characters, for example TrollPlant"
         )
-    if name in KEYWORDS or name in BUILT_IN:
-        raise UsageError(f"'{name}' is a word of the Modelica language: choose another name")
+    if name in WORDS:
+        raise UsageError(f"'{name}' is a word of the languages Modelica or C: choose another name")
     if name.casefold() in {library.casefold() for library in FOREIGN_LIBRARIES}:
         raise UsageError(f"'{name}' is the name of another Modelica library: choose another one")
     return name
@@ -127,28 +105,33 @@ def connector_names(
 
 
 class Namespace:
-    """Names that are taken in one scope; case does not make a difference (file systems)."""
+    """Names of one scope; case does not make a difference, as in many file systems.
 
-    def __init__(self, reserved: Iterable[str] = ()) -> None:
-        self._taken = {name.casefold() for name in (*KEYWORDS, *BUILT_IN, *reserved)}
+    Args:
+        reserved: Names that have another meaning in the scope, beside the words of Modelica and
+            of C: the same names are used in both.
+        suffix: What is added to a name that is reserved.
+    """
+
+    def __init__(self, reserved: Iterable[str] = (), suffix: str = "Entry") -> None:
+        self._reserved = {name.casefold() for name in WORDS.union(reserved)}
+        self._suffix = suffix
+        self._taken: set[str] = set()
 
     def is_free(self, name: str) -> bool:
-        """Whether nobody has the name yet."""
-        return name.casefold() not in self._taken
+        """Whether the name can be taken as it is."""
+        return name.casefold() not in self._reserved | self._taken
 
     def take(self, name: str) -> str:
-        """The name, or else the name with the first counter from 2 that makes it free."""
+        """The name, made free by the suffix, by a counter from 2, or by both."""
+        if name.casefold() in self._reserved:
+            name += self._suffix
         free, count = name, 1
         while not self.is_free(free):
             count += 1
             free = f"{name}_{count}"
         self._taken.add(free.casefold())
         return free
-
-
-def c_name(name: str) -> str:
-    """The name as a member of a C structure."""
-    return name + "_" if name in C_KEYWORDS else name
 
 
 def _words(text: str) -> list[str]:

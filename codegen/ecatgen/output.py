@@ -73,7 +73,9 @@ def install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:
     try:
         return _install(out, packages, library)
     except PermissionError as error:
-        raise PermissionError_(f"{error.filename or out} cannot be written: {error.strerror}") from error
+        raise PermissionError_(
+            f"{error.filename or out} cannot be written: {error.strerror}"
+        ) from error
     except (FileExistsError, NotADirectoryError) as error:
         raise StateError(f"{error.filename or out} is in the way: it is no directory") from error
 
@@ -96,7 +98,9 @@ def _install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:
 
 
 def _paths(packages: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    return {f"{name}/{path}": digest for name, tree in packages.items() for path, digest in tree.items()}
+    return {
+        f"{name}/{path}": digest for name, tree in packages.items() for path, digest in tree.items()
+    }
 
 
 def _hashes(tree: Tree) -> dict[str, str]:

@@ -15,7 +15,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # noqa: S701  the filters below escape for the language of each place
+        autoescape=False,  # the filters below escape for the language of each place
     )
     environment.filters |= {
         "string": text.modelica_string,

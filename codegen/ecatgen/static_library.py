@@ -1,4 +1,4 @@
-"""The files of the static library EtherCAT: its Modelica part and the C client for this platform."""
+"""The files of the static library EtherCAT: Modelica, and the C client for this platform."""
 
 from __future__ import annotations
 

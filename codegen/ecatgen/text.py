@@ -15,7 +15,9 @@ def one_line(text: str) -> str:
 
 def modelica_string(text: str) -> str:
     """A Modelica string literal with its quotes."""
-    return '"' + one_line(text).replace("\\", "\\\\").replace('"', '\\"') + '"'
+    body = one_line(text).replace("\\", "\\\\").replace('"', '\\"')
+    # Not every parser sees the end of a string after an escaped backslash.
+    return f'"{body} "' if body.endswith("\\") else f'"{body}"'
 
 
 def modelica_html(text: str) -> str:

@@ -14,7 +14,6 @@ _BASE = 0x0800
 _MODE_MASK, _MODE_MAILBOX, _MODE_BUFFERED = 0x03, 0x02, 0x00
 _DIRECTION_MASK, _MASTER_WRITES, _MASTER_READS = 0x0C, 0x04, 0x00
 _ENABLED = 0x01
-_MIN_MAILBOX = 16
 _RAM = 0x1000
 # Control registers of the usual settings.
 _MAILBOX_OUT = 0x26
@@ -72,7 +71,7 @@ def check_mailbox(segment: Segment, position: int, mailbox: Mailbox) -> None:
     ):
         start, size, control, enabled = _as_set(segment, position, channel)
         mode = control & _MODE_MASK == _MODE_MAILBOX and control & _DIRECTION_MASK == direction
-        if not (enabled and mode and start == at and _MIN_MAILBOX <= size <= room):
+        if not (enabled and mode and start == at and size == room):
             raise RefusedError(AlCode.MAILBOX)
 
 

@@ -13,14 +13,18 @@ _INTERFACE = Path(__file__).parent / "Modelica"
 
 def check_syntax(library: Path) -> Iterator[str]:
     """Files that pymoca cannot parse."""
-    from pymoca import parser
+    from pymoca import parser  # type: ignore[import-untyped]
 
     for file in sorted(library.rglob("*.mo")):
-        if parser.parse(file.read_text("utf-8")) is None:
-            yield f"{file.relative_to(library.parent)} is not valid Modelica"
+        try:
+            parser.parse(file.read_text("utf-8"))
+        except parser.ModelicaSyntaxError as error:
+            yield f"{file.relative_to(library.parent)}: {error}"
 
 
-def check_translation(out: Path, models: Iterable[str], standard_library: Path | None = None) -> Iterator[str]:
+def check_translation(
+    out: Path, models: Iterable[str], standard_library: Path | None = None
+) -> Iterator[str]:
     """What rumoca finds wrong when it translates models of the libraries in a directory.
 
     It resolves names, checks types and counts equations. It does not know ExternalObject, so it
@@ -61,7 +65,8 @@ def _replace_external_objects(copy: Path) -> None:
         source = file.read_text("utf-8")
         constructor = source.split("function constructor", 1)[1].split("end constructor;", 1)[0]
         file.with_name(f"new{file.name}").write_text(
-            f"within EtherCAT.Internal;\nimpure function new{file.stem}{constructor}end new{file.stem};\n"
+            f"within EtherCAT.Internal;\n"
+            f"impure function new{file.stem}{constructor}end new{file.stem};\n"
         )
         file.write_text(f"within EtherCAT.Internal;\ntype {file.stem} = Integer;\n")
     order = copy / "EtherCAT" / "Internal" / "package.order"

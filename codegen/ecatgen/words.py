@@ -1,0 +1,34 @@
+"""Words that no generated name may be, because they mean something in Modelica or C."""
+
+from __future__ import annotations
+
+
+def _set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_MODELICA = _set("""
+    algorithm and annotation assert block break class connect connector constant constrainedby der
+    discrete each else elseif elsewhen encapsulated end enumeration equation expandable extends
+    external false final flow for function if import impure in initial inner input loop model not
+    operator or outer output package parameter partial protected public pure record redeclare
+    replaceable return stream then true type when while within
+""")
+
+_MODELICA_BUILT_IN = _set("""
+    Real Integer Boolean String ExternalObject StateSelect AssertionLevel Clock time abs acos
+    actualStream asin atan atan2 backSample cardinality ceil change cos cosh cross delay diagonal
+    div edge exp fill floor getInstanceName hold homotopy identity inStream integer interval
+    linspace log log10 matrix max min mod ndims noClock noEvent ones outerProduct pre previous
+    product promote reinit rem sample scalar semiLinear shiftSample sign sin sinh size skew smooth
+    spatialDistribution sqrt subSample sum superSample symmetric tan tanh terminal terminate
+    transpose vector zeros
+""")
+
+_C = _set("""
+    asm auto break case char const continue default do double else enum extern float for goto if
+    inline int linux long register restrict return short signed sizeof static struct switch typedef
+    typeof union unix unsigned void volatile while
+""")
+
+WORDS = _MODELICA | _MODELICA_BUILT_IN | _C

@@ -1,0 +1,209 @@
+"""The segments: what the daemon writes is what the C client reads, and damage is noticed."""
+
+import ctypes
+import uuid
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ecatd import shm
+from ecatd.bus.layout import lay_out
+from ecatd.bus.segment import Segment
+from ecatd.client import Client
+from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.errors import StateError, UnreachableError
+
+pytestmark = pytest.mark.unprivileged
+
+
+def make_bus() -> Bus:
+    entries = [
+        Entry(0x6000, 1, "bit", 0x0001, 1),
+        Entry(0x6000, 2, "odd signed", 0x0003, 11),
+        Entry(0, 0, "", 0, 4),
+        Entry(0x6000, 3, "wide", 0x001B, 64),
+        Entry(0x6000, 4, "negative", 0x0015, 64),
+        Entry(0x6000, 5, "float", 0x0008, 32, "V", 0.5, 1.0),
+        Entry(0x6000, 6, "ä" * 60, 0x0011, 64),
+    ]
+    return Bus(
+        f"s{uuid.uuid4().hex[:8]}",
+        500,
+        [
+            Slave(0, "Nö", 1, 2, 3, serial=4, alias=5, inputs=[Pdo(0x1A00, "p", 0, entries)]),
+            Slave(
+                1,
+                "out",
+                1,
+                9,
+                1,
+                outputs=[Pdo(0x1600, "p", 0, [Entry(0x7000, 1, "u16", 0x0006, 16)])],
+            ),
+        ],
+    )
+
+
+@pytest.fixture
+def segment() -> Iterator[Segment]:
+    bus = make_bus()
+    made = Segment(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
+    made.header.cycle_end_ns = 1 << 62  # "just now" for ever: no engine runs here
+    made.publish()
+    yield made
+    made.close()
+
+
+def name_of(segment: Segment) -> str:
+    return segment.path.name.removeprefix("ecat.")
+
+
+def put_image(segment: Segment, data: bytes) -> None:
+    """What the engine does, for a domain that nobody reads meanwhile."""
+    domain = shm.struct("ecat_shm_domain").from_address(
+        segment.address + segment.header.domains_offset
+    )
+    page = segment.address + domain.page_offset + shm.size("ecat_shm_page")
+    ctypes.memmove(page, data, len(data))
+
+
+def test_the_directory_arrives(segment: Segment) -> None:
+    with Client(name_of(segment)) as client:
+        assert client.fingerprint == make_bus().fingerprint
+        assert client.cycle_time == 0.0005
+        first, second = client.slaves()
+        assert (first.name, first.vendor, first.product, first.revision) == ("Nö", 1, 2, 3)
+        assert (first.has_outputs, second.has_outputs) == (False, True)
+        signals = client.signals()
+        assert [s.name for s in signals][:3] == ["bit", "odd signed", "wide"]
+        assert signals[5].name == "ä" * 31  # 63 bytes of room, cut between characters
+        assert (signals[4].unit, signals[4].scale, signals[4].offset) == ("V", 0.5, 1.0)
+        assert signals[6].output
+
+
+def test_values_of_all_shapes_are_read(segment: Segment) -> None:
+    import struct
+
+    odd = -700
+    word = 1 | ((odd & 0x7FF) << 1)
+    image = struct.pack(
+        "<HHQqfd", 0, word, (1 << 64) - 1, -(1 << 63), 1.5, -2.25
+    )  # two bytes of outputs come first
+    put_image(segment, image)
+    with Client(name_of(segment)) as client:
+        client.sample()
+        values = [client.read(n) for n in range(6)]
+        assert values[:2] == [1.0, odd]
+        assert values[2:] == [float(1 << 64), float(-(1 << 63)), 1.5, -2.25]
+        assert client.read_int(2) == -1  # all 64 bits
+        assert client.read_int(3) == -(1 << 63)
+        assert client.read_physical(4) == 1.75
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("slaves_offset", 0xFFFFFFF8),
+        ("signals_offset", 4),
+        ("domains_offset", 1 << 31),
+        ("slave_count", 1 << 20),
+        ("signal_count", 1 << 30),
+        ("slot_count", 33),
+        ("health_offset", 0xFFFFFFF8),
+        ("replies_offset", 0xFFFFFFF8),
+        ("cycle_time_ns", 0),
+        ("size", 1 << 40),
+    ],
+)
+def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -> None:
+    setattr(segment.header, field, value)
+    with pytest.raises(StateError, match="is damaged"):
+        Client(name_of(segment))
+
+
+@pytest.mark.parametrize(
+    ("table", "field", "value"),
+    [
+        ("slave", "domain", 9),
+        ("slave", "input_bytes", 1 << 31),
+        ("slave", "name", b"x" * 64),
+        ("signal", "bit_offset", 0xFFFFFFFF),
+        ("signal", "bit_length", 65),
+        ("signal", "slave", 99),
+        ("signal", "domain", 1),
+        ("domain", "page_offset", 0xFFFFFFF8),
+        ("domain", "image_bytes", 0xFFFFFFFF),
+        ("domain", "output_base", 0xFFFFFFFF),
+    ],
+)
+def test_a_damaged_table_is_refused(
+    segment: Segment, table: str, field: str, value: int | bytes
+) -> None:
+    offset = getattr(segment.header, f"{table}s_offset")
+    row = shm.struct(f"ecat_shm_{table}").from_address(segment.address + offset)
+    setattr(row, field, value)
+    with pytest.raises(StateError, match="is damaged"):
+        Client(name_of(segment))
+
+
+def test_another_layout_is_named(segment: Segment) -> None:
+    segment.header.layout = (7 << 16) | 1
+    with pytest.raises(StateError, match=r"speaks layout 7\.1, this client 1\.0"):
+        Client(name_of(segment))
+    segment.header.layout = shm.LAYOUT + 3  # a newer minor version only appends
+    Client(name_of(segment)).close()
+    segment.header.layout = 0
+    with pytest.raises(UnreachableError, match="is still starting"):
+        Client(name_of(segment))
+
+
+def test_a_second_daemon_and_a_leftover(segment: Segment) -> None:
+    bus = make_bus()
+    bus.name = name_of(segment)
+    with pytest.raises(StateError, match="is already served by another ecatd"):
+        Segment(bus, lay_out(bus, set()), 1, 1)
+    assert Client(bus.name).fingerprint == bus.fingerprint
+    left = shm.FOLDER / f"ecat.{bus.name}x"
+    left.write_bytes(b"garbage of a daemon that was killed")
+    bus.name += "x"
+    with pytest.raises(UnreachableError, match="start it with"):
+        Client(bus.name)
+    fresh = Segment(bus, lay_out(bus, set()), 1, 1)
+    fresh.header.cycle_end_ns = 1 << 62
+    fresh.publish()
+    Client(bus.name).close()
+    fresh.close()
+    assert not list(shm.FOLDER.glob(f"*{bus.name}*"))
+
+
+def test_the_cycle_that_stands_still_is_told(segment: Segment) -> None:
+    segment.header.cycle_end_ns = 1
+    with (
+        Client(name_of(segment)) as client,
+        pytest.raises(UnreachableError, match="stands still"),
+    ):
+        client.sample()
+
+
+@given(st.integers(0, 2**64 - 1))
+def test_histogram_buckets_hold_what_they_say(ns: int) -> None:
+    lib = shm.LIBRARY
+    lib.ecat_histogram_bucket.argtypes = [ctypes.c_uint64]
+    lib.ecat_histogram_bound.restype = ctypes.c_uint64
+    bucket = lib.ecat_histogram_bucket(ns)
+    assert lib.ecat_histogram_bound(bucket) <= ns
+    if bucket < 927:
+        upper = lib.ecat_histogram_bound(bucket + 1)
+        assert ns < upper
+        assert upper - lib.ecat_histogram_bound(bucket) <= max(1, ns / 31)
+
+
+@given(st.lists(st.integers(0, 10**9), min_size=1, max_size=200), st.floats(0, 1))
+def test_quantiles_are_right_within_a_bucket(samples: list[int], q: float) -> None:
+    histogram = shm.struct("ecat_shm_histogram")()
+    for ns in samples:
+        histogram.buckets[shm.LIBRARY.ecat_histogram_bucket(ctypes.c_uint64(ns))] += 1
+    histogram.max_ns = max(samples)
+    exact = sorted(samples)[min(int(q * len(samples)), len(samples) - 1)]
+    assert exact <= shm.quantile(histogram, q) <= exact * 33 / 32 + 1
