@@ -6,14 +6,13 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
              -not -path '*/__pycache__/*' -not -path '*/_native/*' -not -path '*/_client/*')
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo test check bench clean
+.PHONY: help demo test check clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
 	@echo "make test    run all tests"
 	@echo "make check   lint, types, formatting"
-	@echo "make bench   measure"
 	@echo "make clean   remove what the other commands made"
 
 $(BIN)/python:
@@ -49,9 +48,6 @@ check: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-
-bench: $(VENV)/.test
-	$(BIN)/python benchmarks/run.py
 
 clean:
 	rm -rf $(VENV) build demo .pytest_cache .mypy_cache .ruff_cache

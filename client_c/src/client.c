@@ -130,6 +130,18 @@ int ecat_signal(ecat_t *bus, int number, ecat_signal_info *info) {
   return 0;
 }
 
+int ecat_find(ecat_t *bus, uint32_t vendor, uint32_t product, unsigned nth) {
+  unsigned seen = 0;
+  int i;
+  for (i = 0; i < ecat_slave_count(bus); i++)
+    if (bus->slaves[i].vendor == vendor && bus->slaves[i].product == product && seen++ == nth)
+      return i;
+  return ecat_fail(bus, ECAT_EBUS,
+                   "bus '%s' has %u slaves with vendor 0x%08X, product 0x%08X; number %u was asked "
+                   "for, 0 is the first",
+                   bus->name, seen, (unsigned)vendor, (unsigned)product, nth);
+}
+
 int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product, uint32_t revision) {
   const ecat_shm_slave *slave;
   int code = check_position(bus, position);

@@ -67,7 +67,8 @@ def install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:
         library: Name of the package that the report is about.
 
     Raises:
-        StateError: The directory holds files that are not ours; nothing was written.
+        StateError: The directory holds files that are not ours, or the disk is full; what was
+            there is still there.
         PermissionError_: The directory cannot be written.
     """
     try:
@@ -78,6 +79,8 @@ def install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:
         ) from error
     except (FileExistsError, NotADirectoryError) as error:
         raise StateError(f"{error.filename or out} is in the way: it is no directory") from error
+    except OSError as error:
+        raise StateError(f"{error.filename or out}: {error.strerror}") from error
 
 
 def _install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:

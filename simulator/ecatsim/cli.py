@@ -74,7 +74,7 @@ class _Runner:
         self._arguments = arguments
         self._signal = 0
         self._child: subprocess.Popen[bytes] | None = None
-        self._deadline = 0.0
+        self._deadline: float | None = None
         self._user_namespace = False
 
     def run(self) -> int:
@@ -112,18 +112,20 @@ class _Runner:
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         del frame
         self._signal = number
-        self._deadline = time.monotonic() + _CHILD_GRACE
-        # Ctrl-C has reached the command already.
-        if self._child and number != signal.SIGINT:
-            self._child.terminate()
 
     def _finished(self) -> bool:
         """Whether to stop: at once, or with a command when that has ended."""
-        if self._child is None:
-            return self._signal != 0
-        if self._child.poll() is not None:
-            return True
-        return self._signal != 0 and time.monotonic() > self._deadline
+        child = self._child
+        if child is None or child.poll() is not None:
+            return child is not None or self._signal != 0
+        if self._signal == 0:
+            return False
+        now = time.monotonic()
+        if self._deadline is None:
+            self._deadline = now + _CHILD_GRACE
+            if self._signal != signal.SIGINT:  # Ctrl-C has reached the command already
+                child.terminate()
+        return now > self._deadline
 
     def _status(self) -> int:
         if self._child is None:

@@ -34,6 +34,10 @@ def test_the_bus_is_described_and_in_op(troll: Daemon) -> None:
         ]
         assert all(slave.al_state == 8 for slave in slaves)
         assert client.cycle_time == 0.001
+        assert client.find_slave(2, 0x0BC03052) == 4
+        assert client.find_slave(2, 0x0BC03052, 1) == 5
+        with pytest.raises(StateError, match="has 2 slaves with vendor 0x00000002"):
+            client.find_slave(2, 0x0BC03052, 2)
         with pytest.raises(StateError, match=r"slave 2 of bus .* is EL1018 .* but expected is"):
             client.expect(2, 2, 0x07D83052)
         with pytest.raises(StateError, match="has revision"):

@@ -121,6 +121,8 @@ ECAT_API double ecat_cycle_time(const ecat_t *bus);
 ECAT_API int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info);
 ECAT_API int ecat_signal(ecat_t *bus, int signal, ecat_signal_info *info);
 
+/* The position of the `nth` slave (0 first) with this identity, or ECAT_EBUS. */
+ECAT_API int ecat_find(ecat_t *bus, uint32_t vendor, uint32_t product, unsigned nth);
 /* Checks that the slave at `position` is the expected one. `revision` 0 accepts any. Returns the
  * position or ECAT_EBUS; the error text names expected and found. */
 ECAT_API int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product,

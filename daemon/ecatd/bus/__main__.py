@@ -11,6 +11,7 @@ import asyncio
 import json
 import signal
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,10 @@ def main() -> int:
     except EcatError as error:
         log.error(str(error))
         return error.exit_code
+    except Exception as error:
+        log.error(f"defect in the bus server: {error!r}")
+        log.debug(traceback.format_exc())
+        return EcatError.exit_code
     return 0
 
 

@@ -12,9 +12,10 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import pysoem
 
@@ -34,6 +35,11 @@ _SOEM_INDEX_LIMIT = 16
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
+
+_TRIES = 3
+_REGISTER_TIMEOUT_US = 20_000
+
+T = TypeVar("T")
 
 _SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
 
@@ -104,25 +110,38 @@ class Master:
         return name, slave.man, slave.id, slave.rev
 
     def eeprom_read(self, position: int, word: int) -> bytes:
-        """Four bytes of the SII EEPROM from word address `word` on."""
+        """Four bytes of the SII EEPROM from word address `word` on.
+
+        Raises:
+            StateError: It cannot be read.
+        """
+        slave = self._master.slaves[position]
         try:
-            return bytes(self._master.slaves[position].eeprom_read(word))
+            return _persist(pysoem.EepromError, lambda: bytes(slave.eeprom_read(word)))
         except pysoem.EepromError as error:
             raise StateError(f"slave {position}: its EEPROM cannot be read: {error}") from error
 
     def register_read(self, position: int, address: int, size: int) -> bytes:
-        """`size` bytes of ESC memory."""
+        """`size` bytes of ESC memory.
+
+        Raises:
+            StateError: The slave does not answer.
+        """
+        slave = self._master.slaves[position]
         try:
-            return bytes(self._master.slaves[position]._fprd(address, size))
+            return _persist(
+                pysoem.WkcError, lambda: bytes(slave._fprd(address, size, _REGISTER_TIMEOUT_US))
+            )
         except pysoem.WkcError as error:
             raise StateError(
                 f"slave {position} does not answer a read of register 0x{address:04X}"
             ) from error
 
     def register_write(self, position: int, address: int, data: bytes) -> None:
-        """Writes ESC memory."""
+        """Writes ESC memory; raises as `register_read`. Written again if the answer is lost."""
+        slave = self._master.slaves[position]
         try:
-            self._master.slaves[position]._fpwr(address, data)
+            _persist(pysoem.WkcError, lambda: slave._fpwr(address, data, _REGISTER_TIMEOUT_US))
         except pysoem.WkcError as error:
             raise StateError(
                 f"slave {position} does not answer a write of register 0x{address:04X}"
@@ -131,7 +150,7 @@ class Master:
     def sdo_read(
         self, position: int, index: int, subindex: int, *, complete: bool = False
     ) -> bytes:
-        """Uploads an object.
+        """Uploads an object; asked again if the slave does not answer, as reading changes nothing.
 
         Raises:
             SdoAbortError: The slave refused.
@@ -139,7 +158,12 @@ class Master:
         """
         slave = self._master.slaves[position]
         with self._mailbox(position, index, subindex):
-            return bytes(slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True))
+            return _persist(
+                pysoem.WkcError,
+                lambda: bytes(
+                    slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True)
+                ),
+            )
 
     def sdo_write(
         self, position: int, index: int, subindex: int, data: bytes, *, complete: bool = False
@@ -205,11 +229,17 @@ class Master:
 
     def states(self) -> list[SlaveState]:
         """The AL status of every slave, freshly read."""
-        self._master.read_state()
-        return [
-            SlaveState(position, int(slave.state), int(slave.al_status))
-            for position, slave in enumerate(self._master.slaves)
-        ]
+        states: list[SlaveState] = []
+        for _ in range(_TRIES):
+            self._master.read_state()
+            states = [
+                SlaveState(position, int(slave.state), int(slave.al_status))
+                for position, slave in enumerate(self._master.slaves)
+            ]
+            # SOEM shows a slave whose answer was lost as one without a state.
+            if all(item.al_state & 0x0F for item in states):
+                break
+        return states
 
     def reach(self, state: AlState, timeout: float, positions: Sequence[int] | None = None) -> None:
         """Requests a state and waits until all slaves have it.
@@ -254,6 +284,16 @@ class Master:
     def close(self) -> None:
         """Closes the socket."""
         self._master.close()
+
+
+def _persist(error: type[Exception], call: Callable[[], T]) -> T:
+    """Calls again when it fails: one lost frame is no reason to give a bus up."""
+    for _ in range(_TRIES - 1):
+        try:
+            return call()
+        except error:
+            continue
+    return call()
 
 
 def _text(name: bytes | str) -> str:

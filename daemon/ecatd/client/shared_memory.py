@@ -167,6 +167,7 @@ def _library() -> ctypes.CDLL:
         "cycle_time": (d, [bus]),
         "slave": (i, [bus, i, pointer]),
         "signal": (i, [bus, i, pointer]),
+        "find": (i, [bus, ctypes.c_uint32, ctypes.c_uint32, u]),
         "expect": (i, [bus, i, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32]),
         "bind": (i, [bus, i, u, u, i]),
         "claim": (i, [bus, i, d]),
@@ -306,6 +307,10 @@ class Client:
     def expect(self, position: int, vendor: int, product: int, revision: int = 0) -> None:
         """Raises `StateError` unless the slave at `position` is this one (revision 0: any)."""
         self._check(_LIB.ecat_expect(self._bus, position, vendor, product, revision))
+
+    def find_slave(self, vendor: int, product: int, nth: int = 0) -> int:
+        """The position of the `nth` slave with this identity; raises `StateError` without one."""
+        return self._check(_LIB.ecat_find(self._bus, vendor, product, nth))
 
     def find(self, position: int, index: int, subindex: int = 0, direction: int = ANY) -> int:
         """The handle of an entry; raises `StateError` if the slave has none such."""

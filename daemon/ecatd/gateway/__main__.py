@@ -10,6 +10,7 @@ import asyncio
 import json
 import signal
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,10 @@ def main() -> int:
     except EcatError as error:
         log.error(f"gateway: {error}")
         return error.exit_code
+    except Exception as error:
+        log.error(f"defect in the gateway: {error!r}")
+        log.debug(traceback.format_exc())
+        return EcatError.exit_code
     return 0
 
 

@@ -1,0 +1,332 @@
+"""The calls that blocks make, made from C: what is checked at the start, and how samples go.
+
+`<library>.h` has for each block functions with the same calls, in the same order, as the block.
+"""
+
+import subprocess
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon
+from ecatd.bus.layout import lay_out
+from ecatd.bus.segment import Segment
+from ecatd.model.bus import Bus
+from ecatgen import generate
+from ecatgen.checks import sample_buses
+
+pytestmark = pytest.mark.unprivileged
+
+OPEN = """
+#include "Plant.h"
+int main(int argc, char **argv) {
+  static Plant plant;
+  void *master = ecatm_master_open(argv[1], argc > 3, argc > 3 ? atof(argv[3]) : 0.001, 1, 0.1);
+  Plant_open(&plant, master, argc > 2 ? atoi(argv[2]) : 1);
+  ecatm_master_close(master); /* first, as some tools do; memory checkers see the rest */
+  Plant_close(&plant);
+  puts("opened and closed");
+  return 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory, compiler: str) -> Callable[..., Path]:
+    """Compiles a C program against a library that was generated for a bus."""
+
+    def compile_(source: str | Path, bus: Bus, library: str = "Plant", *flags: str) -> Path:
+        out = tmp_path_factory.mktemp("library")
+        generate(bus, library, out)
+        file = source if isinstance(source, Path) else out / "program.c"
+        if isinstance(source, str):
+            file.write_text(source)
+        resources = out / "EtherCAT" / "Resources"
+        (archive,) = (resources / "Library").rglob("libecat.a")
+        program = out / "program"
+        done = subprocess.run(
+            [
+                *(compiler, "-Wall", "-Wextra", "-Werror", "-O1", *flags),
+                f"-I{resources / 'Include'}",
+                f"-I{resources / 'Source' / 'standalone'}",
+                f"-I{out / library / 'Resources' / 'Source'}",
+                *(str(file), str(archive), "-lm", "-o", str(program)),
+            ],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return program
+
+    return compile_
+
+
+@pytest.fixture(scope="module")
+def opener(build: Callable[..., Path]) -> Path:
+    return build(OPEN, sample_buses.troll(), "Plant", "-std=c89", "-pedantic-errors")
+
+
+@contextmanager
+def served(bus: Bus) -> Iterator[str]:
+    """The shared memory of a bus, without anything that exchanges it; yields its name."""
+    bus.name = f"m{uuid.uuid4().hex[:8]}"
+    image = lay_out(bus, set())
+    segment = Segment(bus, image, 5_000_000, 500_000_000)
+    segment.header.cycle_end_ns = 1 << 62  # "just now" for ever
+    segment.publish()
+    try:
+        yield bus.name
+    finally:
+        segment.close()
+
+
+def run(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(program), *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def sentence(result: subprocess.CompletedProcess[str]) -> str:
+    assert result.returncode == 1
+    assert result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("EtherCAT: ")
+    return line
+
+
+def test_the_bus_that_the_library_was_generated_for(opener: Path) -> None:
+    with served(sample_buses.troll()) as name:
+        result = run(opener, name)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "opened and closed\n", "")
+
+
+def test_objects_may_be_destroyed_in_any_order(build: Callable[..., Path]) -> None:
+    program = build(
+        OPEN, sample_buses.troll(), "Plant", "-fsanitize=address,undefined", "-static-libasan"
+    )
+    with served(sample_buses.troll()) as name:
+        result = run(program, name)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_no_bus(opener: Path) -> None:
+    assert sentence(run(opener, "nobody")).startswith("EtherCAT: no ecatd serves bus 'nobody'")
+
+
+def test_another_slave(opener: Path) -> None:
+    bus = sample_buses.troll()
+    bus.slaves[2].name, bus.slaves[2].product = "EL2008", 0x07D83052
+    with served(bus) as name:
+        line = sentence(run(opener, name))
+    assert line == (
+        f"EtherCAT: slave 2 of bus '{name}' is EL2008 (vendor 0x00000002, product 0x07D83052, "
+        "revision 0x00100000), but this library was generated for EL1018 (vendor 0x00000002, "
+        "product 0x03FA3052, revision 0x00100000); regenerate it with: ecatctl generate Plant DIR"
+    )
+
+
+def test_another_revision(opener: Path) -> None:
+    bus = sample_buses.troll()
+    bus.slaves[4].revision = 0x00150000
+    with served(bus) as name:
+        assert "slave 4 of bus" in sentence(run(opener, name))
+
+
+def test_a_bus_with_fewer_slaves(opener: Path) -> None:
+    bus = sample_buses.troll()
+    del bus.slaves[7]
+    with served(bus) as name:
+        line = sentence(run(opener, name))
+    assert line == (
+        f"EtherCAT: bus '{name}' has no slave 7 (it has 7 slaves), but this library was generated "
+        "for EL6751 there; regenerate it with: ecatctl generate Plant DIR"
+    )
+
+
+def test_an_entry_that_is_not_mapped_any_more(opener: Path) -> None:
+    bus = sample_buses.troll()
+    bus.slaves[0].inputs.pop()
+    with served(bus) as name:
+        line = sentence(run(opener, name))
+    assert "slave 0 (Gold EtherCAT GCON Drive)" in line
+    assert "has no input 0x6078:00 in its process data, but this library uses it; rege" in line
+
+
+@pytest.mark.parametrize(("data_type", "bits"), [(6, 16), (2, 8)])
+def test_an_entry_of_another_type(opener: Path, data_type: int, bits: int) -> None:
+    bus = sample_buses.troll()
+    value = bus.slaves[4].inputs[0].entries[-1]
+    value.data_type, value.bit_length = data_type, bits
+    bus.slaves.append(replace(bus.slaves[7], position=8))  # the fingerprint counts no types
+    with served(bus) as name:
+        line = sentence(run(opener, name))
+    assert (
+        f"entry 0x6000:11 of slave 4 of bus '{name}' has {bits} bits and data type "
+        f"0x{data_type:04X}, but this library was generated for 16 bits and data type 0x0003; rege"
+    ) in line
+
+
+def test_other_slaves_may_come_and_unused_entries_may_change(opener: Path) -> None:
+    bus = sample_buses.troll()
+    bus.slaves[1].inputs = sample_buses.troll().slaves[2].inputs  # of no interest to the block
+    with served(bus) as name:
+        assert run(opener, name).returncode == 0
+
+
+def test_a_domain_that_the_model_does_not_have(opener: Path) -> None:
+    with served(sample_buses.troll()) as name:
+        line = sentence(run(opener, name, "2"))
+    assert line == "EtherCAT: there is no domain 2: the EtherCATMaster has 1 sample times"
+
+
+@pytest.mark.parametrize(
+    ("sample_time", "fits"),
+    [("0.001", True), ("0.003", True), ("0.0015", False), ("0.0005", False), ("0", False)],
+)
+def test_a_model_that_waits_needs_whole_cycles(opener: Path, sample_time: str, fits: bool) -> None:
+    with served(sample_buses.troll()) as name:
+        result = run(opener, name, "1", sample_time)
+    assert (result.returncode == 0) == fits
+    if not fits:
+        assert f"its sample time of {sample_time} s is no multiple of the bus cycle of 0.001 s" in (
+            result.stderr
+        )
+
+
+START = """
+#include "Plant.h"
+int main(int argc, char **argv) {
+  static Plant plant;
+  int n, cycle, last = 0;
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.002, 1, 0.1);
+  Plant_open(&plant, master, 1);
+  for (n = 0; n < 100; n++) {
+    double time = 0.002 * n;
+    cycle = ecatm_wait(master, time);
+    Plant_read(&plant, time, cycle);
+"""
+END = """
+    Plant_write(&plant, time, cycle);
+    last = cycle;
+  }
+  Plant_close(&plant);
+  ecatm_master_close(master);
+  return last == 0;
+}
+"""
+
+ONE_CYCLE_PER_TIME = """
+    if (n > 0 && cycle - last < 2) return 10; /* two bus cycles make one sample */
+    usleep(3000);
+    if (ecatm_wait(master, time + 1e-12) != cycle) return 11;
+    if (ecatm_read_integer(plant.el3008.input_6000_11, time, cycle) !=
+        plant.el3008.aiStandardChannel1Value) return 12; /* a sine: differs between cycles */
+"""
+
+OUTPUTS = """
+    plant.el2008.channel1Output = n >= 20;
+    plant.el2008.channel2Output = n >= 20 && n < 60;
+    printf("%d %d %d\\n", n, plant.el1018.channel1Input, plant.el1018.channel2Input);
+    Plant_write(&plant, time, cycle);
+"""
+
+NOT_COMMITTED = """
+    if (n >= 20) {
+      ecatm_write_boolean(plant.el2008.output_7000_01, time, cycle, 1);
+      TrollDrive_write(&plant.goldGCONDrive, time, cycle);
+      if (plant.el1018.channel1Input) return 13;
+      last = cycle;
+      continue;
+    }
+"""
+
+
+@pytest.mark.bus
+def test_all_reads_of_a_time_see_one_cycle(build: Callable[..., Path], troll: Daemon) -> None:
+    program = build("#include <unistd.h>" + START + ONE_CYCLE_PER_TIME + END, described(troll))
+    result = run(program, troll.bus)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.bus
+def test_writes_reach_the_slaves_and_may_be_repeated(
+    build: Callable[..., Path], troll: Daemon
+) -> None:
+    result = run(build(START + OUTPUTS + END, described(troll)), troll.bus)
+    assert result.returncode == 0, result.stderr
+    rows = [line.split() for line in result.stdout.splitlines()]
+    assert rows[15][1:] == ["0", "0"]
+    assert rows[50][1:] == ["1", "1"]
+    assert rows[90][1:] == ["1", "0"]
+
+
+@pytest.mark.bus
+def test_the_commit_of_one_slave_leaves_the_others_alone(
+    build: Callable[..., Path], troll: Daemon
+) -> None:
+    body = NOT_COMMITTED.replace("TrollDrive", "Plant_GoldGCONDrive")
+    result = run(build(START + body + END, described(troll)), troll.bus)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+TWICE = """
+#include "Plant.h"
+int main(int argc, char **argv) {
+  Plant_EL2008 one, two;
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1);
+  Plant_EL2008_open(&one, master, 1);
+  Plant_EL2008_open(&two, master, 1);
+  Plant_EL2008_write(&one, 0, ecatm_wait(master, 0));
+  Plant_EL2008_write(&two, 0, 0);
+  return 0;
+}
+"""
+
+ORPHAN = """
+#include "Plant.h"
+int main(int argc, char **argv) {
+  Plant_EL2008 orphan, block;
+  void *lost = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1);
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1);
+  Plant_EL2008_open(&orphan, lost, 1);
+  Plant_EL2008_open(&block, master, 1);
+  Plant_EL2008_write(&block, 0, ecatm_wait(master, 0));
+  ecatm_master_close(master);
+  return 0;
+}
+"""
+
+
+@pytest.mark.bus
+def test_two_blocks_that_write_one_slave(build: Callable[..., Path], troll: Daemon) -> None:
+    line = sentence(run(build(TWICE, described(troll)), troll.bus))
+    assert f"two blocks of this model write the outputs of slave 3 of bus '{troll.bus}'" in line
+
+
+@pytest.mark.bus
+def test_a_constructor_that_is_called_twice_does_no_harm(
+    build: Callable[..., Path], troll: Daemon
+) -> None:
+    assert run(build(ORPHAN, described(troll)), troll.bus).returncode == 0
+
+
+@pytest.mark.bus
+def test_outputs_that_another_program_owns(build: Callable[..., Path], troll: Daemon) -> None:
+    program = build(START + END, described(troll))
+    with troll.client() as owner:
+        owner.claim(3)
+        line = sentence(run(program, troll.bus))
+    assert "the outputs of slave 3 (EL2008)" in line
+    assert "belong to" in line
+
+
+def described(daemon: Daemon) -> Bus:
+    """The description of a live bus."""
+    out = daemon.ctl("generate", "--help").stdout
+    assert out
+    return sample_buses.troll()

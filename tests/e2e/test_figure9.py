@@ -1,0 +1,193 @@
+"""The experiment of the paper: the generated library's calls, in C, on the simulated rig."""
+
+import csv
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import SHM, Daemon
+from ecatd import shm
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+FIGURE9 = Path(__file__).parents[2] / "examples" / "figure9"
+
+
+@pytest.fixture(scope="module")
+def figure9(troll: Daemon, tmp_path_factory: pytest.TempPathFactory, compiler: str) -> Path:
+    """The program, built against nothing but the generated library."""
+    out = tmp_path_factory.mktemp("figure9")
+    troll.ctl("generate", "TrollPlant", str(out))
+    library = out / "EtherCAT" / "Resources"
+    (archive,) = (library / "Library").rglob("libecat.a")
+    subprocess.run(
+        [
+            compiler,
+            *("-O2", "-Wall", "-Wextra", "-Werror"),
+            f"-I{library / 'Include'}",
+            f"-I{library / 'Source' / 'standalone'}",
+            f"-I{out / 'TrollPlant' / 'Resources' / 'Source'}",
+            FIGURE9 / "figure9.c",
+            archive,
+            "-lm",
+            "-o",
+            out / "figure9",
+        ],
+        check=True,
+    )
+    return out / "figure9"
+
+
+def test_the_motor_follows_the_reference(figure9: Path, troll: Daemon, tmp_path: Path) -> None:
+    record = tmp_path / "record.csv"
+    result = subprocess.run(
+        [figure9, troll.bus, "3", record], text=True, capture_output=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    with record.open() as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    assert len(rows) == 3001
+    reference = [float(row["w_ref"]) for row in rows]
+    speed = [float(row["w_m"]) for row in rows]
+    current = [float(row["i_m"]) for row in rows]
+    top = max(reference)
+    assert top > 0
+    assert all(v == 0 for v in reference[:1000])  # not before it is enabled and it is time
+    # At rest before, and at the reference speed after the ramp.
+    assert max(abs(v) for v in speed[:900]) < 0.02 * top
+    assert all(abs(v - top) < 0.1 * top for v in speed[-200:])
+    # The current accelerates the wheel: more than friction needs, and friction needs some.
+    ramp = current[1050:1200]
+    cruise = current[-200:]
+    assert sum(ramp) / len(ramp) > 1.2 * sum(cruise) / len(cruise) > 0
+    assert {row["di5"] for row in rows} == {"0", "1"}  # a signal that blinks
+    assert len({row["ai1"] for row in rows}) > 100  # a sine
+    # The outputs are given back at the end.
+    with troll.client() as client:
+        for _ in range(100):
+            client.wait()
+            if client.slaves()[0].outputs == shm.Outputs.SAFE:
+                break
+        else:
+            pytest.fail("the drive is still owned")
+
+
+def test_an_interrupt_gives_the_outputs_back(figure9: Path, troll: Daemon, tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [figure9, troll.bus, "60", tmp_path / "record.csv"], stderr=subprocess.PIPE, text=True
+    ) as program:
+        with troll.client() as client:
+            while client.slaves()[0].outputs != shm.Outputs.ACTIVE:
+                client.wait()
+            program.send_signal(signal.SIGINT)
+            assert program.wait(30) == 130
+            client.wait(3)
+            assert client.slaves()[0].outputs == shm.Outputs.SAFE
+        assert program.stderr
+        assert "interrupted" in program.stderr.read()
+
+
+def test_another_bus_is_refused_in_one_sentence(
+    figure9: Path, start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    other = start_daemon("line:8")
+    result = subprocess.run(
+        [figure9, other.bus, "1", tmp_path / "record.csv"],
+        text=True,
+        capture_output=True,
+        check=False,
+        timeout=60,
+    )
+    assert result.returncode not in (0, 139)
+    (sentence,) = [line for line in result.stderr.splitlines() if "EtherCAT:" in line]
+    assert f"slave 0 of bus '{other.bus}' is Loopback32" in sentence
+    assert "generated for Gold EtherCAT GCON Drive" in sentence
+    assert "regenerate it with: ecatctl generate TrollPlant" in sentence
+
+
+def test_the_daemon_that_dies_ends_the_experiment(
+    figure9: Path, start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    daemon = start_daemon("troll")
+    with subprocess.Popen(
+        [figure9, daemon.bus, "60", tmp_path / "record.csv"], stderr=subprocess.PIPE, text=True
+    ) as program:
+        with daemon.client() as client:
+            while client.slaves()[0].outputs != shm.Outputs.ACTIVE:
+                client.wait()
+        daemon.kill_all()
+        assert program.wait(30) not in (0, 139)
+        assert program.stderr
+        assert "has ended; start it again" in program.stderr.read()
+
+
+def run_demo(out: Path, bus: str, *arguments: str) -> list[str]:
+    return [
+        sys.executable,
+        str(FIGURE9 / "demo.py"),
+        *("--out", str(out)),
+        *("--bus", bus),
+        *arguments,
+    ]
+
+
+def test_the_demo_goes_through(tmp_path: Path) -> None:
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path / "run")}
+    result = subprocess.run(
+        run_demo(tmp_path / "demo", "tdemo", "--seconds", "3"),
+        env=env,
+        text=True,
+        capture_output=True,
+        check=False,
+        timeout=110,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert (tmp_path / "demo" / "figure9.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "demo" / "TrollPlant" / "package.mo").is_file()
+    assert "EL1018" in result.stdout
+    for words in ("missed", "exchange with the slaves", "sample-to-bus delay", "p99"):
+        assert words in result.stdout
+    assert not list(SHM.glob("ecat.tdemo*"))
+    assert not list((tmp_path / "run").iterdir())
+
+
+def test_ctrl_c_ends_the_demo_and_all_it_started(tmp_path: Path) -> None:
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path / "run")}
+    with subprocess.Popen(
+        run_demo(tmp_path / "demo", "tdemoc", "--seconds", "60"),
+        env=env,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    ) as demo:
+        assert demo.stdout
+        for line in demo.stdout:
+            if "of 60 s" in line:
+                break
+        os.killpg(demo.pid, signal.SIGINT)  # as a terminal does
+        demo.stdout.read()
+        assert demo.wait(30) == 130
+    assert not list(SHM.glob("ecat.tdemoc*"))
+    assert not list((tmp_path / "run").iterdir())
+
+
+@pytest.mark.skipif(not shutil.which("omc"), reason="OpenModelica (omc) is not on PATH")
+def test_the_demo_uses_openmodelica_where_it_is(tmp_path: Path) -> None:
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path / "run")}
+    result = subprocess.run(
+        run_demo(tmp_path / "demo", "tdemoo", "--seconds", "3"),
+        env=env,
+        text=True,
+        capture_output=True,
+        check=False,
+        timeout=300,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "TrollPlant.Examples.PointToPointMovement, with " in result.stdout

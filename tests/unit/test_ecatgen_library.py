@@ -1,0 +1,206 @@
+"""From the bus description to the intermediate representation: types, names, examples."""
+
+import pytest
+
+from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import UsageError
+from ecatgen.blocks import EXAMPLE_COMPONENTS, kind_of
+from ecatgen.build import build_library
+from ecatgen.checks import sample_buses
+from ecatgen.ir import Block, Example, Library
+
+
+@pytest.fixture(scope="module")
+def troll() -> Library:
+    return build_library(sample_buses.troll(), "TrollPlant")
+
+
+def block(library: Library, name: str) -> Block:
+    return next(block for block in library.blocks if block.name == name)
+
+
+def example(library: Library, name: str) -> Example:
+    return next(example for example in library.examples if example.name == name)
+
+
+def bus(*slaves: Slave) -> Bus:
+    return Bus("ecat0", 1000, list(slaves))
+
+
+@pytest.mark.parametrize(
+    ("data_type", "bits", "kind"),
+    [
+        (DataType.BOOLEAN, 1, "Boolean"),
+        (DataType.BOOLEAN, 8, "Boolean"),
+        (DataType.BIT1, 1, "Boolean"),
+        (DataType.UNSIGNED8, 1, "Boolean"),
+        (DataType.BIT2, 2, "Integer"),
+        (DataType.INTEGER8, 8, "Integer"),
+        (DataType.UNSIGNED16, 16, "Integer"),
+        (DataType.UNSIGNED24, 24, "Integer"),
+        (DataType.INTEGER32, 32, "Integer"),
+        (DataType.DWORD, 31, "Integer"),
+        (DataType.UNSIGNED32, 32, "Real"),
+        (DataType.DWORD, 32, "Real"),
+        (DataType.INTEGER64, 64, "Real"),
+        (DataType.UNSIGNED64, 64, "Real"),
+        (DataType.REAL32, 32, "Real"),
+        (DataType.REAL64, 64, "Real"),
+        (0x0800, 16, "Integer"),
+    ],
+)
+def test_an_integer_of_modelica_has_32_bits_and_a_sign(
+    data_type: int, bits: int, kind: str
+) -> None:
+    assert kind_of(Entry(0x6000, 1, "x", data_type, bits)) == kind
+
+
+def test_a_block_for_each_slave_in_the_order_of_the_bus(troll: Library) -> None:
+    assert [(block.position, block.name, block.instance) for block in troll.blocks] == [
+        (0, "GoldGCONDrive", "goldGCONDrive"),
+        (1, "EK1100", "ek1100"),
+        (2, "EL1018", "el1018"),
+        (3, "EL2008", "el2008"),
+        (4, "EL3008", "el3008"),
+        (5, "EL3008_2", "el3008_2"),
+        (6, "EL6751", "el6751"),
+        (7, "EL6751_2", "el6751_2"),
+    ]
+    assert troll.fingerprint == f"{sample_buses.troll().fingerprint:016x}"
+    assert troll.command == "ecatctl generate TrollPlant DIR"
+
+
+def test_connectors_of_the_drive(troll: Library) -> None:
+    drive = block(troll, "GoldGCONDrive")
+    assert [c.name for c in drive.writes] == [
+        *("targetPosition", "targetVelocity", "targetTorque", "maxTorque", "controlWord"),
+        "modeOfOperation",
+    ]
+    assert {c.class_name for c in drive.writes} == {"Modelica.Blocks.Interfaces.IntegerInput"}
+    status = next(c for c in drive.reads if c.index == 0x6041)
+    assert status.name == "statusWord"
+    assert status.class_name == "Modelica.Blocks.Interfaces.IntegerOutput"
+    assert status.description == "TPDO3 Mapping: Status word (0x6041:00)"
+    assert not drive.skipped
+
+
+def test_connectors_of_terminals(troll: Library) -> None:
+    assert [c.name for c in block(troll, "EL1018").reads] == [
+        f"channel{n}Input" for n in range(1, 9)
+    ]
+    assert [c.name for c in block(troll, "EL2008").writes] == [
+        f"channel{n}Output" for n in range(1, 9)
+    ]
+    analog = block(troll, "EL3008").reads
+    assert len(analog) == 8 * 8
+    assert analog[7].name == "aiStandardChannel1Value"
+    assert analog[7].scaling == "value * 0.000305185 V"
+    assert (analog[2].name, analog[2].kind) == ("aiStandardChannel1StatusLimit1", "Integer")
+
+
+def test_a_slave_without_process_data_has_a_block_without_connectors(troll: Library) -> None:
+    coupler = block(troll, "EK1100")
+    assert coupler.reads == coupler.writes == ()
+
+
+def test_entries_that_cannot_be_reached_are_told() -> None:
+    text = Entry(0x6000, 1, "text", DataType.VISIBLE_STRING, 128)
+    once = Entry(0x6000, 2, "once", DataType.UNSIGNED8, 8)
+    again = Entry(0x6000, 2, "again", DataType.UNSIGNED8, 8)
+    slave = Slave(0, "S1", 1, 2, 3, inputs=[Pdo(0x1A00, "", 3, [text, once, again])])
+    (made,) = build_library(bus(slave), "P").blocks
+    assert [c.name for c in made.reads] == ["once"]
+    assert [(s.entry_name, s.reason) for s in made.skipped] == [
+        ("text", "more than 64 bits"),
+        ("again", "mapped twice; the first one has the connector"),
+    ]
+
+
+def test_the_same_object_may_be_input_and_output() -> None:
+    entry = Entry(0x6040, 0, "Control word", DataType.UNSIGNED16, 16)
+    slave = Slave(
+        0,
+        "S1",
+        1,
+        2,
+        3,
+        inputs=[Pdo(0x1A00, "in", 3, [entry])],
+        outputs=[Pdo(1, "out", 2, [entry])],
+    )
+    (made,) = build_library(bus(slave), "P").blocks
+    assert [c.name for c in made.writes + made.reads] == ["outControlWord", "inControlWord"]
+    assert len({c.handle for c in made.writes + made.reads}) == 2
+
+
+def test_names_stay_when_other_slaves_are_added(troll: Library) -> None:
+    slaves = sample_buses.troll().slaves
+    more = [Slave(0, "EL9999", 2, 1, 1), *slaves[:3], Slave(0, "EK1122", 2, 9, 1), *slaves[3:]]
+    for position, slave in enumerate(more):
+        slave.position = position
+    names = {
+        block.name: [c.name for c in block.reads + block.writes]
+        for block in build_library(bus(*more), "TrollPlant").blocks
+    }
+    for before in troll.blocks:
+        assert names[before.name] == [c.name for c in before.reads + before.writes]
+
+
+def test_all_slaves_is_an_example_of_every_bus(troll: Library) -> None:
+    made = example(troll, "AllSlaves")
+    assert {c.class_name for c in made.components if c.class_name.startswith("TrollPlant.")} == {
+        f"TrollPlant.{block.name}" for block in troll.blocks
+    }
+    writes = [f"{b.instance}.{c.name}" for b in troll.blocks for c in b.writes]
+    assert [c.target for c in made.connections] == writes
+    (empty,) = build_library(bus(), "P").examples
+    assert [c.name for c in empty.components] == ["etherCATMaster"]
+
+
+def test_the_drive_example_feeds_every_output_of_the_drive_once(troll: Library) -> None:
+    made = example(troll, "PointToPointMovement")
+    sources = {c.target: c.source for c in made.connections}
+    assert len(sources) == len(made.connections)
+    assert sources == {
+        "goldGCONDrive.controlWord": "startUp.controlWord",
+        "goldGCONDrive.modeOfOperation": "startUp.modeOfOperation",
+        "goldGCONDrive.targetVelocity": "toInteger.y",
+        "goldGCONDrive.maxTorque": "ratedTorque.y",
+        "goldGCONDrive.targetPosition": "zero.y",
+        "goldGCONDrive.targetTorque": "zero.y",
+        "startUp.enable": "enable.y",
+        "startUp.statusWord": "goldGCONDrive.statusWord",
+        "target.u1": "reference.y",
+        "target.u2": "startUp.enabled",
+        "target.u3": "standstill.y",
+        "toInteger.u": "target.y",
+    }
+    assert [v.name for v in made.variables] == ["w_ref", "w_m", "i_m"]
+    names = {c.name for c in made.components} | {v.name for v in made.variables}
+    blocks = {block.instance for block in troll.blocks}
+    assert names - blocks <= set(EXAMPLE_COMPONENTS)
+
+
+def test_a_bus_without_a_drive_has_no_drive_example() -> None:
+    slaves = [slave for slave in sample_buses.troll().slaves if slave.position != 0]
+    assert [e.name for e in build_library(bus(*slaves), "P").examples] == ["AllSlaves"]
+
+
+def test_a_slave_called_like_something_of_an_example_gets_another_component_name() -> None:
+    (made,) = build_library(bus(Slave(0, "reference", 1, 2, 3)), "P").blocks
+    assert (made.name, made.instance) == ("Reference", "referenceSlave")
+
+
+def test_a_slave_called_like_the_library_gets_another_class_name() -> None:
+    (made,) = build_library(bus(Slave(0, "EL1018", 1, 2, 3)), "EL1018").blocks
+    assert made.name == "EL1018Slave"
+
+
+def test_the_sample_time_of_examples_is_the_cycle_of_the_bus() -> None:
+    library = build_library(Bus("x", 250, []), "P")
+    assert "sampleTime = {0.00025}" in library.examples[0].components[0].modifiers
+
+
+def test_the_name_of_the_library_is_checked() -> None:
+    with pytest.raises(UsageError):
+        build_library(bus(), "EtherCAT")
