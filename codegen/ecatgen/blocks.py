@@ -72,6 +72,7 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
         instance=instance,
         position=slave.position,
         description=f"{label}, slave {slave.position}",
+        title=f"{name}, slave {slave.position}",
         slave_name=slave.name,
         slave_label=label,
         vendor=slave.vendor,
@@ -81,7 +82,6 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
         writes=_connectors(writes, connector_names[: len(writes)], size, outputs=True),
         skipped=tuple(skipped),
         icon=layout.icon(size),
-        box=layout.icon(size),
         name_extent=layout.above(size),
         title_extent=layout.title(size),
     )
@@ -114,7 +114,7 @@ def _connectors(
     *,
     outputs: bool,
 ) -> tuple[Connector, ...]:
-    result = []
+    result: list[Connector] = []
     for row, ((pdo, entry), name) in enumerate(zip(entries, connector_names, strict=True)):
         kind = kind_of(entry)
         place = f"{entry.index:04X}_{entry.subindex:02X}"  # no connector has such a name
@@ -123,8 +123,9 @@ def _connectors(
                 name=name,
                 handle=f"{'output' if outputs else 'input'}_{place}",
                 written=f"written_{place}",
+                after=result[-1].written if outputs and result else "etherCATMaster.cycle",
                 kind=kind,
-                class_name=(f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}"),
+                class_name=f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}",
                 start=_START[kind],
                 function=kind.lower(),
                 index=entry.index,
@@ -145,7 +146,7 @@ def _connectors(
 
 
 def _description(pdo: Pdo, entry: Entry) -> str:
-    text = ": ".join(filter(None, (pdo.name, entry.name)))
+    text = ": ".join(dict.fromkeys(filter(None, (pdo.name, entry.name))))
     return f"{text} ({entry.address})" if text else entry.address
 
 

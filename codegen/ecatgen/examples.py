@@ -78,18 +78,17 @@ class _Constants:
         self._diagram.connect(f"{name}.y", target, kind)
 
 
-def _column(diagram: Diagram, library: str, blocks: Sequence[Block], x: int, top: int) -> None:
-    """Places blocks one below the other."""
-    for block in blocks:
-        half = layout.block_size(len(block.writes), len(block.reads)).half // 10
-        diagram.add_block(library, block, Point(x, top - half))
-        top -= 2 * half + 20
+def _half(block: Block) -> int:
+    return layout.diagram_half(layout.block_size(len(block.writes), len(block.reads)))
 
 
 def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
     diagram = Diagram()
     _master(diagram, bus, Point(-80, 80))
-    _column(diagram, library, blocks, 40, 90)
+    top = 90
+    for block in blocks:
+        diagram.add_block(library, block, Point(60, top - _half(block)))
+        top -= 2 * _half(block) + 20
     constants = _Constants(diagram, -80, 20)
     for block in blocks:
         for connector in block.writes:
@@ -113,7 +112,7 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
 def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block]) -> Example:
     diagram = Diagram()
     _master(diagram, bus, Point(-110, 90))
-    name = diagram.add_block(library, drive, Point(70, 0))
+    name = diagram.add_block(library, drive, Point(90, 0))
     diagram.add(
         "Modelica.Blocks.Sources.BooleanConstant",
         "enable",
@@ -158,14 +157,14 @@ def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block
     )
     diagram.connect("enable.y", "startUp.enable", "Boolean")
     diagram.connect("reference.y", "target.u1", "Real")
-    diagram.connect("startUp.enabled", "target.u2", "Boolean", x=-30)
+    diagram.connect_around("startUp.enabled", "target.u2", "Boolean", y=12)
     diagram.connect("standstill.y", "target.u3", "Real")
     diagram.connect("target.y", "toInteger.u", "Real")
     sources = {
-        CONTROL_WORD: ("startUp.controlWord", 20),
-        MODE: ("startUp.modeOfOperation", 16),
+        CONTROL_WORD: ("startUp.controlWord", 30),
+        MODE: ("startUp.modeOfOperation", 20),
         TARGET_VELOCITY: ("toInteger.y", 10),
-        MAX_TORQUE: ("ratedTorque.y", 24),
+        MAX_TORQUE: ("ratedTorque.y", 40),
     }
     if _find(drive.writes, MAX_TORQUE):
         diagram.add(
@@ -188,7 +187,8 @@ def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block
     assert status is not None  # is_velocity_drive() has found them
     assert velocity is not None
     diagram.connect_around(f"{name}.{status.name}", "startUp.statusWord", "Integer", y=66)
-    _column(diagram, library, [b for b in blocks if b.reads and not b.writes], 150, 90)
+    for n, block in enumerate(block for block in blocks if block.reads and not block.writes):
+        diagram.add_block(library, block, Point(190 + 100 * n, 90 - _half(block)))
     diagram.result("w_ref", "Reference speed in increments/s", "target.y")
     diagram.result("w_m", "Measured speed in increments/s", f"{name}.{velocity.name}")
     if current is not None:

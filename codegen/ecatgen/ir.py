@@ -40,7 +40,8 @@ class Connector:
     Attributes:
         name: Name in Modelica and in C.
         handle: Name of the external object (and of the pointer in C).
-        written: Name of the variable that orders the writes.
+        written: Name of the variable that the write of this entry sets.
+        after: Variable whose computation must come before the access.
         kind: Type of the value in the model.
         class_name: Modelica class of the connector.
         start: Start value of a value that is read.
@@ -62,6 +63,7 @@ class Connector:
     name: str
     handle: str
     written: str
+    after: str
     kind: Kind
     class_name: str
     start: str
@@ -100,6 +102,7 @@ class Block:
         instance: Usual name of a component of this class.
         position: Position on the bus.
         description: Description of the class.
+        title: Text in the icon.
         slave_name: What the slave calls itself.
         slave_label: How messages name the expected slave.
         vendor: Vendor ID.
@@ -108,16 +111,16 @@ class Block:
         reads: Inputs of the bus: connectors with values that the block delivers.
         writes: Outputs of the bus: connectors with values that the block takes.
         skipped: Entries without connector.
-        icon: Extent of the icon.
-        box: Extent of the box in the icon.
+        icon: Extent of the icon, which is the box that is drawn.
         name_extent: Place of the component's name in the icon.
-        title_extent: Place of the class name in the icon.
+        title_extent: Place of the title in the icon.
     """
 
     name: str
     instance: str
     position: int
     description: str
+    title: str
     slave_name: str
     slave_label: str
     vendor: int
@@ -127,7 +130,6 @@ class Block:
     writes: tuple[Connector, ...]
     skipped: tuple[Skipped, ...]
     icon: Extent
-    box: Extent
     name_extent: Extent
     title_extent: Extent
 

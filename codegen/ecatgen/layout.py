@@ -1,7 +1,7 @@
 """Where things are in icons and diagrams.
 
 A block is a box with one connector per row: outputs of the bus (what the model writes) on the
-left, inputs of the bus (what it reads) on the right. A unit of a diagram is ten of an icon.
+left, inputs of the bus (what it reads) on the right.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from .ir import Extent, Point
 
 ROW = 20
-_HALF_WIDTH = 100
+_HALF_WIDTH = 150
 _TITLE = 40
+_SCALE = 5  # units of an icon in a unit of a diagram
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +41,12 @@ def icon(size: Size) -> Extent:
 
 def above(size: Size) -> Extent:
     """The place of the component's name, above the icon."""
-    return extent(-150, size.half + 50, 150, size.half + 10)
+    return extent(-_HALF_WIDTH, size.half + 50, _HALF_WIDTH, size.half + 10)
 
 
 def title(size: Size) -> Extent:
-    """The place of the class name, at the top of the box."""
-    return extent(-90, size.half - 5, 90, size.half - 35)
+    """The place of the title, at the top of the box."""
+    return extent(10 - _HALF_WIDTH, size.half - 5, _HALF_WIDTH - 10, size.half - 35)
 
 
 def row_y(size: Size, row: int) -> int:
@@ -64,19 +65,25 @@ def port(size: Size, row: int, *, left: bool) -> Extent:
 def port_label(size: Size, row: int, *, left: bool) -> Extent:
     """The place of a connector's name beside it."""
     y = row_y(size, row)
-    return extent(-95, y - 8, -2, y + 8) if left else extent(2, y - 8, 95, y + 8)
+    inner, outer = 2, _HALF_WIDTH - 5
+    return extent(-outer, y - 8, -inner, y + 8) if left else extent(inner, y - 8, outer, y + 8)
 
 
 def port_point(size: Size, row: int, centre: Point, *, left: bool) -> Point:
     """Where a line ends at a connector of a block that is drawn around `centre` in a diagram."""
-    x = -(_HALF_WIDTH + ROW // 2) if left else _HALF_WIDTH + ROW // 2
-    return Point(centre.x + round(x / 10), centre.y + round(row_y(size, row) / 10))
+    x = _HALF_WIDTH + ROW // 2
+    return Point(centre.x + (-x if left else x) // _SCALE, centre.y + row_y(size, row) // _SCALE)
+
+
+def diagram_half(size: Size) -> int:
+    """Half of the height of a block in a diagram."""
+    return size.half // _SCALE
 
 
 def in_diagram(size: Size, centre: Point) -> Extent:
     """The place of a block in a diagram."""
-    half = size.half // 10
-    return extent(centre.x - 10, centre.y - half, centre.x + 10, centre.y + half)
+    x, y = _HALF_WIDTH // _SCALE, diagram_half(size)
+    return extent(centre.x - x, centre.y - y, centre.x + x, centre.y + y)
 
 
 def route(start: Point, end: Point, x: int | None = None) -> tuple[Point, ...]:

@@ -153,7 +153,7 @@ static void experiment(double seconds) {
     if (n % every == 0) show_progress(time, seconds, r->w_m);
   }
   fprintf(stderr, "\n%s after %.3f s: %d samples, %d bus cycles left out\n",
-          interrupted ? "interrupted" : "finished", (n - 1) * SAMPLE_TIME, run.count, skipped);
+          interrupted ? "interrupted" : "finished", run.count * SAMPLE_TIME, run.count, skipped);
 
   TrollPlant_EL3008_2_close(&el3008_2);
   TrollPlant_EL3008_close(&el3008);

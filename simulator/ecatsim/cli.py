@@ -92,9 +92,7 @@ class _Runner:
         else:
             netlink.check_up(interface)
         if arguments.die_with_parent:
-            namespace.die_with_parent(signal.SIGTERM)
-            if os.getppid() != parent:
-                return 0
+            namespace.die_with_parent(signal.SIGTERM, parent)
         simulation = Simulation(what, arguments.trace)
         try:
             simulation.segment.start(interface)
@@ -158,11 +156,11 @@ class _Runner:
             print("Ctrl-C ends it", flush=True)
 
     def _start_child(self) -> None:
-        command = self._arguments.child
+        command, parent = self._arguments.child, os.getpid()
         try:
             self._child = subprocess.Popen(
                 command,
-                preexec_fn=lambda: namespace.die_with_parent(signal.SIGKILL),
+                preexec_fn=lambda: namespace.die_with_parent(signal.SIGKILL, parent),
             )
         except OSError as error:
             raise UsageError(f"cannot run '{command[0]}': {error.strerror}") from error

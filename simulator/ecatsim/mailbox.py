@@ -9,6 +9,7 @@ from enum import IntEnum
 
 _HEADER = struct.Struct("<HHBB")
 HEADER_SIZE = _HEADER.size
+_MAX_WAITING = 64
 
 
 class Protocol(IntEnum):
@@ -66,8 +67,8 @@ class MailboxServer:
 
     def receive(self, mail: bytes) -> None:
         """Answers a mail that the master wrote."""
-        if len(mail) < HEADER_SIZE:
-            return
+        if len(mail) < HEADER_SIZE or len(self._queue) > _MAX_WAITING:
+            return  # nothing to answer, or a master that never reads
         length, _, _, kind = _HEADER.unpack_from(mail)
         counter = kind >> 4 & 7
         if counter and counter == self._last_request:

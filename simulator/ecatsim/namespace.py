@@ -102,9 +102,15 @@ def join(pid: int) -> None:
         raise EcatError(f"cannot join the namespaces of {pid}: {error.strerror}") from error
 
 
-def die_with_parent(signal: int) -> None:
-    """Asks the kernel to send `signal` to this process when its parent ends.
+def die_with_parent(number: int, parent: int) -> None:
+    """Has the kernel send signal `number` to this process when its parent ends.
 
     Call it after `enter_new`: new namespaces make the kernel forget it.
+
+    Args:
+        number: The signal.
+        parent: Process id of the parent; if that has ended already, the signal comes at once.
     """
-    _call("prctl", _PR_SET_PDEATHSIG, signal, 0, 0, 0)
+    _call("prctl", _PR_SET_PDEATHSIG, number, 0, 0, 0)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), number)

@@ -89,7 +89,8 @@ def check_up(name: str) -> None:
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
         try:
-            request = struct.pack("16sh14x", name.encode()[:15], 0)
+            socket.if_nametoindex(name)
+            request = struct.pack("16sh14x", name.encode(), 0)
             reply = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, request)
         except OSError as error:
             raise UnreachableError(f"there is no network interface '{name}'") from error

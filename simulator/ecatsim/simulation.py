@@ -87,5 +87,5 @@ class Simulation:
                 self._due[i] = max(self._due[i] + device.period, now - device.period)
         self.segment.put_inputs()
         if self._trace_file and self.rig.trace:
-            values = ",".join(f"{value:.6g}" for value in self.rig.trace.values())
+            values = ",".join(f"{value:.10g}" for value in self.rig.trace.values())
             self._trace_file.write(f"{now_ns},{values}\n")

@@ -54,12 +54,12 @@ static void collect(struct esc_segment *segment)
     segment->fmmus_changed = false;
 }
 
-/* Logical bits [first, last] of the part that a datagram covers, counted from the first bit of the
- * FMMU's window; the window starts at the first bit of its first byte. */
+/* The part of an FMMU that a datagram covers: logical bits [first, last], counted from bit 0 of the
+ * first byte of its window. */
 struct span {
     uint32_t first, last;
-    uint32_t physical;      /* physical bit (from address 0) that belongs to `first` */
-    uint32_t datagram_bit;  /* bit of the datagram's data that belongs to `first` */
+    uint32_t physical;     /* physical bit (from address 0) that belongs to `first` */
+    uint32_t datagram_bit; /* bit of the datagram's data that belongs to `first` */
 };
 
 static bool clip(const struct fmmu *fmmu, uint32_t from, uint32_t to, uint32_t address,
@@ -88,7 +88,8 @@ static void copy_bit(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t
         to[to_bit >> 3] &= (uint8_t)~mask;
 }
 
-/* Any alignment, any memory. Signed because the datagram may begin inside the window. */
+/* Any alignment, any memory: bits are merged into whole bytes, and those go the way of physical
+ * access. */
 static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_t *data, bool write)
 {
     struct slave *slave = fmmu->slave;

@@ -1,4 +1,4 @@
-/* EtherCAT frames and datagrams (ETG.1000.4, "DLPDU structure"): addressing and working counters. */
+/* EtherCAT frames and datagrams (ETG.1000.4, "DLPDU structure"): addresses, working counters. */
 #include "slave.h"
 
 enum command {

@@ -115,7 +115,8 @@ void registers_power_on(struct slave *slave, const struct esc_config *config)
 }
 
 /* A sync manager takes a new area or mode only while it is off; its status is the ESC's own. */
-static void write_sync_managers(struct slave *slave, uint32_t from, const uint8_t *data, size_t size)
+static void write_sync_managers(struct slave *slave, uint32_t from, const uint8_t *data,
+                                size_t size)
 {
     unsigned first = (from - REG_SM) / 8;
     unsigned last = (unsigned)((from + size - 1 - REG_SM) / 8);

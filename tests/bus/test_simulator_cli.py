@@ -278,3 +278,17 @@ def test_defect_of_a_device_is_not_hidden(tmp_path):
     assert result.returncode == 70
     assert "KeyError: 'oops'" in result.stderr
     assert result.stderr.splitlines()[-1].startswith("ecatsim: defect")
+
+
+def test_example_of_the_documentation(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text()
+    file = tmp_path / "doublers.py"
+    file.write_text(text.split("```python\n")[1].split("```")[0])
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import test_simulator_masters as t; "
+        "m = t.open_pysoem(); t.to_op(m); m.slaves[1].output = b'\\x15\\x00'; t.cycle(m, 50); "
+        "print(m.slaves[1].name, m.slaves[1].input[0])"
+    )
+    command = [sys.executable, "-c", code, Path(__file__).parent]
+    result = ecatsim("run", file, "--", *command)
+    assert (result.returncode, result.stdout) == (0, "Doubler 42\n"), result.stderr

@@ -444,9 +444,15 @@ def master_kickcat():
     import kickcat
 
     link = kickcat.create_link(INTERFACE, "")
-    link.set_timeout(0.1)  # seconds; for a busy machine
+    link.set_timeout(0.008)  # seconds; for a busy machine
     bus = kickcat.Bus(link)
     bus.init(0.1)
+    # No watchdogs, for the same reason: a broadcast write of 0 to register 0x0420.
+    datagram = struct.pack("<BBHHHH", 8, 0, 0, 0x0420, 2, 0) + bytes(4)
+    with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as wire:
+        wire.bind((INTERFACE, 0x88A4))
+        header = b"\xff" * 6 + bytes(6) + b"\x88\xa4" + struct.pack("<H", 0x1000 | len(datagram))
+        wire.send((header + datagram).ljust(60, b"\0"))
     bus.create_mapping()
     bus.request_state(kickcat.State.SAFE_OP)
     bus.wait_for_state(kickcat.State.SAFE_OP, 5.0)

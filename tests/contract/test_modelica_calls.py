@@ -4,6 +4,7 @@
 """
 
 import subprocess
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -36,24 +37,37 @@ int main(int argc, char **argv) {
 
 
 @pytest.fixture(scope="module")
-def build(tmp_path_factory: pytest.TempPathFactory, compiler: str) -> Callable[..., Path]:
-    """Compiles a C program against a library that was generated for a bus."""
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The library for the reference plant, as it was described by hand."""
+    folder = tmp_path_factory.mktemp("out")
+    generate(sample_buses.troll(), "Plant", folder)
+    return folder
 
-    def compile_(source: str | Path, bus: Bus, library: str = "Plant", *flags: str) -> Path:
-        out = tmp_path_factory.mktemp("library")
-        generate(bus, library, out)
-        file = source if isinstance(source, Path) else out / "program.c"
-        if isinstance(source, str):
-            file.write_text(source)
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory, troll: Daemon) -> Path:
+    """The library for the live bus."""
+    folder = tmp_path_factory.mktemp("live")
+    troll.ctl("generate", "Plant", str(folder))
+    return folder
+
+
+@pytest.fixture
+def build(tmp_path: Path, compiler: str) -> Callable[..., Path]:
+    """Compiles a C program against the files of a generated library."""
+
+    def compile_(source: str, out: Path, *flags: str) -> Path:
+        program = tmp_path / f"program{len(list(tmp_path.iterdir()))}"
+        file = program.with_suffix(".c")
+        file.write_text(source)
         resources = out / "EtherCAT" / "Resources"
         (archive,) = (resources / "Library").rglob("libecat.a")
-        program = out / "program"
         done = subprocess.run(
             [
                 *(compiler, "-Wall", "-Wextra", "-Werror", "-O1", *flags),
                 f"-I{resources / 'Include'}",
                 f"-I{resources / 'Source' / 'standalone'}",
-                f"-I{out / library / 'Resources' / 'Source'}",
+                f"-I{out / 'Plant' / 'Resources' / 'Source'}",
                 *(str(file), str(archive), "-lm", "-o", str(program)),
             ],
             capture_output=True,
@@ -66,9 +80,10 @@ def build(tmp_path_factory: pytest.TempPathFactory, compiler: str) -> Callable[.
     return compile_
 
 
-@pytest.fixture(scope="module")
-def opener(build: Callable[..., Path]) -> Path:
-    return build(OPEN, sample_buses.troll(), "Plant", "-std=c89", "-pedantic-errors")
+@pytest.fixture
+def opener(build: Callable[..., Path], out: Path) -> Path:
+    """A program that opens and closes all blocks: arguments bus, domain, sample time."""
+    return build(OPEN, out, "-std=c89", "-pedantic-errors")
 
 
 @contextmanager
@@ -105,10 +120,8 @@ def test_the_bus_that_the_library_was_generated_for(opener: Path) -> None:
     assert (result.returncode, result.stdout, result.stderr) == (0, "opened and closed\n", "")
 
 
-def test_objects_may_be_destroyed_in_any_order(build: Callable[..., Path]) -> None:
-    program = build(
-        OPEN, sample_buses.troll(), "Plant", "-fsanitize=address,undefined", "-static-libasan"
-    )
+def test_objects_may_be_destroyed_in_any_order(build: Callable[..., Path], out: Path) -> None:
+    program = build(OPEN, out, "-fsanitize=address,undefined", "-static-libasan")
     with served(sample_buses.troll()) as name:
         result = run(program, name)
     assert (result.returncode, result.stderr) == (0, "")
@@ -181,7 +194,7 @@ def test_other_slaves_may_come_and_unused_entries_may_change(opener: Path) -> No
 def test_a_domain_that_the_model_does_not_have(opener: Path) -> None:
     with served(sample_buses.troll()) as name:
         line = sentence(run(opener, name, "2"))
-    assert line == "EtherCAT: there is no domain 2: the EtherCATMaster has 1 sample times"
+    assert line == "EtherCAT: there is no domain 2: sampleTime of the EtherCATMaster has length 1"
 
 
 @pytest.mark.parametrize(
@@ -238,7 +251,7 @@ OUTPUTS = """
 NOT_COMMITTED = """
     if (n >= 20) {
       ecatm_write_boolean(plant.el2008.output_7000_01, time, cycle, 1);
-      TrollDrive_write(&plant.goldGCONDrive, time, cycle);
+      Plant_GoldGCONDrive_write(&plant.goldGCONDrive, time, cycle);
       if (plant.el1018.channel1Input) return 13;
       last = cycle;
       continue;
@@ -247,17 +260,19 @@ NOT_COMMITTED = """
 
 
 @pytest.mark.bus
-def test_all_reads_of_a_time_see_one_cycle(build: Callable[..., Path], troll: Daemon) -> None:
-    program = build("#include <unistd.h>" + START + ONE_CYCLE_PER_TIME + END, described(troll))
+def test_all_reads_of_a_time_see_one_cycle(
+    build: Callable[..., Path], live: Path, troll: Daemon
+) -> None:
+    program = build("#include <unistd.h>" + START + ONE_CYCLE_PER_TIME + END, live)
     result = run(program, troll.bus)
     assert (result.returncode, result.stderr) == (0, "")
 
 
 @pytest.mark.bus
 def test_writes_reach_the_slaves_and_may_be_repeated(
-    build: Callable[..., Path], troll: Daemon
+    build: Callable[..., Path], live: Path, troll: Daemon
 ) -> None:
-    result = run(build(START + OUTPUTS + END, described(troll)), troll.bus)
+    result = run(build(START + OUTPUTS + END, live), troll.bus)
     assert result.returncode == 0, result.stderr
     rows = [line.split() for line in result.stdout.splitlines()]
     assert rows[15][1:] == ["0", "0"]
@@ -267,11 +282,34 @@ def test_writes_reach_the_slaves_and_may_be_repeated(
 
 @pytest.mark.bus
 def test_the_commit_of_one_slave_leaves_the_others_alone(
-    build: Callable[..., Path], troll: Daemon
+    build: Callable[..., Path], live: Path, troll: Daemon
 ) -> None:
-    body = NOT_COMMITTED.replace("TrollDrive", "Plant_GoldGCONDrive")
-    result = run(build(START + body + END, described(troll)), troll.bus)
+    result = run(build(START + NOT_COMMITTED + END, live), troll.bus)
     assert (result.returncode, result.stderr) == (0, "")
+
+
+SLOW = """
+#include "Plant.h"
+int main(int argc, char **argv) {
+  Plant_EL2008 block;
+  int n;
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.25, 1, 0.1);
+  Plant_EL2008_open(&block, master, 1);
+  for (n = 0; n < 4; n++) Plant_EL2008_write(&block, 0.25 * n, ecatm_wait(master, 0.25 * n));
+  ecatm_master_close(master);
+  return 0;
+}
+"""
+
+
+@pytest.mark.bus
+def test_waiting_for_the_bus_keeps_the_lease(
+    build: Callable[..., Path], live: Path, troll: Daemon
+) -> None:
+    start = time.monotonic()
+    result = run(build(SLOW, live), troll.bus)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert time.monotonic() - start > 0.7
 
 
 TWICE = """
@@ -303,30 +341,27 @@ int main(int argc, char **argv) {
 
 
 @pytest.mark.bus
-def test_two_blocks_that_write_one_slave(build: Callable[..., Path], troll: Daemon) -> None:
-    line = sentence(run(build(TWICE, described(troll)), troll.bus))
+def test_two_blocks_that_write_one_slave(
+    build: Callable[..., Path], live: Path, troll: Daemon
+) -> None:
+    line = sentence(run(build(TWICE, live), troll.bus))
     assert f"two blocks of this model write the outputs of slave 3 of bus '{troll.bus}'" in line
 
 
 @pytest.mark.bus
 def test_a_constructor_that_is_called_twice_does_no_harm(
-    build: Callable[..., Path], troll: Daemon
+    build: Callable[..., Path], live: Path, troll: Daemon
 ) -> None:
-    assert run(build(ORPHAN, described(troll)), troll.bus).returncode == 0
+    assert run(build(ORPHAN, live), troll.bus).returncode == 0
 
 
 @pytest.mark.bus
-def test_outputs_that_another_program_owns(build: Callable[..., Path], troll: Daemon) -> None:
-    program = build(START + END, described(troll))
+def test_outputs_that_another_program_owns(
+    build: Callable[..., Path], live: Path, troll: Daemon
+) -> None:
+    program = build(START + END, live)
     with troll.client() as owner:
         owner.claim(3)
         line = sentence(run(program, troll.bus))
     assert "the outputs of slave 3 (EL2008)" in line
     assert "belong to" in line
-
-
-def described(daemon: Daemon) -> Bus:
-    """The description of a live bus."""
-    out = daemon.ctl("generate", "--help").stdout
-    assert out
-    return sample_buses.troll()

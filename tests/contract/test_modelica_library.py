@@ -1,13 +1,18 @@
 """The library as Modelica: all that can be checked without a Modelica tool."""
 
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymoca.parser import parse
 
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatgen import generate
+from ecatgen.build import build_library
 from ecatgen.checks import (
     check_externals,
     check_structure,
@@ -15,6 +20,7 @@ from ecatgen.checks import (
     check_translation,
     sample_buses,
 )
+from ecatgen.render import render
 
 LIBRARY = "Plant"
 BUSES: dict[str, Callable[[], Bus]] = {
@@ -60,8 +66,34 @@ def test_a_compiler_resolves_names_checks_types_and_counts_equations(out: Path) 
     assert list(check_translation(out, models)) == []
 
 
+@settings(max_examples=15, deadline=None)
+@given(st.text(max_size=220), st.text(max_size=220))
+def test_any_name_of_a_slave_or_an_entry_gives_modelica(slave: str, entry: str) -> None:
+    entries = [Entry(0x6000, n, entry, 5, 8) for n in (1, 2)]
+    bus = Bus(slave, 1000, [Slave(0, slave, 1, 2, 3, inputs=[Pdo(0x1A00, slave, 3, entries)])])
+    for path, data in render(build_library(bus, "Plant")).items():
+        if path.endswith(".mo"):
+            assert parse(data.decode()) is not None
+
+
 def test_external_functions_are_those_of_the_header_in_c89(troll: Path) -> None:
     assert list(check_externals(troll / "EtherCAT")) == []
+
+
+def test_the_calls_for_c_are_c89(out: Path, compiler: str) -> None:
+    resources = out / "EtherCAT" / "Resources"
+    done = subprocess.run(
+        [
+            *(compiler, "-std=c89", "-pedantic-errors", "-Wall", "-Wextra", "-Werror"),
+            *("-I", str(resources / "Include")),
+            *("-I", str(resources / "Source" / "standalone")),
+            *("-fsyntax-only", "-x", "c", str(out / LIBRARY / "Resources" / "Source" / "Plant.h")),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_package_order_is_not_the_order_of_the_alphabet(troll: Path) -> None:

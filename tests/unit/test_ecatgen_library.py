@@ -82,6 +82,8 @@ def test_connectors_of_the_drive(troll: Library) -> None:
     assert status.name == "statusWord"
     assert status.class_name == "Modelica.Blocks.Interfaces.IntegerOutput"
     assert status.description == "TPDO3 Mapping: Status word (0x6041:00)"
+    speed = next(c for c in drive.reads if c.index == 0x606C)
+    assert speed.description == "Velocity actual value (0x606C:00)"
     assert not drive.skipped
 
 

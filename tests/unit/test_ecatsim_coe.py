@@ -285,6 +285,16 @@ def test_repeated_request_is_answered_once():
     assert [wire.read() is not None for _ in range(5)] == [True] * 4 + [False]
 
 
+def test_master_that_never_reads_does_not_fill_the_memory():
+    wire = Wire()
+    for _ in range(1000):
+        wire.write(b"\x01", counter=0)
+    read = sum(1 for _ in iter(wire.read, None))
+    assert read < 100
+    wire.write(b"\x01", counter=0)
+    assert wire.read()
+
+
 def test_lost_mail_is_given_again():
     wire = Wire()
     wire.write(b"\x03x")

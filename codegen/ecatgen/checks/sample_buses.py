@@ -110,8 +110,12 @@ def _digital(position: int, name: str, product: int, *, outputs: bool) -> Slave:
         )
         for n in range(8)
     ]
-    key = "outputs" if outputs else "inputs"
-    return Slave(position, name, _BECKHOFF, product, 0x00100000, **{key: pdos})
+    slave = Slave(position, name, _BECKHOFF, product, 0x00100000)
+    if outputs:
+        slave.outputs = pdos
+    else:
+        slave.inputs = pdos
+    return slave
 
 
 def _analog(position: int) -> Slave:

@@ -51,6 +51,7 @@ the bus has at that moment.
 <strong>Lease</strong>: a simulation that is stopped, paused or killed takes no more samples. After
 the time <code>lease</code> (at most 0.5&nbsp;s, the daemon cuts longer ones) the daemon sets the outputs
 that the model has written to their safe values. A paused simulation ends with an error when it goes on.
+Waiting for the bus is no pause, so that with <code>waitForBus</code> sample times may be longer.
 </p>
 </html>"));
 end EtherCATMaster;

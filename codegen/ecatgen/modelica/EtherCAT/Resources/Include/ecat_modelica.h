@@ -211,8 +211,11 @@ ECATM_FUNCTION int ecatm_wait(void *object, double time) {
   if (master->stride > 0) {
     uint64_t goal = master->waited ? master->waited_cycle + master->stride
                                    : ecat_cycle(master->bus) + 1;
-    while (ecat_cycle(master->bus) < goal)
+    while (ecat_cycle(master->bus) < goal) {
       ecatm_check(master, ecat_wait(master->bus, 1, ECATM_PATIENCE));
+      /* Keeps the lease: who waits is alive, however long the sample time is. */
+      if (ecat_cycle(master->bus) < goal) ecatm_check(master, ecat_sample(master->bus));
+    }
     master->waited_cycle = ecat_cycle(master->bus);
   }
   master->wait_time = time;
@@ -227,8 +230,8 @@ ECATM_FUNCTION void *ecatm_domain_open(void *object, int id) {
   ecatm_master *master = (ecatm_master *)object;
   ecatm_domain *domain;
   if (id < 1 || id > master->domains) {
-    ModelicaFormatError("EtherCAT: there is no domain %d: the EtherCATMaster has %d sample times",
-                        id, master->domains);
+    ModelicaFormatError("EtherCAT: there is no domain %d: sampleTime of the EtherCATMaster has "
+                        "length %d", id, master->domains);
     return NULL;
   }
   domain = (ecatm_domain *)ecatm_new(master, sizeof *domain);

@@ -1,0 +1,212 @@
+"""The experiment of Figure 9 in C: its record, its end, and what happens to the drive."""
+
+import csv
+import importlib.util
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon
+from ecatd.shm import Outputs
+from ecatgen import examples
+
+pytestmark = pytest.mark.unprivileged
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "figure9"
+DRIVE = 0
+
+
+@pytest.fixture(scope="module")
+def figure9(
+    tmp_path_factory: pytest.TempPathFactory, compiler: str, troll: Daemon
+) -> Callable[..., "subprocess.Popen[str]"]:
+    """Builds the program with the command in its head, and starts it."""
+    out = tmp_path_factory.mktemp("out")
+    troll.ctl("generate", "TrollPlant", str(out))
+    resources = out / "EtherCAT" / "Resources"
+    (archive,) = (resources / "Library").rglob("libecat.a")
+    program = out / "figure9"
+    done = subprocess.run(
+        [
+            *(compiler, "-O2", "-Wall", "-Wextra", "-Werror"),
+            *("-I", str(resources / "Include")),
+            *("-I", str(resources / "Source" / "standalone")),
+            *("-I", str(out / "TrollPlant" / "Resources" / "Source")),
+            *(str(EXAMPLE / "figure9.c"), str(archive), "-lm", "-o", str(program)),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+    def start(*arguments: str) -> "subprocess.Popen[str]":
+        wait_until_it_rests(troll)
+        return subprocess.Popen([str(program), *arguments], stderr=subprocess.PIPE, text=True)
+
+    return start
+
+
+def read(file: Path) -> list[dict[str, float]]:
+    with file.open(newline="") as lines:
+        assert lines.readline() == (
+            "# encoder increments: 65536, per revolutions: 1, rated current in mA: 5000\n"
+        )
+        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(lines)]
+
+
+def wait_until_it_rests(troll: Daemon) -> None:
+    """Waits until the motor has run out after the test before."""
+    with troll.client() as client:
+        velocity = client.find(DRIVE, 0x606C)
+        client.sample()
+        while client.read(velocity) != 0:
+            client.wait()
+            client.sample()
+
+
+def wait_until_it_moves(troll: Daemon) -> None:
+    """Waits until a program that was just started moves the drive."""
+    limit = time.monotonic() + 10
+    with troll.client() as client:
+        velocity = client.find(DRIVE, 0x606C)
+        while True:
+            client.wait()
+            client.sample()
+            if client.slaves()[DRIVE].outputs == Outputs.ACTIVE and client.read(velocity) > 100_000:
+                return
+            assert time.monotonic() < limit, "the drive does not move"
+
+
+def wait_until_it_is_safe(troll: Daemon, seconds: float) -> None:
+    limit = time.monotonic() + seconds
+    with troll.client() as client:
+        while client.slaves()[DRIVE].outputs != Outputs.SAFE:
+            assert time.monotonic() < limit, "the outputs are not safe"
+            client.wait()
+
+
+@pytest.mark.bus
+def test_the_motor_follows_the_reference(
+    figure9: Callable[..., "subprocess.Popen[str]"], troll: Daemon, tmp_path: Path
+) -> None:
+    file = tmp_path / "record.csv"
+    process = figure9(troll.bus, "2.5", str(file))
+    _, log = process.communicate(timeout=30)
+    assert process.returncode == 0, log
+    assert "2.0 of 2.5 s" in log
+    rows = read(file)
+    assert len(rows) == 2501
+    assert rows[-1]["time"] == pytest.approx(2.5)
+    assert all(row["w_m"] == row["w_ref"] == 0 for row in rows if row["time"] < 0.9)
+    top = [row for row in rows if row["time"] > 2]
+    assert all(row["w_ref"] == examples.MAX_SPEED for row in top)
+    speeds = sorted(row["w_m"] for row in top)
+    assert speeds[len(speeds) // 2] == pytest.approx(examples.MAX_SPEED, rel=0.01)
+    rising = [row["i_m"] for row in rows if 1.1 < row["time"] < 1.4]
+    steady = [row["i_m"] for row in top]
+    assert sum(rising) / len(rising) > 1.3 * sum(steady) / len(steady) > 50
+    assert {row["di8"] for row in rows} == {0, 1}
+    assert len({row["ai1"] for row in rows}) > 100
+    wait_until_it_is_safe(troll, 1)
+
+
+@pytest.mark.bus
+def test_an_interrupt_ends_it_and_makes_the_drive_safe(
+    figure9: Callable[..., "subprocess.Popen[str]"], troll: Daemon, tmp_path: Path
+) -> None:
+    file = tmp_path / "record.csv"
+    process = figure9(troll.bus, "60", str(file))
+    wait_until_it_moves(troll)
+    process.send_signal(signal.SIGINT)
+    _, log = process.communicate(timeout=5)
+    assert process.returncode == 130
+    assert "interrupted after" in log
+    wait_until_it_is_safe(troll, 0.5)
+    assert read(file)[-1]["w_m"] > 0
+
+
+@pytest.mark.bus
+def test_a_program_that_is_killed_leaves_the_drive_safe(
+    figure9: Callable[..., "subprocess.Popen[str]"], troll: Daemon, tmp_path: Path
+) -> None:
+    process = figure9(troll.bus, "60", str(tmp_path / "record.csv"))
+    wait_until_it_moves(troll)
+    process.kill()
+    process.communicate(timeout=5)
+    wait_until_it_is_safe(troll, 0.5)
+
+
+@pytest.mark.bus
+def test_a_program_that_is_paused_loses_its_lease_and_says_so(
+    figure9: Callable[..., "subprocess.Popen[str]"], troll: Daemon, tmp_path: Path
+) -> None:
+    file = tmp_path / "record.csv"
+    process = figure9(troll.bus, "60", str(file))
+    wait_until_it_moves(troll)
+    process.send_signal(signal.SIGSTOP)
+    wait_until_it_is_safe(troll, 0.5)
+    process.send_signal(signal.SIGCONT)
+    _, log = process.communicate(timeout=5)
+    assert process.returncode == 1
+    assert "did not sample in time and lost its outputs" in log
+    assert read(file)
+
+
+@pytest.mark.bus
+def test_a_daemon_that_dies_ends_it_with_a_sentence(
+    figure9: Callable[..., "subprocess.Popen[str]"],
+    start_daemon: Callable[..., Daemon],
+    tmp_path: Path,
+) -> None:
+    daemon = start_daemon("troll")
+    process = figure9(daemon.bus, "60", str(tmp_path / "record.csv"))
+    wait_until_it_moves(daemon)
+    daemon.kill_all()
+    killed = time.monotonic()
+    _, log = process.communicate(timeout=5)
+    assert time.monotonic() - killed < 0.5
+    assert process.returncode == 1
+    assert f"EtherCAT: the daemon of bus '{daemon.bus}' has ended" in log
+
+
+def plot(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, str(EXAMPLE / "plot.py"), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs matplotlib")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# encoder increments: 65536, per revolutions: 1, rated current in mA: 5000\n"
+        "time,w_ref,w_m,i_m,di1\n0,0,0,0,1\n1,655360,655000,115,0\n",
+        "# encoder increments: 0, per revolutions: 0, rated current in mA: 0\n"
+        "time,w_ref,w_m,i_m,di1\n0,0,0,0,1\n1,655360,655000,115,0\n",
+        '"time","keepAlive","i_m","w_m","w_ref"\n0,0,0,0,0\n1,0,115,655000,655360\n',
+    ],
+    ids=["c", "unknown drive", "openmodelica"],
+)
+def test_the_plot_reads_both_kinds_of_results(tmp_path: Path, text: str) -> None:
+    (tmp_path / "result.csv").write_text(text)
+    result = plot(tmp_path / "result.csv", tmp_path / "picture.png")
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs matplotlib")
+def test_the_plot_refuses_other_files(tmp_path: Path) -> None:
+    (tmp_path / "result.csv").write_text("time,x\n0,1\n")
+    result = plot(tmp_path / "result.csv", tmp_path / "picture.png")
+    assert result.returncode == 1
+    assert "has no column 'w_ref'" in result.stderr
+    assert not (tmp_path / "picture.png").exists()
