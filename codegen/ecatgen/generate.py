@@ -25,7 +25,7 @@ def generate(bus: Bus, name: str, out: Path) -> Report:
     Raises:
         UsageError: The name cannot be that of a Modelica library.
         StateError: The folders hold files that were not generated, or changed since.
-        PermissionError_: The directory cannot be written.
+        NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
     library = build_library(bus, name)

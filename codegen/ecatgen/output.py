@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ecatd.model.errors import PermissionError_, StateError
+from ecatd.model.errors import NotPermittedError, StateError
 
 MANIFEST = ".ecatgen.json"
 _SCHEMA = 1
@@ -69,12 +69,12 @@ def install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:
     Raises:
         StateError: The directory holds files that are not ours, or the disk is full; what was
             there is still there.
-        PermissionError_: The directory cannot be written.
+        NotPermittedError: The directory cannot be written.
     """
     try:
         return _install(out, packages, library)
     except PermissionError as error:
-        raise PermissionError_(
+        raise NotPermittedError(
             f"{error.filename or out} cannot be written: {error.strerror}"
         ) from error
     except (FileExistsError, NotADirectoryError) as error:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from .model.errors import PermissionError_
+from .model.errors import NotPermittedError
 
 SYSTEM = Path("/run/ecatd")
 
@@ -30,16 +30,16 @@ def make_dir() -> Path:
     """The same directory, made if need be.
 
     Raises:
-        PermissionError_: It cannot be made, or belongs to somebody else.
+        NotPermittedError: It cannot be made, or belongs to somebody else.
     """
     folder = user_dir()
     try:
         folder.mkdir(mode=0o750, exist_ok=True, parents=True)
         owner = folder.lstat().st_uid
     except OSError as error:
-        raise PermissionError_(f"cannot make {folder}: {error.strerror}") from error
+        raise NotPermittedError(f"cannot make {folder}: {error.strerror}") from error
     if owner != os.geteuid():
-        raise PermissionError_(
+        raise NotPermittedError(
             f"{folder} belongs to user {owner}; set ECATD_RUNTIME_DIR to a directory of your own"
         )
     return folder

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-import sys
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NO_NEW_PRIVS = 38
@@ -17,15 +16,19 @@ _CAP_LAST = 63
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
-def die_with_parent(parent: int) -> None:
-    """Asks for SIGTERM when the parent ends, and ends at once if it has already.
+def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
+    """Has the kernel send a signal to this process when its parent ends.
+
+    Call it after entering a namespace: that makes the kernel forget it. The signal also comes when
+    only the thread of the parent that started this process ends.
 
     Args:
-        parent: Process number of the parent, as seen from here (0: unknown, do not compare).
+        parent: Process number of the parent; if it has ended already, the signal comes at once.
+        number: The signal.
     """
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if parent and os.getppid() != parent:
-        sys.exit(0)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), number)
 
 
 class _CapHeader(ctypes.Structure):

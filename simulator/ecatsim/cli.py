@@ -11,12 +11,13 @@ import sys
 import time
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
 from ecatd.model.errors import EcatError, UsageError
+from ecatd.process import die_with_parent
+from ecatd.version import VERSION
 
 from . import namespace, netlink, rig
 from .simulation import Simulation
@@ -24,13 +25,6 @@ from .simulation import Simulation
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
 _CHILD_GRACE = 2.0
-
-
-def _version() -> str:
-    try:
-        return version("ecatd")
-    except PackageNotFoundError:
-        return "unknown (not installed)"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -44,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
     )
-    parser.add_argument("--version", action="version", version=f"ecatsim {_version()}")
+    parser.add_argument("--version", action="version", version=f"ecatsim {VERSION}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run = commands.add_parser(
         "run",
@@ -63,7 +57,8 @@ def _parser() -> argparse.ArgumentParser:
         "--die-with-parent", action="store_true", help="end when the calling process ends"
     )
     run.add_argument("child", metavar="-- COMMAND", nargs="*", help="command to run beside it")
-    commands.add_parser("rigs", help="list the rigs that come with ecatsim")
+    rigs = commands.add_parser("rigs", help="list the rigs that come with ecatsim")
+    rigs.add_argument("--json", action="store_true", help="print JSON for programs")
     return parser
 
 
@@ -92,7 +87,7 @@ class _Runner:
         else:
             netlink.check_up(interface)
         if arguments.die_with_parent:
-            namespace.die_with_parent(signal.SIGTERM, parent)
+            die_with_parent(parent)
         simulation = Simulation(what, arguments.trace)
         try:
             simulation.segment.start(interface)
@@ -160,13 +155,17 @@ class _Runner:
         try:
             self._child = subprocess.Popen(
                 command,
-                preexec_fn=lambda: namespace.die_with_parent(signal.SIGKILL, parent),
+                preexec_fn=lambda: die_with_parent(parent, signal.SIGKILL),
             )
         except OSError as error:
             raise UsageError(f"cannot run '{command[0]}': {error.strerror}") from error
 
 
-def _rigs() -> int:
+def _rigs(*, as_json: bool) -> int:
+    if as_json:
+        rows = [{"name": usage, "description": text} for usage, text in rig.library()]
+        print(json.dumps({"schema": 1, "rigs": rows}, indent=2, ensure_ascii=False))
+        return 0
     width = max(len(usage) for usage, _ in rig.library())
     for usage, text in rig.library():
         print(f"{usage:{width}}  {text}")
@@ -188,7 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ours, child = _split(sys.argv[1:] if arguments is None else arguments)
         options = _parser().parse_args(ours)
         if options.command == "rigs":
-            return _rigs()
+            return _rigs(as_json=options.json)
         if options.child:
             raise UsageError("put `--` in front of the command to run")
         options.child = child

@@ -9,7 +9,13 @@ from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
 
-from ecatd.model.errors import EcatError, PermissionError_, StateError, UnreachableError, UsageError
+from ecatd.model.errors import (
+    EcatError,
+    NotPermittedError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
 from ecatd.native import load
 
 MAX_SLAVES = 1024
@@ -199,13 +205,13 @@ class Segment:
 
         Raises:
             UnreachableError: There is no such interface.
-            PermissionError_: The process may not open raw sockets.
+            NotPermittedError: The process may not open raw sockets.
         """
         result = self._lib.esc_start(self._handle, interface.encode())
         if result in (-errno.ENODEV, -errno.ENXIO):
             raise UnreachableError(f"there is no network interface '{interface}'")
         if result in (-errno.EPERM, -errno.EACCES):
-            raise PermissionError_(
+            raise NotPermittedError(
                 f"raw sockets on '{interface}' need CAP_NET_RAW: run as root, "
                 "or leave --interface out to serve a private interface"
             )

@@ -10,11 +10,10 @@ import errno
 import os
 from pathlib import Path
 
-from ecatd.model.errors import EcatError, PermissionError_, StateError, UnreachableError
+from ecatd.model.errors import EcatError, NotPermittedError, StateError, UnreachableError
 
 _CLONE_NEWUSER = 0x10000000
 _CLONE_NEWNET = 0x40000000
-_PR_SET_PDEATHSIG = 1
 _PR_SET_DUMPABLE = 4
 _FORBIDDEN = (errno.EPERM, errno.ENOSPC, errno.EUSERS, errno.EACCES, errno.EINVAL)
 _HINT = (
@@ -43,7 +42,7 @@ def enter_new() -> bool:
         Whether there is a user namespace as well.
 
     Raises:
-        PermissionError_: The system forbids it; the message says what to do.
+        NotPermittedError: The system forbids it; the message says what to do.
     """
     try:
         _call("unshare", _CLONE_NEWNET)
@@ -60,7 +59,7 @@ def enter_new() -> bool:
     except OSError as error:
         if error.errno not in _FORBIDDEN:
             raise EcatError(f"cannot make a user namespace: {error.strerror}") from error
-        raise PermissionError_(
+        raise NotPermittedError(
             f"this system forbids user namespaces ({error.strerror}), without which a private "
             f"interface needs privileges: {_HINT}"
         ) from error
@@ -74,7 +73,7 @@ def join(pid: int) -> None:
 
     Raises:
         UnreachableError: There is no such process.
-        PermissionError_: It belongs to another user.
+        NotPermittedError: It belongs to another user.
         StateError: This process has several threads.
     """
     try:
@@ -93,24 +92,10 @@ def join(pid: int) -> None:
     except FileNotFoundError as error:
         raise UnreachableError(f"there is no simulator with process id {pid}") from error
     except PermissionError as error:
-        raise PermissionError_(
+        raise NotPermittedError(
             f"process {pid} belongs to another user: its namespaces cannot be joined"
         ) from error
     except OSError as error:
         if error.errno == errno.EINVAL:
             raise StateError("a process with several threads cannot join namespaces") from error
         raise EcatError(f"cannot join the namespaces of {pid}: {error.strerror}") from error
-
-
-def die_with_parent(number: int, parent: int) -> None:
-    """Has the kernel send signal `number` to this process when its parent ends.
-
-    Call it after `enter_new`: new namespaces make the kernel forget it.
-
-    Args:
-        number: The signal.
-        parent: Process id of the parent; if that has ended already, the signal comes at once.
-    """
-    _call("prctl", _PR_SET_PDEATHSIG, number, 0, 0, 0)
-    if os.getppid() != parent:
-        os.kill(os.getpid(), number)

@@ -10,7 +10,7 @@ import socket
 import struct
 from pathlib import Path
 
-from ecatd.model.errors import EcatError, PermissionError_, StateError, UnreachableError
+from ecatd.model.errors import EcatError, NotPermittedError, StateError, UnreachableError
 
 _RTM_NEWLINK = 16
 _NLM_F_REQUEST, _NLM_F_ACK, _NLM_F_EXCL, _NLM_F_CREATE = 0x01, 0x04, 0x200, 0x400
@@ -48,7 +48,7 @@ def create_veth(name: str, peer: str) -> None:
     """Makes a pair of connected interfaces and sets both up, without IPv6 on them.
 
     Raises:
-        PermissionError_: The process may not change interfaces here.
+        NotPermittedError: The process may not change interfaces here.
         StateError: One of the names is taken.
     """
     _disable_ipv6("default")
@@ -65,7 +65,7 @@ def create_veth(name: str, peer: str) -> None:
         set_up(name)  # not before both exist
         set_up(peer)
     except PermissionError as error:
-        raise PermissionError_("making network interfaces needs CAP_NET_ADMIN") from error
+        raise NotPermittedError("making network interfaces needs CAP_NET_ADMIN") from error
     except FileExistsError as error:
         raise StateError(f"a network interface '{name}' or '{peer}' exists already") from error
     except OSError as error:

@@ -62,7 +62,7 @@ def test_the_bus_server_never_sees_the_network() -> None:
 
 
 def test_generator_and_simulator_use_the_model_only() -> None:
-    allowed = ("ecatd.model", "ecatd.native", "ecatd.version")
+    allowed = ("ecatd.model", "ecatd.native", "ecatd.process", "ecatd.version")
     wrong = {
         (module, name)
         for module, name in imports()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import ecatgen.output
-from ecatd.model.errors import PermissionError_, StateError, UsageError
+from ecatd.model.errors import NotPermittedError, StateError, UsageError
 from ecatgen import generate
 from ecatgen.checks import sample_buses
 from ecatgen.output import MANIFEST, install
@@ -187,7 +187,7 @@ def test_a_file_in_the_place_of_the_directory(tmp_path: Path) -> None:
 @pytest.mark.unprivileged
 def test_a_directory_that_cannot_be_written(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    with pytest.raises(PermissionError_, match="cannot be written: Permission denied"):
+    with pytest.raises(NotPermittedError, match="cannot be written: Permission denied"):
         put(tmp_path, a="1")
 
 

@@ -61,9 +61,7 @@ def main() -> int:
             from ecatsim.namespace import join
 
             join(settings["namespace_of"])
-            die_with_parent(0)
-        else:
-            die_with_parent(settings["parent"])
+        die_with_parent(settings["parent"])
         asyncio.run(_serve(settings, log))
     except EcatError as error:
         log.error(str(error))

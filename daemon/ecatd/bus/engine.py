@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from ecatd import native
-from ecatd.model.errors import EcatError, PermissionError_, UnreachableError
+from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
 
 from .layout import DomainImage
 from .segment import Segment
@@ -105,7 +105,7 @@ class Engine:
         if not self._engine:
             code = ctypes.get_errno()
             message = f"cannot open a raw EtherCAT socket on '{interface}': {os.strerror(code)}"
-            raise (PermissionError_ if code in (errno.EPERM, errno.EACCES) else UnreachableError)(
+            raise (NotPermittedError if code in (errno.EPERM, errno.EACCES) else UnreachableError)(
                 message
             )
 

@@ -21,10 +21,10 @@ import pysoem
 
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.errors import (
-    PermissionError_,
+    NoAnswerError,
+    NotPermittedError,
     SdoAbortError,
     StateError,
-    TimeoutError_,
     UnreachableError,
 )
 
@@ -67,7 +67,7 @@ class Master:
 
     Raises:
         UnreachableError: There is no such interface.
-        PermissionError_: The process may not use raw sockets or configure the interface.
+        NotPermittedError: The process may not use raw sockets or configure the interface.
     """
 
     def __init__(self, interface: str) -> None:
@@ -81,7 +81,7 @@ class Master:
         try:
             self._master.open(interface)
         except ConnectionError as error:
-            raise PermissionError_(_needs_rights(interface)) from error
+            raise NotPermittedError(_needs_rights(interface)) from error
         for fd in _packet_sockets() - before:
             filter_index(fd, above=False, limit=_SOEM_INDEX_LIMIT)
             os.set_blocking(fd, False)  # its receive time-out would be rounded up to a jiffy
@@ -154,7 +154,7 @@ class Master:
 
         Raises:
             SdoAbortError: The slave refused.
-            TimeoutError_: It did not answer.
+            NoAnswerError: It did not answer.
         """
         slave = self._master.slaves[position]
         with self._mailbox(position, index, subindex):
@@ -183,7 +183,7 @@ class Master:
             abort = SdoAbortError(code)
             raise SdoAbortError(code, f"{where}: {abort}") from error
         except pysoem.WkcError as error:
-            raise TimeoutError_(f"{where}: the slave does not answer its mailbox") from error
+            raise NoAnswerError(f"{where}: the slave does not answer its mailbox") from error
         except pysoem.MailboxError as error:
             raise StateError(
                 f"{where}: mailbox error 0x{error.error_code:04X}: {error.desc}"
@@ -320,7 +320,7 @@ def _raise_link(interface: str) -> None:
             try:
                 fcntl.ioctl(control, _SIOCSIFFLAGS, request)
             except PermissionError as error:
-                raise PermissionError_(_needs_rights(interface)) from error
+                raise NotPermittedError(_needs_rights(interface)) from error
 
 
 def _check_exists(interface: str) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 
 from ecatd import shm
 from ecatd.model.bus import Bus
-from ecatd.model.errors import PermissionError_, StateError
+from ecatd.model.errors import NotPermittedError, StateError
 from ecatd.version import VERSION
 
 from .layout import Image
@@ -182,7 +182,7 @@ class Segment:
         except FileNotFoundError:
             return
         except OSError as error:
-            raise PermissionError_(
+            raise NotPermittedError(
                 f"{self.path} belongs to another user and cannot be replaced ({error.strerror}); "
                 f"give the bus another name, or have its owner remove it"
             ) from error

@@ -9,7 +9,7 @@ import os
 from concurrent.futures import Future
 
 from ecatd import shm
-from ecatd.model.errors import EcatError, SdoAbortError, TimeoutError_, UsageError
+from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, UsageError
 from ecatd.model.messages import SdoRead, SdoWrite, parse_request, to_map
 
 from .engine import Engine
@@ -104,7 +104,7 @@ class SlotRequests:
         status = _ESYS
         for kind, code in (
             (SdoAbortError, _EABORT),
-            (TimeoutError_, _ETIMEOUT),
+            (NoAnswerError, _ETIMEOUT),
             (UsageError, _EARG),
         ):
             if isinstance(error, kind):

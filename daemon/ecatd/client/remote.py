@@ -15,8 +15,8 @@ from ecatd.gateway.keys import bus_key, object_key, session_config
 from ecatd.model.bus import Bus
 from ecatd.model.errors import (
     EcatError,
-    PermissionError_,
-    TimeoutError_,
+    NoAnswerError,
+    NotPermittedError,
     UnreachableError,
     UsageError,
 )
@@ -47,13 +47,13 @@ def _local_endpoint(bus: str) -> str:
         try:
             if path.is_socket():
                 if not os.access(path, os.W_OK):
-                    raise PermissionError_(
+                    raise NotPermittedError(
                         f"no right to use bus '{bus}': become a member of the group 'ecat' "
                         f"('sudo usermod -aG ecat $USER', then log in again)"
                     )
                 return f"unixsock-stream/{path}"
         except PermissionError as error:
-            raise PermissionError_(
+            raise NotPermittedError(
                 f"no right to look into {folder}: become a member of the group 'ecat'"
             ) from error
     others = _running()
@@ -79,7 +79,7 @@ class Remote:
 
     Raises:
         UnreachableError: No daemon is there.
-        PermissionError_: This user may not use it.
+        NotPermittedError: This user may not use it.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Remote:
 
     def close(self) -> None:
         """Ends the session."""
-        self._session.close()  # type: ignore[no-untyped-call]  a gap in its annotations
+        self._session.close()  # type: ignore[no-untyped-call]
 
     def __enter__(self) -> Self:
         return self
@@ -152,11 +152,11 @@ class Remote:
         if not alive:
             return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {_START}")
         if key[0] == "rw":
-            return PermissionError_(
+            return NotPermittedError(
                 f"the daemon of bus '{self.bus}' gave no answer: changes are permitted only on its "
                 f"own machine, to members of the group 'ecat'"
             )
-        return TimeoutError_(
+        return NoAnswerError(
             f"the daemon of bus '{self.bus}' gave no answer within {self._timeout:g} s"
         )
 

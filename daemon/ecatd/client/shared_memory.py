@@ -22,10 +22,10 @@ from typing import Self
 from ecatd import shm
 from ecatd.model.errors import (
     EcatError,
-    PermissionError_,
+    NoAnswerError,
+    NotPermittedError,
     SdoAbortError,
     StateError,
-    TimeoutError_,
     UnreachableError,
     UsageError,
 )
@@ -38,14 +38,14 @@ _ERRORS: dict[int, type[EcatError]] = {
     -1: UsageError,
     -2: UnreachableError,
     -3: StateError,
-    -4: PermissionError_,
+    -4: NotPermittedError,
     -5: StateError,
     -6: StateError,
     -7: StateError,
     -8: StateError,
     -9: StateError,
     -10: UsageError,
-    -11: TimeoutError_,
+    -11: NoAnswerError,
     -12: UnreachableError,
     -13: StateError,
     -16: EcatError,
@@ -205,7 +205,7 @@ class Client:
 
     Raises:
         UnreachableError: No daemon serves the bus.
-        PermissionError_: This user may not read it.
+        NotPermittedError: This user may not read it.
     """
 
     def __init__(self, bus: str = "ecat0") -> None:

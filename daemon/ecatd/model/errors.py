@@ -5,9 +5,9 @@ EcatError                 70  a defect of ours, if nothing more precise fits
 ├── UsageError             2  a wrong argument, key or value
 │   └── ConfigError        2  a wrong configuration file
 ├── UnreachableError       3  the daemon (or the bus interface) is not there
-├── TimeoutError_          4  no answer in time
+├── NoAnswerError          4  no answer in time
 ├── SdoAbortError          5  the slave refused an SDO request
-├── PermissionError_       6  the system or the daemon does not allow it
+├── NotPermittedError      6  the system or the daemon does not allow it
 └── StateError             7  wrong AL state, no such slave, no such object, bus not as expected
 ```
 
@@ -67,7 +67,7 @@ class UnreachableError(EcatError):
     exit_code = 3
 
 
-class TimeoutError_(EcatError):  # noqa: N801  the builtin of this name means something else
+class NoAnswerError(EcatError):
     """No answer in time."""
 
     name = "timeout"
@@ -93,7 +93,7 @@ class SdoAbortError(EcatError):
         return super().to_reply() | {"code": self.code, "text": abort_text(self.code)}
 
 
-class PermissionError_(EcatError):  # noqa: N801  the builtin of this name means something else
+class NotPermittedError(EcatError):
     """The system or the daemon does not allow it; the message says which right is missing."""
 
     name = "permission"
@@ -114,8 +114,8 @@ _BY_NAME: dict[str, type[EcatError]] = {
         UsageError,
         ConfigError,
         UnreachableError,
-        TimeoutError_,
-        PermissionError_,
+        NoAnswerError,
+        NotPermittedError,
         StateError,
     )
 }
