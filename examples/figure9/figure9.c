@@ -117,6 +117,9 @@ static void experiment(double seconds) {
   TrollPlant_EL1018_open(&el1018, run.master, 1);
   TrollPlant_EL3008_open(&el3008, run.master, 1);
   TrollPlant_EL3008_2_open(&el3008_2, run.master, 1);
+  run.encoder = read_object(0x608F, 1);
+  run.revolutions = read_object(0x608F, 2);
+  run.rated_current = read_object(0x6075, 0);
 
   for (n = 0; n <= samples && !interrupted; n++) {
     double time = n * SAMPLE_TIME;
@@ -180,9 +183,6 @@ int main(int argc, char **argv) {
   signal(SIGTERM, interrupt);
 
   run.master = ecatm_master_open(bus, 1, SAMPLE_TIME, 1, LEASE);
-  run.encoder = read_object(0x608F, 1);
-  run.revolutions = read_object(0x608F, 2);
-  run.rated_current = read_object(0x6075, 0);
   experiment(seconds);
   return interrupted ? 130 : 0;
 }

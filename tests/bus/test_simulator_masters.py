@@ -77,7 +77,7 @@ def run(rig_name, master, *arguments):
     """Runs a master beside a rig and returns what it found."""
     code = (
         f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
-        f"print(json.dumps(t.{master.__name__}(*{arguments!r})))"
+        f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
     )
     result = subprocess.run(
         [sys.executable, "-m", "ecatsim", "run", str(rig_name), "--", sys.executable, "-c", code],
@@ -87,7 +87,9 @@ def run(rig_name, master, *arguments):
         check=False,
     )
     assert result.returncode == 0, result.stderr + result.stdout
-    return json.loads(result.stdout.splitlines()[-1])
+    # Masters print lines of their own, before and after.
+    (found,) = [line for line in result.stdout.splitlines() if line.startswith("found ")]
+    return json.loads(found.removeprefix("found "))
 
 
 def open_pysoem(configure=None, *, watchdog=False):
