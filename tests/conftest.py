@@ -86,19 +86,12 @@ class Daemon:
             with_suppress_kill(pid, signal.SIGKILL)
         self.process.wait(10)
 
-    def server_pid(self) -> int:
-        """The bus server."""
+    def child_pid(self, module: str) -> int:
+        """The child that runs a module: `ecatd.bus`, `ecatd.gateway` or `ecatsim`."""
         for pid in _children(self.process.pid):
-            if "ecatd.bus" in Path(f"/proc/{pid}/cmdline").read_text():
+            if module in Path(f"/proc/{pid}/cmdline").read_text().split("\0"):
                 return pid
-        raise AssertionError("there is no bus server")
-
-    def gateway_pid(self) -> int:
-        """The gateway."""
-        for pid in _children(self.process.pid):
-            if "ecatd.gateway" in Path(f"/proc/{pid}/cmdline").read_text():
-                return pid
-        raise AssertionError("there is no gateway")
+        raise AssertionError(f"there is no {module}")
 
     def ctl(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess[str]:
         """Runs `ecatctl`."""

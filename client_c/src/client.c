@@ -27,16 +27,26 @@ uint64_t ecat_ns(double seconds) {
 }
 
 int ecat_open(ecat_t **result, const char *name) {
+  /* A handle that is not connected has a bus without anything, so that every call fails with a
+   * sentence. */
+  static const ecat_shm_header nothing;
   ecat_t *bus = calloc(1, sizeof *bus);
+  int code;
   *result = bus;
   if (bus == NULL) return ECAT_ESYS;
   bus->fd = bus->out_fd = bus->slot = -1;
+  bus->header = &nothing;
   if (name == NULL) name = "ecat0";
   if (name[0] == '\0' || strlen(name) >= sizeof bus->name || strchr(name, '/') != NULL)
     return ecat_fail(bus, ECAT_EARG, "'%s' is no bus name: 1 to %zu characters without '/'", name,
                      sizeof bus->name - 1);
   strcpy(bus->name, name);
-  return ecat_segment_open(bus);
+  code = ecat_segment_open(bus);
+  if (code != 0) {
+    ecat_segment_close(bus);
+    bus->header = &nothing;
+  }
+  return code;
 }
 
 void ecat_close(ecat_t *bus) {

@@ -57,11 +57,13 @@ struct ecat {
   int out_fd;
   uint8_t *out_map;
   size_t out_size;
+  ecat_out_header layout; /* copy: other clients could change the one in the mapping */
   int slot;              /* -1: none */
   uint32_t generation;
   ecat_out_doorbell *doorbell;
   ecat_out_slot *out;
   uint8_t *stage;        /* outputs, as they will be committed */
+  uint64_t *scratch;     /* room for the image of any domain */
   uint64_t claims[16], written[16];
   uint32_t request_seq;
   uint32_t request[ECAT_REQUESTS]; /* seq of the running requests, 0: free */

@@ -13,7 +13,7 @@
 static int map_out(ecat_t *bus) {
   char path[64];
   struct stat status;
-  const ecat_out_header *header;
+  ecat_out_header *header = &bus->layout;
   if (bus->out_map != NULL) return 0;
   snprintf(path, sizeof path, "/dev/shm/ecat.%s.out", bus->name);
   bus->out_fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
@@ -32,7 +32,7 @@ static int map_out(ecat_t *bus) {
     bus->out_map = NULL;
     return ecat_fail(bus, ECAT_ESYS, "cannot map %s: %s", path, strerror(errno));
   }
-  header = (const void *)bus->out_map;
+  memcpy(header, bus->out_map, sizeof *header);
   if (header->magic != ECAT_OUT_MAGIC || header->layout >> 16 != ECAT_SHM_LAYOUT_MAJOR ||
       header->instance != bus->header->instance || header->slot_count > ECAT_SLOTS ||
       header->doorbells_offset % 8 != 0 || header->slots_offset % 8 != 0 ||
@@ -63,8 +63,11 @@ static void begin_generation(ecat_t *bus) {
   __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
   bus->generation = bus->out->generation + 1;
   if (bus->generation == 0) bus->generation = 1;
-  memset(bus->out, 0, sizeof *bus->out);
+  /* First of all, so that no number is used twice wherever this client ends. */
   bus->out->generation = bus->generation;
+  bus->out->lease_ns = 0;
+  memset(bus->out->claims, 0, sizeof bus->out->claims);
+  memset(bus->out->program, 0, sizeof bus->out->program);
   bus->out->pid = (uint32_t)getpid();
   comm = fopen("/proc/self/comm", "re");
   if (comm != NULL) {
@@ -87,11 +90,10 @@ int ecat_slot_lapsed(const ecat_t *bus) {
 }
 
 int ecat_slot_take(ecat_t *bus) {
-  const ecat_out_header *header;
+  const ecat_out_header *header = &bus->layout;
   int code, i;
   if (bus->slot >= 0) return 0;
   if ((code = map_out(bus)) != 0) return code;
-  header = (const void *)bus->out_map;
   for (i = 0; i < (int)header->slot_count; i++) {
     struct flock lock = {
         .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = LOCK_SLOT + i, .l_len = 1};
@@ -126,7 +128,7 @@ static int ring_claims(ecat_t *bus) {
            __atomic_load_n(&status->claim_ack, __ATOMIC_ACQUIRE) == seq)) {
     bus->waited_cycle = ecat_cycle(bus);
     code = ecat_wait(bus, 1, 0.1);
-    if (code == ECAT_EDOWN) break;
+    if (code == ECAT_EDOWN || code == ECAT_ESTALE) break;
     bus->doorbell->heartbeat++;
     if (ecat_now() - start > patience) {
       code = ecat_fail(bus, ECAT_ESTALE, "the daemon of bus '%s' does not answer a claim",
@@ -150,9 +152,11 @@ static int check_claim(ecat_t *bus, int position) {
 }
 
 static int owned_by_other(ecat_t *bus, int position, int owner) {
-  const ecat_out_header *header = (const void *)bus->out_map;
+  const ecat_out_header *header = &bus->layout;
   const ecat_out_slot *other;
   char program[33];
+  if (__atomic_load_n(&bus->header->state, __ATOMIC_RELAXED) != ECAT_BUS_RUNNING)
+    return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
   if (owner < 0 || owner >= (int)header->slot_count)
     return ecat_fail(bus, ECAT_ESTALE, "the claim of slave %d was not granted; try again", position);
   other = (const void *)(bus->out_map + header->slots_offset + (size_t)owner * header->slot_stride);
@@ -171,25 +175,26 @@ static int stage_safe_values(ecat_t *bus, int position) {
   const ecat_shm_domain *domain = &bus->domains[slave->domain];
   const struct snapshot *snapshot = &bus->snapshot[slave->domain];
   struct snapshot ignored;
-  uint64_t image[8192];
-  size_t words = ((size_t)slave->output_offset + slave->output_bytes + 7) / 8;
-  if (words > sizeof image / sizeof image[0] ||
-      ecat_page_copy(snapshot->page, image, words, &ignored) != 0)
+  if (ecat_page_copy(snapshot->page, bus->scratch, snapshot->words, &ignored) != 0)
     return ecat_fail(bus, ECAT_ESTALE, "the outputs of bus '%s' could not be read", bus->name);
   memcpy(bus->stage + domain->output_base + slave->output_offset,
-         (const uint8_t *)image + slave->output_offset, slave->output_bytes);
+         (const uint8_t *)bus->scratch + slave->output_offset, slave->output_bytes);
   return 0;
 }
 
 int ecat_claim(ecat_t *bus, int position, double lease) {
-  int code = check_claim(bus, position), owner;
+  int code = check_claim(bus, position), owner, longer;
   unsigned bit = (unsigned)position;
   if (code != 0 || (code = ecat_slot_take(bus)) != 0) return code;
   if (ecat_slot_lapsed(bus)) begin_generation(bus);
-  if (bit_get(bus->claims, bit)) return 0;
-  if (ecat_ns(lease) > bus->out->lease_ns) bus->out->lease_ns = ecat_ns(lease);
+  longer = ecat_ns(lease) > bus->out->lease_ns;
+  if (longer) bus->out->lease_ns = ecat_ns(lease);
+  if (bit_get(bus->claims, bit)) return longer ? ring_claims(bus) : 0;
   bit_set(bus->out->claims, bit);
-  if ((code = ring_claims(bus)) != 0) return code;
+  if ((code = ring_claims(bus)) != 0) {
+    bit_clear(bus->out->claims, bit);
+    return code;
+  }
   owner = __atomic_load_n(&bus->slave_status[position].owner, __ATOMIC_ACQUIRE);
   if (owner != bus->slot) {
     bit_clear(bus->out->claims, bit);
@@ -320,7 +325,6 @@ int ecat_write_physical(ecat_t *bus, int number, double value) {
 }
 
 int ecat_commit(ecat_t *bus) {
-  const ecat_out_header *header;
   ecat_out_image *image;
   uint32_t seq;
   if (bus->slot < 0) return 0;
@@ -331,10 +335,12 @@ int ecat_commit(ecat_t *bus) {
                      "their safe values now; claim them again with a longer lease",
                      bus->name);
   }
-  header = (const void *)bus->out_map;
   seq = bus->doorbell->commit_seq + 1;
   image = (void *)((uint8_t *)(bus->out + 1) + ECAT_REQUESTS * sizeof(ecat_out_request) +
-                   (size_t)(seq % ECAT_IMAGES) * header->image_stride);
+                   (size_t)(seq % ECAT_IMAGES) * bus->layout.image_stride);
+  /* The engine trusts an older image while this number is unchanged: no byte of this one may come
+   * before the number of the last. */
+  __atomic_thread_fence(__ATOMIC_RELEASE);
   image->seq = seq;
   image->commit_ns = ecat_now();
   image->sample_cycle = bus->sample_cycle;

@@ -38,9 +38,11 @@ int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex,
 int ecat_sdo_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
                   uint32_t *abort_code) {
   const ecat_shm_reply *reply;
+  char copy[ECAT_REQUEST_BYTES];
   uint64_t now, end;
+  uint32_t reason;
   size_t bytes;
-  int code;
+  int code, status;
   if (cell < 0 || cell >= ECAT_REQUESTS || bus->request[cell] == 0)
     return ecat_fail(bus, ECAT_EARG, "%d is no running request", cell);
   reply = &bus->replies[bus->slot * ECAT_REQUESTS + cell];
@@ -53,13 +55,18 @@ int ecat_sdo_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length
     bus->request[cell] = 0;
     return code;
   }
-  bus->request[cell] = 0;
   bytes = reply->length <= ECAT_REQUEST_BYTES ? reply->length : ECAT_REQUEST_BYTES;
+  status = reply->status;
+  reason = reply->abort_code;
+  memcpy(copy, reply->data, bytes);
+  __atomic_thread_fence(__ATOMIC_ACQUIRE);
+  if (__atomic_load_n(&reply->seq, __ATOMIC_RELAXED) != bus->request[cell])
+    return ECAT_EBUSY; /* being written */
+  bus->request[cell] = 0;
   if (length != NULL) *length = 0;
-  if (abort_code != NULL) *abort_code = reply->abort_code;
-  if (reply->status != 0)
-    return ecat_fail(bus, reply->status, "%.*s", (int)bytes, reply->data);
+  if (abort_code != NULL) *abort_code = reason;
+  if (status != 0) return ecat_fail(bus, status, "%.*s", (int)bytes, copy);
   if (length != NULL) *length = bytes;
-  if (data != NULL) memcpy(data, reply->data, bytes < size ? bytes : size);
+  if (data != NULL) memcpy(data, copy, bytes < size ? bytes : size);
   return 0;
 }

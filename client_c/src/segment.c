@@ -88,6 +88,7 @@ static int check_signal(ecat_t *bus, unsigned number) {
 
 static int check_tables(ecat_t *bus) {
   const ecat_shm_header *h = bus->header;
+  size_t longest = 0;
   unsigned i;
   int code;
   if (h->slave_count > ECAT_MAX_SLAVES || h->slot_count > ECAT_SLOTS || h->cycle_time_ns == 0)
@@ -120,7 +121,10 @@ static int check_tables(ecat_t *bus) {
     snapshot->words = (bus->domains[i].image_bytes + 7) / 8;
     snapshot->image = calloc(snapshot->words + 2, 8);
     if (snapshot->image == NULL) return ecat_fail(bus, ECAT_ESYS, "out of memory");
+    if (longest < snapshot->words) longest = snapshot->words;
   }
+  bus->scratch = calloc(longest + 1, 8);
+  if (bus->scratch == NULL) return ecat_fail(bus, ECAT_ESYS, "out of memory");
   for (i = 0; i < h->slave_count; i++)
     if ((code = check_slave(bus, i)) != 0) return code;
   for (i = 0; i < h->signal_count; i++)
@@ -176,12 +180,21 @@ void ecat_segment_close(ecat_t *bus) {
   free(bus->snapshot);
   free(bus->signal);
   free(bus->stage);
+  free(bus->scratch);
   if (bus->map != NULL) munmap((void *)(uintptr_t)bus->map, bus->map_size);
   if (bus->fd >= 0) close(bus->fd);
+  bus->snapshot = NULL;
+  bus->signal = NULL;
+  bus->stage = NULL;
+  bus->scratch = NULL;
+  bus->map = NULL;
+  bus->fd = -1;
 }
 
 int ecat_segment_check(ecat_t *bus, uint64_t age_ns) {
   uint64_t limit = 5 * bus->header->cycle_time_ns;
+  if (bus->map == NULL)
+    return ecat_fail(bus, ECAT_EDOWN, "this client is not connected to bus '%s'", bus->name);
   if (__atomic_load_n(&bus->header->state, __ATOMIC_RELAXED) == ECAT_BUS_STOPPED)
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' was stopped", bus->name);
   /* The lock costs a system call, so it is asked for only when a live daemon would have shown

@@ -22,7 +22,7 @@ enum cyclic_event_type {
   CYCLIC_EVENT_SAFE = 2,    /* outputs of slave fell to their safe values; value: ecat_reason */
   CYCLIC_EVENT_WKC = 3,     /* working-counter state of a domain changed; slave: domain, value: state */
   CYCLIC_EVENT_REQUEST = 4, /* slot has new requests; value: generation */
-  CYCLIC_EVENT_SEND = 5     /* sending failed; value: errno. Only the first of a row */
+  CYCLIC_EVENT_SEND = 5     /* sending began to fail (value: errno), or works again (0) */
 };
 
 typedef struct cyclic_event {
@@ -62,6 +62,9 @@ CYCLIC_API void cyclic_make_safe(cyclic_t *c);
 /* Ends the thread after the current cycle and waits for it. */
 CYCLIC_API void cyclic_stop(cyclic_t *c);
 CYCLIC_API void cyclic_free(cyclic_t *c);
+
+/* Writes the layout version: from now on clients may open the segment at `header`. */
+CYCLIC_API void cyclic_publish_layout(void *header);
 
 /* Next event: 1, or 0 when none came within `timeout_ns`. For one thread at a time. */
 CYCLIC_API int cyclic_wait_event(cyclic_t *c, cyclic_event *event, int64_t timeout_ns);

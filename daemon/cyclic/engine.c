@@ -5,10 +5,13 @@
 #include <limits.h>
 #include <linux/futex.h>
 #include <sched.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -18,12 +21,19 @@ uint64_t cyclic_now(void) {
   return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
 }
 
-void cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value) {
+int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value) {
   uint32_t head = c->event_head;
-  if (head - __atomic_load_n(&c->event_tail, __ATOMIC_ACQUIRE) == EVENTS) return;
+  if (head - __atomic_load_n(&c->event_tail, __ATOMIC_ACQUIRE) == EVENTS) return 0;
   c->event[head % EVENTS] = (cyclic_event){type, slave, slot, value, c->cycle};
   __atomic_store_n(&c->event_head, head + 1, __ATOMIC_RELEASE);
   syscall(SYS_futex, &c->event_head, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);
+  return 1;
+}
+
+void cyclic_publish_layout(void *header) {
+  ecat_shm_header *h = header;
+  __atomic_store_n(&h->state, ECAT_BUS_RUNNING, __ATOMIC_RELAXED);
+  __atomic_store_n(&h->layout, ECAT_SHM_LAYOUT, __ATOMIC_RELEASE);
 }
 
 int cyclic_wait_event(cyclic_t *c, cyclic_event *event, int64_t timeout_ns) {
@@ -74,9 +84,9 @@ static void exchange(cyclic_t *c, uint64_t deadline_ns) {
     struct domain *domain = &c->domain[i];
     uint32_t state;
     if (c->cycle % domain->divider != 0) continue;
-    state = domain->complete && !c->sending_fails ? ECAT_WKC_COMPLETE
-            : domain->wkc > 0                     ? ECAT_WKC_INCOMPLETE
-                                                  : ECAT_WKC_ZERO;
+    state = domain->complete  ? ECAT_WKC_COMPLETE
+            : domain->wkc > 0 ? ECAT_WKC_INCOMPLETE
+                              : ECAT_WKC_ZERO;
     if (state != ECAT_WKC_COMPLETE) counter_add(&c->health->wkc_bad, 1);
     if (state != domain->wkc_state) {
       domain->wkc_state = state;
@@ -91,6 +101,7 @@ static void run(cyclic_t *c) {
   uint64_t deadline = cyclic_now() + period, end;
   __atomic_store_n(&c->health->start_ns, deadline, __ATOMIC_RELAXED);
   while (!__atomic_load_n(&c->stop, __ATOMIC_RELAXED)) {
+    uint64_t receive_until;
     struct timespec at = {(time_t)(deadline / 1000000000u), (long)(deadline % 1000000000u)};
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) continue;
     c->now_ns = cyclic_now();
@@ -99,8 +110,11 @@ static void run(cyclic_t *c) {
     if (__atomic_load_n(&c->make_safe, __ATOMIC_RELAXED)) cyclic_slots_make_safe(c);
     cyclic_slots_read(c);
     /* A frame that is not back after nine tenths of the cycle counts as lost, so that waiting for
-     * it does not cost the next cycle its deadline. */
-    exchange(c, c->now_ns + period / 10 * 9);
+     * it does not cost the next cycle its deadline. After a late wake-up it still gets a quarter:
+     * a deadline missed is better than a frame sent for nothing. */
+    receive_until = deadline + period / 10 * 9;
+    if (receive_until < c->now_ns + period / 4) receive_until = c->now_ns + period / 4;
+    exchange(c, receive_until);
     cyclic_slots_publish(c);
     counter_add(&c->health->cycles, 1);
     end = cyclic_now();
@@ -120,6 +134,23 @@ static void prefault_stack(void) {
   volatile uint8_t stack[64 * 1024];
   size_t i;
   for (i = 0; i < sizeof stack; i += 4096) stack[i] = 0;
+}
+
+/* Locks all memory, now and later. Below a finite limit that only seems to work: what the process
+ * asks for afterwards would be refused. A mapping beyond the limit, never touched, tells. */
+static int lock_memory(void) {
+  struct rlimit limit;
+  void *probe;
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) return errno;
+  if (getrlimit(RLIMIT_MEMLOCK, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 0;
+  probe = mmap(NULL, limit.rlim_cur + 4096, PROT_NONE,
+               MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (probe == MAP_FAILED) {
+    munlockall();
+    return ENOMEM;
+  }
+  munmap(probe, limit.rlim_cur + 4096);
+  return 0;
 }
 
 static void *thread_main(void *argument) {
@@ -195,7 +226,7 @@ cyclic_t *cyclic_new(void *header, int out_fd, const char *interface) {
   for (i = 0; i < 4; i++) histogram[i]->min_ns = UINT64_MAX;
   c->domains = c->header->domain_count;
   if (c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
-      cyclic_slots_init(c) == 0 && (code = cyclic_wire_open(c, interface)) == 0)
+      (code = cyclic_slots_init(c)) == 0 && (code = cyclic_wire_open(c, interface)) == 0)
     return c;
   cyclic_free(c);
   errno = -code;
@@ -230,18 +261,30 @@ int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value, const uin
   return 0;
 }
 
+static int create_thread(cyclic_t *c) {
+  pthread_attr_t attributes;
+  sigset_t all, before;
+  int code;
+  sigfillset(&all);
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, 256 * 1024); /* of which all is locked */
+  pthread_sigmask(SIG_SETMASK, &all, &before);        /* signals are for the other threads */
+  code = pthread_create(&c->thread, &attributes, thread_main, c);
+  pthread_sigmask(SIG_SETMASK, &before, NULL);
+  pthread_attr_destroy(&attributes);
+  return -code;
+}
+
 int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
   int code = cyclic_wire_plan(c);
   if (code != 0) return code;
   c->settings = *settings;
   if (settings->lock_memory) {
-    if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
-      c->memory_error = errno;
-    else
-      c->health->memory_locked = 1;
+    c->memory_error = lock_memory();
+    c->health->memory_locked = c->memory_error == 0;
   }
-  code = pthread_create(&c->thread, NULL, thread_main, c);
-  if (code != 0) return -code;
+  code = create_thread(c);
+  if (code != 0) return code;
   while (__atomic_load_n(&c->started, __ATOMIC_ACQUIRE) != 2) sched_yield();
   return 0;
 }
@@ -264,6 +307,7 @@ void cyclic_free(cyclic_t *c) {
   if (c == NULL) return;
   cyclic_stop(c);
   if (c->socket_fd >= 0) close(c->socket_fd);
+  if (c->out_map != NULL) munmap(c->out_map, c->out_size);
   for (i = 0; i < c->domains && i < MAX_DOMAINS; i++) free(c->domain[i].image);
   free(c->outputs);
   free(c->safe);

@@ -77,6 +77,8 @@ struct cyclic {
   int sending_fails;
 
   int out_fd;
+  void *out_map;                  /* never touched: there so that its pages are locked */
+  size_t out_size;
   ecat_out_header out;            /* copy from the start; a client cannot change it */
   ecat_out_doorbell doorbell[ECAT_SLOTS];
   struct slot slot[ECAT_SLOTS];
@@ -98,7 +100,8 @@ struct cyclic {
 };
 
 uint64_t cyclic_now(void);
-void cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value);
+/* 0 when control has not read the last EVENTS ones yet, and this one is lost. */
+int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value);
 
 /* wire.c */
 int cyclic_wire_open(cyclic_t *c, const char *interface);

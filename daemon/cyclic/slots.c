@@ -6,15 +6,25 @@
  */
 #include "engine.h"
 
+#include <errno.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 int cyclic_slots_init(cyclic_t *c) {
   ssize_t n = pread(c->out_fd, &c->out, sizeof c->out, 0);
+  struct stat status;
   uint32_t i;
   if (n != (ssize_t)sizeof c->out || c->out.slot_count > ECAT_SLOTS ||
-      c->out.slot_count > c->header->slot_count)
-    return -1;
+      c->out.slot_count > c->header->slot_count || fstat(c->out_fd, &status) != 0)
+    return -EINVAL;
+  c->out_size = (size_t)status.st_size;
+  c->out_map = mmap(NULL, c->out_size, PROT_READ, MAP_SHARED, c->out_fd, 0);
+  if (c->out_map == MAP_FAILED) {
+    c->out_map = NULL;
+    return -errno;
+  }
   for (i = 0; i < c->header->slave_count; i++) {
     c->slave_status[i].owner = -1;
     c->slave_status[i].outputs = ECAT_OUTPUTS_SAFE;
@@ -45,7 +55,7 @@ static void make_safe(cyclic_t *c, uint32_t slave, uint32_t reason) {
   for (i = 0; i < c->slaves[slave].output_bytes; i++)
     to[i] = (uint8_t)((to[i] & hold[i]) | (safe[i] & ~hold[i]));
   set_owner(c, slave, -1, ECAT_OUTPUTS_SAFE, reason);
-  if (slot >= 0) cyclic_emit(c, CYCLIC_EVENT_SAFE, (int32_t)slave, slot, reason);
+  if (slot >= 0) (void)cyclic_emit(c, CYCLIC_EVENT_SAFE, (int32_t)slave, slot, reason);
 }
 
 static void drop_all(cyclic_t *c, uint32_t number, uint32_t reason) {
@@ -140,6 +150,7 @@ void cyclic_slots_read(cyclic_t *c) {
   uint32_t i;
   ssize_t n = pread(c->out_fd, c->doorbell, size, (off_t)c->out.doorbells_offset);
   if (n != (ssize_t)size) memset(c->doorbell, 0, size); /* cut short: all clients are gone */
+  __atomic_thread_fence(__ATOMIC_ACQUIRE); /* what a doorbell announces is read after it */
   for (i = 0; i < c->out.slot_count; i++) {
     const ecat_out_doorbell *bell = &c->doorbell[i];
     struct slot *slot = &c->slot[i];
@@ -159,10 +170,9 @@ void cyclic_slots_read(cyclic_t *c) {
       if (bell->commit_seq != slot->commit_seq) read_image(c, i, bell->commit_seq);
       if (slot->owned > 0 && c->now_ns - slot->beat_ns > slot->lease_ns) lapse(c, i);
     }
-    if (bell->request_seq != slot->request_seq) {
+    if (bell->request_seq != slot->request_seq &&
+        cyclic_emit(c, CYCLIC_EVENT_REQUEST, -1, (int32_t)i, slot->generation))
       slot->request_seq = bell->request_seq;
-      cyclic_emit(c, CYCLIC_EVENT_REQUEST, -1, (int32_t)i, slot->generation);
-    }
   }
 }
 

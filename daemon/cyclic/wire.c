@@ -122,6 +122,7 @@ static void refresh(cyclic_t *c, struct frame *frame) {
 
 void cyclic_wire_send(cyclic_t *c) {
   uint32_t i;
+  int error = 0;
   for (i = 0; i < c->frames; i++) {
     struct frame *frame = &c->frame[i];
     frame->pending = 0;
@@ -131,29 +132,41 @@ void cyclic_wire_send(cyclic_t *c) {
     refresh(c, frame);
     if (send(c->socket_fd, frame->bytes, frame->length, MSG_DONTWAIT) == (ssize_t)frame->length) {
       frame->pending = 1;
-      c->sending_fails = 0;
       counter_add(&c->health->frames, 1);
     } else {
+      error = errno;
+      c->domain[frame->domain].complete = 0;
       counter_add(&c->health->send_errors, 1);
-      if (!c->sending_fails) cyclic_emit(c, CYCLIC_EVENT_SEND, -1, -1, (uint32_t)errno);
-      c->sending_fails = 1;
     }
+  }
+  if (!error != !c->sending_fails) {
+    c->sending_fails = error != 0;
+    cyclic_emit(c, CYCLIC_EVENT_SEND, -1, -1, (uint32_t)error);
   }
 }
 
-/* Takes the inputs of a frame that came back. Datagrams must be where they were sent: anything
- * else is not our frame. */
-static int take(cyclic_t *c, struct frame *frame, const uint8_t *bytes, size_t length) {
-  const uint8_t *at = bytes + ETHERNET_HEADER + ETHERCAT_HEADER;
-  const uint8_t *sent = frame->bytes + ETHERNET_HEADER + ETHERCAT_HEADER;
+/* Whether a frame is the answer to ours: all datagrams are where they were sent. */
+static int is_answer(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes,
+                     size_t length) {
+  size_t at = ETHERNET_HEADER + ETHERCAT_HEADER;
   uint32_t i;
   if (length < frame->length) return 0;
   for (i = 0; i < frame->count; i++) {
+    if (memcmp(bytes + at, frame->bytes + at, DATAGRAM_HEADER - 2) != 0) return 0;
+    at += DATAGRAM_HEADER + c->datagram[frame->first + i].length + DATAGRAM_WKC;
+  }
+  return 1;
+}
+
+/* Takes the inputs of a frame that came back. */
+static void take(cyclic_t *c, struct frame *frame, const uint8_t *bytes) {
+  const uint8_t *at = bytes + ETHERNET_HEADER + ETHERCAT_HEADER;
+  uint32_t i;
+  for (i = 0; i < frame->count; i++) {
     const struct datagram *d = &c->datagram[frame->first + i];
     struct domain *domain = &c->domain[d->domain];
-    uint32_t outputs = output_part(d, domain), wkc;
-    if (memcmp(at, sent, 8) != 0) return 0;
-    wkc = get16(at + DATAGRAM_HEADER + d->length);
+    uint32_t outputs = output_part(d, domain);
+    uint32_t wkc = get16(at + DATAGRAM_HEADER + d->length);
     domain->wkc += wkc;
     if (wkc == d->wkc_expected)
       memcpy(domain->image + d->offset + outputs, at + DATAGRAM_HEADER + outputs,
@@ -161,10 +174,8 @@ static int take(cyclic_t *c, struct frame *frame, const uint8_t *bytes, size_t l
     else
       domain->complete = 0;
     at += DATAGRAM_HEADER + d->length + DATAGRAM_WKC;
-    sent += DATAGRAM_HEADER + d->length + DATAGRAM_WKC;
   }
   frame->pending = 0;
-  return 1;
 }
 
 static struct frame *find_pending(cyclic_t *c, uint8_t index) {
@@ -174,6 +185,7 @@ static struct frame *find_pending(cyclic_t *c, uint8_t index) {
   return NULL;
 }
 
+/* Sleeps until a frame is there; 0 when the deadline is over. */
 static int wait_readable(cyclic_t *c, uint64_t deadline_ns) {
   struct pollfd poll_fd = {c->socket_fd, POLLIN, 0};
   struct timespec left;
@@ -182,25 +194,28 @@ static int wait_readable(cyclic_t *c, uint64_t deadline_ns) {
   if (c->settings.busy_receive) return 1;
   left.tv_sec = (time_t)((deadline_ns - now) / 1000000000u);
   left.tv_nsec = (long)((deadline_ns - now) % 1000000000u);
-  return ppoll(&poll_fd, 1, &left, NULL) >= 0; /* an interface that went down reports an error */
+  (void)ppoll(&poll_fd, 1, &left, NULL); /* whatever it says, the next recv knows */
+  return 1;
 }
 
 void cyclic_wire_receive(cyclic_t *c, uint64_t deadline_ns) {
   uint32_t i, waiting = 0;
   for (i = 0; i < c->frames; i++) waiting += c->frame[i].pending;
-  while (waiting > 0 && wait_readable(c, deadline_ns)) {
+  while (waiting > 0) {
     ssize_t length = recv(c->socket_fd, c->receive_buffer, sizeof c->receive_buffer, MSG_DONTWAIT);
     struct frame *frame;
     if (length < 0) {
-      if (errno == EAGAIN || errno == EINTR) continue;
-      break; /* ENETDOWN: the deadline of the next cycle is soon enough to try again */
+      if (errno == EINTR || (errno == EAGAIN && wait_readable(c, deadline_ns))) continue;
+      break; /* late, or ENETDOWN: the next cycle is soon enough to try again */
     }
     if (length <= INDEX_AT) continue;
     frame = find_pending(c, c->receive_buffer[INDEX_AT]);
-    if (frame != NULL && take(c, frame, c->receive_buffer, (size_t)length))
+    if (frame != NULL && is_answer(c, frame, c->receive_buffer, (size_t)length)) {
+      take(c, frame, c->receive_buffer);
       waiting--;
-    else
+    } else {
       counter_add(&c->health->late, 1);
+    }
   }
   for (i = 0; i < c->frames; i++)
     if (c->frame[i].pending) c->domain[c->frame[i].domain].complete = 0;

@@ -9,6 +9,12 @@ _PREFIX = {"error": "<3>", "warning": "<4>", "info": "<6>", "debug": "<7>"}
 _LEVELS = list(_PREFIX)
 
 
+def _stderr_is_journal() -> bool:
+    """Whether stderr is the journal's socket; the variable is inherited by terminals as well."""
+    status = os.fstat(2)
+    return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"
+
+
 class Log:
     """Writes events of one process.
 
@@ -20,7 +26,7 @@ class Log:
     def __init__(self, name: str, level: str = "info") -> None:
         self._name = name
         self._level = _LEVELS.index(level)
-        self._journal = "JOURNAL_STREAM" in os.environ
+        self._journal = _stderr_is_journal()
 
     def _write(self, level: str, text: str) -> None:
         if _LEVELS.index(level) > self._level:

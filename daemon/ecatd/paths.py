@@ -7,6 +7,7 @@ A daemon of the system (root, systemd) keeps them in `/run/ecatd`, one of an ord
 
 from __future__ import annotations
 
+import grp
 import os
 from pathlib import Path
 
@@ -42,7 +43,20 @@ def make_dir() -> Path:
         raise NotPermittedError(
             f"{folder} belongs to user {owner}; set ECATD_RUNTIME_DIR to a directory of your own"
         )
+    if give_to_group(folder):
+        folder.chmod(0o2750)  # what is made in it belongs to the group, too
     return folder
+
+
+def give_to_group(target: int | Path) -> bool:
+    """Lets the members of the group `ecat` in, where there is such a group and root decides."""
+    if os.geteuid() != 0:
+        return False
+    try:
+        os.chown(target, -1, grp.getgrnam("ecat").gr_gid)
+    except (KeyError, OSError):
+        return False
+    return True
 
 
 def search_dirs() -> list[Path]:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -288,9 +289,26 @@ def test_a_reader_notices_that_the_daemon_was_stopped(start_daemon: Callable[...
     assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
 
 
+def test_slaves_come_back_from_a_watchdog(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    server = daemon.child_pid("ecatd.bus")
+    os.kill(server, signal.SIGSTOP)
+    time.sleep(0.4)  # four times the watchdog of the slaves
+    os.kill(server, signal.SIGCONT)
+    for _ in range(100):
+        texts = [row["text"] for row in daemon.ctl_json("state")["slaves"]]
+        if any("0x001B: Sync manager watchdog" in text for text in texts):
+            break
+    else:
+        pytest.fail(f"no watchdog: {texts}")
+    assert "AL status 0x001B" in daemon.log
+    daemon.ctl("state", "OP")
+    assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+
+
 def test_the_gateway_may_die_and_comes_back(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
-    first = daemon.gateway_pid()
+    first = daemon.child_pid("ecatd.gateway")
     os.kill(first, signal.SIGKILL)
     with daemon.client() as client:
         for _ in range(3000):
@@ -298,14 +316,14 @@ def test_the_gateway_may_die_and_comes_back(start_daemon: Callable[..., Daemon])
             client.sample()
             if daemon.ctl("info", check=False).returncode == 0:
                 break
-    assert daemon.gateway_pid() != first
+    assert daemon.child_pid("ecatd.gateway") != first
     assert "the gateway has ended (signal 9); starting it again" in daemon.log
     assert daemon.ctl_json("stats")["state"] == "running"
 
 
 def test_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
-    os.kill(daemon.server_pid(), signal.SIGKILL)
+    os.kill(daemon.child_pid("ecatd.bus"), signal.SIGKILL)
     status, log = daemon.wait_end()
     assert status == 70
     assert "the bus server has ended unexpectedly (signal 9)" in log

@@ -91,7 +91,8 @@ def served(bus: Bus) -> Iterator[str]:
     """The shared memory of a bus, without anything that exchanges it; yields its name."""
     bus.name = f"m{uuid.uuid4().hex[:8]}"
     image = lay_out(bus, set())
-    segment = Segment(bus, image, 5_000_000, 500_000_000)
+    segment = Segment(bus.name)
+    segment.fill(bus, image, 5_000_000, 500_000_000)
     segment.header.cycle_end_ns = 1 << 62  # "just now" for ever
     segment.publish()
     try:

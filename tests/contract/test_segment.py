@@ -48,7 +48,8 @@ def make_bus() -> Bus:
 @pytest.fixture
 def segment() -> Iterator[Segment]:
     bus = make_bus()
-    made = Segment(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
+    made = Segment(bus.name)
+    made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.cycle_end_ns = 1 << 62  # "just now" for ever: no engine runs here
     made.publish()
     yield made
@@ -162,19 +163,48 @@ def test_a_second_daemon_and_a_leftover(segment: Segment) -> None:
     bus = make_bus()
     bus.name = name_of(segment)
     with pytest.raises(StateError, match="is already served by another ecatd"):
-        Segment(bus, lay_out(bus, set()), 1, 1)
+        Segment(bus.name)
     assert Client(bus.name).fingerprint == bus.fingerprint
     left = shm.FOLDER / f"ecat.{bus.name}x"
     left.write_bytes(b"garbage of a daemon that was killed")
     bus.name += "x"
     with pytest.raises(UnreachableError, match="start it with"):
         Client(bus.name)
-    fresh = Segment(bus, lay_out(bus, set()), 1, 1)
+    fresh = Segment(bus.name)
+    with pytest.raises(UnreachableError, match="is still starting"):
+        Client(bus.name)
+    fresh.fill(bus, lay_out(bus, set()), 1, 1)
     fresh.header.cycle_end_ns = 1 << 62
     fresh.publish()
     Client(bus.name).close()
     fresh.close()
     assert not list(shm.FOLDER.glob(f"*{bus.name}*"))
+
+
+def test_calls_without_a_connection_are_errors(segment: Segment) -> None:
+    client = Client(name_of(segment))
+    client.close()
+    client.close()
+    with pytest.raises(StateError, match="is closed"):
+        client.sample()
+    # In C the handle of a failed ecat_open() can still be used, wrongly.
+    lib = shm.LIBRARY
+    lib.ecat_error.restype = ctypes.c_char_p
+    handle = ctypes.c_void_p()
+    assert lib.ecat_open(ctypes.byref(handle), b"nobody") == -2
+    assert lib.ecat_slave_count(handle) == 0
+    for call in (
+        lambda: lib.ecat_sample(handle),
+        lambda: lib.ecat_wait(handle, 1, ctypes.c_double(0.1)),
+        lambda: lib.ecat_bind(handle, 0, 0x6060, 0, 2),
+        lambda: lib.ecat_claim(handle, 0, ctypes.c_double(0)),
+        lambda: lib.ecat_read(handle, 0, ctypes.byref(ctypes.c_double())),
+        lambda: lib.ecat_write(handle, 0, ctypes.c_double(0)),
+        lambda: lib.ecat_sdo_start(handle, 0, 0, 0, None, 0),
+    ):
+        assert call() < 0
+        assert lib.ecat_error(handle)
+    lib.ecat_close(handle)
 
 
 def test_the_cycle_that_stands_still_is_told(segment: Segment) -> None:

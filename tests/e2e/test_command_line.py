@@ -44,6 +44,16 @@ def test_state_shows_and_changes(troll: Daemon) -> None:
     assert "'RUN' is no AL state: use INIT, PREOP" in wrong.stderr
 
 
+def test_state_goes_through_all_states_on_the_way_up(troll: Daemon) -> None:
+    troll.ctl("state", "PREOP")
+    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"PREOP"}
+    troll.ctl("state", "OP")
+    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"OP"}
+    refused = troll.ctl("state", "PREOP", "-p", "77", check=False)
+    assert refused.returncode == 7
+    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"OP"}
+
+
 def test_sdo_in_every_kind(troll: Daemon) -> None:
     troll.ctl("sdo-write", "0", "0x6060", "0", "9")
     assert troll.ctl("sdo-read", "0", "0x6060").stdout == "0x09 9\n"
@@ -71,6 +81,7 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
         ("sdo-write 0 0x6060 0 900", 2, "900 is out of range for INTEGER8: -128 to 127"),
         ("sdo-write 0 0x6060 0 x", 2, "'x' is no value of INTEGER8"),
         ("sdo-write 0 0x6060 0 1 --type word3", 2, "'word3' is no data type"),
+        ("slaves --bus ../x", 2, "'../x' is no bus name"),
         ("slaves --connect nonsense", 2, "is no Zenoh endpoint"),
         ("slaves --connect tcp/127.0.0.1:1", 3, "no ecatd answers for bus"),
         ("slaves --bus nobody", 3, "no ecatd serves bus 'nobody' (running are: "),
@@ -101,6 +112,11 @@ def test_wrong_usage_is_status_2(arguments: str) -> None:
     result = run_module("ecatd.cli", *arguments.split())
     assert result.returncode == 2
     assert "usage: ecatctl" in result.stderr
+
+
+def test_options_may_stand_before_the_command(troll: Daemon) -> None:
+    before = troll.ctl("--bus", troll.bus, "--json", "info")
+    assert before.stdout == troll.ctl("info", "--json").stdout
 
 
 @pytest.mark.parametrize("program", ["ecatd.service", "ecatd.cli", "ecatsim"])

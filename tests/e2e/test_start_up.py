@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -102,6 +103,53 @@ def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None
     assert troll.ctl_json("stats")["state"] == "running"
 
 
+def test_a_second_daemon_on_the_same_interface(tmp_path: Path) -> None:
+    """The first one must not notice; so it runs on an interface that both can see."""
+    script = tmp_path / "two.sh"
+    script.write_text(
+        f"""\
+export ECATD_RUNTIME_DIR={tmp_path}/run
+{sys.executable} -m ecatd.service --interface ecat-master --bus tfirst 2> {tmp_path}/first &
+first=$!
+until {sys.executable} -m ecatd.cli info --bus tfirst > /dev/null 2>&1; do kill -0 $first; done
+{sys.executable} -m ecatd.service --interface ecat-master --bus tsecond 2> {tmp_path}/second
+echo "second $?"
+{sys.executable} -m ecatd.cli state --bus tfirst
+{sys.executable} -m ecatd.service --interface ecat-master --bus tfirst 2> {tmp_path}/third
+echo "third $?"
+{sys.executable} -m ecatd.cli state --bus tfirst
+kill $first
+wait $first
+echo "first $?"
+"""
+    )
+    result = run_module("ecatsim", "run", "troll", "--", "sh", "-e", "-c", f"set +e; . {script}")
+    assert "second 7" in result.stdout, result.stdout + result.stderr
+    assert "third 7" in result.stdout
+    assert "first 0" in result.stdout
+    assert result.stdout.count("OP") == 16, result.stdout
+    assert "interface 'ecat-master' is used by another ecatd" in (tmp_path / "second").read_text()
+    assert "bus 'tfirst' is already served" in (tmp_path / "third").read_text()
+
+
+def test_modules_are_not_taken_from_the_current_directory(
+    env: dict[str, str], tmp_path: Path
+) -> None:
+    (tmp_path / "pysoem.py").write_text("raise SystemExit('taken from the current directory')")
+    (tmp_path / "msgpack.py").write_text("raise SystemExit('taken from the current directory')")
+    result = subprocess.run(
+        [sys.executable, "-P", "-m", "ecatd.service", "--simulate", "empty", "--bus", "tcwd"],
+        cwd=tmp_path,
+        env=env,
+        text=True,
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == 3, result.stderr
+    assert "current directory" not in result.stderr
+
+
 def test_unknown_rig(env: dict[str, str]) -> None:
     result = run_module("ecatd.service", "--simulate", "nonsense", env=env)
     assert result.returncode == 2
@@ -152,11 +200,27 @@ def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemo
     assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
 
 
-def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
-    import signal
+def test_sigterm_while_slaves_do_not_answer(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:64", ready=False)
+    while "64 slaves answer" not in daemon.log:
+        assert daemon.process.poll() is None
+    simulator, server = daemon.child_pid("ecatsim"), daemon.child_pid("ecatd.bus")
+    os.kill(simulator, signal.SIGSTOP)
+    try:
+        daemon.process.terminate()
+        while Path(f"/proc/{server}/cmdline").exists():
+            assert daemon.process.poll() is None
+    finally:
+        os.kill(simulator, signal.SIGCONT)
+    assert daemon.process.wait(30) == 0
+    assert "Traceback" not in daemon.log
+    assert "is killed" not in daemon.log
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
 
+
+def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
     daemon = start_daemon("troll")
-    pids = [daemon.server_pid(), daemon.gateway_pid()]
+    pids = [daemon.child_pid("ecatd.bus"), daemon.child_pid("ecatd.gateway")]
     daemon.process.send_signal(signal.SIGINT)
     assert daemon.process.wait(30) == 0
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]

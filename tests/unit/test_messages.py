@@ -41,7 +41,9 @@ def test_requests_survive(request_: Any) -> None:
         ({"op": "sdo_write", "slave": 0, "index": 1, "data": "x"}, "must be bytes"),
         ({"op": "sdo_write", "slave": 0, "index": 1, "data": b""}, "has 0 bytes"),
         ({"op": "set_state", "state": "RUN"}, "is no AL state"),
-        ({"op": "set_state", "state": "OP", "slave": -2}, "from -1 to"),
+        ({"op": "set_state", "state": "OP", "slave": -1}, "is -1, but must be from 0"),
+        ({"op": "describe", "x": 1}, "'x' is no key of describe: use none"),
+        ({"op": "sdo_read", "op2": 1}, "use slave, index, subindex, complete$"),
     ],
 )
 def test_wrong_requests_are_refused(data: Any, what: str) -> None:

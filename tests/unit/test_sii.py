@@ -55,7 +55,13 @@ def test_everything_a_master_needs() -> None:
 
 
 def test_an_empty_eeprom_has_nothing() -> None:
-    assert read(b"\xff" * 256) == Sii(alias=0xFFFF, serial=0xFFFFFFFF, mailbox_protocols=0xFFFF)
+    assert read(b"\xff" * 256) == Sii(
+        alias=0xFFFF,
+        vendor=0xFFFFFFFF,
+        product=0xFFFFFFFF,
+        serial=0xFFFFFFFF,
+        mailbox_protocols=0xFFFF,
+    )
 
 
 @pytest.mark.parametrize(
@@ -64,7 +70,8 @@ def test_an_empty_eeprom_has_nothing() -> None:
         (image((10, bytes([2, 1]) + b"a" + bytes([9]))), "string 2 of 2 ends beyond"),
         (image((50, struct.pack("<HBBBBH", 0x1A00, 5, 3, 0, 0, 0))), "claims 5 entries"),
         (image()[:128] + struct.pack("<HH", 50, 0xFFFF), "claims 65535 words"),
-        (b"\0" * 4096, "more than 256 categories"),
+        (b"\0" * 4096, "no category at word 0x0040, only zeros"),
+        (image()[:128] + struct.pack("<HH", 1, 0) * 300, "more than 256 categories"),
     ],
 )
 def test_nonsense_is_named(data: bytes, what: str) -> None:

@@ -133,7 +133,9 @@ ECAT_API int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subin
 
 /* Makes this client the owner of all outputs of a slave. `lease` is the time without ecat_sample()
  * or ecat_commit() after which they fall to their safe values; 0 takes the daemon's default, more
- * than its maximum is cut. Outputs stay safe until the first ecat_commit() after a write. */
+ * than its maximum is cut, and the longest of all claims counts for all. Outputs stay safe until
+ * the first ecat_commit() after a write. After ECAT_ELEASE all claims and running requests are
+ * gone; claim again. */
 ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
 /* Gives the outputs of a slave back; they go to their safe values. */
 ECAT_API int ecat_release(ecat_t *bus, int position);

@@ -45,7 +45,10 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
             await stopping
             monitor.cancel()
     finally:
+        server.abort()
         await asyncio.wait((starting,))
+        if not starting.cancelled():
+            starting.exception()  # told above, or the consequence of the abort
         await control.close()
         await server.stop()
         stopping.cancel()

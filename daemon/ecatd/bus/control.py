@@ -84,8 +84,9 @@ class ControlSocket:
 
     async def close(self) -> None:
         """Stops to listen and removes the socket."""
-        if self._socket is not None:
-            self._socket.close()
+        if self._socket is None:
+            return  # never opened: what is there belongs to another daemon
+        self._socket.close()
         for writer in list(self._clients):
             writer.close()
         for task in list(self._tasks):

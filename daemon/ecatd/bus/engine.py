@@ -12,7 +12,6 @@ from ecatd import native
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
 
 from .layout import DomainImage
-from .segment import Segment
 
 
 class EventType(IntEnum):
@@ -81,6 +80,8 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_filter_index.argtypes = [ctypes.c_int, ctypes.c_int, u32]
     for name in ("scheduling_error", "affinity_error", "memory_error"):
         getattr(lib, f"cyclic_{name}").argtypes = [pointer]
+    lib.cyclic_publish_layout.argtypes = [pointer]
+    lib.cyclic_publish_layout.restype = None
     for name in ("make_safe", "stop", "free"):
         getattr(lib, f"cyclic_{name}").argtypes = [pointer]
         getattr(lib, f"cyclic_{name}").restype = None
@@ -97,11 +98,26 @@ def filter_index(fd: int, *, above: bool, limit: int) -> None:
         raise EcatError(f"cannot filter EtherCAT frames: {os.strerror(-code)}")
 
 
-class Engine:
-    """One engine on one interface; see `cyclic.h` for what each call means."""
+def publish_layout(address: int) -> None:
+    """Writes the layout version of a segment: from now on clients may open it."""
+    _LIB.cyclic_publish_layout(address)
 
-    def __init__(self, segment: Segment, interface: str) -> None:
-        self._engine = _LIB.cyclic_new(segment.address, segment.out_fd, interface.encode())
+
+class Engine:
+    """One engine on one interface; see `cyclic.h` for what each call means.
+
+    Args:
+        address: Address of the filled segment's header.
+        out_fd: The `.out` segment.
+        interface: Name of the interface.
+
+    Raises:
+        NotPermittedError: The process may not use raw sockets.
+        UnreachableError: The interface cannot be used.
+    """
+
+    def __init__(self, address: int, out_fd: int, interface: str) -> None:
+        self._engine = _LIB.cyclic_new(address, out_fd, interface.encode())
         if not self._engine:
             code = ctypes.get_errno()
             message = f"cannot open a raw EtherCAT socket on '{interface}': {os.strerror(code)}"

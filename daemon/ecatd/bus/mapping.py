@@ -22,6 +22,8 @@ _PROTOCOL_COE = 0x04
 _USAGE_OUTPUTS, _USAGE_INPUTS = 3, 4
 _SYNC_MANAGER = 0x0800
 _FMMU = 0x0600
+_FMMU_COUNT = 0x0004
+_FMMUS_MAX = 16
 _FMMU_READ, _FMMU_WRITE = 1, 2
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
@@ -45,6 +47,11 @@ def scan_slave(master: Master, position: int) -> Scanned:
         sii = read_sii(lambda word: master.eeprom_read(position, word))
     except StateError as error:
         raise StateError(f"slave {position} ({name}): EEPROM: {error}") from error
+    if (sii.vendor, sii.product) != (vendor, product):
+        raise StateError(
+            f"slave {position} ({name}): its EEPROM has another identity than a moment ago "
+            f"(product 0x{sii.product:08X}, not 0x{product:08X}): is the connection reliable?"
+        )
     slave = Slave(
         position=position,
         name=sii.order or sii.name or name,
@@ -146,8 +153,15 @@ def configure(master: Master, scanned: Iterable[Scanned], image: Image) -> None:
             address = image.domains[slave.domain].address + offset
             fmmus += _set_sync_managers(master, slave, item.sii, pdos, kind, address)
         _clear_unused(master, slave, item.sii)
-        for number, fmmu in enumerate(fmmus):
-            master.register_write(slave.position, _FMMU + 16 * number, fmmu)
+        available = master.register_read(slave.position, _FMMU_COUNT, 1)[0]
+        if len(fmmus) > available:
+            raise StateError(
+                f"{slave.label} needs {len(fmmus)} FMMUs for its process data, but has {available}"
+            )
+        # All of them, so that nothing of an earlier master answers in our logical addresses.
+        for number in range(min(available, _FMMUS_MAX)):
+            content = fmmus[number] if number < len(fmmus) else bytes(16)
+            master.register_write(slave.position, _FMMU + 16 * number, content)
 
 
 def _set_sync_managers(

@@ -38,6 +38,9 @@ _SDO_BUFFER = 1 << 16
 
 _TRIES = 3
 _REGISTER_TIMEOUT_US = 20_000
+_POLL = 0.002
+_ASK_AGAIN = 0.5
+_ACKNOWLEDGE_TIMEOUT = 0.5
 
 T = TypeVar("T")
 
@@ -65,13 +68,20 @@ class SlaveState:
 class Master:
     """An EtherCAT master on one interface, through its own socket.
 
+    Args:
+        interface: Name of the interface.
+        cancelled: Asked while waiting for slaves; when true, waiting ends with `StateError`.
+
     Raises:
         UnreachableError: There is no such interface.
         NotPermittedError: The process may not use raw sockets or configure the interface.
+        StateError: Another ecatd uses the interface.
     """
 
-    def __init__(self, interface: str) -> None:
+    def __init__(self, interface: str, cancelled: Callable[[], bool] = lambda: False) -> None:
         self._interface = interface
+        self._cancelled = cancelled
+        self._reservation = _reserve(interface)
         _raise_link(interface)
         self._master = pysoem.Master()
         self._master.always_release_gil = True
@@ -117,7 +127,11 @@ class Master:
         """
         slave = self._master.slaves[position]
         try:
-            return _persist(pysoem.EepromError, lambda: bytes(slave.eeprom_read(word)))
+            for _ in range(_TRIES):
+                data = _persist(pysoem.EepromError, lambda: bytes(slave.eeprom_read(word)))
+                if any(data):  # SOEM returns zeros, too, when an answer is lost
+                    break
+            return data
         except pysoem.EepromError as error:
             raise StateError(f"slave {position}: its EEPROM cannot be read: {error}") from error
 
@@ -209,23 +223,32 @@ class Master:
             return names
         return names
 
-    def request_state(self, state: AlState, position: int | None = None) -> None:
-        """Asks one slave or all of them for a state, with errors acknowledged first."""
-        if position is None:
+    def _request(self, state: int, positions: Sequence[int] | None) -> None:
+        """Writes AL control, of all slaves by one broadcast if `positions` is None."""
+        if positions is None:
             self._master.state = state
             self._master.write_state()
             return
-        slave = self._master.slaves[position]
-        slave.state = state
-        slave.write_state()
+        for position in positions:
+            slave = self._master.slaves[position]
+            slave.state = state
+            slave.write_state()
 
-    def acknowledge(self, states: Sequence[SlaveState]) -> None:
-        """Acknowledges the error flag of slaves that have it (AL control bit 4)."""
-        for item in states:
-            if item.al_state & AL_ERROR_FLAG:
-                slave = self._master.slaves[item.position]
-                slave.state = (item.al_state & 0x0F) | AL_ERROR_FLAG
-                slave.write_state()
+    def _acknowledge(self, positions: Sequence[int] | None) -> None:
+        """Acknowledges errors (AL control bit 4), and gives the slaves time to follow."""
+        deadline = time.monotonic() + _ACKNOWLEDGE_TIMEOUT
+        while time.monotonic() < deadline:
+            flagged = [
+                item
+                for item in self.states()
+                if item.al_state & AL_ERROR_FLAG
+                and (positions is None or item.position in positions)
+            ]
+            if not flagged:
+                return
+            for item in flagged:
+                self._request((item.al_state & 0x0F) | AL_ERROR_FLAG, [item.position])
+            time.sleep(_POLL)
 
     def states(self) -> list[SlaveState]:
         """The AL status of every slave, freshly read."""
@@ -242,7 +265,7 @@ class Master:
         return states
 
     def reach(self, state: AlState, timeout: float, positions: Sequence[int] | None = None) -> None:
-        """Requests a state and waits until all slaves have it.
+        """Acknowledges errors, requests a state and waits until all slaves have it.
 
         Args:
             state: The state.
@@ -252,38 +275,37 @@ class Master:
         Raises:
             StateError: Slaves did not reach it; the message names each, with its AL status.
         """
-        if positions is None:
-            self.request_state(state)
-        else:
-            for position in positions:
-                self.request_state(state, position)
+        self._acknowledge(positions)
         deadline = time.monotonic() + timeout
+        ask_again = 0.0
         while True:
-            now = self.states()
+            now = time.monotonic()
+            if now >= ask_again:  # one lost frame is no reason to wait in vain
+                self._request(state, positions)
+                ask_again = now + _ASK_AGAIN
             wrong = [
                 item
-                for item in now
+                for item in self.states()
                 if item.al_state != state and (positions is None or item.position in positions)
             ]
             if not wrong:
                 return
             refused = [item for item in wrong if item.al_state & AL_ERROR_FLAG]
-            if refused or time.monotonic() > deadline:
-                raise StateError(
-                    "; ".join(
-                        f"slave {item.position} ({self.identity(item.position)[0]}) does not reach "
-                        f"{state.name}: it is {item.describe()}"
-                        if item.al_state & 0x0F
-                        else f"slave {item.position} ({self.identity(item.position)[0]}) does not "
-                        f"reach {state.name}: it does not answer"
-                        for item in (refused or wrong)[:8]
-                    )
-                )
-            time.sleep(0.002)
+            if refused or now > deadline:
+                raise StateError("; ".join(self._missed(item, state) for item in refused or wrong))
+            if self._cancelled():
+                raise StateError(f"stopped while slaves were going to {state.name}")
+            time.sleep(_POLL)
+
+    def _missed(self, item: SlaveState, state: AlState) -> str:
+        name = self.identity(item.position)[0]
+        answer = f"it is {item.describe()}" if item.al_state & 0x0F else "it does not answer"
+        return f"slave {item.position} ({name}) does not reach {state.name}: {answer}"
 
     def close(self) -> None:
-        """Closes the socket."""
+        """Closes the socket, and leaves the interface to others."""
         self._master.close()
+        self._reservation.close()
 
 
 def _persist(error: type[Exception], call: Callable[[], T]) -> T:
@@ -306,6 +328,23 @@ def _needs_rights(interface: str) -> str:
         f"CAP_NET_ADMIN: run as root (`sudo ecatd --interface {interface}`, or `systemctl start "
         f"ecatd`), or try without hardware: `ecatd --simulate troll`"
     )
+
+
+def _reserve(interface: str) -> socket.socket:
+    """Keeps other daemons off the interface: two masters would undo each other's set-up.
+
+    The name of an abstract Unix socket is unique in its network namespace, as interfaces are, and
+    free again when its process ends, however that happens.
+    """
+    reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        reservation.bind(f"\0ecatd.interface.{interface}")
+    except OSError as error:
+        reservation.close()
+        raise StateError(
+            f"interface '{interface}' is used by another ecatd already; stop that one first"
+        ) from error
+    return reservation
 
 
 def _raise_link(interface: str) -> None:
@@ -337,8 +376,13 @@ def _packet_sockets() -> set[int]:
     found = set()
     for name in os.listdir("/proc/self/fd"):  # noqa: PTH208  a Path per entry serves nobody here
         try:
-            probe = socket.socket(fileno=os.dup(int(name)))
+            fd = os.dup(int(name))
         except OSError:
+            continue  # the one that lists the directory
+        try:
+            probe = socket.socket(fileno=fd)
+        except OSError:
+            os.close(fd)
             continue
         with probe:
             if probe.family == socket.AF_PACKET:

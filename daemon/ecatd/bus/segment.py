@@ -12,15 +12,18 @@ import mmap
 import os
 import struct as binary
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from ecatd import shm
 from ecatd.model.bus import Bus
-from ecatd.model.errors import NotPermittedError, StateError
+from ecatd.model.errors import EcatError, NotPermittedError, StateError
+from ecatd.paths import give_to_group
 from ecatd.version import VERSION
 
+from .engine import publish_layout
 from .layout import Image
 
 _FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
@@ -40,40 +43,58 @@ def _lock(fd: int) -> bool:
 class Segment:
     """The segments of one bus, created and owned by this process.
 
+    Making one reserves the name of the bus, before anything is done to the slaves; `fill` gives it
+    its size and content, `publish` lets clients in.
+
     Attributes:
         address: Address of the header in this process, for the engine.
         out_fd: File descriptor of the `.out` segment.
         header: `ecat_shm_header` in place: assignments are visible to clients.
         slave_status: `ecat_shm_slave_status` table in place.
+
+    Raises:
+        StateError: Another daemon serves a bus of this name.
+        NotPermittedError: Leftovers of another user are in the way.
     """
 
-    def __init__(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
-        self.path = shm.FOLDER / f"ecat.{bus.name}"
-        self.out_path = shm.FOLDER / f"ecat.{bus.name}.out"
+    def __init__(self, bus: str) -> None:
+        self.path = shm.FOLDER / f"ecat.{bus}"
+        self.out_path = shm.FOLDER / f"ecat.{bus}.out"
+        self.out_fd = -1
+        self.header: Any = None
+        self._name = bus
+        with _explained(self.path):
+            self._fd, temporary = _create(self.path, 0o640)
+            try:
+                _lock(self._fd)
+                self._put_in_place(temporary)
+            finally:
+                temporary.unlink()
+
+    def fill(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
+        """Lays the tables and pages of a bus out.
+
+        Args:
+            bus: The description.
+            image: Its place in the logical address space.
+            lease_ns: Shortest lease.
+            lease_max_ns: Longest lease that a client can ask for.
+
+        Raises:
+            EcatError: There is no room for shared memory.
+        """
         self._bus = bus
         self._image = image
-        self._inode = 0
         instance = time.time_ns()
         plan = _Plan(bus, image)
-        self._fd = _create(self.path.with_name(self.path.name + f".new.{os.getpid()}"), 0o640)
-        self._temporary = [self.path.with_name(self.path.name + f".new.{os.getpid()}")]
-        try:
+        with _explained(self.path):
             os.posix_fallocate(self._fd, 0, plan.size)
             self._map = mmap.mmap(self._fd, plan.size)
             self._fill(plan, instance, lease_ns, lease_max_ns)
-            self.out_fd = _create(
-                self.out_path.with_name(self.out_path.name + f".new.{os.getpid()}"), 0o660
-            )
-            self._temporary.append(
-                self.out_path.with_name(self.out_path.name + f".new.{os.getpid()}")
-            )
+        with _explained(self.out_path):
+            self.out_fd, temporary = _create(self.out_path, 0o660)
             self._fill_out(instance)
-            _lock(self._fd)
-            self._put_in_place()
-        except BaseException:
-            for file in self._temporary:
-                file.unlink(missing_ok=True)
-            raise
+            temporary.replace(self.out_path)
 
     def _at(self, name: str, offset: int, count: int = 1) -> Any:
         kind = shm.struct(name)
@@ -162,19 +183,15 @@ class Segment:
         os.pwrite(self.out_fd, bytes(header), 0)
         self.out = header
 
-    def _put_in_place(self) -> None:
-        """Gives both files their names, unless a living daemon has them."""
+    def _put_in_place(self, temporary: Path) -> None:
+        """Gives the segment its name, unless a living daemon has it."""
         while True:
             try:
-                os.link(self._temporary[0], self.path)
-                break
+                os.link(temporary, self.path)
             except FileExistsError:
                 self._remove_leftover()
-        # Whoever holds the name and lock of the main segment decides over the other one as well.
-        self._temporary[1].replace(self.out_path)
-        self._temporary[0].unlink()
-        self._temporary.clear()
-        self._inode = self.path.stat().st_ino
+            else:
+                return
 
     def _remove_leftover(self) -> None:
         try:
@@ -188,13 +205,13 @@ class Segment:
             ) from error
         try:
             if not _lock(old):
-                pid = (
-                    shm.struct("ecat_shm_header")
-                    .from_buffer_copy(os.pread(old, shm.size("ecat_shm_header"), 0))
-                    .pid
-                )
+                header = os.pread(old, shm.size("ecat_shm_header"), 0)
+                pid = ""  # not known while that one is still starting
+                if len(header) == shm.size("ecat_shm_header"):
+                    number = shm.struct("ecat_shm_header").from_buffer_copy(header).pid
+                    pid = f" (pid {number})"
                 raise StateError(
-                    f"bus '{self._bus.name}' is already served by another ecatd (pid {pid}); "
+                    f"bus '{self._name}' is already served by another ecatd{pid}; "
                     f"stop it first, or give this one another name with --bus"
                 )
             with suppress(FileNotFoundError):
@@ -205,21 +222,22 @@ class Segment:
 
     def publish(self) -> None:
         """Makes the segment valid for clients; the layout version is the last word written."""
-        self.header.state = shm.BusState.RUNNING
-        self.header.layout = shm.LAYOUT
+        publish_layout(self.address)
 
     def set_state(self, state: shm.BusState) -> None:
         """Tells clients what the daemon is doing."""
-        self.header.state = state
+        if self.header is not None:
+            self.header.state = state
 
     def close(self) -> None:
         """Tells clients that the daemon has stopped, and removes the names."""
-        self.header.state = shm.BusState.STOPPED
-        with suppress(FileNotFoundError):
-            if self.path.stat().st_ino == self._inode:
-                self.out_path.unlink(missing_ok=True)
-                self.path.unlink()
-        os.close(self.out_fd)
+        self.set_state(shm.BusState.STOPPED)
+        if self.out_fd >= 0:
+            with suppress(OSError):
+                self.out_path.unlink()
+            os.close(self.out_fd)
+        # The name goes before the lock, so that nobody finds an unlocked segment of ours.
+        self.path.unlink(missing_ok=True)
         os.close(self._fd)
 
 
@@ -272,8 +290,26 @@ def _text(text: str, room: int) -> bytes:
     return data.decode("utf-8", "ignore").encode()
 
 
-def _create(path: Path, mode: int) -> int:
-    path.unlink(missing_ok=True)  # of a daemon of the same process number that was killed
-    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, mode)
+def _create(path: Path, mode: int) -> tuple[int, Path]:
+    """A new file beside `path`, with a name that is ours alone until it gets its own."""
+    temporary = path.with_name(f"{path.name}.new.{os.getpid()}")
+    temporary.unlink(missing_ok=True)  # of a daemon of the same process number that was killed
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
+    fd = os.open(temporary, flags, mode)
     os.fchmod(fd, mode)  # whatever the umask is
-    return fd
+    give_to_group(fd)
+    return fd, temporary
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Failures of the file system as sentences."""
+    try:
+        yield
+    except PermissionError as error:
+        raise NotPermittedError(
+            f"cannot make {path} ({error.strerror}): a leftover of another user is in the way; "
+            f"give the bus another name, or have its owner remove it"
+        ) from error
+    except OSError as error:
+        raise EcatError(f"cannot make {path}: {error.strerror}") from error

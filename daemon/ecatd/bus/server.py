@@ -7,9 +7,11 @@ Stopping goes the same way back: safe outputs, SAFEOP, INIT, no more frames.
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from ecatd import shm
@@ -31,7 +33,7 @@ from ecatd.version import VERSION
 from .engine import Engine, Event, EventType, RealTime
 from .layout import Image, lay_out
 from .mailbox import Mailbox
-from .mapping import configure, scan_slave
+from .mapping import Scanned, configure, scan_slave
 from .master import Master, SlaveState
 from .safe import safe_images
 from .segment import Segment
@@ -40,6 +42,8 @@ from .slot_requests import SlotRequests
 _MONITOR_PERIOD = 0.25
 _EVENT_PATIENCE = 0.2
 _STOP_CYCLES = 3
+_STOP_TIMEOUT = 1.0
+_UPWARDS = (AlState.PREOP, AlState.SAFEOP)
 
 _REASONS = {
     shm.Reason.RELEASED: "their owner released them",
@@ -87,22 +91,27 @@ class BusServer:
         self._events = threading.Thread(target=self._watch_events, args=(loop,), daemon=True)
         self._events.start()
 
+    def abort(self) -> None:
+        """Has a start that is under way end soon, by an error."""
+        self._stopping.set()
+
     def _bring_up(self) -> None:
         config = self._config
         begin = time.monotonic()
-        self._master = master = Master(self._interface)
+        # First what keeps others away, so that nothing is done to a bus that somebody else runs.
+        self._segment = Segment(config.bus)
+        self._master = master = Master(self._interface, self._stopping.is_set)
         count = master.scan()
         self._log.info(f"{count} slaves answer on {self._interface}")
         master.reach(AlState.PREOP, config.state_timeout_s)
-        scanned = [scan_slave(master, position) for position in range(count)]
+        scanned = self._scan_slaves(master, count)
         self.bus.slaves = [item.slave for item in scanned]
         image = lay_out(self.bus, {item.slave.position for item in scanned if item.sii.without_lrw})
         configure(master, scanned, image)
         master.reach(AlState.SAFEOP, config.state_timeout_s)
-        self._exchange(image)
-        self._reach_op(master)
+        self._exchange(self._segment, image)
+        self._reach_op(master, self._segment)
         self._publish_states(master.states())
-        assert self._segment is not None
         self._segment.publish()
         self._started = time.time()
         self._log.info(
@@ -111,15 +120,23 @@ class BusServer:
             f"{config.cycle_time_us} µs (after {time.monotonic() - begin:.1f} s)"
         )
 
-    def _exchange(self, image: Image) -> None:
+    def _scan_slaves(self, master: Master, count: int) -> list[Scanned]:
+        scanned = []
+        for position in range(count):
+            if self._stopping.is_set():
+                raise StateError("stopped while slaves were being read")
+            scanned.append(scan_slave(master, position))
+        return scanned
+
+    def _exchange(self, segment: Segment, image: Image) -> None:
         """Starts the cyclic exchange with all outputs safe."""
         config = self._config
         cycle_ns = config.cycle_time_us * 1000
         lease_max = config.outputs.lease_max_ms * 1_000_000
         lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
         safe = safe_images(self.bus, config.outputs.safe)
-        self._segment = Segment(self.bus, image, lease, lease_max)
-        self._engine = Engine(self._segment, self._interface)
+        segment.fill(self.bus, image, lease, lease_max)
+        self._engine = Engine(segment.address, segment.out_fd, self._interface)
         for domain in image.domains:
             self._engine.add_domain(domain)
         for position, (value, hold) in safe.items():
@@ -131,12 +148,11 @@ class BusServer:
         if refused:
             self._log.warning(f"no real time: not granted are {'; '.join(refused)}")
 
-    def _reach_op(self, master: Master) -> None:
+    def _reach_op(self, master: Master, segment: Segment) -> None:
         """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
-        assert self._segment is not None
-        first = self._segment.header.cycle
+        first = segment.header.cycle
         deadline = time.monotonic() + self._config.state_timeout_s
-        while self._segment.header.cycle < first + _STOP_CYCLES:
+        while segment.header.cycle < first + _STOP_CYCLES:
             if time.monotonic() > deadline:
                 raise StateError("the cyclic engine does not run")
             time.sleep(self._config.cycle_time_us * 1e-6)
@@ -165,24 +181,30 @@ class BusServer:
                 loop.call_soon_threadsafe(self._handle, event)
 
     def _handle(self, event: Event) -> None:
+        if self._stopping.is_set():
+            return
         if event.type == EventType.REQUEST:
             self._requests.look(event.slot, event.value)
         elif event.type == EventType.CLAIMED:
             self._tell("claimed", slave=event.slave, slot=event.slot, cycle=event.cycle)
         elif event.type == EventType.SAFE:
-            reason = shm.Reason(event.value)
-            if reason in (shm.Reason.LAPSED, shm.Reason.GONE):
+            cause = shm.Reason(event.value)
+            if cause in (shm.Reason.LAPSED, shm.Reason.GONE):
                 self._log.warning(
-                    f"outputs of {self.bus.slaves[event.slave].label} are safe: {_REASONS[reason]}"
+                    f"outputs of {self.bus.slaves[event.slave].label} are safe: {_REASONS[cause]}"
                 )
-            self._tell("safe", slave=event.slave, reason=reason.name.lower(), cycle=event.cycle)
+            self._tell("safe", slave=event.slave, reason=cause.name.lower(), cycle=event.cycle)
         elif event.type == EventType.WKC:
             state = shm.WkcState(event.value).name.lower()
             self._log.debug(f"domain {event.slave}: working counter {state}")
             self._tell("working_counter", domain=event.slave, state=state, cycle=event.cycle)
         elif event.type == EventType.SEND:
-            self._log.error(f"frames cannot be sent on {self._interface}: errno {event.value}")
-            self._tell("send_failed", errno=event.value, cycle=event.cycle)
+            reason = os.strerror(event.value) if event.value else ""
+            if reason:
+                self._log.error(f"frames cannot be sent on {self._interface}: {reason}")
+            else:
+                self._log.info(f"frames can be sent on {self._interface} again")
+            self._tell("sending", error=reason, cycle=event.cycle)
 
     def _tell(self, kind: str, **facts: Any) -> None:
         self._publish({"event": kind, "time_ns": time.time_ns(), **facts})
@@ -203,15 +225,22 @@ class BusServer:
         while not self._stopping.is_set():
             await asyncio.sleep(_MONITOR_PERIOD)
             try:
-                await self._mailbox.run(self._look_at_states)
+                await self._look_at_states()
             except StateError:
                 continue  # the mailbox is busy: the next look is soon
+            except Exception as error:
+                # Watching must go on: an unwatched bus looks like a healthy one.
+                self._log.error(f"defect while reading AL states: {error!r}")
 
-    def _look_at_states(self) -> None:
+    async def _look_at_states(self) -> None:
+        """Reads the AL states, and tells of every change."""
         assert self._master is not None
-        for item in self._publish_states(self._master.states()):
-            slave = self.bus.slaves[item.position]
-            self._log.warning(f"{slave.label} {item.describe()}")
+        master = self._master
+        self._tell_states(await self._mailbox.run(lambda: self._publish_states(master.states())))
+
+    def _tell_states(self, changed: list[SlaveState]) -> None:
+        for item in changed:
+            self._log.warning(f"{self.bus.slaves[item.position].label} {item.describe()}")
             self._tell(
                 "al_state",
                 slave=item.position,
@@ -230,7 +259,7 @@ class BusServer:
             case Describe():
                 return self._describe()
             case ReadStates():
-                await self._mailbox.run(self._look_at_states)
+                await self._look_at_states()
                 return {"slaves": [self._state_row(item) for item in self._states]}
             case SetState():
                 return await self._set_state(request)
@@ -271,26 +300,25 @@ class BusServer:
 
     async def _set_state(self, request: SetState) -> dict[str, Any]:
         assert self._master is not None
-        master, state = self._master, AlState.parse(request.state)
-        positions = None
-        if request.slave >= 0:
+        master, target = self._master, AlState.parse(request.state)
+        if request.slave is not None:
             self._check_slave(request.slave)
-            positions = [request.slave]
+        chosen = range(len(self.bus.slaves)) if request.slave is None else [request.slave]
+        timeout = self._config.state_timeout_s
 
         def change() -> None:
-            master.acknowledge(
-                [
-                    item
-                    for item in master.states()
-                    if positions is None or item.position in positions
-                ]
-            )
-            try:
-                master.reach(state, self._config.state_timeout_s, positions)
-            finally:
-                self._publish_states(master.states())
+            # Up one state at a time, as the state machine wants it; down in one go.
+            for state in _UPWARDS:
+                states = {item.position: item.al_state & 0x0F for item in master.states()}
+                below = [position for position in chosen if states[position] < state]
+                if state < target and below:
+                    master.reach(state, timeout, below)
+            master.reach(target, timeout, chosen)
 
-        await self._mailbox.run(change)
+        try:
+            await self._mailbox.run(change)
+        finally:
+            await self._look_at_states()
         return {"slaves": [self._state_row(item) for item in self._states]}
 
     def _check_slave(self, position: int) -> None:
@@ -330,15 +358,16 @@ class BusServer:
         await asyncio.to_thread(self._take_down)
 
     def _take_down(self) -> None:
-        if self._master is not None and self.bus.slaves:
-            for state in (AlState.SAFEOP, AlState.INIT):
-                try:
-                    self._master.reach(state, 1.0)
-                except StateError:
-                    break  # slaves that are gone cannot be asked; their watchdog takes care
-        if self._engine is not None:
-            self._engine.close()
-        if self._segment is not None:
-            self._segment.close()
-        if self._master is not None:
-            self._master.close()
+        try:
+            if self._master is not None and self.bus.slaves:
+                for state in (AlState.SAFEOP, AlState.INIT):
+                    # Slaves that are gone cannot be asked; their watchdog takes care of them.
+                    with suppress(StateError):
+                        self._master.reach(state, _STOP_TIMEOUT)
+        finally:
+            if self._engine is not None:
+                self._engine.close()
+            if self._segment is not None:
+                self._segment.close()
+            if self._master is not None:
+                self._master.close()

@@ -6,6 +6,7 @@ The slots are written by other processes, so they are read with `pread` and ever
 from __future__ import annotations
 
 import os
+import threading
 from concurrent.futures import Future
 
 from ecatd import shm
@@ -34,13 +35,22 @@ class SlotRequests:
         self._mailbox = mailbox
         self._master = master
         self._slaves = slaves
+        # The last request of each cell. Answers come from two threads, and late ones must not reach
+        # the cell's next user.
         self._done: dict[tuple[int, int], tuple[int, int]] = {}
+        self._lock = threading.Lock()
 
     def look(self, slot: int, generation: int) -> None:
         """Takes the new requests of a slot; called when the engine has seen its doorbell."""
         kind = shm.struct("ecat_out_request")
         out = self._segment.out
-        at = out.slots_offset + slot * out.slot_stride + shm.size("ecat_out_slot")
+        at = out.slots_offset + slot * out.slot_stride
+        owner = os.pread(self._segment.out_fd, shm.size("ecat_out_slot"), at)
+        if len(owner) < shm.size("ecat_out_slot"):
+            return
+        if shm.struct("ecat_out_slot").from_buffer_copy(owner).generation != generation:
+            return  # the client has gone, and another one is in its slot
+        at += shm.size("ecat_out_slot")
         for cell in range(shm.REQUESTS):
             data = os.pread(self._segment.out_fd, shm.size(kind.__name__), at)
             at += shm.size(kind.__name__)
@@ -50,7 +60,8 @@ class SlotRequests:
             key = (generation, request.seq)
             if request.seq == 0 or self._done.get((slot, cell)) == key:
                 continue
-            self._done[slot, cell] = key
+            with self._lock:
+                self._done[slot, cell] = key
             # `data` is a C string to ctypes, which ends at the first zero byte.
             offset = kind.data.offset
             body = data[offset : offset + min(request.length, _REPLY_BYTES)]
@@ -97,7 +108,7 @@ class SlotRequests:
         return b""
 
     def _answer(self, slot: int, cell: int, key: tuple[int, int], data: bytes) -> None:
-        self._engine.reply(slot, cell, key[0], key[1], 0, 0, data)
+        self._reply(slot, cell, key, 0, 0, data)
 
     def _refuse(self, slot: int, cell: int, key: tuple[int, int], error: BaseException) -> None:
         abort = error.code if isinstance(error, SdoAbortError) else 0
@@ -109,5 +120,11 @@ class SlotRequests:
         ):
             if isinstance(error, kind):
                 status = code
-        text = str(error).encode()[:_REPLY_BYTES]
-        self._engine.reply(slot, cell, key[0], key[1], status, abort, text)
+        self._reply(slot, cell, key, status, abort, str(error).encode()[:_REPLY_BYTES])
+
+    def _reply(
+        self, slot: int, cell: int, key: tuple[int, int], status: int, abort: int, data: bytes
+    ) -> None:
+        with self._lock:
+            if self._done.get((slot, cell)) == key:
+                self._engine.reply(slot, cell, key[0], key[1], status, abort, data)

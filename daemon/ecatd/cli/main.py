@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -45,28 +46,47 @@ def _bounded(low: int, high: int) -> Callable[[str], int]:
     return convert
 
 
-def _common() -> argparse.ArgumentParser:
-    common = argparse.ArgumentParser(add_help=False)
-    common.add_argument(
+_position = _bounded(0, 0xFFFF)
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= 3600:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time: give seconds, more than 0")
+    return value
+
+
+def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
+    """Options that may stand before or behind the command; only the first place has defaults."""
+
+    def default(value: object) -> object:
+        return value if defaults else argparse.SUPPRESS
+
+    parser.add_argument(
         "--bus",
-        default=os.environ.get("ECATD_BUS", "ecat0"),
+        default=default(os.environ.get("ECATD_BUS", "ecat0")),
         metavar="NAME",
         help="name of the bus (default: $ECATD_BUS or ecat0)",
     )
-    common.add_argument(
+    parser.add_argument(
         "--connect",
+        default=default(None),
         metavar="ENDPOINT",
         help="Zenoh endpoint of a daemon, for example tcp/host:7447",
     )
-    common.add_argument(
+    parser.add_argument(
         "--timeout",
-        type=float,
-        default=15.0,
+        type=_seconds,
+        default=default(15.0),
         metavar="S",
         help="seconds to wait for an answer (default: 15)",
     )
-    common.add_argument("--json", action="store_true", help="print JSON for programs")
-    return common
+    parser.add_argument(
+        "--json", action="store_true", default=default(False), help="print JSON for programs"
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -77,22 +97,21 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"ecatctl {VERSION}")
+    _add_common(parser, defaults=True)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    common = _common()
 
     def add(name: str, run: Command, summary: str, *aliases: str) -> argparse.ArgumentParser:
-        command = commands.add_parser(
-            name, parents=[common], help=summary, description=summary, aliases=aliases
-        )
+        command = commands.add_parser(name, help=summary, description=summary, aliases=aliases)
+        _add_common(command, defaults=False)
         command.set_defaults(run=run)
         return command
 
     add("slaves", show.slaves, "List the slaves in the order of the wire.")
     command = add("pdos", show.pdos, "List the process data of the slaves.")
-    command.add_argument("-p", "--slave", type=_number, metavar="POS", help="only this slave")
+    command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
     command = add("state", show.state, "Show the AL states, or bring slaves to one.", "states")
     command.add_argument("state", nargs="?", metavar="STATE", help="INIT, PREOP, SAFEOP or OP")
-    command.add_argument("-p", "--slave", type=_number, metavar="POS", help="only this slave")
+    command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
     command = add("stats", show.stats, "Show counters and timing of the cyclic exchange.")
     command.add_argument("--watch", action="store_true", help="show them again every second")
     add("info", show.info, "Show version, interface and cycle time of the daemon.")
@@ -101,7 +120,7 @@ def _parser() -> argparse.ArgumentParser:
         ("sdo-write", sdo.sdo_write, "Write an object of a slave.", "download"),
     ):
         command = add(name, run, summary, alias)
-        command.add_argument("slave", type=_number, metavar="POS", help="position of the slave")
+        command.add_argument("slave", type=_position, metavar="POS", help="position of the slave")
         command.add_argument("index", type=_bounded(0, 0xFFFF), help="object index, as 0x6060")
         reading = name == "sdo-read"
         command.add_argument(

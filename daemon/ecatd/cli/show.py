@@ -117,12 +117,13 @@ def _print_pdos(kind: str, group: list[Pdo]) -> None:
 
 def state(remote: Remote, options: argparse.Namespace) -> None:
     """Shows the AL states, or asks for one."""
+    if options.slave is not None:
+        pick_slaves(remote.describe(), options.slave)
     if options.state is None:
         rows = remote.states()
     else:
         rows = remote.set_state(options.state, options.slave)
     if options.slave is not None:
-        pick_slaves(remote.describe(), options.slave)
         rows = [row for row in rows if row["position"] == options.slave]
     if options.json:
         print_json({"bus": remote.bus, "slaves": rows})

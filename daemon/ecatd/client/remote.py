@@ -13,6 +13,7 @@ import zenoh
 
 from ecatd.gateway.keys import bus_key, object_key, session_config
 from ecatd.model.bus import Bus
+from ecatd.model.config import BUS_NAME
 from ecatd.model.errors import (
     EcatError,
     NoAnswerError,
@@ -85,6 +86,8 @@ class Remote:
     def __init__(
         self, bus: str = "ecat0", connect: str | None = None, timeout: float = 10.0
     ) -> None:
+        if not BUS_NAME.fullmatch(bus):
+            raise UsageError(f"'{bus}' is no bus name: use 1 to 31 letters, digits, '_' or '-'")
         self.bus = bus
         self._timeout = timeout
         endpoint = connect or _local_endpoint(bus)
@@ -135,7 +138,10 @@ class Remote:
             sample = reply.ok if reply.ok is not None else reply.err
             if sample is None:
                 continue
-            answer = unpack(bytes(sample.payload), MAX_REPLY)
+            try:
+                answer = unpack(bytes(sample.payload), MAX_REPLY)
+            except UsageError:
+                break  # an error reply of Zenoh itself: nobody answered
             if "error" in answer:
                 raise EcatError.from_reply(answer["error"])
             return answer

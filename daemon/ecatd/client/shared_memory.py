@@ -211,7 +211,7 @@ class Client:
     def __init__(self, bus: str = "ecat0") -> None:
         handle = ctypes.c_void_p()
         code = _LIB.ecat_open(ctypes.byref(handle), bus.encode())
-        self._bus = handle
+        self._handle: ctypes.c_void_p | None = handle
         if code != 0:
             error = self._error(code)
             self.close()
@@ -227,10 +227,17 @@ class Client:
             raise self._error(code)
         return code
 
+    @property
+    def _bus(self) -> ctypes.c_void_p:
+        if self._handle is None:
+            raise StateError("this client is closed")
+        return self._handle
+
     def close(self) -> None:
         """Releases all claims and forgets the bus."""
-        _LIB.ecat_close(self._bus)
-        self._bus = ctypes.c_void_p()
+        if self._handle is not None:
+            _LIB.ecat_close(self._handle)
+            self._handle = None
 
     def __enter__(self) -> Self:
         return self

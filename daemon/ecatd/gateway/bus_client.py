@@ -49,17 +49,19 @@ class BusClient:
         self._listener = asyncio.create_task(self._listen(reader))
 
     async def _listen(self, reader: asyncio.StreamReader) -> None:
-        while (message := await read_frame(reader, MAX_REPLY)) is not None:
-            if "event" in message:
-                self._on_event(message)
-                continue
-            future = self._waiting.pop(message.get("id", 0), None)
-            if future is not None and not future.done():
-                future.set_result(message)
-        for future in self._waiting.values():
-            if not future.done():
-                future.set_exception(UnreachableError("the bus server has ended"))
-        self._on_end()
+        try:
+            while (message := await read_frame(reader, MAX_REPLY)) is not None:
+                if "event" in message:
+                    self._on_event(message)
+                    continue
+                future = self._waiting.pop(message.get("id", 0), None)
+                if future is not None and not future.done():
+                    future.set_result(message)
+        finally:  # also after a frame that makes no sense: there is no way to find the next one
+            for future in self._waiting.values():
+                if not future.done():
+                    future.set_exception(UnreachableError("the bus server has ended"))
+            self._on_end()
 
     async def ask(self, request: Request) -> dict[str, Any]:
         """The answer to a request.
@@ -73,6 +75,7 @@ class BusClient:
         future: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._waiting[number] = future
         self._writer.write(frame({"id": number, **to_map(request)}))
+        await self._writer.drain()
         message = await future
         if "error" in message:
             raise EcatError.from_reply(message["error"])

@@ -180,14 +180,12 @@ class Gateway:
                     _object_request("sdo_read", slave, index, subindex, {"complete": complete})
                 )
             case ["rw", "sdo", slave, index, subindex]:
-                values = unpack(payload)
-                identity = values.pop("id", None)
+                identity, values = _change(payload, "slave", "index", "subindex")
                 request = _object_request("sdo_write", slave, index, subindex, values)
                 return await self._once(identity, request)
             case ["rw", "state"]:
-                values = unpack(payload)
-                identity = values.pop("id", None)
-                return await self._once(identity, parse_request({"op": "set_state", **values}))
+                identity, values = _change(payload)
+                return await self._once(identity, parse_request({**values, "op": "set_state"}))
         raise UsageError(f"'{query.key_expr}' is no key of this version")
 
     async def _once(self, identity: Any, request: Request) -> dict[str, Any]:
@@ -226,7 +224,16 @@ def _object_request(
             address[key] = int(text, 0)
         except ValueError:
             raise UsageError(f"'{text}' in the key is no {key}") from None
-    return parse_request({"op": op, **address, **values})
+    return parse_request({**values, **address, "op": op})
+
+
+def _change(payload: bytes, *in_key: str) -> tuple[Any, dict[str, Any]]:
+    """Id and arguments of a change; what the key says must not be said again, or otherwise."""
+    values = unpack(payload)
+    for name in ("op", *in_key):
+        if name in values:
+            raise UsageError(f"'{name}' belongs into the key, not into the payload")
+    return values.pop("id", None), values
 
 
 def _reason(error: Exception) -> str:

@@ -14,6 +14,8 @@ from ecatd.wire import pack
 
 from .keys import SCHEMA, bus_key
 
+_PAUSE = 1.0
+
 
 class Publisher:
     """Samples shared memory and puts what has changed.
@@ -36,14 +38,19 @@ class Publisher:
         self._last: dict[int, float] = {}
 
     async def run(self) -> None:
-        """Publishes until it is cancelled or the daemon ends."""
+        """Publishes until it is cancelled; after an interruption it begins again."""
         if self._rate <= 0:
             return
-        try:
-            with Client(self._bus) as client:
-                await self._loop(client)
-        except EcatError as error:
-            self._log.debug(f"values are no longer published: {error}")
+        told = ""
+        while True:
+            try:
+                with Client(self._bus) as client:
+                    await self._loop(client)
+            except EcatError as error:
+                if str(error) != told:
+                    told = str(error)
+                    self._log.warning(f"values are not published: {error}")
+            await asyncio.sleep(_PAUSE)
 
     async def _loop(self, client: Client) -> None:
         signals = [

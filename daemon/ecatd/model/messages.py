@@ -6,7 +6,7 @@ them with `parse_request`, since neither trusts the other.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, ClassVar
 
 from .al import AlState
@@ -36,12 +36,12 @@ class SetState:
 
     Attributes:
         state: Name of the state.
-        slave: Position, or -1 for all slaves.
+        slave: Position, or None for all slaves.
     """
 
     op: ClassVar[str] = "set_state"
     state: str
-    slave: int = -1
+    slave: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ Request = Describe | ReadStates | SetState | SdoRead | SdoWrite
 _KINDS: dict[str, type[Request]] = {
     kind.op: kind for kind in (Describe, ReadStates, SetState, SdoRead, SdoWrite)
 }
-_RANGES = {"slave": (-1, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
+_RANGES = {"slave": (0, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
 _DATA_MAX = 32 * 1024
 
 
@@ -110,30 +110,26 @@ def parse_request(data: Any) -> Request:
     if not isinstance(op, str) or op not in _KINDS:
         raise UsageError(f"op {op!r} is no request: use {', '.join(_KINDS)}")
     kind = _KINDS[op]
-    fields = kind.__dataclass_fields__
+    known = {field.name: field for field in fields(kind)}
     for key, value in values.items():
-        if key not in fields:
-            raise UsageError(f"'{key}' is no key of {op}: use {', '.join(fields) or 'none'}")
-        _check(op, key, value, str(fields[key].type))
-    try:
-        return kind(**values)
-    except TypeError:
-        missing = [
-            key
-            for key in fields
-            if key not in values and key in ("slave", "index", "state", "data")
-        ]
-        raise UsageError(f"{op} needs {', '.join(missing)}") from None
+        if key not in known:
+            raise UsageError(f"'{key}' is no key of {op}: use {', '.join(known) or 'none'}")
+        _check(op, key, value, str(known[key].type))
+    missing = [
+        name for name, field in known.items() if field.default is MISSING and name not in values
+    ]
+    if missing:
+        raise UsageError(f"{op} needs {', '.join(missing)}")
+    return kind(**values)
 
 
 def _check(op: str, key: str, value: Any, kind: str) -> None:
-    # bool is an int in Python, but true is no slave number.
-    if type(value).__name__ != kind:
-        raise UsageError(f"'{key}' of {op} must be {kind}, not {type(value).__name__}")
-    if key in _RANGES:
+    # Compared by name: bool is an int in Python, but true is no slave number.
+    found = "None" if value is None else type(value).__name__
+    if found not in kind.split(" | "):
+        raise UsageError(f"'{key}' of {op} must be {kind}, not {found}")
+    if key in _RANGES and value is not None:
         low, high = _RANGES[key]
-        if key == "slave" and op != SetState.op:
-            low = 0
         if not low <= value <= high:
             raise UsageError(f"'{key}' of {op} is {value}, but must be from {low} to {high}")
     if key == "data" and not 1 <= len(value) <= _DATA_MAX:

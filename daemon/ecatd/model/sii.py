@@ -55,6 +55,8 @@ class Sii:
 
     Attributes:
         alias: Configured station alias.
+        vendor: Vendor ID.
+        product: Product code.
         serial: Serial number.
         mailbox_protocols: Bit 2: CoE; bit 3: FoE (word 0x1C).
         name: Device name from the general category, empty if there is none.
@@ -67,6 +69,8 @@ class Sii:
     """
 
     alias: int = 0
+    vendor: int = 0
+    product: int = 0
     serial: int = 0
     mailbox_protocols: int = 0
     name: str = ""
@@ -107,6 +111,7 @@ def read_sii(read: Callable[[int], bytes]) -> Sii:
     words = _Words(read)
     sii = Sii()
     (sii.alias,) = struct.unpack("<H", words.bytes(0x04, 1))
+    sii.vendor, sii.product = struct.unpack("<II", words.bytes(0x08, 4))
     (sii.serial,) = struct.unpack("<I", words.bytes(0x0E, 2))
     (sii.mailbox_protocols,) = struct.unpack("<H", words.bytes(0x1C, 1))
     categories = dict(_categories(words))
@@ -132,6 +137,8 @@ def _categories(words: _Words) -> Iterator[tuple[int, bytes]]:
         kind, length = struct.unpack("<HH", words.bytes(at, 2))
         if kind == CATEGORY_END:
             return
+        if kind == 0 and length == 0:
+            raise SiiError(f"there is no category at word 0x{at:04X}, only zeros")
         if at + 2 + length > _WORDS_MAX:
             raise SiiError(
                 f"category {kind} at word 0x{at:04X} claims {length} words, more than fit"

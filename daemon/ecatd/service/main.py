@@ -63,11 +63,10 @@ def _configuration(options: argparse.Namespace) -> Config:
     ):
         if getattr(options, option) is not None:
             values[key] = getattr(options, option)
-    if options.bus or options.cycle_time_us or options.interface:
-        try:
-            config = Config.from_dict(values)
-        except UsageError as error:
-            raise UsageError(f"command line: {error}") from error
+    try:
+        config = Config.from_dict(values)
+    except UsageError as error:
+        raise UsageError(f"command line: {error}") from error
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
             "which bus? Give --interface IF, or --simulate troll to try without hardware, or "

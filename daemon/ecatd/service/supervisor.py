@@ -21,6 +21,9 @@ from ecatd.paths import make_dir
 from .notify import notify
 
 _GATEWAY_PAUSE = 1.0
+
+_PYTHON = (sys.executable, "-P", "-m")
+"""-P: modules are never looked for in the directory that somebody happens to be in."""
 _STOP_PATIENCE = 15.0
 
 
@@ -92,8 +95,7 @@ class Supervisor:
     async def _start_simulator(self, rig: str) -> tuple[asyncio.subprocess.Process, dict[str, Any]]:
         read, write = os.pipe()
         child = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
+            *_PYTHON,
             "ecatsim",
             "run",
             rig,
@@ -121,8 +123,7 @@ class Supervisor:
     ) -> asyncio.subprocess.Process:
         # A session of its own: Ctrl-C reaches only this process, which ends the others in order.
         child = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
+            *_PYTHON,
             module,
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,

@@ -1,0 +1,160 @@
+"""The gateway over Zenoh: what others hear, and what they may not do."""
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import zenoh
+
+from conftest import Daemon
+from ecatd.client.remote import Remote
+from ecatd.gateway.keys import bus_key, session_config
+from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatd.wire import pack, unpack
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+PORT = 17451
+
+
+@pytest.fixture
+def daemon(start_daemon: Callable[..., Daemon]) -> Daemon:
+    return start_daemon(
+        "troll", config=f"[gateway]\nlisten = ['tcp/127.0.0.1:{PORT}']\npublish_hz = 50\n"
+    )
+
+
+@pytest.fixture
+def network(daemon: Daemon) -> Iterator[zenoh.Session]:
+    """A session as another host would have it."""
+    session = zenoh.open(session_config("client", {"connect/endpoints": [f"tcp/127.0.0.1:{PORT}"]}))
+    yield session
+    session.close()
+
+
+def local(daemon: Daemon) -> zenoh.Session:
+    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}.zenoh"
+    return zenoh.open(session_config("client", {"connect/endpoints": [f"unixsock-stream/{path}"]}))
+
+
+def ask(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[dict[str, object]]:
+    answers = []
+    for reply in session.get(key, payload=payload, timeout=5.0):
+        sample = reply.ok if reply.ok is not None else reply.err
+        answers.append(unpack(bytes(sample.payload), 1 << 26))
+    return answers
+
+
+def test_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Session) -> None:
+    remote = Remote(daemon.bus, f"tcp/127.0.0.1:{PORT}", 5.0)
+    assert [slave.name for slave in remote.describe().slaves][1:3] == ["EK1100", "EL1018"]
+    assert remote.sdo_read(0, 0x1018, 1).data == b"\x9a\0\0\0"
+    with pytest.raises(NotPermittedError, match="changes are permitted only on its own machine"):
+        remote.sdo_write(0, 0x6060, 0, b"\x09")
+    with pytest.raises(NotPermittedError):
+        remote.set_state("SAFEOP")
+    remote.close()
+    assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+
+
+def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session) -> None:
+    heard: dict[str, dict[str, object]] = {}
+
+    def hear(sample: zenoh.Sample) -> None:
+        heard[str(sample.key_expr)] = unpack(bytes(sample.payload))
+
+    subscriber = network.declare_subscriber(bus_key(daemon.bus, "ro", "**"), hear)
+    blinking = bus_key(daemon.bus, "ro", "pdo", "2", "0x6040:01")
+    event = bus_key(daemon.bus, "ro", "event")
+    for _ in range(500):
+        if blinking in heard:
+            break
+        time.sleep(0.01)
+    else:
+        pytest.fail("no value is published")
+    assert heard[blinking]["raw"] in (0, 1)
+    assert heard[blinking]["name"] == "Input"
+    daemon.ctl("state", "SAFEOP", "-p", "3")
+    for _ in range(500):
+        if heard.get(event, {}).get("event") == "al_state":
+            break
+        time.sleep(0.01)
+    else:
+        pytest.fail(f"no event: {heard.get(event)}")
+    assert (heard[event]["slave"], heard[event]["text"]) == (3, "SAFEOP")
+    subscriber.undeclare()
+
+
+def test_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> None:
+    session = local(daemon)
+    key = bus_key(daemon.bus, "rw", "sdo", "0", "0x6060", "0x00")
+    payload = pack({"id": "same", "data": b"\x09"})
+    assert "error" not in ask(session, key, payload)[0]
+    daemon.ctl("sdo-write", "0", "0x6060", "0", "8")
+    assert "error" not in ask(session, key, payload)[0]
+    assert daemon.ctl("sdo-read", "0", "0x6060").stdout == "0x08 8\n"
+    session.close()
+
+
+@pytest.mark.parametrize(
+    ("key", "payload", "what"),
+    [
+        ("rw/sdo/0/0x6060/0", {"id": "a", "data": b"\x01", "slave": 3}, "belongs into the key"),
+        ("rw/sdo/0/0x6060/0", {"data": b"\x01"}, "needs an 'id'"),
+        ("rw/sdo/0/0x6060/0", {"id": "b"}, "needs data"),
+        ("rw/sdo/0/0x6060/0", {"id": "c", "data": b"\x01", "x": 1}, "'x' is no key"),
+        ("rw/sdo/0/zzz/0", {"id": "d", "data": b"\x01"}, "'zzz' in the key is no index"),
+        ("rw/state", {"id": "e", "state": "OP", "op": "sdo_write"}, "belongs into the key"),
+        ("rw/state", {"id": "f", "state": "RUN"}, "is no AL state"),
+        ("rw/nonsense", {"id": "g"}, "is no key of this version"),
+        ("ro/nonsense", None, "is no key of this version"),
+        ("ro/sdo/99/0x6060/0", None, "there is no slave 99"),
+        ("rw/state", b"\xc1\xc1", "no msgpack message"),
+        ("rw/state", b"\0" * 70000, "is too long"),
+    ],
+)
+def test_wrong_requests_are_answered_and_change_nothing(
+    troll: Daemon, key: str, payload: dict[str, object] | bytes | None, what: str
+) -> None:
+    session = local(troll)
+    data = pack(payload) if isinstance(payload, dict) else payload
+    (answer,) = ask(session, bus_key(troll.bus, *key.split("/")), data)
+    assert what in str(answer["error"]["message"])  # type: ignore[index]
+    session.close()
+
+
+def test_remote_errors_have_their_class(troll: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", troll.env["ECATD_RUNTIME_DIR"])
+    with Remote(troll.bus) as remote:
+        with pytest.raises(StateError, match="there is no slave 99"):
+            remote.sdo_read(99, 0x1018)
+        with pytest.raises(UsageError, match="is no AL state"):
+            remote.set_state("RUN")
+
+
+def test_a_port_in_use_costs_only_the_network(
+    daemon: Daemon, start_daemon: Callable[..., Daemon]
+) -> None:
+    second = start_daemon("line:1", config=f"[gateway]\nlisten = ['tcp/127.0.0.1:{PORT}']\n")
+    assert f"not listening on tcp/127.0.0.1:{PORT}: the address is in use" in second.log
+    assert len(second.ctl_json("slaves")["slaves"]) == 1
+
+
+def test_only_what_is_configured_listens(daemon: Daemon) -> None:
+    """No multicast scouting, nothing on other addresses: seen in the kernel's own list."""
+    from pathlib import Path
+
+    pid = daemon.child_pid("ecatd.gateway")
+    inodes = set()
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        target = str(link.readlink())
+        if target.startswith("socket:["):
+            inodes.add(target[8:-1])
+    found = []
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            listening = table.startswith("udp") or fields[3] == "0A"
+            if fields[9] in inodes and listening:
+                found.append((table, fields[1]))
+    assert found == [("tcp", f"0100007F:{PORT:04X}")]
