@@ -99,7 +99,11 @@ struct cyclic {
   uint32_t event_head, event_tail;
 };
 
+/* engine.c */
 uint64_t cyclic_now(void);
+void cyclic_run(cyclic_t *c); /* until `stop` */
+
+/* control.c */
 /* 0 when control has not read the last EVENTS ones yet, and this one is lost. */
 int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value);
 

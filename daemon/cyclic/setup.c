@@ -1,0 +1,199 @@
+/* The life of an engine: what is allocated, locked and started before the first cycle. */
+#include "engine.h"
+
+#include <errno.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+static void *at_offset(cyclic_t *c, uint32_t offset) { return (uint8_t *)c->header + offset; }
+
+static int allocate_images(cyclic_t *c) {
+  size_t size = c->header->output_bytes + 8u;
+  uint32_t i;
+  c->outputs = calloc(1, size);
+  c->safe = calloc(1, size);
+  c->hold = calloc(1, size);
+  c->slot_image = calloc(1, sizeof(ecat_out_image) + size);
+  if (!c->outputs || !c->safe || !c->hold || !c->slot_image) return -ENOMEM;
+  for (i = 0; i < c->domains; i++) {
+    const ecat_shm_domain *from =
+        (const ecat_shm_domain *)at_offset(c, c->header->domains_offset) + i;
+    struct domain *to = &c->domain[i];
+    to->page = at_offset(c, from->page_offset);
+    to->image_bytes = from->image_bytes;
+    to->output_bytes = from->output_bytes;
+    to->output_base = from->output_base;
+    to->divider = from->divider > 0 ? from->divider : 1;
+    to->wkc_expected = from->wkc_expected;
+    to->image = calloc(1, from->image_bytes + 8u);
+    if (!to->image) return -ENOMEM;
+  }
+  return 0;
+}
+
+cyclic_t *cyclic_new(void *header, int out_fd, const char *interface) {
+  cyclic_t *c = calloc(1, sizeof *c);
+  ecat_shm_histogram *histogram[4];
+  int code = -EINVAL, i;
+  if (c == NULL) return NULL;
+  c->header = header;
+  c->out_fd = out_fd;
+  c->socket_fd = -1;
+  c->next_index = INDEX_FIRST;
+  c->slaves = at_offset(c, c->header->slaves_offset);
+  c->slave_status = at_offset(c, c->header->slave_status_offset);
+  c->slot_status = at_offset(c, c->header->slot_status_offset);
+  c->replies = at_offset(c, c->header->replies_offset);
+  c->health = at_offset(c, c->header->health_offset);
+  c->health->cpu = -1;
+  histogram[0] = &c->health->wakeup;
+  histogram[1] = &c->health->exchange;
+  histogram[2] = &c->health->cycle;
+  histogram[3] = &c->health->delay;
+  for (i = 0; i < 4; i++) histogram[i]->min_ns = UINT64_MAX;
+  c->domains = c->header->domain_count;
+  if (c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
+      (code = cyclic_slots_init(c)) == 0 && (code = cyclic_wire_open(c, interface)) == 0)
+    return c;
+  cyclic_free(c);
+  errno = -code;
+  return NULL;
+}
+
+int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
+                        uint32_t offset, uint32_t length, uint32_t wkc_expected) {
+  if (domain >= c->domains || length == 0 ||
+      length > PAYLOAD_MAX - DATAGRAM_HEADER - DATAGRAM_WKC ||
+      offset > c->domain[domain].image_bytes || length > c->domain[domain].image_bytes - offset)
+    return -EINVAL;
+  if (c->datagrams == MAX_DATAGRAMS) return -ENOSPC;
+  c->datagram[c->datagrams++] = (struct datagram){.domain = domain,
+                                                  .address = address,
+                                                  .offset = offset,
+                                                  .length = length,
+                                                  .wkc_expected = wkc_expected,
+                                                  .command = (uint8_t)command};
+  return 0;
+}
+
+int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value, const uint8_t *hold) {
+  const ecat_shm_slave *s;
+  uint32_t at;
+  if (slave >= c->header->slave_count) return -EINVAL;
+  s = &c->slaves[slave];
+  at = c->domain[s->domain].output_base + s->output_offset;
+  memcpy(c->safe + at, value, s->output_bytes);
+  memcpy(c->hold + at, hold, s->output_bytes);
+  memcpy(c->outputs + at, value, s->output_bytes);
+  return 0;
+}
+
+/* Touches the stack that the engine will use, so that it is there before it counts. */
+static void prefault_stack(void) {
+  volatile uint8_t stack[64 * 1024];
+  size_t i;
+  for (i = 0; i < sizeof stack; i += 4096) stack[i] = 0;
+}
+
+static void *thread_main(void *argument) {
+  cyclic_t *c = argument;
+  prctl(PR_SET_NAME, "ecat-cyclic");
+  prctl(PR_SET_TIMERSLACK, 1);
+  prefault_stack();
+  if (c->settings.cpu >= 0) {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    CPU_SET((size_t)c->settings.cpu, &set);
+    if (sched_setaffinity(0, sizeof set, &set) != 0) c->affinity_error = errno;
+    c->health->cpu = c->affinity_error == 0 ? c->settings.cpu : -1;
+  }
+  if (c->settings.priority > 0) {
+    struct sched_param parameter = {.sched_priority = c->settings.priority};
+    if (sched_setscheduler(0, SCHED_FIFO, &parameter) != 0)
+      c->scheduling_error = errno;
+    else
+      c->health->sched_policy = SCHED_FIFO;
+    c->health->sched_priority = c->scheduling_error == 0 ? (uint32_t)c->settings.priority : 0;
+  }
+  __atomic_store_n(&c->started, 2, __ATOMIC_RELEASE);
+  cyclic_run(c);
+  return NULL;
+}
+
+/* Locks all memory, now and later. Below a finite limit that only seems to work: what the process
+ * asks for afterwards would be refused. A mapping beyond the limit, never touched, tells. */
+static int lock_memory(void) {
+  struct rlimit limit;
+  void *probe;
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) return errno;
+  if (getrlimit(RLIMIT_MEMLOCK, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 0;
+  probe = mmap(NULL, limit.rlim_cur + 4096, PROT_NONE,
+               MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (probe == MAP_FAILED) {
+    munlockall();
+    return ENOMEM;
+  }
+  munmap(probe, limit.rlim_cur + 4096);
+  return 0;
+}
+
+static int create_thread(cyclic_t *c) {
+  pthread_attr_t attributes;
+  sigset_t all, before;
+  int code;
+  sigfillset(&all);
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, 256 * 1024); /* of which all is locked */
+  pthread_sigmask(SIG_SETMASK, &all, &before);        /* signals are for the other threads */
+  code = pthread_create(&c->thread, &attributes, thread_main, c);
+  pthread_sigmask(SIG_SETMASK, &before, NULL);
+  pthread_attr_destroy(&attributes);
+  return -code;
+}
+
+int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
+  int code = cyclic_wire_plan(c);
+  if (code != 0) return code;
+  c->settings = *settings;
+  if (settings->lock_memory) {
+    c->memory_error = lock_memory();
+    c->health->memory_locked = c->memory_error == 0;
+  }
+  code = create_thread(c);
+  if (code != 0) return code;
+  while (__atomic_load_n(&c->started, __ATOMIC_ACQUIRE) != 2) sched_yield();
+  return 0;
+}
+
+int cyclic_scheduling_error(const cyclic_t *c) { return c->scheduling_error; }
+int cyclic_affinity_error(const cyclic_t *c) { return c->affinity_error; }
+int cyclic_memory_error(const cyclic_t *c) { return c->memory_error; }
+
+void cyclic_make_safe(cyclic_t *c) { __atomic_store_n(&c->make_safe, 1, __ATOMIC_RELAXED); }
+
+void cyclic_stop(cyclic_t *c) {
+  if (c->started == 0) return;
+  __atomic_store_n(&c->stop, 1, __ATOMIC_RELAXED);
+  pthread_join(c->thread, NULL);
+  c->started = 0;
+}
+
+void cyclic_free(cyclic_t *c) {
+  uint32_t i;
+  if (c == NULL) return;
+  cyclic_stop(c);
+  if (c->socket_fd >= 0) close(c->socket_fd);
+  if (c->out_map != NULL) munmap(c->out_map, c->out_size);
+  for (i = 0; i < c->domains && i < MAX_DOMAINS; i++) free(c->domain[i].image);
+  free(c->outputs);
+  free(c->safe);
+  free(c->hold);
+  free(c->slot_image);
+  free(c);
+}
