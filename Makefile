@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator client_c -type f \
              -not -path '*/__pycache__/*' -not -path '*/_native/*' -not -path '*/_client/*')
+comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
 .PHONY: help demo test check clean
@@ -21,15 +22,22 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
 	  echo "Python cannot make virtual environments here; on Debian: apt install python3-venv"; exit 1; }
 
-# An environment per purpose would be cleaner and slow; extras are added as they are needed.
+# $(call install,EXTRAS): one wheel is built and put into the environment, with what EXTRAS need.
+# A wheel, and not a link to the checkout, because that is what users get.
+define install
+@echo "Installing into $(VENV) (the first time this downloads some 100 MB) ..."
+@rm -rf $(VENV)/wheel
+@$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir $(VENV)/wheel .
+@$(PIP) "$$(ls $(VENV)/wheel/*.whl)[$(1)]"
+@$(PIP) --force-reinstall --no-deps $(VENV)/wheel/*.whl
+endef
+
 $(VENV)/.demo: $(BIN)/python $(SOURCES)
-	@echo "Installing into $(VENV) ..."
-	@$(PIP) --upgrade ".[demo]" && $(PIP) --force-reinstall --no-deps .
+	$(call install,demo)
 	@touch $@
 
 $(VENV)/.test: $(BIN)/python $(SOURCES)
-	@echo "Installing into $(VENV) ..."
-	@$(PIP) --upgrade ".[demo,test,check]" && $(PIP) --force-reinstall --no-deps .
+	$(call install,demo$(comma)test$(comma)check)
 	@touch $@ $(VENV)/.demo
 
 demo: $(VENV)/.demo

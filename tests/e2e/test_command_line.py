@@ -127,7 +127,17 @@ def test_help_and_version(program: str) -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["slaves", "pdos", "state", "stats", "info", "sdo-read", "sdo-write", "generate"],
+    [
+        "slaves",
+        "pdos",
+        "state",
+        "stats",
+        "info",
+        "sdo-read",
+        "sdo-write",
+        "generate",
+        "client-flags",
+    ],
 )
 def test_every_command_explains_itself(command: str) -> None:
     text = run_module("ecatd.cli", command, "--help").stdout

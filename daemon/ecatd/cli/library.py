@@ -1,10 +1,13 @@
-"""Command `generate`: from the live bus to a Modelica library."""
+"""Commands `generate` and `client-flags`: what programs and models are built from."""
 
 from __future__ import annotations
 
 import argparse
+from importlib import import_module
+from pathlib import Path
 
 from ecatd.client.remote import Remote
+from ecatd.model.errors import EcatError
 
 from .output import print_json
 
@@ -19,3 +22,18 @@ def generate(remote: Remote, options: argparse.Namespace) -> None:
         print_json(report.to_dict())
         return
     print(report.summary())
+
+
+def client_flags(options: argparse.Namespace) -> None:
+    """Prints what a C compiler needs to build a program with the client."""
+    for folder in import_module("ecatgen").__path__:
+        client = Path(folder) / "_client"
+        if client.is_dir():
+            break
+    else:
+        raise EcatError("the C client is not built: install the package (`pip install .`)")
+    flags = {"include": str(client / "include"), "library": str(client / "lib" / "libecat.a")}
+    if options.json:
+        print_json(flags)
+    else:
+        print(f"-I{flags['include']} {flags['library']} -lm")

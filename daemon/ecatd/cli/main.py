@@ -144,6 +144,13 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "out", metavar="DIR", type=Path, help="folder that the library is put into"
     )
+    command = commands.add_parser(
+        "client-flags",
+        help="Print compiler flags for C programs.",
+        description="Prints the flags with which a C compiler builds a program with the client.",
+    )
+    command.add_argument("--json", action="store_true", help="print JSON for programs")
+    command.set_defaults(offline=library.client_flags)
     return parser
 
 
@@ -151,6 +158,9 @@ def main() -> int:
     """Runs one command; returns the exit status."""
     options = _parser().parse_args()
     try:
+        if offline := getattr(options, "offline", None):
+            offline(options)
+            return 0
         with Remote(options.bus, options.connect, options.timeout) as remote:
             options.run(remote, options)
     except EcatError as error:

@@ -1,0 +1,85 @@
+"""The examples of the documentation, run as they stand."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, run_module
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+ROOT = Path(__file__).parents[2]
+
+
+def blocks(document: str, language: str) -> list[str]:
+    text = (ROOT / document).read_text()
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+def test_the_c_program(troll: Daemon, tmp_path: Path) -> None:
+    (source,) = blocks("docs/clients.md", "c")
+    (tmp_path / "blink.c").write_text(source.replace("ecat_open(&bus, NULL)", "OPEN"))
+    flags = run_module("ecatd.cli", "client-flags").stdout.split()
+    subprocess.run(
+        [
+            *("gcc", "-Wall", "-Wextra", "-Werror", f'-DOPEN=ecat_open(&bus, "{troll.bus}")'),
+            *(tmp_path / "blink.c", *flags, "-o", tmp_path / "blink"),
+        ],
+        check=True,
+    )
+    result = subprocess.run([tmp_path / "blink"], text=True, capture_output=True, check=False)
+    assert (result.returncode, result.stdout) == (0, "after 1000 cycles the input is 1\n")
+
+
+def test_the_python_program(troll: Daemon) -> None:
+    (source,) = blocks("docs/clients.md", "python")
+    result = subprocess.run(
+        [sys.executable, "-c", source.replace('"ecat0"', f'"{troll.bus}"')],
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert len(result.stdout.splitlines()) == 3
+
+
+def test_every_link_leads_somewhere() -> None:
+    for document in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
+            if "://" not in target:
+                assert (document.parent / target).exists(), f"{document.name}: {target}"
+
+
+def test_every_configuration_key_is_documented(tmp_path: Path) -> None:
+    from ecatd.model.config import _GATEWAY, _OUTPUTS, _REALTIME, _SAFE, _TOP, Config
+
+    text = (ROOT / "docs/configuration.md").read_text()
+    tables = {"realtime.": _REALTIME, "outputs.": _OUTPUTS, "outputs.safe.": _SAFE}
+    keys = [prefix + key for prefix, table in tables.items() for key in table]
+    keys += [f"gateway.{key}" for key in _GATEWAY]
+    keys += [key for key in _TOP if key not in ("realtime", "outputs", "gateway")]
+    missing = [key for key in keys if f"`{key}`" not in text and f"`[[{key}]]`" not in text]
+    assert not missing
+    example = (ROOT / "systemd/ecat0.toml").read_text()
+    Config.load(ROOT / "systemd/ecat0.toml")
+    commented = tmp_path / "all.toml"
+    commented.write_text(re.sub(r"^# (?=\[\[|\w+ = )", "", example, flags=re.MULTILINE))
+    assert len(Config.load(commented).outputs.safe) == 2
+
+
+def test_the_readme_commands(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    daemon = start_daemon("troll")
+    commands = [
+        line.split("#")[0].split()[1:]
+        for block in blocks("README.md", "sh")
+        for line in block.splitlines()
+        if line.startswith("ecatctl ")
+    ]
+    assert len(commands) == 3
+    for command in commands:
+        command = [str(tmp_path / part) if part == "models" else part for part in command]
+        daemon.ctl(*command)
