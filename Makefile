@@ -1,5 +1,6 @@
 # The two commands of the README: `make demo` and `make test`. Everything is installed into .venv.
 PYTHON ?= python3
+BUS ?= ecat0
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator client_c -type f \
@@ -12,6 +13,7 @@ PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
+	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
 	@echo "make test    run all tests"
 	@echo "make check   lint, types, formatting"
 	@echo "make clean   remove what the other commands made"
@@ -41,7 +43,7 @@ $(VENV)/.test: $(BIN)/python $(SOURCES)
 	@touch $@ $(VENV)/.demo
 
 demo: $(VENV)/.demo
-	@$(BIN)/python examples/figure9/demo.py --out demo
+	@$(BIN)/python examples/figure9/demo.py --out demo --bus $(BUS)
 
 # Most people start as an ordinary user, so a part of the tests is run as one, too: in a user
 # namespace in which this process is user 1000 and has no rights beyond it.
