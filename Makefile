@@ -43,7 +43,7 @@ $(VENV)/.test: $(BIN)/python $(SOURCES)
 	@touch $@ $(VENV)/.demo
 
 demo: $(VENV)/.demo
-	@$(BIN)/python examples/figure9/demo.py --out demo --bus $(BUS)
+	@$(BIN)/python examples/figure9/demo.py --out demo --bus "$(BUS)"
 
 # Most people start as an ordinary user, so a part of the tests is run as one, too: in a user
 # namespace in which this process is user 1000 and has no rights beyond it.
@@ -60,4 +60,5 @@ check: $(VENV)/.test
 	$(BIN)/mypy
 
 clean:
-	rm -rf $(VENV) build demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

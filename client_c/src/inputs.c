@@ -124,6 +124,8 @@ int ecat_read_physical(ecat_t *bus, int number, double *value) {
 int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
   uint64_t target = bus->waited_cycle + cycles;
   uint64_t start = ecat_now(), limit = ecat_ns(timeout);
+  if (!(timeout >= 0))
+    return ecat_fail(bus, ECAT_EARG, "%g s is no time to wait", timeout);
   if (bus->waited_cycle == 0) target = ecat_cycle(bus) + cycles; /* nothing sampled yet */
   for (;;) {
     uint32_t word = __atomic_load_n(&bus->header->cycle_word, __ATOMIC_ACQUIRE);

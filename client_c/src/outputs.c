@@ -185,6 +185,7 @@ static int stage_safe_values(ecat_t *bus, int position) {
 int ecat_claim(ecat_t *bus, int position, double lease) {
   int code = check_claim(bus, position), owner, longer;
   unsigned bit = (unsigned)position;
+  if (!(lease >= 0)) return ecat_fail(bus, ECAT_EARG, "%g s is no lease", lease);
   if (code != 0 || (code = ecat_slot_take(bus)) != 0) return code;
   if (ecat_slot_lapsed(bus)) begin_generation(bus);
   longer = ecat_ns(lease) > bus->out->lease_ns;

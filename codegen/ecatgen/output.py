@@ -55,7 +55,11 @@ class Report:
         counts = f"{len(self.written)} files written, {len(self.unchanged)} unchanged"
         if self.removed:
             counts += f", {len(self.removed)} removed"
-        return f"{self.library}: {counts}; open {self.library / 'package.mo'} in a Modelica tool"
+        static = self.library.parent / "EtherCAT" / "package.mo"
+        return (
+            f"{self.library}: {counts}; open {static} and then {self.library / 'package.mo'} in a "
+            f"Modelica tool"
+        )
 
 
 def install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:
@@ -80,7 +84,7 @@ def install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:
     except (FileExistsError, NotADirectoryError) as error:
         raise StateError(f"{error.filename or out} is in the way: it is no directory") from error
     except OSError as error:
-        raise StateError(f"{error.filename or out}: {error.strerror}") from error
+        raise StateError(f"{error.filename or out} cannot be made: {error.strerror}") from error
 
 
 def _install(out: Path, packages: Mapping[str, Tree], library: str) -> Report:

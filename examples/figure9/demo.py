@@ -84,7 +84,8 @@ def _wait_ready(ready: socket.socket, daemon: subprocess.Popen[bytes]) -> None:
                 return
         except TimeoutError:
             if daemon.poll() is not None:
-                raise DemoError(f"ecatd ended with status {daemon.returncode}") from None
+                hint = "; another bus name: make demo BUS=name" if daemon.returncode == 7 else ""
+                raise DemoError(f"ecatd ended with status {daemon.returncode}{hint}") from None
 
 
 def run_in_c(bus: str, seconds: float, out: Path) -> Path:
@@ -108,7 +109,7 @@ def run_in_c(bus: str, seconds: float, out: Path) -> Path:
     return record
 
 
-def run_in_openmodelica(bus: str, seconds: float, out: Path) -> Path:
+def run_in_openmodelica(seconds: float, out: Path) -> Path:
     """Translates and simulates the example model with `omc`; returns its record."""
     script = out / "figure9.mos"
     samples = round(seconds / 0.001)
@@ -118,12 +119,13 @@ if not loadModel(Modelica, {{"4.0.0"}}) then print(getErrorString()); exit(1); e
 if not loadFile("{out}/EtherCAT/package.mo") then print(getErrorString()); exit(1); end if;
 if not loadFile("{out}/{LIBRARY}/package.mo") then print(getErrorString()); exit(1); end if;
 cd("{out}");
-result := simulate({EXAMPLE}, stopTime = {seconds}, numberOfIntervals = {samples},
-  outputFormat = "csv", fileNamePrefix = "figure9",
-  simflags = "-override=etherCATMaster.bus={bus}");
-print(result.messages);
+run := simulate({EXAMPLE}, stopTime = {seconds}, numberOfIntervals = {samples},
+  outputFormat = "csv", variableFilter = "w_ref|w_m|i_m", fileNamePrefix = "figure9");
+messages := run.messages;
+resultFile := run.resultFile;
+print(messages);
 print(getErrorString());
-if result.resultFile == "" then exit(1); end if;
+if resultFile == "" then exit(1); end if;
 """
     )
     call("omc", script)
@@ -158,6 +160,7 @@ def demo(bus: str, seconds: float, out: Path) -> None:
     """All steps."""
     out.mkdir(parents=True, exist_ok=True)
     out = out.resolve()
+    (out / "figure9.png").unlink(missing_ok=True)  # of an earlier record
     step("Starting the simulated rig 'troll' and ecatd on it")
     with running_daemon(bus):
         step("The slaves on the bus (ecatctl slaves)")
@@ -167,7 +170,7 @@ def demo(bus: str, seconds: float, out: Path) -> None:
         omc = shutil.which("omc")
         how = f"the model {EXAMPLE}, with {omc}" if omc else "a C program with the model's calls"
         step(f"Running the experiment for {seconds:g} s at 1000 Hz: {how}")
-        record = (run_in_openmodelica if omc else run_in_c)(bus, seconds, out)
+        record = run_in_openmodelica(seconds, out) if omc else run_in_c(bus, seconds, out)
         stats = json.loads(ctl(bus, "stats", "--json", quiet=True))
     step("Plotting reference speed, measured speed and current")
     call(sys.executable, HERE / "plot.py", record, out / "figure9.png")

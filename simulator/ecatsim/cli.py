@@ -56,7 +56,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--die-with-parent", action="store_true", help="end when the calling process ends"
     )
-    run.add_argument("child", metavar="-- COMMAND", nargs="*", help="command to run beside it")
+    run.add_argument(
+        "child", metavar="-- COMMAND", nargs="*", default=[], help="command to run beside it"
+    )
     rigs = commands.add_parser("rigs", help="list the rigs that come with ecatsim")
     rigs.add_argument("--json", action="store_true", help="print JSON for programs")
     return parser

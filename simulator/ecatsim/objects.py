@@ -9,7 +9,7 @@ from enum import IntEnum, IntFlag
 
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
-from ecatd.model.errors import SdoAbortError
+from ecatd.model.errors import ConfigError, SdoAbortError
 
 Value = int | float | str | bytes
 
@@ -163,9 +163,16 @@ class Dictionary:
         return iter(sorted(self._objects.values(), key=lambda item: item.index))
 
     def __getitem__(self, key: tuple[int, int]) -> Variable:
-        """The entry at (index, subindex); for the device's own use."""
+        """The entry at (index, subindex); for the device's own use.
+
+        Raises:
+            ConfigError: There is none: a mistake in the device's own code.
+        """
         index, subindex = key
-        return self._objects[index].entries[subindex]
+        try:
+            return self._objects[index].entries[subindex]
+        except KeyError:
+            raise ConfigError(f"the device has no object 0x{index:04X}:{subindex:02X}") from None
 
     def object(self, index: int) -> DictionaryObject:
         """An object.

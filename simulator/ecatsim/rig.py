@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -138,6 +139,8 @@ def make(name: str) -> Rig:
             return item.make(match[1])
     if name.endswith(".py"):
         return _from_file(Path(name))
+    if name.startswith("line:"):
+        raise UsageError(f"{name}: a line has 1 to 1024 slaves, as in line:8")
     names = ", ".join(usage for usage, _ in library())
     raise UsageError(
         f"there is no rig '{name}': use one of {names}, or a Python file that defines rig()"
@@ -151,6 +154,7 @@ def _from_file(path: Path) -> Rig:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(path.parent.resolve()))  # it may import files beside it
     try:
         spec.loader.exec_module(module)
         result = _call(module)

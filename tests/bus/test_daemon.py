@@ -35,16 +35,16 @@ def test_the_bus_is_described_and_in_op(troll: Daemon) -> None:
         ]
         assert all(slave.al_state == 8 for slave in slaves)
         assert client.cycle_time == 0.001
-        assert client.find_slave(2, 0x0BC03052) == 4
-        assert client.find_slave(2, 0x0BC03052, 1) == 5
+        assert client.find(2, 0x0BC03052) == 4
+        assert client.find(2, 0x0BC03052, 1) == 5
         with pytest.raises(StateError, match="has 2 slaves with vendor 0x00000002"):
-            client.find_slave(2, 0x0BC03052, 2)
+            client.find(2, 0x0BC03052, 2)
         with pytest.raises(StateError, match=r"slave 2 of bus .* is EL1018 .* but expected is"):
             client.expect(2, 2, 0x07D83052)
         with pytest.raises(StateError, match="has revision"):
             client.expect(2, 2, 0x03FA3052, 5)
         with pytest.raises(StateError, match=r"slave 2 \(EL1018\) .* has no input 0x6060:00"):
-            client.find(2, 0x6060, 0, 0)
+            client.bind(2, 0x6060, 0, 0)
 
 
 def test_samples_are_fresh_and_complete(troll: Daemon) -> None:
@@ -61,15 +61,15 @@ def test_samples_are_fresh_and_complete(troll: Daemon) -> None:
         assert complete > 100  # frames may be late on a busy machine, not most of them
         # Constants at the second analog terminal: -8, -4, -1, 0, 1, 4, 8 and 10 V.
         values = [
-            client.read(client.find(EL3008, 0x6000 + 16 * channel, 0x11)) for channel in range(8)
+            client.read(client.bind(EL3008, 0x6000 + 16 * channel, 0x11)) for channel in range(8)
         ]
         assert [round(value / VOLT) for value in values] == [-8, -4, -1, 0, 1, 4, 8, 10]
 
 
 def test_outputs_reach_the_slaves_and_come_back_over_wires(troll: Daemon) -> None:
     with troll.client() as client:
-        outputs = [client.find(EL2008, 0x7000 + 16 * n, 1) for n in range(8)]
-        inputs = [client.find(EL1018, 0x6000 + 16 * n, 1) for n in range(4)]
+        outputs = [client.bind(EL2008, 0x7000 + 16 * n, 1) for n in range(8)]
+        inputs = [client.bind(EL1018, 0x6000 + 16 * n, 1) for n in range(4)]
         client.claim(EL2008, lease=0.5)
         for pattern in (0b0101, 0b1010, 0b1111, 0b0000):
             for bit, output in enumerate(outputs):
@@ -89,7 +89,7 @@ def test_outputs_belong_to_one_client(troll: Daemon) -> None:
         first.claim(EL2008)
         with pytest.raises(StateError, match=r"slave 3 \(EL2008\) .* belong to .*python.* \(pid"):
             second.claim(EL2008)
-        output = second.find(EL2008, 0x7000, 1)
+        output = second.bind(EL2008, 0x7000, 1)
         with pytest.raises(StateError, match="must be claimed before"):
             second.write(output, 1)
         first.release(EL2008)
@@ -109,17 +109,17 @@ def test_outputs_belong_to_one_client(troll: Daemon) -> None:
 def test_values_out_of_range_are_refused(troll: Daemon) -> None:
     with troll.client() as client:
         client.claim(DRIVE, lease=0.5)
-        torque = client.find(DRIVE, 0x6071)
+        torque = client.bind(DRIVE, 0x6071)
         for wrong in (32768, -32769, 0.5, float("nan"), float("inf"), 1e300):
             with pytest.raises(UsageError, match=r"out of range for 0x6071:00 .*-32768 to 32767"):
                 client.write(torque, wrong)
         for right in (32767, -32768, 0):
             client.write(torque, right)
-        bit = client.find(EL2008, 0x7000, 1)
+        bit = client.bind(EL2008, 0x7000, 1)
         with pytest.raises(StateError, match="claimed"):
             client.write(bit, 1)
         with pytest.raises(UsageError, match="is an input"):
-            client.write(client.find(EL1018, 0x6000, 1), 1)
+            client.write(client.bind(EL1018, 0x6000, 1), 1)
         with pytest.raises(UsageError, match="99999 is no signal"):
             client.read(99999)
 
@@ -169,7 +169,7 @@ from ecatd.client import Client
 client = Client(sys.argv[1])
 client.claim(3, lease=float(sys.argv[2]))
 for n in range(8):
-    client.write(client.find(3, 0x7000 + 16 * n, 1), 1)
+    client.write(client.bind(3, 0x7000 + 16 * n, 1), 1)
 client.commit()
 print("owns", flush=True)
 while True:
@@ -194,7 +194,7 @@ def outputs_now(daemon: Daemon) -> tuple[list[float], shm.Outputs]:
     with daemon.client() as client:
         client.wait(2)
         client.sample()
-        values = [client.read(client.find(3, 0x7000 + 16 * n, 1)) for n in range(8)]
+        values = [client.read(client.bind(3, 0x7000 + 16 * n, 1)) for n in range(8)]
         return values, client.slaves()[3].outputs
 
 
@@ -221,7 +221,7 @@ def test_outputs_of_a_client_that_ends_or_hangs_are_safe(troll: Daemon, end: str
 def test_a_client_that_lost_its_lease_is_told(troll: Daemon) -> None:
     with troll.client() as client:
         client.claim(EL2008)  # five cycles
-        output = client.find(EL2008, 0x7000, 1)
+        output = client.bind(EL2008, 0x7000, 1)
         client.write(output, 1)
         client.commit()
         while client.slaves()[EL2008].owned:

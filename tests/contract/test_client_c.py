@@ -130,5 +130,7 @@ int main(int argc, char **argv) {
     )
     subprocess.run(["strace", "-o", tmp_path / "calls", tmp_path / "hot", troll.bus], check=True)
     calls = (tmp_path / "calls").read_text().splitlines()
+    # Allowed, and rare: a sample that finds the engine interrupted while it writes lets it run.
+    calls = [call for call in calls if not call.startswith("sched_yield")]
     first, second = [n for n, line in enumerate(calls) if line.startswith("getppid")]
     assert calls[first + 1 : second] == []

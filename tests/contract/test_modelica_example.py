@@ -63,7 +63,7 @@ def read(file: Path) -> list[dict[str, float]]:
 def wait_until_it_rests(troll: Daemon) -> None:
     """Waits until the motor has run out after the test before."""
     with troll.client() as client:
-        velocity = client.find(DRIVE, 0x606C)
+        velocity = client.bind(DRIVE, 0x606C)
         client.sample()
         while client.read(velocity) != 0:
             client.wait()
@@ -74,7 +74,7 @@ def wait_until_it_moves(troll: Daemon) -> None:
     """Waits until a program that was just started moves the drive."""
     limit = time.monotonic() + 10
     with troll.client() as client:
-        velocity = client.find(DRIVE, 0x606C)
+        velocity = client.bind(DRIVE, 0x606C)
         while True:
             client.wait()
             client.sample()

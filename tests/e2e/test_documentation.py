@@ -1,6 +1,7 @@
 """The examples of the documentation, run as they stand."""
 
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -23,7 +24,7 @@ def blocks(document: str, language: str) -> list[str]:
 def test_the_c_program(troll: Daemon, tmp_path: Path) -> None:
     (source,) = blocks("docs/clients.md", "c")
     (tmp_path / "blink.c").write_text(source.replace("ecat_open(&bus, NULL)", "OPEN"))
-    flags = run_module("ecatd.cli", "client-flags").stdout.split()
+    flags = shlex.split(run_module("ecatd.cli", "client-flags").stdout)
     subprocess.run(
         [
             *("gcc", "-Wall", "-Wextra", "-Werror", f'-DOPEN=ecat_open(&bus, "{troll.bus}")'),

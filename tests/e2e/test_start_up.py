@@ -83,9 +83,35 @@ def test_no_slaves_on_the_bus(env: dict[str, str]) -> None:
     assert "no EtherCAT slave answers on 'ecat-master': check cable and power" in text
 
 
+def test_more_slaves_than_the_master_can_have(env: dict[str, str]) -> None:
+    text = refused(7, "--simulate", "line:200", "--bus", "tmany", env=env)
+    assert "more than 199 slaves" in text
+
+
+def test_the_interface_is_left_as_it_was(tmp_path: Path) -> None:
+    """SOEM makes it promiscuous; that and the link go back with the daemon."""
+    code = (
+        "import subprocess, sys, socket, struct, fcntl\n"
+        "def flags():\n"
+        "    with socket.socket() as s:\n"
+        "        request = struct.pack('16sH14x', b'ecat-master', 0)\n"
+        "        return struct.unpack('16xH14x', fcntl.ioctl(s, 0x8913, request))[0]\n"
+        "before = flags()\n"
+        "subprocess.run([sys.executable, '-m', 'ecatd.service', '--interface', 'ecat-master',"
+        " '--bus', 'tflags'])\n"
+        "print(before == flags())\n"
+    )
+    result = run_module(
+        "ecatsim",
+        *("run", "empty", "--", sys.executable, "-c", code),
+        env={**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path / "run")},
+    )
+    assert result.stdout == "True\n", result.stderr
+
+
 def test_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
     text = refused(7, "--simulate", str(RIGS / "no_op.py"), "--bus", "tnoop", env=env)
-    assert "slave 1 (EL2008) does not reach OP: it is SAFEOP+ERROR" in text
+    assert "slave 1 (EL2008) does not reach OP: SAFEOP+ERROR" in text
     assert "AL status 0x001D: Invalid output configuration" in text
 
 
@@ -107,23 +133,26 @@ def test_a_second_daemon_on_the_same_interface(tmp_path: Path) -> None:
     """The first one must not notice; so it runs on an interface that both can see."""
     script = tmp_path / "two.sh"
     script.write_text(
-        f"""\
-export ECATD_RUNTIME_DIR={tmp_path}/run
-{sys.executable} -m ecatd.service --interface ecat-master --bus tfirst 2> {tmp_path}/first &
+        """\
+cd "$1"
+export ECATD_RUNTIME_DIR="$1/run"
+"$2" -m ecatd.service --interface ecat-master --bus tfirst 2> first &
 first=$!
-until {sys.executable} -m ecatd.cli info --bus tfirst > /dev/null 2>&1; do kill -0 $first; done
-{sys.executable} -m ecatd.service --interface ecat-master --bus tsecond 2> {tmp_path}/second
+until "$2" -m ecatd.cli info --bus tfirst > /dev/null 2>&1; do kill -0 $first || exit 1; done
+"$2" -m ecatd.service --interface ecat-master --bus tsecond 2> second
 echo "second $?"
-{sys.executable} -m ecatd.cli state --bus tfirst
-{sys.executable} -m ecatd.service --interface ecat-master --bus tfirst 2> {tmp_path}/third
+"$2" -m ecatd.cli state --bus tfirst
+"$2" -m ecatd.service --interface ecat-master --bus tfirst 2> third
 echo "third $?"
-{sys.executable} -m ecatd.cli state --bus tfirst
+"$2" -m ecatd.cli state --bus tfirst
 kill $first
 wait $first
 echo "first $?"
 """
     )
-    result = run_module("ecatsim", "run", "troll", "--", "sh", "-e", "-c", f"set +e; . {script}")
+    result = run_module(
+        "ecatsim", "run", "troll", "--", "sh", str(script), str(tmp_path), sys.executable
+    )
     assert "second 7" in result.stdout, result.stdout + result.stderr
     assert "third 7" in result.stdout
     assert "first 0" in result.stdout
@@ -194,7 +223,7 @@ def test_ecatctl_without_a_daemon(env: dict[str, str]) -> None:
 
 def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:64", ready=False)
-    while "64 slaves answer" not in daemon.log:
+    while "64 slaves found" not in daemon.log:
         assert daemon.process.poll() is None
     assert daemon.stop() == 0
     assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
@@ -202,7 +231,7 @@ def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemo
 
 def test_sigterm_while_slaves_do_not_answer(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:64", ready=False)
-    while "64 slaves answer" not in daemon.log:
+    while "64 slaves found" not in daemon.log:
         assert daemon.process.poll() is None
     simulator, server = daemon.child_pid("ecatsim"), daemon.child_pid("ecatd.bus")
     os.kill(simulator, signal.SIGSTOP)

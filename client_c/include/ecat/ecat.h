@@ -1,5 +1,8 @@
 /* ecat: the client of the ecatd daemon. Reads and writes the process image of an EtherCAT bus in
- * shared memory; no call on the path sample - read - write - commit enters the kernel.
+ * shared memory; no call on the path sample - read - write - commit enters the kernel (but for a
+ * sched_yield when a sample finds the daemon interrupted in the middle of writing).
+ *
+ * Build with: eval gcc program.c "$(ecatctl client-flags)"
  *
  * Order of calls:
  *

@@ -14,7 +14,6 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import pysoem
@@ -35,6 +34,10 @@ _SOEM_INDEX_LIMIT = 16
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
+
+_SLAVES_MAX = 199
+_TOO_MANY = -4
+"""What `config_init` returns for more slaves than SOEM has room for."""
 
 _TRIES = 3
 _REGISTER_TIMEOUT_US = 20_000
@@ -57,8 +60,6 @@ class SlaveState:
 
     def describe(self) -> str:
         """The state in words, with the reason where the slave reports an error."""
-        if self.al_state & 0x0F == AlState.NONE:
-            return "does not answer"
         text = al_state_text(self.al_state)
         if self.al_state & AL_ERROR_FLAG:
             text += f" (AL status 0x{self.al_code:04X}: {al_status_text(self.al_code)})"
@@ -82,7 +83,8 @@ class Master:
         self._interface = interface
         self._cancelled = cancelled
         self._reservation = _reserve(interface)
-        _raise_link(interface)
+        self._flags = _interface_flags(interface)
+        _set_interface_flags(interface, self._flags | _IFF_UP)
         self._master = pysoem.Master()
         self._master.always_release_gil = True
         # SOEM would ask for SAFEOP by itself when mapping; the state machine is ours.
@@ -91,6 +93,7 @@ class Master:
         try:
             self._master.open(interface)
         except ConnectionError as error:
+            self._reservation.close()
             raise NotPermittedError(_needs_rights(interface)) from error
         for fd in _packet_sockets() - before:
             filter_index(fd, above=False, limit=_SOEM_INDEX_LIMIT)
@@ -101,8 +104,14 @@ class Master:
 
         Raises:
             UnreachableError: No slave answers.
+            StateError: There are too many.
         """
         count = self._master.config_init()
+        if count == _TOO_MANY:
+            raise StateError(
+                f"there are more than {_SLAVES_MAX} slaves on '{self._interface}', the most that "
+                f"SOEM can have on one interface"
+            )
         if count <= 0:
             raise UnreachableError(
                 f"no EtherCAT slave answers on '{self._interface}': check cable and power of the "
@@ -299,12 +308,13 @@ class Master:
 
     def _missed(self, item: SlaveState, state: AlState) -> str:
         name = self.identity(item.position)[0]
-        answer = f"it is {item.describe()}" if item.al_state & 0x0F else "it does not answer"
-        return f"slave {item.position} ({name}) does not reach {state.name}: {answer}"
+        return f"slave {item.position} ({name}) does not reach {state.name}: {item.describe()}"
 
     def close(self) -> None:
-        """Closes the socket, and leaves the interface to others."""
+        """Closes the socket, and leaves the interface to others as it was."""
         self._master.close()
+        with contextlib.suppress(OSError, NotPermittedError):
+            _set_interface_flags(self._interface, self._flags)
         self._reservation.close()
 
 
@@ -347,23 +357,31 @@ def _reserve(interface: str) -> socket.socket:
     return reservation
 
 
-def _raise_link(interface: str) -> None:
-    """Sets the interface up, which SOEM does not."""
-    if not Path(f"/sys/class/net/{interface}").exists():
-        _check_exists(interface)
+def _interface_flags(interface: str) -> int:
+    """Flags of the interface (`man 7 netdevice`).
+
+    Raises:
+        UnreachableError: There is no such interface.
+    """
+    _check_exists(interface)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
         request = struct.pack("16sH14x", interface.encode(), 0)
-        flags = struct.unpack("16xH14x", fcntl.ioctl(control, _SIOCGIFFLAGS, request))[0]
-        if not flags & _IFF_UP:
-            request = struct.pack("16sH14x", interface.encode(), flags | _IFF_UP)
-            try:
-                fcntl.ioctl(control, _SIOCSIFFLAGS, request)
-            except PermissionError as error:
-                raise NotPermittedError(_needs_rights(interface)) from error
+        flags: int = struct.unpack("16xH14x", fcntl.ioctl(control, _SIOCGIFFLAGS, request))[0]
+        return flags
+
+
+def _set_interface_flags(interface: str, flags: int) -> None:
+    """Changes the flags: SOEM does not raise the link, and makes the interface promiscuous."""
+    if flags == _interface_flags(interface):
+        return
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        try:
+            fcntl.ioctl(control, _SIOCSIFFLAGS, struct.pack("16sH14x", interface.encode(), flags))
+        except PermissionError as error:
+            raise NotPermittedError(_needs_rights(interface)) from error
 
 
 def _check_exists(interface: str) -> None:
-    # /sys may show another network namespace than ours, so the kernel is asked.
     names = [name for _, name in socket.if_nameindex()]
     if interface not in names:
         raise UnreachableError(

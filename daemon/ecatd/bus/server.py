@@ -102,7 +102,7 @@ class BusServer:
         self._segment = Segment(config.bus)
         self._master = master = Master(self._interface, self._stopping.is_set)
         count = master.scan()
-        self._log.info(f"{count} slaves answer on {self._interface}")
+        self._log.info(f"{count} slave{'s' * (count != 1)} found on {self._interface}")
         master.reach(AlState.PREOP, config.state_timeout_s)
         scanned = self._scan_slaves(master, count)
         self.bus.slaves = [item.slave for item in scanned]
@@ -240,7 +240,9 @@ class BusServer:
 
     def _tell_states(self, changed: list[SlaveState]) -> None:
         for item in changed:
-            self._log.warning(f"{self.bus.slaves[item.position].label} {item.describe()}")
+            # OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
+            tell = self._log.info if item.al_state == AlState.OP else self._log.warning
+            tell(f"{self.bus.slaves[item.position].label}: {item.describe()}")
             self._tell(
                 "al_state",
                 slave=item.position,

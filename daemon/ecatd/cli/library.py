@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from importlib import import_module
 from pathlib import Path
 
@@ -32,8 +33,8 @@ def client_flags(options: argparse.Namespace) -> None:
             break
     else:
         raise EcatError("the C client is not built: install the package (`pip install .`)")
-    flags = {"include": str(client / "include"), "library": str(client / "lib" / "libecat.a")}
+    flags = [f"-I{client / 'include'}", str(client / "lib" / "libecat.a"), "-lm"]
     if options.json:
-        print_json(flags)
+        print_json({"flags": flags})
     else:
-        print(f"-I{flags['include']} {flags['library']} -lm")
+        print(shlex.join(flags))

@@ -9,10 +9,11 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 from ecatd.client.remote import Remote
 from ecatd.model.datatypes import TYPE_NAMES
-from ecatd.model.errors import EcatError
+from ecatd.model.errors import EcatError, UsageError
 from ecatd.version import VERSION
 
 from . import library, sdo, show
@@ -27,6 +28,19 @@ The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another 
 """
 
 Command = Callable[[Remote, argparse.Namespace], None]
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says wrong usage as JSON, too, where that is wanted."""
+
+    def error(self, message: str) -> NoReturn:
+        if "--json" in sys.argv:
+            _print_error(UsageError(message))
+        super().error(message)
+
+
+def _print_error(error: EcatError) -> None:
+    print(json.dumps({"schema": SCHEMA, "error": error.to_reply()}))
 
 
 def _number(text: str) -> int:
@@ -90,7 +104,7 @@ def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="ecatctl",
         description="Shows and controls an EtherCAT bus that ecatd runs.",
         epilog=_EPILOG,
@@ -165,7 +179,7 @@ def main() -> int:
             options.run(remote, options)
     except EcatError as error:
         if options.json:
-            print(json.dumps({"schema": SCHEMA, "error": error.to_reply()}))
+            _print_error(error)
         print(f"ecatctl: {error}", file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ecatd.client.remote import Remote
+from ecatd.model import abort_codes
 from ecatd.model.bus import Slave
 from ecatd.model.datatypes import (
     DataType,
@@ -47,9 +48,12 @@ def _guess(data: bytes) -> DataType:
 def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     """Uploads an object and prints it as `ethercat upload` does: hexadecimal and decimal."""
     (slave,) = pick_slaves(remote.describe(), options.slave)
-    value = remote.sdo_read(
-        slave.position, options.index, options.subindex, complete=options.complete
-    )
+    try:
+        value = remote.sdo_read(
+            slave.position, options.index, options.subindex, complete=options.complete
+        )
+    except SdoAbortError as error:
+        raise _with_hint(error, options.index) from error
     name, data_type = _known(slave, options.index, options.subindex) or ("", 0)
     if options.complete:
         data_type = 0
@@ -79,6 +83,15 @@ def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
         address = f"0x{options.index:04X}:{options.subindex:02X}"
         text += f"  {address} {type_name(data_type)} {name}".rstrip()
     print(text)
+
+
+def _with_hint(error: SdoAbortError, index: int) -> SdoAbortError:
+    """Objects are known by hexadecimal numbers, and 6060 is easily typed for 0x6060."""
+    if error.code != abort_codes.NO_OBJECT or not 1000 <= index <= 9999:
+        return error
+    return SdoAbortError(
+        error.code, f"{error} (if you typed {index}: that is decimal; did you mean 0x{index}?)"
+    )
 
 
 def _wrong_size(data_type: int, data: bytes) -> bool:

@@ -55,7 +55,8 @@ def _local_endpoint(bus: str) -> str:
                 return f"unixsock-stream/{path}"
         except PermissionError as error:
             raise NotPermittedError(
-                f"no right to look into {folder}: become a member of the group 'ecat'"
+                f"no right to look into {folder}: become a member of the group 'ecat' "
+                f"('sudo usermod -aG ecat $USER', then log in again)"
             ) from error
     others = _running()
     hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""

@@ -3,7 +3,7 @@
 ```python
 with Client("ecat0") as bus:
     bus.claim(0)
-    target, velocity = bus.find(0, 0x60FF), bus.find(0, 0x606C)
+    target, velocity = bus.bind(0, 0x60FF), bus.bind(0, 0x606C)
     bus.wait()
     bus.sample()
     print(bus.read(velocity))
@@ -315,11 +315,11 @@ class Client:
         """Raises `StateError` unless the slave at `position` is this one (revision 0: any)."""
         self._check(_LIB.ecat_expect(self._bus, position, vendor, product, revision))
 
-    def find_slave(self, vendor: int, product: int, nth: int = 0) -> int:
+    def find(self, vendor: int, product: int, nth: int = 0) -> int:
         """The position of the `nth` slave with this identity; raises `StateError` without one."""
         return self._check(_LIB.ecat_find(self._bus, vendor, product, nth))
 
-    def find(self, position: int, index: int, subindex: int = 0, direction: int = ANY) -> int:
+    def bind(self, position: int, index: int, subindex: int = 0, direction: int = ANY) -> int:
         """The handle of an entry; raises `StateError` if the slave has none such."""
         return self._check(_LIB.ecat_bind(self._bus, position, index, subindex, direction))
 

@@ -39,6 +39,8 @@ AL_ERROR_FLAG = 0x10
 
 def al_state_text(register: int) -> str:
     """The AL status register in words, for example `SAFEOP+ERROR`."""
+    if register & 0x0F == AlState.NONE:
+        return "no answer"
     try:
         name = AlState(register & 0x0F).name
     except ValueError:

@@ -216,7 +216,9 @@ class _Reader:
         if isinstance(safe.value, bool) or not isinstance(safe.value, int | str):
             self._fail("outputs.safe", "value", 'must be "zero", "hold" or a whole number')
         if isinstance(safe.value, str) and safe.value not in ("zero", "hold"):
-            self._fail("outputs.safe", "value", f'{safe.value!r} is neither "zero" nor "hold"')
+            self._fail(
+                "outputs.safe", "value", f'{safe.value!r} is neither "zero" nor "hold" nor a number'
+            )
         if isinstance(safe.value, int) and not safe.entry:
             self._fail("outputs.safe", "value", "a number needs an entry: which one is meant?")
         return safe
@@ -234,7 +236,7 @@ class _Reader:
             if kind is not object and type(value) is not kind:
                 self._fail(table, key, f"must be {_TYPE_WORDS[kind]}, not {value!r}")
             if kind in (int, float) and not low <= value <= high:
-                self._fail(table, key, f"is {value}, but must be from {low:g} to {high:g}")
+                self._fail(table, key, f"is {value}, but must be from {low} to {high}")
             checked[key] = value
         return checked
 

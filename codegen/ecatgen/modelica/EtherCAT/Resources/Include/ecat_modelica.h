@@ -38,6 +38,7 @@
 typedef struct ecatm_node {
   struct ecatm_node *next;       /* all objects of a master, to free them together */
   struct ecatm_master *master;
+  int closed;                    /* a tool that merges equal constructors destroys an object twice */
 } ecatm_node;
 
 typedef struct ecatm_master {
@@ -128,7 +129,10 @@ ECATM_FUNCTION void ecatm_drop(ecatm_master *master) {
 }
 
 ECATM_FUNCTION void ecatm_close(void *object) {
-  if (object != NULL) ecatm_drop(((ecatm_node *)object)->master);
+  ecatm_node *node = (ecatm_node *)object;
+  if (node == NULL || node->closed) return;
+  node->closed = 1;
+  ecatm_drop(node->master);
 }
 
 /* Stops the simulation with the sentence of the client if `code` is an error. */
