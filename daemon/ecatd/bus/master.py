@@ -95,9 +95,11 @@ class Master:
         except ConnectionError as error:
             self._reservation.close()
             raise NotPermittedError(_needs_rights(interface)) from error
+        self._sockets = []
         for fd in _packet_sockets() - before:
             filter_index(fd, above=False, limit=_SOEM_INDEX_LIMIT)
             os.set_blocking(fd, False)  # its receive time-out would be rounded up to a jiffy
+            self._sockets.append(socket.socket(fileno=os.dup(fd)))
 
     def scan(self) -> int:
         """Finds the slaves and asks all of them for PREOP; returns their number.
@@ -180,13 +182,14 @@ class Master:
             NoAnswerError: It did not answer.
         """
         slave = self._master.slaves[position]
-        with self._mailbox(position, index, subindex):
-            return _persist(
-                pysoem.WkcError,
-                lambda: bytes(
+        for _ in range(_TRIES - 1):
+            self._clean_up()
+            with contextlib.suppress(pysoem.WkcError, pysoem.PacketError, pysoem.MailboxError):
+                return bytes(
                     slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True)
-                ),
-            )
+                )
+        with self._mailbox(position, index, subindex):
+            return bytes(slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True))
 
     def sdo_write(
         self, position: int, index: int, subindex: int, data: bytes, *, complete: bool = False
@@ -196,9 +199,23 @@ class Master:
         with self._mailbox(position, index, subindex):
             slave.sdo_write(index, subindex, data, complete, release_gil=True)
 
+    def _clean_up(self) -> None:
+        """Forgets what earlier calls have left behind.
+
+        pysoem takes one error from SOEM's list after every call, whether it belongs to that call or
+        not; a call that made two would spoil all later ones. And a frame that came back too late
+        waits in the socket until its index is used again, when SOEM would take it for an answer.
+        """
+        self._master._collect_mailbox_errors()
+        for soem in self._sockets:
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    soem.recv(1, socket.MSG_DONTWAIT)
+
     @contextlib.contextmanager
     def _mailbox(self, position: int, index: int, subindex: int) -> Iterator[None]:
         where = f"slave {position}, 0x{index:04X}:{subindex:02X}"
+        self._clean_up()
         try:
             yield
         except pysoem.SdoError as error:
@@ -313,6 +330,8 @@ class Master:
     def close(self) -> None:
         """Closes the socket, and leaves the interface to others as it was."""
         self._master.close()
+        for soem in self._sockets:
+            soem.close()
         with contextlib.suppress(OSError, NotPermittedError):
             _set_interface_flags(self._interface, self._flags)
         self._reservation.close()
