@@ -182,14 +182,16 @@ class Master:
             NoAnswerError: It did not answer.
         """
         slave = self._master.slaves[position]
-        for _ in range(_TRIES - 1):
-            self._clean_up()
-            with contextlib.suppress(pysoem.WkcError, pysoem.PacketError, pysoem.MailboxError):
-                return bytes(
-                    slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True)
-                )
-        with self._mailbox(position, index, subindex):
-            return bytes(slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True))
+        for tries_left in reversed(range(_TRIES)):
+            try:
+                with self._mailbox(position, index, subindex):
+                    return bytes(
+                        slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True)
+                    )
+            except (NoAnswerError, StateError):
+                if tries_left == 0:
+                    raise
+        raise AssertionError
 
     def sdo_write(
         self, position: int, index: int, subindex: int, data: bytes, *, complete: bool = False
