@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -332,3 +333,37 @@ def test_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Da
 def test_both_segments_have_the_documented_modes(troll: Daemon) -> None:
     modes = {path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")}
     assert modes == {f"ecat.{troll.bus}": "0o640", f"ecat.{troll.bus}.out": "0o660"}
+
+
+def test_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:
+    """Seen by another master, on the interface that the daemon has left."""
+    code = (
+        "import pathlib, signal, socket, subprocess, sys\n"
+        "ready = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); ready.bind('notify')\n"
+        "daemon = subprocess.Popen([sys.executable, '-m', 'ecatd.service', '--interface',"
+        " 'ecat-master', '--bus', 'tinit'])\n"
+        "while b'READY=1' not in ready.recv(4096): pass\n"
+        "daemon.terminate(); assert daemon.wait() == 0\n"
+        "raw = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88A4))\n"
+        "raw.bind(('ecat-master', 0x88A4)); raw.settimeout(5)\n"
+        # One BRD of AL status: the states of all slaves, ORed, and how many have answered.
+        "raw.send(bytes.fromhex('ffffffffffff030101010101 88a4 0e10 07 77 00003001 0200 0000')"
+        " + bytes(32))\n"
+        "while (answer := raw.recv(1600))[17] != 0x77 or not answer[6] & 2: pass\n"
+        "print(answer[26], answer[28])\n"
+    )
+    env = {
+        **os.environ,
+        "ECATD_RUNTIME_DIR": str(tmp_path / "run"),
+        "NOTIFY_SOCKET": str(tmp_path / "notify"),
+    }
+    result = subprocess.run(
+        [sys.executable, "-m", "ecatsim", "run", "troll", "--", sys.executable, "-c", code],
+        env=env,
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.stdout == "1 8\n", result.stdout + result.stderr

@@ -210,7 +210,7 @@ class Master:
         """
         self._master._collect_mailbox_errors()
         for soem in self._sockets:
-            with contextlib.suppress(BlockingIOError):
+            with contextlib.suppress(OSError):  # nothing more, or the interface is down
                 while True:
                     soem.recv(1, socket.MSG_DONTWAIT)
 

@@ -72,11 +72,13 @@ class BusServer:
         self._publish = publish
         self._mailbox = Mailbox()
         self._stopping = threading.Event()
+        self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._states: list[SlaveState] = []
         self._started = 0.0
         self._master: Master | None = None
         self._segment: Segment | None = None
         self._engine: Engine | None = None
+        self._requests: SlotRequests | None = None
         self._events: threading.Thread | None = None
         self.bus = Bus(config.bus, config.cycle_time_us)
 
@@ -88,19 +90,25 @@ class BusServer:
         """
         loop = asyncio.get_running_loop()
         await self._mailbox.run(self._bring_up)
+        assert self._segment is not None
+        assert self._engine is not None
+        assert self._master is not None
+        self._requests = SlotRequests(
+            self._segment, self._engine, self._mailbox, self._master, len(self.bus.slaves)
+        )
         self._events = threading.Thread(target=self._watch_events, args=(loop,), daemon=True)
         self._events.start()
 
     def abort(self) -> None:
         """Has a start that is under way end soon, by an error."""
-        self._stopping.set()
+        self._aborted.set()
 
     def _bring_up(self) -> None:
         config = self._config
         begin = time.monotonic()
         # First what keeps others away, so that nothing is done to a bus that somebody else runs.
         self._segment = Segment(config.bus)
-        self._master = master = Master(self._interface, self._stopping.is_set)
+        self._master = master = Master(self._interface, self._aborted.is_set)
         count = master.scan()
         self._log.info(f"{count} slave{'s' * (count != 1)} found on {self._interface}")
         master.reach(AlState.PREOP, config.state_timeout_s)
@@ -123,7 +131,7 @@ class BusServer:
     def _scan_slaves(self, master: Master, count: int) -> list[Scanned]:
         scanned = []
         for position in range(count):
-            if self._stopping.is_set():
+            if self._aborted.is_set():
                 raise StateError("stopped while slaves were being read")
             scanned.append(scan_slave(master, position))
         return scanned
@@ -184,6 +192,7 @@ class BusServer:
         if self._stopping.is_set():
             return
         if event.type == EventType.REQUEST:
+            assert self._requests is not None
             self._requests.look(event.slot, event.value)
         elif event.type == EventType.CLAIMED:
             self._tell("claimed", slave=event.slave, slot=event.slot, cycle=event.cycle)
@@ -208,17 +217,6 @@ class BusServer:
 
     def _tell(self, kind: str, **facts: Any) -> None:
         self._publish({"event": kind, "time_ns": time.time_ns(), **facts})
-
-    @property
-    def _requests(self) -> SlotRequests:
-        if not hasattr(self, "_slot_requests"):
-            assert self._segment
-            assert self._engine
-            assert self._master
-            self._slot_requests = SlotRequests(
-                self._segment, self._engine, self._mailbox, self._master, len(self.bus.slaves)
-            )
-        return self._slot_requests
 
     async def monitor(self) -> None:
         """Watches the AL states until the server stops."""
@@ -357,6 +355,7 @@ class BusServer:
         if self._events is not None:
             self._events.join()
         await asyncio.to_thread(self._mailbox.close)
+        self._aborted.clear()  # on the way down slaves are waited for
         await asyncio.to_thread(self._take_down)
 
     def _take_down(self) -> None:
