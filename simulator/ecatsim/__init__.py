@@ -1,1 +1,31 @@
-"""An EtherCAT segment in software."""
+"""An EtherCAT segment in software.
+
+What a rig file needs is here: `Device` and what it is described with, and `Rig`.
+"""
+
+from ecatd.model.al import AlState
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import DataType
+
+from .core import Chip
+from .rig import Rig
+from .simulation import Simulation
+from .slave.device import Device
+from .slave.objects import Access, Variable
+from .slave.sii import Mailbox
+from .slave.state_machine import RefusedError
+
+__all__ = [
+    "Access",
+    "AlState",
+    "Chip",
+    "DataType",
+    "Device",
+    "Entry",
+    "Mailbox",
+    "Pdo",
+    "RefusedError",
+    "Rig",
+    "Simulation",
+    "Variable",
+]

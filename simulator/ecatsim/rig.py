@@ -12,8 +12,8 @@ from types import ModuleType
 
 from ecatd.model.errors import ConfigError, UsageError
 
-from .device import Device
-from .objects import Variable
+from .slave.device import Device
+from .slave.objects import Variable
 
 Plant = Callable[[float], None]
 """Called before each step of the devices, with CLOCK_MONOTONIC in seconds."""

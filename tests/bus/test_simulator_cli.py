@@ -33,7 +33,7 @@ os.execv(sys.executable, [sys.executable, "-m", "ecatsim", *sys.argv[1:]])
 """
 JOIN = """
 import sys
-from ecatsim.namespace import join
+from ecatsim.net.namespace import join
 join(int(sys.argv[1]))
 import pysoem
 m = pysoem.Master()
@@ -148,7 +148,7 @@ def test_existing_interface():
     """A second simulator serves the veth end of the first, whose own segment is empty."""
     code = (
         "import os, subprocess, sys; r, w = os.pipe(); "
-        "from ecatsim.netlink import create_veth; create_veth('my-sim', 'my-master'); "
+        "from ecatsim.net.netlink import create_veth; create_veth('my-sim', 'my-master'); "
         "p = subprocess.Popen([sys.executable, '-m', 'ecatsim', 'run', 'line:5', '--interface', "
         "'my-sim', '--ready-fd', str(w)], pass_fds=[w]); print(os.read(r, 999).decode()); "
         "import pysoem; m = pysoem.Master(); m.open('my-master'); print(m.config_init()); "
@@ -240,7 +240,7 @@ def test_join_from_another_process():
 
 
 def test_join_without_a_simulator():
-    code = "from ecatsim.namespace import join; join(2**22 + 1)"
+    code = "from ecatsim.net.namespace import join; join(2**22 + 1)"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False
     )
@@ -270,7 +270,7 @@ def test_trace_records_the_motor(tmp_path):
 def test_defect_of_a_device_is_not_hidden(tmp_path):
     file = tmp_path / "broken.py"
     file.write_text(
-        "from ecatsim.device import Device\nfrom ecatsim.rig import Rig\n"
+        "from ecatsim.slave.device import Device\nfrom ecatsim.rig import Rig\n"
         "class Broken(Device):\n    def step(self, now):\n        raise KeyError('oops')\n"
         "def rig():\n    return Rig('broken', [Broken()])\n"
     )

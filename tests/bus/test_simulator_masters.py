@@ -20,11 +20,11 @@ import pytest
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
-from ecatsim.device import Device
-from ecatsim.objects import Access
 from ecatsim.rig import Rig
-from ecatsim.sii import Mailbox
-from ecatsim.state_machine import RefusedError
+from ecatsim.slave.device import Device
+from ecatsim.slave.objects import Access
+from ecatsim.slave.sii import Mailbox
+from ecatsim.slave.state_machine import RefusedError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 

@@ -3,7 +3,7 @@
 from ecatd.model.al import AlState
 from ecatsim.devices.beckhoff import EK1100, EL2008
 from ecatsim.rig import Rig
-from ecatsim.state_machine import RefusedError
+from ecatsim.slave.state_machine import RefusedError
 
 
 class Stubborn(EL2008):

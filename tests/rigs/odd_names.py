@@ -2,8 +2,8 @@
 
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
-from ecatsim.device import Device
 from ecatsim.rig import Rig
+from ecatsim.slave.device import Device
 
 NAMES = ['He said "hi"', "model", "", "Größe 5 µm", "1st/../../x", "</html>", "x" * 60, "end when"]
 

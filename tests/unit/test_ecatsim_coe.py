@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError
-from ecatsim.coe import CoeServer
-from ecatsim.mailbox import MailboxServer, Protocol
-from ecatsim.objects import Access, Dictionary, ObjectCode, Variable
+from ecatsim.slave.coe import CoeServer
+from ecatsim.slave.mailbox import MailboxServer, Protocol
+from ecatsim.slave.objects import Access, Dictionary, ObjectCode, Variable
 
 REPLY_SIZE = 48
 PREOP, OP = 2, 8

@@ -9,12 +9,12 @@ from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, UsageError
 from ecatsim import rig
-from ecatsim.device import Device
 from ecatsim.devices.beckhoff import EL3008
 from ecatsim.devices.cia402 import PowerState, PowerStateMachine
 from ecatsim.devices.elmo import ElmoGold
 from ecatsim.plants.motor import Control, Motor
-from ecatsim.state_machine import RefusedError, StateMachine
+from ecatsim.slave.device import Device
+from ecatsim.slave.state_machine import RefusedError, StateMachine
 
 INIT, PREOP, BOOT, SAFEOP, OP = 1, 2, 3, 4, 8
 ERROR = ACK = 0x10

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from ecatsim.core import Chip, Event, ProcessDataMap, Segment
-from ecatsim.sii import Description, build
+from ecatsim.slave.sii import Description, build
 
 APRD, APWR, APRW, FPRD, FPWR, FPRW, BRD, BWR, BRW, LRD, LWR, LRW, ARMW, FRMW = range(1, 15)
 SLAVES = 3

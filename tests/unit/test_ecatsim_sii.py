@@ -4,8 +4,9 @@ import pytest
 
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
-from ecatsim import rig, sii
-from ecatsim.sii import Description, FmmuType, Mailbox, SmType, SyncManager, checksum
+from ecatsim import rig
+from ecatsim.slave import sii
+from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, checksum
 
 
 def parse(image):

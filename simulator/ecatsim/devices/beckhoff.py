@@ -8,9 +8,9 @@ from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 
 from ..core import Chip
-from ..device import Device
-from ..objects import Access, Variable
-from ..sii import FmmuType, Mailbox, SmType, SyncManager
+from ..slave.device import Device
+from ..slave.objects import Access, Variable
+from ..slave.sii import FmmuType, Mailbox, SmType, SyncManager
 
 _VENDOR = 0x00000002
 _EBUS_PORTS = 0x0A

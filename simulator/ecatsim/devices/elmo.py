@@ -13,10 +13,10 @@ from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError
 
-from ..device import Device
-from ..objects import Access, Value, Variable
 from ..plants.motor import Control, Motor
-from ..sii import FmmuType, Mailbox, SmType, SyncManager
+from ..slave.device import Device
+from ..slave.objects import Access, Value, Variable
+from ..slave.sii import FmmuType, Mailbox, SmType, SyncManager
 from .cia402 import PowerState, PowerStateMachine
 from .motion import HALT, SUPPORTED, Mode, Motion
 

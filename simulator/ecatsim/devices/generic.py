@@ -6,7 +6,7 @@ from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 
 from ..core import Chip
-from ..device import Device
+from ..slave.device import Device
 
 _BYTES = 32
 

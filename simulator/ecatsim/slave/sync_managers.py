@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from .core import Segment
+from ..core import Segment
 from .sii import Mailbox, SmType, SyncManager
 from .state_machine import AlCode, RefusedError
 

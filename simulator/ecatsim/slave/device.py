@@ -20,9 +20,9 @@ from collections.abc import Sequence
 from ecatd.model.al import AlState
 from ecatd.model.bus import Pdo
 
+from ..core import Chip, Event, ProcessDataMap, Segment
 from . import sii, standard_objects, sync_managers
 from .coe import CoeServer
-from .core import Chip, Event, ProcessDataMap, Segment
 from .mailbox import MailboxServer, Protocol
 from .objects import Access, Dictionary
 from .process_image import ProcessImage

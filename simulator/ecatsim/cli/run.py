@@ -1,4 +1,4 @@
-"""The command `ecatsim`."""
+"""`ecatsim run`: simulates a rig, by itself or beside a command."""
 
 from __future__ import annotations
 
@@ -7,39 +7,25 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
-import traceback
-from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
 
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.errors import UsageError
 from ecatd.process import die_with_parent
-from ecatd.version import VERSION
 
-from . import namespace, netlink, rig
-from .simulation import Simulation
+from .. import rig
+from ..net import namespace, netlink
+from ..simulation import Simulation
+from .options import Commands
 
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
 _CHILD_GRACE = 2.0
 
 
-class _Parser(argparse.ArgumentParser):
-    """Reports wrong arguments as every other error, in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message}; see `{self.prog} --help`")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
-    )
-    parser.add_argument("--version", action="version", version=f"ecatsim {VERSION}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+def add(commands: Commands) -> None:
+    """Adds the command."""
     run = commands.add_parser(
         "run",
         help="simulate a rig",
@@ -59,9 +45,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "child", metavar="-- COMMAND", nargs="*", default=[], help="command to run beside it"
     )
-    rigs = commands.add_parser("rigs", help="list the rigs that come with ecatsim")
-    rigs.add_argument("--json", action="store_true", help="print JSON for programs")
-    return parser
+    run.set_defaults(execute=lambda options: _Runner(options).run())
 
 
 class _Runner:
@@ -161,47 +145,3 @@ class _Runner:
             )
         except OSError as error:
             raise UsageError(f"cannot run '{command[0]}': {error.strerror}") from error
-
-
-def _rigs(*, as_json: bool) -> int:
-    if as_json:
-        rows = [{"name": usage, "description": text} for usage, text in rig.library()]
-        print(json.dumps({"schema": 1, "rigs": rows}, indent=2, ensure_ascii=False))
-        return 0
-    width = max(len(usage) for usage, _ in rig.library())
-    for usage, text in rig.library():
-        print(f"{usage:{width}}  {text}")
-    return 0
-
-
-def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Separates our arguments from the command behind `--`."""
-    ours = list(arguments)
-    if "--" in ours:
-        at = ours.index("--")
-        return ours[:at], ours[at + 1 :]
-    return ours, []
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    try:
-        ours, child = _split(sys.argv[1:] if arguments is None else arguments)
-        options = _parser().parse_args(ours)
-        if options.command == "rigs":
-            return _rigs(as_json=options.json)
-        if options.child:
-            raise UsageError("put `--` in front of the command to run")
-        options.child = child
-        return _Runner(options).run()
-    except EcatError as error:
-        print(f"ecatsim: {error}", file=sys.stderr)
-        return error.exit_code
-    except Exception:
-        traceback.print_exc()
-        print("ecatsim: defect; the lines above say where", file=sys.stderr)
-        return EcatError.exit_code
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The command `ecatsim`; one file for each group of commands."""

@@ -1,0 +1,56 @@
+"""The command `ecatsim`: its commands, and errors as exit statuses."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+
+from ecatd.model.errors import EcatError, UsageError
+from ecatd.version import VERSION
+
+from . import run, show
+from .options import Parser
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
+    )
+    parser.add_argument("--version", action="version", version=f"ecatsim {VERSION}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for group in (run, show):
+        group.add(commands)
+    return parser
+
+
+def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Separates our arguments from the command behind `--`."""
+    ours = list(arguments)
+    if "--" in ours:
+        at = ours.index("--")
+        return ours[:at], ours[at + 1 :]
+    return ours, []
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    try:
+        ours, child = _split(sys.argv[1:] if arguments is None else arguments)
+        options = _parser().parse_args(ours)
+        if getattr(options, "child", None):
+            raise UsageError("put `--` in front of the command to run")
+        options.child = child
+        status: int = options.execute(options)
+        return status
+    except EcatError as error:
+        print(f"ecatsim: {error}", file=sys.stderr)
+        return error.exit_code
+    except Exception:
+        traceback.print_exc()
+        print("ecatsim: defect; the lines above say where", file=sys.stderr)
+        return EcatError.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Interfaces of Linux: network namespaces and virtual Ethernet pairs."""
