@@ -1,19 +1,26 @@
-"""`ecatsim rigs`: what comes with ecatsim."""
+"""`ecatsim rigs` and `ecatsim devices`: what comes with ecatsim."""
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 
 from .. import rig
+from ..devices.library import LibraryDevice, library
 from .options import Commands
 
 
 def add(commands: Commands) -> None:
-    """Adds the command."""
-    rigs = commands.add_parser("rigs", help="list the rigs that come with ecatsim")
-    rigs.add_argument("--json", action="store_true", help="print JSON for programs")
-    rigs.set_defaults(execute=_rigs)
+    """Adds the commands."""
+    for name, text, execute in (
+        ("rigs", "list the rigs that come with ecatsim", _rigs),
+        ("devices", "list the devices that come with ecatsim", _devices),
+    ):
+        parser = commands.add_parser(name, help=text)
+        parser.add_argument("--json", action="store_true", help="print JSON for programs")
+        parser.set_defaults(execute=execute)
 
 
 def _rigs(options: argparse.Namespace) -> int:
@@ -21,7 +28,35 @@ def _rigs(options: argparse.Namespace) -> int:
         rows = [{"name": usage, "description": text} for usage, text in rig.library()]
         print(json.dumps({"schema": 1, "rigs": rows}, indent=2, ensure_ascii=False))
         return 0
-    width = max(len(usage) for usage, _ in rig.library())
-    for usage, text in rig.library():
-        print(f"{usage:{width}}  {text}")
+    _table(rig.library())
     return 0
+
+
+def _devices(options: argparse.Namespace) -> int:
+    if options.json:
+        rows = [asdict(device) for device in library()]
+        print(json.dumps({"schema": 1, "devices": rows}, indent=2, ensure_ascii=False))
+        return 0
+    head = ("name", "vendor:product:revision", "out", "in", "what it is")
+    _table([head, *(_row(device) for device in library())])
+    print("\nout and in: bytes of process data")
+    for device in library():
+        for item in device.parameters:
+            what = f"{item.summary}; {item.allowed}, default {item.default}"
+            print(f"{device.name}, parameter {item.name}: {what}")
+    return 0
+
+
+def _row(device: LibraryDevice) -> Sequence[str]:
+    identity = f"{device.vendor:08x}:{device.product:08x}:{device.revision:08x}"
+    sizes = (str(device.output_size), str(device.input_size))
+    return (device.name, identity, *sizes, device.summary)
+
+
+def _table(rows: Iterable[Sequence[str]]) -> None:
+    """Prints columns; the last one is as long as it is."""
+    lines = list(rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        cells = [f"{cell:{width}}" for cell, width in zip(line[:-1], widths, strict=False)]
+        print("  ".join((*cells, line[-1])))

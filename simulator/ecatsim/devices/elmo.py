@@ -47,8 +47,9 @@ _MODE_DISPLAY = Entry(0x6061, 0, "Mode of operation display", _I8, 8)
 
 
 class ElmoGold(Device):
-    """The drive of the reference plant, with RPDO6 and the TPDOs 3, 0x1A11 and 0x1A1F assigned.
+    """Elmo Gold servo drive, CiA 402, with the wheel of the reference plant.
 
+    RPDO6 and the TPDOs 3, 0x1A11 and 0x1A1F are assigned.
     Two entries of the process data follow a rule of CiA 402 or of common sense, so that a master
     that leaves them 0 does not do harm: mode of operation 0 means no change, so that a mode set by
     SDO stays; maximum torque 0 leaves the object as it is.

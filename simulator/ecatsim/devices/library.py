@@ -1,0 +1,130 @@
+"""The devices that come with ecatsim, by name.
+
+A rig file, a program and `ecatsim devices` find them here:
+
+    from ecatsim.devices.library import make
+
+    terminal = make("EL2004")
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from ecatd.model.bus import Pdo
+from ecatd.model.errors import UsageError
+
+from ..slave.device import Device
+from ..slave.sii import UNASSIGNED
+from .beckhoff import EK1100, EL1018, EL2008, EL3008, EL6751
+from .elmo import ElmoGold
+from .generic import Loopback
+from .parameters import Parameter
+
+_CLASSES: Mapping[str, type[Device]] = {
+    "EK1100": EK1100,
+    "EL1018": EL1018,
+    "EL2008": EL2008,
+    "EL3008": EL3008,
+    "EL6751": EL6751,
+    "ElmoGold": ElmoGold,
+    "Loopback32": Loopback,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LibraryDevice:
+    """A device of the library.
+
+    Attributes:
+        name: The name that `make` takes.
+        summary: What it is, in a line.
+        vendor: Vendor ID.
+        product: Product code.
+        revision: Revision number.
+        output_size: Bytes of outputs with default parameters and default assignment.
+        input_size: Bytes of inputs.
+        parameters: What may be chosen.
+    """
+
+    name: str
+    summary: str
+    vendor: int
+    product: int
+    revision: int
+    output_size: int
+    input_size: int
+    parameters: tuple[Parameter, ...]
+
+
+@cache
+def _library() -> tuple[LibraryDevice, ...]:
+    return tuple(_describe(name, kind) for name, kind in _CLASSES.items())
+
+
+def library() -> list[LibraryDevice]:
+    """All devices, couplers and terminals first."""
+    return list(_library())
+
+
+def make(name: str, **parameters: object) -> Device:
+    """A new device.
+
+    Args:
+        name: Its name in the library; upper and lower case are alike.
+        **parameters: What `LibraryDevice.parameters` lists; the rest keeps its default.
+
+    Raises:
+        UsageError: There is no such device or parameter, or a value is not allowed.
+    """
+    kind, known = _find(name)
+    allowed = {parameter.name: parameter for parameter in _parameters(kind)}
+    for key, value in parameters.items():
+        if key not in allowed:
+            choice = f"it has {', '.join(allowed)}" if allowed else "it has none"
+            raise UsageError(f"{known} has no parameter '{key}': {choice}")
+        allowed[key].check(known, value)
+    return kind(**parameters)
+
+
+def _find(name: str) -> tuple[type[Device], str]:
+    names = {known.casefold(): known for known in _CLASSES}
+    known = names.get(name.casefold())
+    if known is not None:
+        return _CLASSES[known], known
+    close = difflib.get_close_matches(name.casefold(), names, n=3)
+    hint = f"did you mean {' or '.join(names[match] for match in close)}? " if close else ""
+    raise UsageError(f"there is no device '{name}': {hint}The library has {', '.join(_CLASSES)}")
+
+
+def _parameters(kind: type[Device]) -> tuple[Parameter, ...]:
+    return getattr(kind, "parameters", ())
+
+
+def _describe(name: str, kind: type[Device]) -> LibraryDevice:
+    device = kind()
+    return LibraryDevice(
+        name,
+        _first_sentence(kind),
+        device.vendor,
+        device.product,
+        device.revision,
+        _size(device.rx_pdos),
+        _size(device.tx_pdos),
+        _parameters(kind),
+    )
+
+
+def _first_sentence(kind: type[Device]) -> str:
+    """What the device is, from its docstring."""
+    line = (kind.__doc__ or "").split("\n", 1)[0]
+    return re.split(r"[.:] ", line + " ", maxsplit=1)[0]
+
+
+def _size(pdos: Sequence[Pdo]) -> int:
+    """Bytes of the PDOs that are mapped by default."""
+    return (sum(pdo.bit_length for pdo in pdos if pdo.sync_manager != UNASSIGNED) + 7) // 8

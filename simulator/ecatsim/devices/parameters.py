@@ -1,0 +1,66 @@
+"""What may be chosen about a device of the library, and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ecatd.model.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a device: a keyword argument of its class.
+
+    Attributes:
+        name: Name.
+        summary: What it means, with its unit.
+        default: Its default; a value must be of the same type (a whole number counts as float).
+        minimum: Smallest value, or None.
+        maximum: Largest value, or None.
+        choices: All values that are allowed, or none if others than these are.
+    """
+
+    name: str
+    summary: str
+    default: int | float | str | bool
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: Sequence[int | str] = ()
+
+    def check(self, device: str, value: object) -> None:
+        """Checks a value.
+
+        Raises:
+            UsageError: It is not allowed; says what is.
+        """
+        wrong = not self._right_type(value) or bool(self.choices and value not in self.choices)
+        if not wrong and isinstance(value, int | float) and not isinstance(value, bool):
+            low, high = self.minimum, self.maximum
+            inside = (low is None or value >= low) and (high is None or value <= high)
+            wrong = wrong or not inside
+        if wrong:
+            raise UsageError(f"{device}: {self.name} must be {self.allowed}, not {value!r}")
+
+    @property
+    def allowed(self) -> str:
+        """Which values are allowed, in words."""
+        if self.choices:
+            return " or ".join(str(choice) for choice in self.choices)
+        if isinstance(self.default, bool):
+            return "true or false"
+        if isinstance(self.default, str):
+            return "a text"
+        kind = "a whole number" if isinstance(self.default, int) else "a number"
+        if self.minimum is not None and self.maximum is not None:
+            return f"{kind} from {self.minimum:g} to {self.maximum:g}"
+        if self.minimum is not None:
+            return f"{kind} of at least {self.minimum:g}"
+        return kind
+
+    def _right_type(self, value: object) -> bool:
+        if isinstance(self.default, bool) or isinstance(value, bool):
+            return isinstance(value, bool) and isinstance(self.default, bool)
+        if isinstance(self.default, float):
+            return isinstance(value, int | float)
+        return isinstance(value, type(self.default))
