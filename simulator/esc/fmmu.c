@@ -39,19 +39,19 @@ static void decode(struct slave *slave, const uint8_t *reg, struct fmmu *fmmu)
         fmmu->fast = only_buffer(slave, fmmu->address, fmmu->address + size, fmmu->write);
 }
 
-/* Collects the active channels of all slaves. */
-static void collect(struct esc_segment *segment)
+/* Collects the active channels of the slaves on a route, in the order in which a frame passes. */
+static void collect(struct esc_segment *segment, struct route *route)
 {
-    segment->active_count = 0;
-    for (unsigned i = 0; i < segment->count; i++) {
-        struct slave *slave = segment->slaves[i];
+    route->active_count = 0;
+    for (unsigned i = 0; i < route->count; i++) {
+        struct slave *slave = segment->slaves[route->order[i]];
         for (unsigned k = 0; k < slave->fmmus; k++) {
             const uint8_t *reg = slave->memory + REG_FMMU + 16 * k;
             if ((reg[12] & ACTIVATE) != 0 && load16(reg + 4) > 0)
-                decode(slave, reg, &segment->active[segment->active_count++]);
+                decode(slave, reg, &route->active[route->active_count++]);
         }
     }
-    segment->fmmus_changed = false;
+    route->collected = true;
 }
 
 /* The part of an FMMU that a datagram covers: logical bits [first, last], counted from bit 0 of the
@@ -141,9 +141,15 @@ unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *dat
 {
     unsigned count = 0;
     uint32_t end = address + size < address ? UINT32_MAX : address + size;
-    if (segment->fmmus_changed)
-        collect(segment);
-    const struct fmmu *fmmu = segment->active, *last = fmmu + segment->active_count;
+    struct route *route = segment->route;
+    if (segment->fmmus_changed) {
+        for (unsigned i = 0; i < INTERFACES; i++)
+            segment->routes[i].collected = false;
+        segment->fmmus_changed = false;
+    }
+    if (!route->collected)
+        collect(segment, route);
+    const struct fmmu *fmmu = route->active, *last = fmmu + route->active_count;
     while (fmmu < last) {
         const struct slave *slave = fmmu->slave;
         const struct fmmu *first = fmmu;

@@ -1,6 +1,8 @@
 /* EtherCAT frames and datagrams (ETG.1000.4, "DLPDU structure"): addresses, working counters. */
 #include "slave.h"
 
+#include <time.h>
+
 enum command {
     CMD_NOP,
     CMD_APRD,
@@ -74,8 +76,9 @@ static unsigned broadcast(struct esc_segment *segment, uint16_t address, uint8_t
     unsigned count = 0;
     if (write)
         memcpy(written, data, size);
-    for (unsigned i = 0; i < segment->count; i++) {
-        struct slave *slave = segment->slaves[i];
+    const struct route *route = segment->route;
+    for (unsigned i = 0; i < route->count; i++) {
+        struct slave *slave = segment->slaves[route->order[i]];
         if (read) {
             const uint8_t *memory = access_read(slave, address, size);
             if (memory != NULL) {
@@ -98,10 +101,12 @@ static bool has_station(const struct esc_segment *segment, unsigned i, uint16_t 
 static unsigned by_station(struct esc_segment *segment, uint16_t station, uint16_t address,
                            uint8_t *data, unsigned size, bool read, bool write)
 {
+    const struct route *route = segment->route;
     unsigned count = 0;
-    for (unsigned i = 0; i < segment->count; i++)
-        if (has_station(segment, i, station))
-            count += access_slave(segment->slaves[i], address, data, size, read, write);
+    for (unsigned i = 0; i < route->count; i++)
+        if (has_station(segment, route->order[i], station))
+            count += access_slave(segment->slaves[route->order[i]], address, data, size, read,
+                                  write);
     return count;
 }
 
@@ -110,17 +115,20 @@ static unsigned by_station(struct esc_segment *segment, uint16_t station, uint16
 static unsigned read_multiple_write(struct esc_segment *segment, unsigned key, bool by_position,
                                     uint16_t address, uint8_t *data, unsigned size)
 {
+    const struct route *route = segment->route;
     unsigned count = 0;
-    for (unsigned i = 0; i < segment->count; i++) {
+    for (unsigned i = 0; i < route->count; i++) {
+        unsigned number = route->order[i];
         bool reads = by_position ? ((key + i) & 0xFFFF) == 0
-                                 : has_station(segment, i, (uint16_t)key);
-        count += access_slave(segment->slaves[i], address, data, size, reads, !reads);
+                                 : has_station(segment, number, (uint16_t)key);
+        count += access_slave(segment->slaves[number], address, data, size, reads, !reads);
     }
     return count;
 }
 
 static void datagram_process(struct esc_segment *segment, uint8_t *header, unsigned size)
 {
+    const struct route *route = segment->route;
     uint8_t *data = header + DATAGRAM_HEADER;
     uint16_t key = load16(header + 2);
     uint16_t address = load16(header + 4);
@@ -134,8 +142,8 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
     case CMD_APWR:
     case CMD_APRW:
         increments = true;
-        if (position < segment->count)
-            count = access_slave(segment->slaves[position], address, data, size,
+        if (position < route->count)
+            count = access_slave(segment->slaves[route->order[position]], address, data, size,
                                  command != CMD_APWR, command != CMD_APRD);
         break;
     case CMD_FPRD:
@@ -165,20 +173,13 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
         return;
     }
     if (increments)
-        store16(header + 2, key + segment->count);
+        store16(header + 2, key + route->count);
     store16(header + 8, load16(header + 8) | (unsigned)registers_event_word(segment));
     store16(data + size, load16(data + size) + count);
 }
 
-bool frame_process(struct esc_segment *segment, uint8_t *frame, size_t size)
+static void process_datagrams(struct esc_segment *segment, uint8_t *frame, size_t size)
 {
-    if (size < FRAME_HEADER || (frame[12] << 8 | frame[13]) != ETHERTYPE)
-        return false;
-    if (segment->count == 0 || segment->drop > 0) {
-        segment->drop -= segment->drop > 0;
-        segment->counters.dropped++;
-        return false;
-    }
     unsigned header = load16(frame + ETHERNET_HEADER);
     size_t end = FRAME_HEADER + (header & LENGTH_MASK);
     bool more = header >> 12 == FRAME_TYPE_DATAGRAMS;
@@ -198,6 +199,37 @@ bool frame_process(struct esc_segment *segment, uint8_t *frame, size_t size)
         more = (flags & MORE_FOLLOW) != 0;
     }
     frame[6] |= PROCESSED_MARK;
-    segment->counters.frames++;
-    return true;
+}
+
+int frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size)
+{
+    if (size < FRAME_HEADER || (frame[12] << 8 | frame[13]) != ETHERTYPE)
+        return LOST;
+    if (segment->topology_stale)
+        topology_update(segment);
+    const struct route *route = &segment->routes[interface];
+    segment->route = &segment->routes[interface];
+    segment->frame_ns = 0;
+    if (segment->drop > 0) {
+        segment->drop--;
+        segment->counters.dropped++;
+        return LOST;
+    }
+    if (route->count > 0)
+        process_datagrams(segment, frame, size);
+    if (route->exit == LOST)
+        segment->counters.dropped++;
+    else
+        segment->counters.frames++;
+    return route->exit;
+}
+
+int64_t frame_time_ns(struct esc_segment *segment)
+{
+    if (segment->frame_ns == 0) {
+        struct timespec now;
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        segment->frame_ns = now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
+    }
+    return segment->frame_ns;
 }

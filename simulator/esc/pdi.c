@@ -121,6 +121,7 @@ int esc_write(struct esc_segment *segment, int position, uint16_t address, const
     int result = -EINVAL;
     if (size <= ESC_MEMORY - (size_t)address) {
         memcpy(slave->memory + address, data, size);
+        segment->topology_stale = true; /* the loop control may be among them */
         result = 0;
     }
     leave(segment);

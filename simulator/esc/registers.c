@@ -37,6 +37,9 @@ enum {
     DL_CONTROL_DEFAULT = 0x01,       /* forward EtherCAT frames only */
     DL_PDI_RUNS = 0x0001,
     DL_PDI_WATCHDOG_OK = 0x0002,
+    DL_LINK = 0x0010,          /* port 0; the next bits are the other ports */
+    DL_LOOP_CLOSED = 0x0100,   /* port 0; two bits a port */
+    DL_COMMUNICATION = 0x0200, /* likewise */
     EEPROM_OWNED_BY_PDI = 0x01
 };
 
@@ -55,20 +58,26 @@ void registers_set_event(struct slave *slave, unsigned bits, bool on)
     }
 }
 
-/* What the slaves add to the IRQ field of a datagram that passes them. */
+/* What the slaves on the route of the frame add to the IRQ field of a datagram. */
 uint16_t registers_event_word(struct esc_segment *segment)
 {
+    struct route *route = segment->route;
     if (segment->event_word_stale) {
+        for (unsigned i = 0; i < INTERFACES; i++)
+            segment->routes[i].event_word_known = false;
+        segment->event_word_stale = false;
+    }
+    if (!route->event_word_known) {
         unsigned word = 0;
-        for (unsigned i = 0; i < segment->count; i++) {
-            const uint8_t *memory = segment->slaves[i]->memory;
+        for (unsigned i = 0; i < route->count; i++) {
+            const uint8_t *memory = segment->slaves[route->order[i]]->memory;
             word |= (unsigned)load16(memory + REG_ECAT_EVENT) &
                     load16(memory + REG_ECAT_EVENT_MASK);
         }
-        segment->event_word = (uint16_t)word;
-        segment->event_word_stale = false;
+        route->event_word = (uint16_t)word;
+        route->event_word_known = true;
     }
-    return segment->event_word;
+    return route->event_word;
 }
 
 static void update_station(struct slave *slave)
@@ -80,15 +89,29 @@ static void update_station(struct slave *slave)
     segment->alias[slave->position] = alias ? load16(memory + REG_STATION_ALIAS) : 0x10000U;
 }
 
-/* DL status: port 0 goes to the master, port 1 to the next slave, the others are closed. */
-void registers_update_ports(struct esc_segment *segment)
+/* DL status and lost-link counters after a change of links and loops. */
+void registers_set_links(struct slave *slave, uint8_t links, uint8_t open)
 {
-    for (unsigned i = 0; i < segment->count; i++) {
-        bool next = i + 1 < segment->count;
-        unsigned links = next ? 0x0030 : 0x0010;
-        unsigned loops = 0x5000 | (next ? 0x0800 : 0x0400) | 0x0200;
-        store16(segment->slaves[i]->memory + REG_DL_STATUS,
-                links | loops | DL_PDI_RUNS | DL_PDI_WATCHDOG_OK);
+    uint8_t *memory = slave->memory;
+    unsigned status = DL_PDI_RUNS | DL_PDI_WATCHDOG_OK;
+    for (unsigned port = 0; port < PORTS; port++) {
+        unsigned bit = 1U << port;
+        bool up = (links & bit) != 0, is_open = (open & bit) != 0;
+        uint8_t *lost = memory + REG_LOST_LINKS + port;
+        if (up)
+            status |= DL_LINK << port;
+        if (!is_open)
+            status |= DL_LOOP_CLOSED << 2 * port;
+        else if (up)
+            status |= DL_COMMUNICATION << 2 * port;
+        if (!up && (slave->links & slave->open & bit) != 0 && *lost < 0xFF)
+            ++*lost;
+    }
+    slave->links = links;
+    slave->open = open;
+    if (status != load16(memory + REG_DL_STATUS)) {
+        store16(memory + REG_DL_STATUS, status);
+        registers_set_event(slave, ECAT_EVENT_DL, true);
     }
 }
 
@@ -139,6 +162,10 @@ static void take_effect(struct slave *slave, uint32_t from, uint32_t to)
     uint8_t *memory = slave->memory;
     if (touches(from, to, REG_STATION_ADDRESS, 2) || touches(from, to, REG_DL_CONTROL, 4))
         update_station(slave);
+    if (touches(from, to, REG_DL_CONTROL + 1, 1)) {
+        slave->reopen = true;
+        slave->segment->topology_stale = true;
+    }
     if (touches(from, to, REG_AL_CONTROL, 1))
         pdi_event(slave, ESC_AL_CONTROL);
     if (touches(from, to, REG_ECAT_EVENT_MASK, 2))

@@ -34,6 +34,8 @@ struct esc_segment *esc_create(void)
     pthread_mutex_init(&segment->lock, &attributes);
     pthread_mutexattr_destroy(&attributes);
     segment->socket = -1;
+    segment->route = &segment->routes[0];
+    topology_update(segment);
     segment->notify = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (segment->notify < 0) {
         pthread_mutex_destroy(&segment->lock);
@@ -81,7 +83,8 @@ int esc_add_slave(struct esc_segment *segment, const struct esc_config *config, 
     slave->position = segment->count;
     segment->slaves[segment->count++] = slave;
     registers_power_on(slave, config);
-    registers_update_ports(segment);
+    topology_plug_next(slave);
+    topology_update(segment);
     pthread_mutex_unlock(&segment->lock);
     return (int)slave->position;
 }
@@ -89,7 +92,7 @@ int esc_add_slave(struct esc_segment *segment, const struct esc_config *config, 
 int esc_process(struct esc_segment *segment, uint8_t *frame, size_t size)
 {
     pthread_mutex_lock(&segment->lock);
-    bool answered = frame_process(segment, frame, size);
+    bool answered = frame_process(segment, 0, frame, size) != LOST;
     bool due = pdi_signal_due(segment);
     pthread_mutex_unlock(&segment->lock);
     if (due)
@@ -134,7 +137,7 @@ static void *serve(void *argument)
         if ((size_t)size > sizeof frame || from.sll_pkttype == PACKET_OUTGOING)
             continue;
         pthread_mutex_lock(&segment->lock);
-        bool answered = frame_process(segment, frame, (size_t)size);
+        bool answered = frame_process(segment, 0, frame, (size_t)size) != LOST;
         bool due = pdi_signal_due(segment);
         pthread_mutex_unlock(&segment->lock);
         /* A frame that finds no room is lost, as on a wire. */

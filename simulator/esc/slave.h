@@ -31,6 +31,7 @@ enum esc_register {
     REG_ECAT_EVENT = 0x0210,
     REG_AL_EVENT = 0x0220,
     REG_ERROR_COUNTERS = 0x0300, /* to 0x0313 */
+    REG_LOST_LINKS = 0x0310,     /* a byte a port */
     REG_WATCHDOG_DIVIDER = 0x0400,
     REG_WATCHDOG_PDI = 0x0410,
     REG_WATCHDOG_DATA = 0x0420,
@@ -49,6 +50,7 @@ enum esc_register {
 
 enum ecat_event_bits { ECAT_EVENT_DL = 0x0004, ECAT_EVENT_AL = 0x0008 };
 enum { AL_STATE_MASK = 0x0F, AL_OP = 8, AL_ERROR = 0x10 };
+enum { PORTS = 4, INTERFACES = 2, LOST = -1 };
 
 /* A sync manager, decoded from its registers. */
 struct sync_manager {
@@ -71,9 +73,21 @@ struct fmmu {
     struct sync_manager *fast; /* the buffered channel that holds all its bytes, else NULL */
 };
 
+/* The far end of the link at a port. */
+struct plug {
+    enum { PLUG_NONE, PLUG_SLAVE, PLUG_INTERFACE } kind;
+    unsigned number; /* of the slave or of the interface */
+    unsigned port;   /* of the slave */
+    bool broken;     /* said at both ends */
+};
+
 struct slave {
     struct esc_segment *segment;
     uint32_t position;
+    struct plug plugs[PORTS];
+    uint8_t links;  /* a bit for each port with a link */
+    uint8_t open;   /* a bit for each port whose loop is open */
+    bool reopen;    /* the master wrote the loop control: ports closed by auto-close may open */
     uint32_t events; /* pending for `esc_wait`; when not 0, the slave is in the queue */
     uint32_t ram_end;
     uint8_t *sii;
@@ -90,17 +104,34 @@ struct slave {
     uint8_t memory[ESC_MEMORY];
 };
 
+/* The way of a frame that enters by one of the interfaces; follows from links and loops. */
+struct route {
+    int exit;                                /* the interface by which it leaves, or LOST */
+    unsigned count;                          /* processing units that it passes … */
+    uint16_t order[ESC_MAX_SLAVES];          /* … and the slaves to which they belong, in order */
+    int32_t arrival[ESC_MAX_SLAVES][PORTS];  /* ns after entry, -1 = it does not arrive there */
+    struct slave *woken;                     /* it ends at a port that auto-close keeps closed … */
+    unsigned woken_port;                     /* … and which a frame opens */
+    uint16_t event_word;                     /* see registers_event_word */
+    bool event_word_known;
+    bool collected; /* `active` holds the active FMMUs of its slaves */
+    unsigned active_count;
+    struct fmmu active[ESC_MAX_SLAVES * ESC_MAX_CHANNELS];
+};
+
 struct esc_segment {
     pthread_mutex_t lock; /* guards everything below except `stop`, `thread` and the descriptors */
     unsigned count;
     struct slave *slaves[ESC_MAX_SLAVES];
     uint16_t station[ESC_MAX_SLAVES]; /* copies, so that a look-up touches few cache lines */
     uint32_t alias[ESC_MAX_SLAVES];   /* 0x10000 = not enabled */
-    uint16_t event_word;              /* see registers_event_word */
-    bool event_word_stale;
-    bool fmmus_changed;
-    unsigned active_count;
-    struct fmmu active[ESC_MAX_SLAVES * ESC_MAX_CHANNELS];
+    bool event_word_stale;            /* event words of the routes have to be made again */
+    bool fmmus_changed;               /* FMMUs have to be collected again */
+    bool topology_stale;              /* loops may have changed; takes effect before the next frame */
+    struct plug interfaces[INTERFACES];
+    struct route routes[INTERFACES];
+    struct route *route; /* of the current frame */
+    int64_t frame_ns;    /* see frame_time_ns; 0 = not asked for yet */
     unsigned queue_head, queue_count;
     uint32_t queue[ESC_MAX_SLAVES]; /* positions of slaves with pending events */
     bool signal_due;                /* the queue became non-empty since the last signal */
@@ -126,8 +157,17 @@ static inline void store16(uint8_t *p, unsigned value)
     p[1] = (uint8_t)(value >> 8 & 0xFF);
 }
 
-/* frame.c: all datagrams of a frame. Returns whether the frame is answered. */
-bool frame_process(struct esc_segment *segment, uint8_t *frame, size_t size);
+/* frame.c: all datagrams of a frame that enters by an interface. Returns the interface by which it
+ * leaves, or LOST. */
+int frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size);
+/* When the current frame entered: CLOCK_MONOTONIC, read once a frame and only if asked for. */
+int64_t frame_time_ns(struct esc_segment *segment);
+
+/* topology.c */
+void topology_plug_next(struct slave *slave);
+void topology_update(struct esc_segment *segment);
+/* When the current frame arrives at a port, in ns after it entered; -1 where it does not. */
+int64_t topology_arrival(const struct slave *slave, unsigned port);
 
 /* access.c: physical access of the master. NULL or false: refused, no working counter. */
 const uint8_t *access_read(struct slave *slave, uint16_t address, size_t size);
@@ -138,7 +178,7 @@ void registers_power_on(struct slave *slave, const struct esc_config *config);
 bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data, size_t size);
 void registers_set_event(struct slave *slave, unsigned bits, bool on);
 uint16_t registers_event_word(struct esc_segment *segment);
-void registers_update_ports(struct esc_segment *segment);
+void registers_set_links(struct slave *slave, uint8_t links, uint8_t open);
 
 /* eeprom.c */
 void eeprom_load(struct slave *slave, bool power_on);

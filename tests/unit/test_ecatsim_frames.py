@@ -417,6 +417,8 @@ def test_random_frames_do_no_harm(segment):
     for i in range(10_000):
         segment.process(random_frame(rng))
         if i % 10 == 0:
+            for position in range(SLAVES):  # ports that were opened or closed cut the segment
+                segment.write(position, 0x0100, bytes(4))
             for position, event in segment.wait(0):
                 if event & Event.MAILBOX_IN:
                     segment.put_mail(position, segment.take_mail(position)[:16], again=bool(i & 16))
