@@ -9,12 +9,12 @@ from enum import IntEnum
 
 from ecatd.model.bus import Pdo
 from ecatd.model.errors import UsageError
+from ecatd.model.sii import UNASSIGNED as UNASSIGNED
+from ecatd.model.sii_check import sii_checksum as checksum
 
 _HEADER_WORDS = 0x40
 _MAX_STRINGS = 255
 _MAX_STRING = 255
-UNASSIGNED = 0xFF
-"""Sync manager of a PDO that is not mapped by default."""
 
 
 class Category(IntEnum):
@@ -155,16 +155,6 @@ class _Strings:
     def encode(self) -> bytes:
         body = b"".join(bytes([len(text)]) + text for text in self.texts)
         return bytes([len(self.texts)]) + body
-
-
-def checksum(data: bytes) -> int:
-    """CRC of the configuration area: x^8 + x^2 + x + 1, initial value 0xFF."""
-    crc = 0xFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = ((crc << 1) ^ (0x07 if crc & 0x80 else 0)) & 0xFF
-    return crc
 
 
 def _category(kind: Category, body: bytes) -> bytes:

@@ -1,0 +1,190 @@
+"""A device from the EEPROM image of a real one (ETG.2010)."""
+
+from __future__ import annotations
+
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real
+from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.sii import UNASSIGNED, Sii
+from ecatd.model.sii_check import MAILBOX_SIZES, check_sii, in_memory, is_description
+
+from ..core import Chip
+from ..slave.device import Device
+from ..slave.sii import Mailbox, SmType, SyncManager
+
+_DIGITAL_OUTPUTS_END = 0x0F04
+_RAM = 0x1000
+_MEMORY_END = 0x10000
+_RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
+_MAX_BYTES = 0x80000
+_PORT_KINDS = {0: 0, 1: 3, 3: 2}  # SII: 1 MII, 3 EBUS; register 0x0007: 3 MII, 2 EBUS
+_LAST_DUMMY = 0x001F  # CiA 301: mapping a data type leaves a gap of its size
+
+
+class SiiDevice(Device):
+    """A device that is what its SII image says.
+
+    The image is served byte for byte. Inputs keep the values they are given (0 at first), outputs
+    can be read from the dictionary.
+
+    Args:
+        image: The content of its EEPROM.
+        sii: What the image says.
+        chip: The slave controller; None takes the smallest usual one that has all it needs.
+    """
+
+    def __init__(self, image: bytes, sii: Sii, chip: Chip | None = None) -> None:
+        self._image = image
+        self.vendor, self.product = sii.vendor, sii.product
+        self.revision, self.serial = sii.revision, sii.serial
+        self.alias, self.order, self.name = sii.alias, sii.order, sii.name
+        self.group, self.group_name = sii.group, sii.group_name
+        self.ebus_current, self.physical_ports = sii.ebus_current, sii.physical_ports
+        self.pdi_control = sii.pdi_control
+        self.mailbox = _mailbox(sii)
+        self.sync_managers = [
+            SyncManager(
+                _purpose(sm.usage, sm.start, sm.length), sm.start, sm.length, sm.control, sm.enable
+            )
+            for sm in sii.sync_managers
+        ] or None
+        self.rx_pdos = _pdos(sii.outputs, 0x1600, self._area(SmType.OUTPUTS))
+        self.tx_pdos = _pdos(sii.inputs, 0x1A00, self._area(SmType.INPUTS))
+        self.variable_assignment = bool(sii.coe & 0x04)
+        self.chip = chip or _chip(sii)
+        super().__init__()
+
+    def _area(self, kind: SmType) -> int:
+        """Bytes of memory that the process data of a direction can take."""
+        if self.sync_managers is None:
+            return _RAM
+        starts = [sm.start for sm in self.sync_managers if sm.type == kind]
+        if not starts:
+            return 0
+        return (_MEMORY_END if starts[0] >= _RAM else _DIGITAL_OUTPUTS_END) - starts[0]
+
+    def sii_image(self) -> bytes:
+        """The content of the EEPROM, as it came."""
+        return self._image
+
+
+def device_from_sii(
+    image: bytes, source: str, *, strict: bool = True, chip: Chip | None = None
+) -> Device:
+    """A device made from an SII image.
+
+    Args:
+        image: The whole EEPROM.
+        source: Where it comes from, for messages.
+        strict: False boots an image whatever is wrong with it, to see what a master does then:
+            what makes no sense is left out of the device, and the image is served as it is.
+        chip: The slave controller; None takes the smallest usual one that has all it needs.
+
+    Raises:
+        ConfigError: The image is against ETG.2010, with its first problem; or it is larger than
+            any EEPROM.
+    """
+    if len(image) > _MAX_BYTES:
+        raise ConfigError(f"{source}: {len(image)} bytes are no EEPROM, which has up to 512 KiB")
+    sii, problems = check_sii(image)
+    if strict and problems:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise ConfigError(f"{source}: {problems[0]}{more}")
+    try:
+        return SiiDevice(image, sii, chip)
+    except UsageError as error:
+        raise ConfigError(f"{source}: {error}") from error
+
+
+def _purpose(usage: int, start: int, length: int) -> SmType:
+    right = usage <= max(SmType) and in_memory(start, length)
+    return SmType(usage) if right else SmType.UNUSED
+
+
+def _mailbox(sii: Sii) -> Mailbox | None:
+    box = sii.mailbox
+    low, high = MAILBOX_SIZES
+    areas = ((box.receive, box.receive_size), (box.send, box.send_size))
+    usable = all(
+        low <= size <= high and start >= _RAM and in_memory(start, size) for start, size in areas
+    )
+    if not (sii.mailbox_protocols and usable):
+        return None
+    return Mailbox(
+        box.receive, box.receive_size, box.send, box.send_size, sii.mailbox_protocols, sii.coe
+    )
+
+
+def _chip(sii: Sii) -> Chip:
+    """The smallest usual controller that has what the SII asks for."""
+    ends = [sm.start + sm.length for sm in sii.sync_managers if in_memory(sm.start, sm.length)]
+    if sii.mailbox_protocols:
+        ends += [sii.mailbox.send + sii.mailbox.send_size]
+        ends += [sii.mailbox.receive + sii.mailbox.receive_size]
+    needed = max(ends, default=_RAM) - _RAM
+    smallest = 8 if sii.mailbox_protocols else 1
+    ports = sum(_PORT_KINDS.get(sii.physical_ports >> 4 * i & 0x0F, 0) << 2 * i for i in range(4))
+    channels = 8 if sii.mailbox_protocols else 4
+    return Chip(
+        fmmus=min(16, max(channels, len(sii.fmmus))),
+        sync_managers=min(16, max(channels, len(sii.sync_managers))),
+        ram_kib=next((k for k in _RAM_SIZES if k >= smallest and 1024 * k >= needed), 60),
+        ports=ports or Chip().ports,
+    )
+
+
+def _pdos(pdos: list[Pdo], first: int, room: int) -> tuple[Pdo, ...]:
+    """PDOs as a device can have them.
+
+    Args:
+        pdos: As the SII has them.
+        first: First index of the direction.
+        room: Bytes that those mapped by default may take.
+    """
+    result: dict[int, Pdo] = {}
+    bits = 0
+    for pdo in pdos:
+        if not first <= pdo.index < first + 0x200 or pdo.index in result:
+            continue
+        manager = pdo.sync_manager
+        if manager != UNASSIGNED:
+            bits += pdo.bit_length
+            if bits > 8 * room:
+                manager = UNASSIGNED
+        entries = [_entry(entry) for entry in pdo.entries if entry.bit_length]
+        result[pdo.index] = Pdo(pdo.index, pdo.name, manager, entries)
+    return tuple(result.values())
+
+
+def _entry(entry: Entry) -> Entry:
+    gap = entry.index <= _LAST_DUMMY or is_description(entry.index)
+    return Entry(
+        0 if gap else entry.index,
+        0 if gap else entry.subindex,
+        entry.name,
+        DataType.PADDING if gap else _type(entry.data_type, entry.bit_length),
+        entry.bit_length,
+    )
+
+
+def _type(data_type: int, bits: int) -> DataType:
+    """The type of an entry; by its size where the SII has none, or one that does not fit."""
+    try:
+        known = DataType(data_type)
+    except ValueError:
+        known = DataType.PADDING
+    size = bit_length(known)
+    if known in STRINGS or bits == size or (bits < size and not is_real(known)):
+        return known
+    if bits == 1:
+        return DataType.BOOLEAN
+    if bits <= 8:
+        return DataType(DataType.BIT1 + bits - 1)
+    for most, kind in (
+        (16, DataType.UNSIGNED16),
+        (32, DataType.UNSIGNED32),
+        (64, DataType.UNSIGNED64),
+    ):
+        if bits <= most:
+            return kind
+    return DataType.OCTET_STRING

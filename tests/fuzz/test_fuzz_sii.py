@@ -1,0 +1,109 @@
+"""Mutated SII images: read, made into devices and booted, or refused with the documented error."""
+
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+
+import pytest
+from mutations import mutants
+
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import ConfigError
+from ecatd.model.sii import SiiError, read_sii
+from ecatsim import rig
+from ecatsim.core import Segment
+from ecatsim.files.sii_image import device_from_sii
+from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, build
+
+IMAGES, SHARDS = 100_000, 10
+BOOTED = 2_000
+APRD, APWR = 1, 2
+AL_CONTROL, AL_STATUS, EEPROM_CONTROL, EEPROM_DATA = 0x0120, 0x0130, 0x0502, 0x0508
+READ_EEPROM = 0x0100
+
+
+def seeds() -> list[bytes]:
+    """Images of the library, and one with every category, without their padding."""
+    value = Entry(0x6000, 1, "Value", DataType.INTEGER16, 16)
+    image = build(
+        Description(
+            1,
+            2,
+            3,
+            order="Ä",
+            name="All",
+            mailbox=Mailbox(),
+            sync_managers=[
+                SyncManager(SmType.MAILBOX_OUT, 0x1000, 128, 0x26),
+                SyncManager(SmType.MAILBOX_IN, 0x1080, 128, 0x22),
+                SyncManager(SmType.OUTPUTS, 0x1100, 2, 0x64),
+                SyncManager(SmType.INPUTS, 0x1400, 2, 0x20),
+            ],
+            fmmus=[FmmuType.OUTPUTS, FmmuType.INPUTS],
+            tx_pdos=[Pdo(0x1A00, "In", 3, [value]), Pdo(0x1A01, "More", 0xFF, [value])],
+            rx_pdos=[Pdo(0x1600, "Out", 2, [Entry(0x7000, 1, "", 6, 12), Entry(0, 0, "", 0, 4)])],
+        )
+    )
+    clocks = struct.pack("<HH", 60, 12) + struct.pack("<IiihHhB5x", 0, 0, 0, 0, 0x300, 1, 2)
+    devices = rig.make("troll").devices
+    library = [devices[i].sii_image() for i in (1, 2, 3, 6)]
+    short = [trimmed(data) for data in (image, *library)]
+    return [*short, short[0][:-2] + clocks + b"\xff\xff"]
+
+
+def trimmed(image: bytes) -> bytes:
+    """Without what follows the end of categories."""
+    word = 0x40
+    while image[2 * word : 2 * word + 2] != b"\xff\xff":
+        word += 2 + struct.unpack_from("<H", image, 2 * word + 2)[0]
+    return image[: 2 * word + 2]
+
+
+def reader(image: bytes) -> Callable[[int], bytes]:
+    return lambda word: image[2 * word : 2 * word + 4].ljust(4, b"\xff")
+
+
+@pytest.mark.parametrize("shard", range(SHARDS))
+def test_mutated_images_are_read_or_refused(shard: int) -> None:
+    refused = accepted = 0
+    for image in mutants(seeds(), IMAGES // SHARDS, shard):
+        with suppress(SiiError):
+            read_sii(reader(image))
+        try:
+            device_from_sii(image, "x.bin")
+            accepted += 1
+        except ConfigError:
+            refused += 1
+            assert device_from_sii(image, "x.bin", strict=False).sii_image() == image
+    assert refused > 1000, "mutations must do harm"
+    assert accepted > 1000, "and not always"
+
+
+def datagram(command: int, ado: int, data: bytes) -> bytes:
+    body = struct.pack("<BBHHHH", command, 0, 0, ado, len(data), 0) + data + b"\0\0"
+    return b"\xff" * 12 + b"\x88\xa4" + struct.pack("<H", 0x1000 | len(body)) + body
+
+
+def test_mutated_images_boot() -> None:
+    """The master reads what is in the EEPROM, whatever it is, and asks for all states."""
+    for image in mutants(seeds(), BOOTED, SHARDS):
+        segment = Segment()
+        try:
+            device = device_from_sii(image, "x.bin", strict=False)
+            device.attach(segment, 0, 0)
+            segment.make_images(*device.room)
+            for word in (0, 0x08, 0x40, max(0, len(image) // 2 - 1), 0x7FFF):
+                command = struct.pack("<HI", READ_EEPROM, word)
+                segment.process(datagram(APWR, EEPROM_CONTROL, command))
+                answer = segment.process(datagram(APRD, EEPROM_DATA, bytes(8)))
+                assert answer is not None
+                assert answer[26:34] == image[2 * word : 2 * word + 8].ljust(8, b"\xff")
+            for state in (2, 4, 8, 1):
+                segment.process(datagram(APWR, AL_CONTROL, bytes([state | 0x10, 0])))
+                for _, event in segment.wait(0.0):
+                    device.handle(event, 1.0)
+                device.run(1.0)
+            assert segment.read(0, AL_STATUS, 1)[0] & 0x0F == 1
+        finally:
+            segment.close()
