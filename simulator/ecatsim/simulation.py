@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import IO
 from ecatd.model.errors import UsageError
 
 from .core import Segment
+from .faults import Faults
 from .rig import Rig
 
 _PERIOD = 0.001
@@ -24,14 +26,25 @@ class Simulation:
     millisecond. A loop that is late leaves steps out; devices and plants get the time and make
     up for it themselves.
 
+    Another thread that deals with devices must hold `lock`; the methods of `faults` do.
+
     Args:
         rig: What to simulate.
         trace: A CSV file to record to, or None.
+
+    Attributes:
+        rig: The rig.
+        segment: Its slave controllers.
+        lock: Held while devices and plants are dealt with.
+        after_step: Called after each step of plants and devices.
+        faults: Faults on demand, one method for each.
     """
 
     def __init__(self, rig: Rig, trace: Path | None = None) -> None:
         self.rig = rig
         self.segment = Segment()
+        self.lock = threading.RLock()
+        self.after_step: list[Callable[[], None]] = []
         self._due: list[float] = [0.0] * len(rig.devices)
         self._trace_file: IO[str] | None = None
         outputs = inputs = 0
@@ -40,6 +53,7 @@ class Simulation:
             outputs += device.room[0]
             inputs += device.room[1]
         self.segment.make_images(outputs, inputs)
+        self.faults = Faults(self)
         if trace is not None:
             self._open_trace(trace)
 
@@ -63,17 +77,26 @@ class Simulation:
         due = time.monotonic()
         while not stop():
             now = time.monotonic()
-            for position, event in self.segment.wait(max(0.0, due - now)):
-                self.rig.devices[position].handle(event, now)
+            events = self.segment.wait(max(0.0, due - now))
+            with self.lock:
+                for position, event in events:
+                    self.rig.devices[position].handle(event, now)
             now = time.monotonic()
             if now >= due:
                 self.step()
+                for call in self.after_step:
+                    call()
                 due += _PERIOD
                 if now - due > _MAX_LAG:
                     due = now
 
     def step(self) -> None:
-        """One step of plants and devices."""
+        """One step of faults, plants and devices."""
+        with self.lock:
+            self.faults.run()
+            self._step()
+
+    def _step(self) -> None:
         now_ns = time.monotonic_ns()
         now = now_ns / 1e9
         self.segment.get_outputs(now_ns)

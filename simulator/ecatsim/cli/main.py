@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -9,8 +11,10 @@ from collections.abc import Sequence
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.version import VERSION
 
-from . import run, show
+from . import ctl, run, show
 from .options import Parser
+
+_BROKEN_PIPE = 128 + signal.SIGPIPE
 
 
 def _parser() -> Parser:
@@ -19,7 +23,7 @@ def _parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"ecatsim {VERSION}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for group in (run, show):
+    for group in (run, ctl, show):
         group.add(commands)
     return parser
 
@@ -46,6 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except EcatError as error:
         print(f"ecatsim: {error}", file=sys.stderr)
         return error.exit_code
+    except BrokenPipeError:  # whoever read our output has enough of it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _BROKEN_PIPE
     except Exception:
         traceback.print_exc()
         print("ecatsim: defect; the lines above say where", file=sys.stderr)

@@ -7,14 +7,17 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 from types import FrameType
 
-from ecatd.model.errors import UsageError
+from ecatd.model.errors import NotPermittedError, UsageError
 from ecatd.process import die_with_parent
 
 from .. import rig
+from ..control.server import Server
+from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE
 from ..net import namespace, netlink
 from ..simulation import Simulation
 from .options import Commands
@@ -37,6 +40,9 @@ def add(commands: Commands) -> None:
     run.add_argument("--interface", metavar="IF", help="serve an existing interface")
     run.add_argument("--trace", metavar="FILE", type=Path, help="record the plant as CSV")
     run.add_argument(
+        "--name", metavar="NAME", help="name for `ecatsim ctl --name` (default: its process id)"
+    )
+    run.add_argument(
         "--ready-fd", metavar="N", type=int, help="write a line of JSON there when it answers"
     )
     run.add_argument(
@@ -57,6 +63,7 @@ class _Runner:
         self._child: subprocess.Popen[bytes] | None = None
         self._deadline: float | None = None
         self._user_namespace = False
+        self._server: Server | None = None
 
     def run(self) -> int:
         """Simulates; returns the exit status."""
@@ -65,17 +72,13 @@ class _Runner:
         parent = os.getppid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
-        interface = arguments.interface
-        if interface is None:
-            self._user_namespace = namespace.enter_new()
-            netlink.create_veth(SIMULATOR_END, MASTER_END)
-            interface = SIMULATOR_END
-        else:
-            netlink.check_up(interface)
-        if arguments.die_with_parent:
-            die_with_parent(parent)
         simulation = Simulation(what, arguments.trace)
         try:
+            # The user's directory of sockets is found before a namespace makes a root of him.
+            self._listen(simulation)
+            interface = self._open_interface()
+            if arguments.die_with_parent:
+                die_with_parent(parent)
             simulation.segment.start(interface)
             self._announce(what)
             if arguments.child:
@@ -86,7 +89,36 @@ class _Runner:
             if self._child and self._child.poll() is None:
                 self._child.kill()
                 self._child.wait()
+            if self._server:
+                self._server.close()
             simulation.close()
+
+    def _listen(self, simulation: Simulation) -> None:
+        """Opens the control socket; without a name, a simulator also runs if that is impossible."""
+        name = self._arguments.name
+        try:
+            self._server = Server(
+                simulation,
+                name,
+                self._arguments.interface or MASTER_END,
+                lambda: self._on_signal(signal.SIGTERM, None),
+            )
+        except NotPermittedError as error:
+            if name is not None:
+                raise
+            print(f"ecatsim: no control with `ecatsim ctl`: {error}", file=sys.stderr)
+        else:
+            simulation.after_step.append(self._server.serve)
+
+    def _open_interface(self) -> str:
+        """Makes the private interface, or checks the one that was given."""
+        interface: str | None = self._arguments.interface
+        if interface is None:
+            self._user_namespace = namespace.enter_new()
+            netlink.create_veth(SIMULATOR_END, MASTER_END)
+            return SIMULATOR_END
+        netlink.check_up(interface)
+        return interface
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         del frame
@@ -122,6 +154,7 @@ class _Runner:
             "interface": interface,
             "rig": what.name,
             "slaves": len(what.devices),
+            "name": self._server.name if self._server else None,
         }
         if arguments.ready_fd is not None:
             try:
@@ -134,13 +167,20 @@ class _Runner:
             if arguments.interface is None:
                 user = "--preserve-credentials -U " if self._user_namespace else ""
                 print(f"run a master beside it with: nsenter {user}-n -t {os.getpid()} COMMAND")
+            if self._server:
+                print(f"control it with: ecatsim ctl --name {self._server.name} COMMAND")
             print("Ctrl-C ends it", flush=True)
 
     def _start_child(self) -> None:
         command, parent = self._arguments.child, os.getpid()
+        environment = dict(os.environ)
+        if self._server:
+            environment[FOLDER_VARIABLE] = str(self._server.path.parent.absolute())
+            environment[NAME_VARIABLE] = self._server.name
         try:
             self._child = subprocess.Popen(
                 command,
+                env=environment,
                 preexec_fn=lambda: die_with_parent(parent, signal.SIGKILL),
             )
         except OSError as error:

@@ -1,0 +1,176 @@
+"""`ecatsim ctl`: faults and values of a running simulator."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from typing import Any
+
+from ecatd.model.al import al_status_text
+from ecatd.model.errors import EcatError
+
+from ..control.client import Simulator, running
+from ..control.requests import REQUESTS
+from ..faults import FAULTS
+from ..parameters import Described, Parameter, parameters
+from .options import Commands, Parser
+
+_SCHEMA = 1
+_DIGITS_A_LINE = 32
+
+
+def add(commands: Commands) -> None:
+    """Adds the command."""
+    ctl = commands.add_parser(
+        "ctl",
+        help="control a running simulator: faults, values, status",
+        description="Controls a simulator that runs, `ecatsim run`, of the same user.",
+    )
+    ctl.add_argument(
+        "--name", metavar="NAME", help="which one; not needed for the only one that runs"
+    )
+    ctl.add_argument("--json", action="store_true", help="print JSON for programs")
+    inner = ctl.add_subparsers(dest="request", required=True, metavar="COMMAND")
+    listing = inner.add_parser("list", help="list the simulators that run")
+    listing.set_defaults(execute=lambda options: _execute(options, _list))
+    for request in (*REQUESTS.values(), *FAULTS.values()):
+        _add_request(inner, request)
+
+
+def _add_request(commands: Commands, request: type[Described]) -> None:
+    summary = request.summary()
+    text = summary[0].lower() + summary[1:]
+    parser = commands.add_parser(request.kind, help=text, description=request.__doc__)
+    for parameter in parameters(request):
+        _add_parameter(parser, parameter)
+    parser.set_defaults(execute=lambda options: _execute(options, lambda o: _ask(o, request)))
+
+
+def _add_parameter(parser: Parser, parameter: Parameter) -> None:
+    about = parameter.about.help
+    if parameter.type is not bool:
+        about += f": {parameter.allowed}"
+    name = parameter.name.replace("_", "-")
+    if parameter.required:
+        parser.add_argument(parameter.name, metavar=name.upper(), help=about)
+    elif parameter.type is bool:
+        parser.add_argument(f"--{name}", action="store_true", default=argparse.SUPPRESS, help=about)
+    else:
+        if parameter.default not in (None, "", b""):
+            about += f" (default {parameter.show(parameter.default)})"
+        metavar = name.rpartition("-")[2].upper()
+        parser.add_argument(f"--{name}", metavar=metavar, default=argparse.SUPPRESS, help=about)
+
+
+def _execute(options: argparse.Namespace, run: Callable[[argparse.Namespace], None]) -> int:
+    """Runs a command; with --json its error is a document, too."""
+    if not options.json:
+        run(options)
+        return 0
+    try:
+        run(options)
+    except EcatError as error:
+        _print_json({"error": error.to_reply()})
+        return error.exit_code
+    return 0
+
+
+def _list(options: argparse.Namespace) -> None:
+    rows = []
+    for name in running():
+        with Simulator(name) as simulator:
+            status = simulator.status()
+        rows.append(
+            {
+                "name": name,
+                "pid": status.pid,
+                "rig": status.rig,
+                "slaves": len(status.slaves),
+                "interface": status.interface,
+            }
+        )
+    if options.json:
+        _print_json({"simulators": rows})
+    elif rows:
+        _print_table(list(rows[0]), [list(row.values()) for row in rows])
+    else:
+        print("no simulator is running")
+
+
+def _ask(options: argparse.Namespace, request: type[Described]) -> None:
+    given = {p.name: getattr(options, p.name) for p in parameters(request) if p.name in options}
+    arguments = request.from_values(given).to_values()
+    with Simulator(options.name) as simulator:
+        result = simulator.request(request.kind, **arguments)
+    if options.json:
+        _print_json(result)
+    else:
+        _PRINTERS.get(request.kind, _print_fault)(result)
+
+
+def _print_json(document: dict[str, Any]) -> None:
+    print(json.dumps({"schema": _SCHEMA, **document}, indent=2, ensure_ascii=False))
+
+
+def _print_table(head: list[str], rows: list[list[Any]]) -> None:
+    """Columns under their heads; those of numbers are aligned right."""
+    table = [head, *([str(cell) for cell in row] for row in rows)]
+    widths = [max(len(row[i]) for row in table) for i in range(len(head))]
+    numbers = [all(isinstance(row[i], int) for row in rows) for i in range(len(head))]
+    for line in table:
+        cells = [
+            cell.rjust(width) if number else cell.ljust(width)
+            for cell, width, number in zip(line, widths, numbers, strict=True)
+        ]
+        print("  ".join(cells).rstrip())
+
+
+def _print_status(status: dict[str, Any]) -> None:
+    slaves = status.pop("slaves")
+    print("  ".join(f"{key} {value}" for key, value in status.items()))
+    if slaves:
+        print()
+        rows = [[s["position"], s["name"], s["state"], _code(s["code"])] for s in slaves]
+        _print_table(["position", "name", "state", "AL status code"], rows)
+
+
+def _code(code: int) -> str:
+    return f"0x{code:04X} {al_status_text(code)}" if code else "-"
+
+
+def _print_faults(result: dict[str, Any]) -> None:
+    rows = [
+        [
+            item["id"],
+            FAULTS[item["kind"]].from_values(item["parameters"]),
+            item["struck"],
+            item["error"] or ("done" if item["done"] else "strikes"),
+        ]
+        for item in result["faults"]
+    ]
+    if rows:
+        _print_table(["id", "fault", "struck", "state"], rows)
+    else:
+        print("no faults")
+
+
+def _print_fault(result: dict[str, Any]) -> None:
+    print(f"fault {result['id']}")
+
+
+def _print_registers(result: dict[str, Any]) -> None:
+    digits = result["data"]
+    for at in range(0, len(digits), _DIGITS_A_LINE):
+        print(bytes.fromhex(digits[at : at + _DIGITS_A_LINE]).hex(" "))
+
+
+_PRINTERS: dict[str, Callable[[dict[str, Any]], None]] = {
+    "status": _print_status,
+    "faults": _print_faults,
+    "clear": lambda result: print(f"{result['cleared']} cleared"),
+    "get": lambda result: print(result["value"]),
+    "set": lambda result: None,
+    "registers": _print_registers,
+    "stop": lambda result: None,
+}

@@ -1,0 +1,200 @@
+"""Controls a simulator from another process."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from types import TracebackType
+from typing import Any, Self
+
+from ecatd.model.errors import (
+    EcatError,
+    NoAnswerError,
+    NotPermittedError,
+    UnreachableError,
+    UsageError,
+)
+
+from ..faults import FAULTS, Fault, FaultState
+from ..faults.methods import FaultMethods
+from ..slave.objects import Value
+from . import sockets
+from .status import Status
+
+SCHEMA = 1
+_TIMEOUT = 10.0
+_CHUNK = 1 << 16
+
+
+class Simulator:
+    """A simulator that runs in another process, `ecatsim run`, of the same user.
+
+        with Simulator() as simulator:
+            simulator.faults.al_error(2, code=0x001D, at_cycle=1000)
+            print(simulator.status().slaves[2].state)
+
+    Args:
+        name: Its name; None for `$ECATSIM_NAME`, or for the only one that runs.
+
+    Attributes:
+        name: Its name.
+        faults: Faults on demand, one method for each.
+
+    Raises:
+        UnreachableError: There is none (of that name).
+        UsageError: Several are running, and no name tells them apart.
+        NotPermittedError: It belongs to somebody else.
+    """
+
+    def __init__(self, name: str | None = None) -> None:
+        self.name = name or os.environ.get(sockets.NAME_VARIABLE) or _only_one()
+        self._socket = _connect(self.name)
+        self._received = bytearray()
+        self.faults = RemoteFaults(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the connection; the simulator goes on."""
+        self._socket.close()
+
+    def request(self, command: str, **arguments: object) -> dict[str, Any]:
+        """Asks for something; the methods below are easier.
+
+        Raises:
+            EcatError: The simulator refused it; the class says why.
+            UnreachableError: It has ended.
+            NoAnswerError: It does not answer.
+        """
+        message = {"schema": SCHEMA, "command": command, "arguments": arguments}
+        try:
+            self._socket.sendall(json.dumps(message).encode() + b"\n")
+            reply = json.loads(self._line())
+        except TimeoutError:
+            raise NoAnswerError(f"simulator '{self.name}' does not answer") from None
+        except (OSError, ValueError):
+            raise UnreachableError(f"simulator '{self.name}' has ended") from None
+        if "error" in reply:
+            raise EcatError.from_reply(reply["error"])
+        result: dict[str, Any] = reply["result"]
+        return result
+
+    def status(self) -> Status:
+        """The rig, its counters and its slaves."""
+        return Status.from_reply(self.request("status"))
+
+    def get(self, slave: int, index: int, subindex: int = 0) -> Value:
+        """Value of an entry of the object dictionary of a slave; of bytes, hexadecimal digits.
+
+        Raises:
+            StateError: There is no such entry.
+        """
+        reply = self.request("get", slave=slave, object=f"0x{index:04X}:{subindex:02X}")
+        value: Value = reply["value"]
+        return value
+
+    def set(self, slave: int, index: int, subindex: int, value: Value) -> None:
+        """Sets an entry of the object dictionary of a slave, also one a master only reads.
+
+        Raises:
+            StateError: There is no such entry.
+            UsageError: The value does not fit its type.
+        """
+        text = value.hex() if isinstance(value, bytes) else str(value)
+        self.request("set", slave=slave, object=f"0x{index:04X}:{subindex:02X}", value=text)
+
+    def registers(self, slave: int, address: int, count: int) -> bytes:
+        """Registers of a slave controller, as its device sees them."""
+        reply = self.request("registers", slave=slave, address=address, count=count)
+        return bytes.fromhex(reply["data"])
+
+    def stop(self) -> None:
+        """Ends the simulator, as SIGTERM does."""
+        self.request("stop")
+
+    def _line(self) -> bytes:
+        while b"\n" not in self._received:
+            piece = self._socket.recv(_CHUNK)
+            if not piece:
+                raise ConnectionResetError
+            self._received += piece
+        line, _, rest = bytes(self._received).partition(b"\n")
+        self._received = bytearray(rest)
+        return line
+
+
+class RemoteFaults(FaultMethods):
+    """The faults of a simulator in another process; see `ecatsim.faults.Faults`."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+
+    def add(self, fault: Fault) -> int:
+        """Adds a fault; one without a cycle strikes at once. Returns its number."""
+        return int(self._simulator.request(fault.kind, **fault.to_values())["id"])
+
+    def clear(self, identifier: int | None = None) -> int:
+        """Forgets a fault, or all: what was to strike does not. Returns how many there were."""
+        return int(self._simulator.request("clear", id=identifier or 0)["cleared"])
+
+    def list(self) -> list[FaultState]:
+        """All faults that strike or will strike, and the last ones that have, oldest first."""
+        return [
+            FaultState(
+                id=item["id"],
+                fault=FAULTS[item["kind"]].from_values(item["parameters"]),
+                struck=item["struck"],
+                last_cycle=item["last_cycle"],
+                done=item["done"],
+                error=item["error"],
+            )
+            for item in self._simulator.request("faults")["faults"]
+        ]
+
+
+def running() -> list[str]:
+    """Names of this user's running simulators."""
+    found = []
+    for name in sockets.names():
+        try:
+            _connect(name).close()
+        except EcatError:
+            continue  # killed, or somebody else's
+        found.append(name)
+    return found
+
+
+def _only_one() -> str:
+    there = running()
+    if len(there) == 1:
+        return there[0]
+    if there:
+        raise UsageError(f"{len(there)} simulators are running; name one of {', '.join(there)}")
+    raise UnreachableError(f"no simulator is running (looked in {sockets.folder()})")
+
+
+def _connect(name: str) -> socket.socket:
+    path = sockets.path_of(name)
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.settimeout(_TIMEOUT)
+    try:
+        connection.connect(str(path))
+    except PermissionError:
+        connection.close()
+        raise NotPermittedError(f"{path} belongs to another user") from None
+    except OSError:
+        connection.close()
+        raise UnreachableError(
+            f"no simulator '{name}' is running; `ecatsim ctl list` shows which are"
+        ) from None
+    return connection

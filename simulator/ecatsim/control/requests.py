@@ -1,0 +1,248 @@
+"""What one may ask of a running simulator, besides faults."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any, ClassVar
+
+from ecatd.model import abort_codes
+from ecatd.model.datatypes import STRINGS, is_real, is_signed
+from ecatd.model.errors import SdoAbortError, StateError, UsageError
+
+from ..faults import FAULTS, Fault
+from ..faults.fault import Slave
+from ..parameters import Described, Is
+from ..simulation import Simulation
+from ..slave.objects import Value, Variable
+from .status import Status, of_slave
+
+_MEMORY = 0x10000
+_MAX_READ = 4096
+_ENTRY = re.compile(r"(0[xX])?([0-9A-Fa-f]{1,4})(:([0-9A-Fa-f]{1,2}))?")
+
+Object = Annotated[str, Is("object as INDEX:SUBINDEX in hexadecimal, 0x6000:01")]
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What requests are about.
+
+    Attributes:
+        simulation: The simulation.
+        name: Name of the simulator.
+        interface: Where a master reaches it.
+        stop: Ends the simulation.
+    """
+
+    simulation: Simulation
+    name: str
+    interface: str
+    stop: Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Request(Described):
+    """A command that is not a fault."""
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """Carries it out.
+
+        Raises:
+            EcatError: That failed.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class ShowStatus(Request):
+    """Show the rig, its counters and its slaves."""
+
+    kind: ClassVar[str] = "status"
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """The status as a map."""
+        simulation = session.simulation
+        counters = simulation.segment.counters()
+        status = Status(
+            name=session.name,
+            pid=os.getpid(),
+            rig=simulation.rig.name,
+            interface=session.interface,
+            frames=counters.frames,
+            malformed=counters.malformed,
+            dropped=counters.dropped,
+            slaves=tuple(of_slave(simulation, i) for i in range(len(simulation.rig.devices))),
+        )
+        return asdict(status)
+
+
+@dataclass(frozen=True)
+class ShowFaults(Request):
+    """Show the faults that strike, will strike or have struck."""
+
+    kind: ClassVar[str] = "faults"
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """The faults as maps."""
+        faults = [
+            {
+                "id": item.id,
+                "kind": item.fault.kind,
+                "parameters": item.fault.to_values(),
+                "struck": item.struck,
+                "last_cycle": item.last_cycle,
+                "done": item.done,
+                "error": item.error,
+            }
+            for item in session.simulation.faults.list()
+        ]
+        return {"faults": faults}
+
+
+@dataclass(frozen=True)
+class Clear(Request):
+    """Forget a fault, or all of them: what was to strike does not; what has struck stays."""
+
+    kind: ClassVar[str] = "clear"
+    id: Annotated[int, Is("number of the fault; 0 = all", minimum=0)] = 0
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """How many there were."""
+        return {"cleared": session.simulation.faults.clear(self.id or None)}
+
+
+@dataclass(frozen=True)
+class Get(Request):
+    """Read an entry of a slave's object dictionary, whatever a master may do with it."""
+
+    kind: ClassVar[str] = "get"
+    slave: Slave
+    object: Object
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """Value, type and name."""
+        entry = _entry(session.simulation, self.slave, self.object)
+        value = entry.on_read() if entry.on_read else entry.value
+        return {
+            "value": value.hex() if isinstance(value, bytes) else value,
+            "type": entry.type.name,
+            "name": entry.name,
+        }
+
+
+@dataclass(frozen=True)
+class Set(Request):
+    """Write an entry of a slave's object dictionary, read-only ones too: a tester sets inputs.
+
+    An input that the device, a wire or a plant computes is computed again in the next step.
+    """
+
+    kind: ClassVar[str] = "set"
+    slave: Slave
+    object: Object
+    value: Annotated[str, Is("new value: a number, a text, or bytes as hexadecimal digits")]
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """Nothing."""
+        entry = _entry(session.simulation, self.slave, self.object)
+        entry.value = _value(entry, self.value)
+        return {}
+
+
+@dataclass(frozen=True)
+class Registers(Request):
+    """Read registers or memory of a slave controller, as its device sees them."""
+
+    kind: ClassVar[str] = "registers"
+    slave: Slave
+    address: Annotated[int, Is("first register", minimum=0, maximum=_MEMORY - 1, hexadecimal=True)]
+    count: Annotated[int, Is("how many", unit="bytes", minimum=1, maximum=_MAX_READ)]
+
+    def _validate(self) -> None:
+        if self.address + self.count > _MEMORY:
+            raise UsageError(f"{self.kind}: the last register is 0x{_MEMORY - 1:04X}")
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """The bytes as hexadecimal digits."""
+        _check_slave(session.simulation, self.slave)
+        data = session.simulation.segment.read(self.slave, self.address, self.count)
+        return {"data": data.hex()}
+
+
+@dataclass(frozen=True)
+class Stop(Request):
+    """End the simulator, as SIGTERM does."""
+
+    kind: ClassVar[str] = "stop"
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """Nothing."""
+        session.stop()
+        return {}
+
+
+REQUESTS: dict[str, type[Request]] = {
+    cls.kind: cls for cls in (ShowStatus, ShowFaults, Clear, Get, Set, Registers, Stop)
+}
+
+
+def carry_out(session: Session, kind: str, arguments: dict[str, object]) -> dict[str, Any]:
+    """Carries out a request or adds a fault.
+
+    Raises:
+        EcatError: There is none of that name, an argument is wrong, or it failed.
+    """
+    simulation = session.simulation
+    if kind in REQUESTS:
+        request = REQUESTS[kind].from_values(arguments)
+        with simulation.lock:
+            return request.answer(session)
+    if kind in FAULTS:
+        fault: Fault = FAULTS[kind].from_values(arguments)
+        return {"id": simulation.faults.add(fault)}
+    known = ", ".join([*REQUESTS, *FAULTS])
+    raise UsageError(f"there is no command '{kind[:40]}'; there are {known}")
+
+
+def _check_slave(simulation: Simulation, position: int) -> None:
+    count = len(simulation.rig.devices)
+    if position >= count:
+        there = f"slaves 0 to {count - 1}" if count else "no slaves"
+        raise UsageError(f"there is no slave {position}; the rig has {there}")
+
+
+def _entry(simulation: Simulation, position: int, text: str) -> Variable:
+    _check_slave(simulation, position)
+    match = _ENTRY.fullmatch(text)
+    if not match:
+        raise UsageError(f"'{text[:40]}' is no object: use INDEX:SUBINDEX, as 0x6000:01")
+    index, subindex = int(match[2], 16), int(match[4] or "0", 16)
+    device = simulation.rig.devices[position]
+    try:
+        return device.dictionary.entry(index, subindex)
+    except SdoAbortError as error:
+        what = "object" if error.code == abort_codes.NO_OBJECT else "entry"
+        raise StateError(
+            f"slave {position} ({device.order or device.name}) has no {what} "
+            f"0x{index:04X}:{subindex:02X}"
+        ) from None
+
+
+def _value(entry: Variable, text: str) -> Value:
+    """The value of a text, checked against the type of an entry."""
+    try:
+        if entry.type in STRINGS:
+            return text if isinstance(entry.value, str) else bytes.fromhex(text)
+        if is_real(entry.type):
+            return float(text)
+        value = int(text, 0)
+    except ValueError:
+        raise UsageError(f"'{text[:40]}' is no value of type {entry.type.name}") from None
+    low = -(1 << entry.bits - 1) if is_signed(entry.type) else 0
+    high = low + (1 << entry.bits) - 1
+    if not low <= value <= high:
+        raise UsageError(f"{value} does not fit {entry.type.name}: {low} to {high}")
+    return value

@@ -1,0 +1,13 @@
+"""Faults on demand: what can go wrong on a segment, when, and how often.
+
+Each fault is a class with its parameters, defined once: from it follow the methods of
+`Simulation.faults` and `Simulator.faults`, the commands of `ecatsim ctl`, the tables `[[fault]]`
+of rig files and the messages of the control socket.
+"""
+
+from .fault import Fault, SlaveFault
+from .schedule import Faults, FaultState
+from .slaves import AlError
+from .table import FAULTS, parse
+
+__all__ = ["FAULTS", "AlError", "Fault", "FaultState", "Faults", "SlaveFault", "parse"]

@@ -1,0 +1,67 @@
+"""What all faults have in common: when they strike, and how they are written down."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Self
+
+from ..core import MAX_SLAVES
+from ..parameters import Described, Is
+
+if TYPE_CHECKING:
+    from ..simulation import Simulation
+
+MAX_CYCLE = 2**63 - 1
+_MAX_32 = 2**32 - 1
+
+Slave = Annotated[int, Is("position of the slave", minimum=0, maximum=MAX_SLAVES - 1)]
+
+
+@dataclass(frozen=True)
+class Fault(Described):
+    """A fault and its schedule.
+
+    It strikes in the cycles `at_cycle`, `at_cycle + every`, … until it has struck `count` times.
+    In each of them it strikes with `probability`; the random numbers come from `seed` alone, so
+    the same fault strikes in the same cycles in every run. Cycles are counted as in
+    `ecatsim.core.Counters.cycles`.
+    """
+
+    _: KW_ONLY
+    at_cycle: Annotated[
+        int, Is("cycle of the first strike; 0 = at once", minimum=0, maximum=MAX_CYCLE)
+    ] = 0
+    every: Annotated[
+        int, Is("from one strike to the next", unit="cycles", minimum=1, maximum=_MAX_32)
+    ] = 1
+    count: Annotated[int, Is("number of strikes; 0 = for ever", minimum=0, maximum=_MAX_32)] = 1
+    probability: Annotated[float, Is("chance of each strike", minimum=0.0, maximum=1.0)] = 1.0
+    seed: Annotated[int, Is("of the random numbers", minimum=0, maximum=_MAX_32)] = 1
+
+    def relative_to(self, folder: Path) -> Self:
+        """The same fault with the paths of its files taken relative to a folder."""
+        del folder
+        return self
+
+
+@dataclass(frozen=True)
+class SlaveFault(Fault):
+    """A fault that the simulation loop carries out, within a millisecond after its cycle."""
+
+    slave: Slave = field(kw_only=False)
+
+    def check(self, simulation: Simulation) -> None:
+        """Checks that the simulation can carry it out.
+
+        Raises:
+            UsageError: It cannot.
+        """
+
+    def strike(self, simulation: Simulation) -> None:
+        """Carries it out.
+
+        Raises:
+            EcatError: That failed.
+        """
+        raise NotImplementedError

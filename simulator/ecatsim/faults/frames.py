@@ -1,0 +1,1 @@
+"""Faults of frames. The slave controllers carry them out, exactly in their cycles."""

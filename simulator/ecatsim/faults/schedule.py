@@ -1,0 +1,176 @@
+"""The faults of a simulation: which there are, when they strike, and how often they did."""
+
+from __future__ import annotations
+
+import heapq
+import random
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from ecatd.model.errors import EcatError, StateError, UsageError
+
+from .fault import Fault, SlaveFault
+from .methods import FaultMethods
+
+if TYPE_CHECKING:
+    from ..simulation import Simulation
+
+MAX_FAULTS = 256
+_FINISHED_KEPT = 64
+
+
+@dataclass(frozen=True, slots=True)
+class FaultState:
+    """A fault and what became of it.
+
+    Attributes:
+        id: Its number.
+        fault: The fault.
+        struck: How often it struck.
+        last_cycle: The cycle of its schedule in which it struck last, 0 if it did not or if the
+            slave controllers carry it out.
+        done: Whether it will not strike again.
+        error: Why its last strike failed; empty if it did not.
+    """
+
+    id: int
+    fault: Fault
+    struck: int
+    last_cycle: int
+    done: bool
+    error: str
+
+
+@dataclass(slots=True)
+class _Entry:
+    id: int
+    fault: Fault
+    struck: int = 0
+    last_cycle: int = 0
+    done: bool = False
+    error: str = ""
+    random: random.Random = field(default_factory=random.Random)
+
+
+class Faults(FaultMethods):
+    """The faults of a simulation.
+
+    There is a method for every fault, which adds it and returns its number:
+    `faults.drop(count=3, at_cycle=1000)`, `faults.al_error(2, code=0x001D)`. All of them may be
+    called from any thread while the simulation runs.
+
+    Args:
+        simulation: The simulation they happen in.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._entries: dict[int, _Entry] = {}
+        self._due: list[tuple[int, int]] = []  # a heap of cycle and number
+        self._last_id = 0
+
+    def add(self, fault: Fault) -> int:
+        """Adds a fault; one without a cycle strikes at once. Returns its number.
+
+        Raises:
+            UsageError: The simulation has no such slave, or its cycle is over.
+            StateError: There are too many.
+        """
+        with self._simulation.lock:
+            now = self._cycle()
+            self._check(fault, now)
+            self._forget_finished()
+            self._last_id += 1
+            entry = _Entry(self._last_id, fault, random=random.Random(fault.seed))
+            if isinstance(fault, SlaveFault):
+                if fault.at_cycle == 0:
+                    self._strike(entry, now, at_once=True)
+                if not entry.done:
+                    first = fault.at_cycle or now + fault.every
+                    heapq.heappush(self._due, (first, entry.id))
+            self._entries[entry.id] = entry
+            return entry.id
+
+    def clear(self, identifier: int | None = None) -> int:
+        """Forgets a fault, or all: what was to strike does not. Returns how many there were.
+
+        What has struck stays as it is: a broken link wants `heal_link`, a slave without power
+        `power_on`.
+
+        Raises:
+            UsageError: There is no such fault.
+        """
+        with self._simulation.lock:
+            if identifier is not None and identifier not in self._entries:
+                raise UsageError(f"there is no fault {identifier}; `faults` lists them")
+            gone = list(self._entries) if identifier is None else [identifier]
+            for key in gone:
+                del self._entries[key]
+            return len(gone)
+
+    def list(self) -> list[FaultState]:
+        """All faults that strike or will strike, and the last ones that have, oldest first."""
+        with self._simulation.lock:
+            return [
+                FaultState(e.id, e.fault, e.struck, e.last_cycle, e.done, e.error)
+                for e in self._entries.values()
+            ]
+
+    def run(self) -> None:
+        """Carries out what is due; the simulation calls it at every step."""
+        if not self._due:
+            return
+        now = self._cycle()
+        while self._due and self._due[0][0] <= now:
+            cycle, identifier = heapq.heappop(self._due)
+            entry = self._entries.get(identifier)
+            if entry is None:
+                continue
+            self._strike(entry, cycle)
+            if not entry.done:
+                heapq.heappush(self._due, (cycle + entry.fault.every, identifier))
+
+    def _cycle(self) -> int:
+        return getattr(self._simulation.segment.counters(), "cycles", 0)
+
+    def _check(self, fault: Fault, now: int) -> None:
+        if 0 < fault.at_cycle < now:
+            raise UsageError(
+                f"{fault.kind}: cycle {fault.at_cycle} is over, the bus is in cycle {now}; "
+                "leave at_cycle out to strike at once"
+            )
+        if isinstance(fault, SlaveFault):
+            count = len(self._simulation.rig.devices)
+            if fault.slave >= count:
+                there = f"slaves 0 to {count - 1}" if count else "no slaves"
+                raise UsageError(
+                    f"{fault.kind}: there is no slave {fault.slave}; the rig has {there}"
+                )
+            fault.check(self._simulation)
+
+    def _strike(self, entry: _Entry, cycle: int, *, at_once: bool = False) -> None:
+        """One cycle of a schedule. Added faults report errors, scheduled ones keep them."""
+        fault = entry.fault
+        assert isinstance(fault, SlaveFault)
+        if fault.probability < 1.0 and entry.random.random() >= fault.probability:
+            return
+        try:
+            fault.strike(self._simulation)
+        except EcatError as error:
+            if at_once:
+                raise
+            entry.error = str(error)
+        else:
+            entry.struck += 1
+            entry.last_cycle = cycle
+        entry.done = bool(entry.error) or 0 < fault.count <= entry.struck
+
+    def _forget_finished(self) -> None:
+        finished = [entry.id for entry in self._entries.values() if entry.done]
+        for identifier in finished[: max(0, len(finished) - _FINISHED_KEPT)]:
+            del self._entries[identifier]
+        if len(self._entries) >= MAX_FAULTS:
+            raise StateError(
+                f"there are {len(self._entries)} faults already, and no more are kept: "
+                "clear some that are no longer needed"
+            )

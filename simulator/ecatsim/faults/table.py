@@ -1,0 +1,37 @@
+"""All faults by name, and how a rig file says them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from ecatd.model.errors import ConfigError, UsageError
+
+from .fault import Fault
+from .slaves import AlError
+
+FAULTS: dict[str, type[Fault]] = {cls.kind: cls for cls in (AlError,)}
+"""Every fault by its name."""
+
+
+def parse(table: Mapping[str, object], where: str, folder: Path | None = None) -> Fault:
+    """The fault that a table `[[fault]]` of a rig file describes.
+
+    Args:
+        table: The table; `kind` is the name of the fault, its other keys are parameters.
+        where: What errors begin with: file and table.
+        folder: What paths of files are relative to; None leaves them as they are.
+
+    Raises:
+        ConfigError: It describes none.
+    """
+    values = dict(table)
+    kind = values.pop("kind", None)
+    if kind not in FAULTS:
+        what = f"there is no fault '{kind}'" if kind is not None else "kind is missing"
+        raise ConfigError(f"{where}: {what}; there are {', '.join(FAULTS)}")
+    try:
+        fault = FAULTS[str(kind)].from_values(values)
+    except UsageError as error:
+        raise ConfigError(f"{where}: {error}") from None
+    return fault if folder is None else fault.relative_to(folder)
