@@ -12,14 +12,12 @@ from types import ModuleType
 
 from ecatd.model.errors import ConfigError, UsageError
 
+from .plants.paced import Paced
+from .plants.point import Point, Terminal
 from .slave.device import Device
-from .slave.objects import Variable
 
 Plant = Callable[[float], None]
 """Called before each step of the devices, with CLOCK_MONOTONIC in seconds."""
-
-Terminal = tuple[Device, int, int]
-"""A device and the index and subindex of one of its PDO entries."""
 
 
 @dataclass(slots=True)
@@ -51,29 +49,57 @@ class Rig:
     plants: list[Plant] = field(default_factory=list)
     trace: Trace | None = None
 
-    def wire(self, source: Terminal, target: Terminal) -> None:
-        """Connects an output with an input."""
-        output, entry = _entry(source), _entry(target)
+    def wire(
+        self, source: Terminal, target: Terminal, scale: float = 1.0, offset: float = 0.0
+    ) -> None:
+        """Connects an output with an input: input = output * scale + offset.
+
+        Both are in the units of their entries, which is volts at analog terminals.
+
+        Raises:
+            UsageError: A device has no such entry.
+        """
+        output, entry = Point(source), Point(target)
+        if (scale, offset) == (1.0, 0.0) and output.same_scale(entry):
+            raw, into = output.variable, entry.variable
+
+            def copy(now: float) -> None:
+                del now
+                into.value = raw.value
+
+            self.plants.append(copy)
+            return
 
         def carry(now: float) -> None:
             del now
-            entry.value = output.value
+            entry.set(output.get() * scale + offset)
 
         self.plants.append(carry)
 
-    def drive(self, target: Terminal, signal: Callable[[float], int]) -> None:
-        """Connects a signal source with an input."""
-        entry = _entry(target)
+    def drive(self, target: Terminal, signal: Callable[[float], float]) -> None:
+        """Connects a signal source with an input, in the unit of its entry.
 
-        def carry(now: float) -> None:
-            entry.value = signal(now)
+        Raises:
+            UsageError: The device has no such entry.
+        """
+        entry = Point(target)
+        self.plants.append(lambda now: entry.set(signal(now)))
 
-        self.plants.append(carry)
+    def add_plant(self, plant: Plant, period: float = 0.001, catch_up: float = 0.1) -> None:
+        """Adds a callable that is to be called at a fixed rate.
 
+        It gets the time of each step, `period` apart, also where the simulation is late; after a
+        longer pause than `catch_up` the steps before that are left out.
 
-def _entry(terminal: Terminal) -> Variable:
-    device, index, subindex = terminal
-    return device.dictionary[index, subindex]
+        Args:
+            plant: The callable.
+            period: Seconds between two calls.
+            catch_up: Seconds that are made up for at most.
+
+        Raises:
+            UsageError: `period` is not positive.
+        """
+        self.plants.append(Paced(plant, period, catch_up))
 
 
 def _troll(argument: str) -> Rig:

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from ecatd.model import sii
+from ecatd.model.al import AlState
 from ecatd.model.errors import UsageError
 from ecatsim.cli.main import main
 from ecatsim.devices.library import library, make
@@ -69,3 +71,157 @@ def test_the_command_lists_all_devices(capsys):
     assert [row["name"] for row in rows] == [item.name for item in library()]
     (drive,) = (row for row in rows if row["name"] == "ElmoGold")
     assert (drive["output_size"], drive["input_size"]) == (16, 16)
+
+
+# --- what the SII of real devices says -------------------------------------------------------
+
+
+def test_the_sii_of_an_el2004_is_that_of_the_real_one():
+    image = make("EL2004").sii_image()
+    assert image[:2] == bytes.fromhex("0401"), "digital I/O"
+    assert image[16:28] == bytes.fromhex("020000005230d40700001000")
+    for text in (b"EL2004", b"DigOut", b"EL2004 4K. Dig. Ausgang 24V, 0.5A", b"Channel 4"):
+        assert bytes([len(text)]) + text in image
+    assert bytes.fromhex("2800010001ff") in image, "one FMMU, for outputs"
+    assert bytes.fromhex("29000400000f000044000903") in image, "SM0 at 0x0F00, control 0x44"
+    device = make("EL2004")
+    assert [pdo.index for pdo in device.rx_pdos] == [0x1600, 0x1601, 0x1602, 0x1603]
+    assert [pdo.entries[0].index for pdo in device.rx_pdos] == [0x7000, 0x7010, 0x7020, 0x7030]
+    assert device.ebus_current == 100
+
+
+def test_the_sii_of_an_ek1100_is_that_of_the_real_one():
+    image = make("EK1100").sii_image()
+    assert image[:2] == bytes.fromhex("000d")
+    assert image[16:28] == bytes.fromhex("02000000522c4c0400001200")
+    for text in (b"SystemBk", b"System Koppler", b"EK1100 EtherCAT-Koppler (2A E-Bus)"):
+        assert bytes([len(text)]) + text in image
+    assert make("EK1100").physical_ports == 0x0131
+    assert make("EK1100").ebus_current == -2000
+
+
+def test_ports_of_the_junction():
+    """E-bus at ports 0 and 2, sockets at 1 and 3 (KYKY), in SII and register 0x0007."""
+    junction = make("EK1122")
+    assert junction.physical_ports == 0x1313
+    assert [junction.chip.ports >> 2 * port & 3 for port in range(4)] == [2, 3, 2, 3]
+
+
+@pytest.mark.parametrize("item", library(), ids=lambda item: item.name)
+def test_the_sii_tells_a_master_the_process_data(item):
+    """Masters of devices without mailbox have nothing else to go by."""
+    device = make(item.name)
+    image = device.sii_image()
+    found = sii.read_sii(lambda word: image[2 * word : 2 * word + 4])
+    assert (found.vendor, found.product, found.order) == (item.vendor, item.product, device.order)
+    for pdos, of_device in ((found.inputs, device.tx_pdos), (found.outputs, device.rx_pdos)):
+        assert [(pdo.index, pdo.sync_manager, pdo.bit_length) for pdo in pdos] == [
+            (pdo.index, pdo.sync_manager, pdo.bit_length) for pdo in of_device
+        ]
+        assert all(entry.name for pdo in pdos for entry in pdo.entries if not entry.is_gap)
+
+
+# --- terminals -------------------------------------------------------------------------------
+
+
+def test_status_word_of_an_el3102():
+    """Bits 0, 1: range, 2-3 and 4-5: limits, 6: error, 13: sync error, 14: state, 15: toggle."""
+    device = make("EL3102")
+    device[0x8000, 0x07] = device[0x8000, 0x08] = 1
+    device[0x8000, 0x13], device[0x8000, 0x14] = 1000, -1000
+    measured = device.connection(0x6000, 0x11)
+    words = []
+    for value in (1000, 999, -1000, -1001, 40000, -40000):
+        measured.value = float(value)
+        device.step(0.0)
+        words.append(int.from_bytes(device.give()[:2], "little") & 0x7FFF)
+    low1, high1, same1, low2, high2, same2 = (0x04, 0x08, 0x0C, 0x10, 0x20, 0x30)
+    assert words == [
+        same1 | high2,
+        low1 | high2,
+        low1 | same2,
+        low1 | low2,
+        high1 | high2 | 0x42,
+        low1 | low2 | 0x41,
+    ]
+
+
+def test_the_toggle_bit_changes_with_each_conversion():
+    device = make("EL3102")
+    toggles = []
+    for _ in range(4):
+        device.step(0.0)
+        toggles.append(device.give()[1] >> 7)
+    assert toggles == [1, 0, 1, 0]
+
+
+def test_user_scale_of_an_analog_input():
+    device = make("EL3102")
+    device.connection(0x6010, 0x11).value = 1000.0
+    device[0x8010, 0x01], device[0x8010, 0x11], device[0x8010, 0x12] = 1, -7, 2 << 16
+    device.step(0.0)
+    device.step(0.001)
+    assert device[0x6010, 0x11] == 1993
+
+
+def running(device):
+    device.machine.state = AlState.OP
+    return device
+
+
+def test_analog_outputs_give_volts():
+    device = running(make("EL4004"))
+    device[0x7000, 1], device[0x7010, 1], device[0x7020, 1] = 32767, 16384, -100
+    device.step(0.0)
+    assert [device.voltage(i) for i in range(4)] == pytest.approx([10, 5, 0, 0], abs=1e-3)
+
+
+def test_user_scale_of_an_analog_output():
+    device = running(make("EL4008"))
+    device[0x7070, 1] = 1000
+    device[0x8070, 0x01], device[0x8070, 0x11], device[0x8070, 0x12] = 1, 50, 3 << 15
+    device.step(0.0)
+    assert device.connection(0x7070, 1).value == 1550
+
+
+@pytest.mark.parametrize(
+    ("mode", "after"), [(0, [3000, 3000]), (1, [19000, 18000]), (2, [20000, 20000])]
+)
+def test_what_an_analog_output_does_outside_of_op(mode, after):
+    """0x80n0:05 Watchdog: 0 default output, 1 along the ramp (digits per ms), 2 hold."""
+    device = running(make("EL4004"))
+    device[0x8000, 0x05], device[0x8000, 0x13], device[0x8000, 0x14] = mode, 3000, 1000
+    device[0x7000, 1] = 20000
+    device.step(0.0)
+    device.machine.state = AlState.SAFEOP
+    device[0x7000, 1] = 0
+    values = []
+    for _ in after:
+        device.step(0.0)
+        values.append(device.connection(0x7000, 1).value)
+    assert values == after
+
+
+# --- generic devices -------------------------------------------------------------------------
+
+
+def test_generic_digital_io_has_as_many_bits_as_asked_for():
+    device = make("DigitalIO", inputs=11, outputs=3)
+    device[0x6000, 11] = 1
+    assert device.give() == bytes([0, 4])
+    device.receive(bytes([5]))
+    assert [device[0x7000, i] for i in (1, 2, 3)] == [1, 0, 1]
+    assert make("DigitalIO", inputs=0, outputs=0).give() == b""
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_generic_analog_io_has_range_and_unit(bits):
+    device = make("AnalogIO", inputs=3, outputs=2, bits=bits, range=250.0, unit="bar")
+    entry = device.tx_pdos[0].entries[2]
+    assert entry.unit == "bar"
+    assert entry.scale * ((1 << bits - 1) - 1) == pytest.approx(250.0)
+    assert len(device.give()) == 3 * bits // 8
+    device.receive((-1 % (1 << bits)).to_bytes(bits // 8, "little") * 2)
+    assert device[0x7000, 2] == -1
+    with pytest.raises(UsageError, match="AnalogIO: bits must be 16 or 32, not 24"):
+        make("AnalogIO", bits=24)

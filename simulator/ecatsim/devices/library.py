@@ -20,18 +20,16 @@ from ecatd.model.errors import UsageError
 
 from ..slave.device import Device
 from ..slave.sii import UNASSIGNED
-from .beckhoff import EK1100, EL1018, EL2008, EL3008, EL6751
+from . import beckhoff
 from .elmo import ElmoGold
-from .generic import Loopback
+from .generic import AnalogIO, DigitalIO, Loopback
 from .parameters import Parameter
 
 _CLASSES: Mapping[str, type[Device]] = {
-    "EK1100": EK1100,
-    "EL1018": EL1018,
-    "EL2008": EL2008,
-    "EL3008": EL3008,
-    "EL6751": EL6751,
+    **{name: getattr(beckhoff, name) for name in beckhoff.__all__},
     "ElmoGold": ElmoGold,
+    "DigitalIO": DigitalIO,
+    "AnalogIO": AnalogIO,
     "Loopback32": Loopback,
 }
 

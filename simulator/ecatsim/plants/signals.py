@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import bisect
+import csv
 import math
 from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+from ecatd.model.errors import ConfigError, UsageError
 
 Signal = Callable[[float], float]
 
@@ -19,6 +25,105 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
     return lambda now: offset + amplitude * math.sin(omega * now + phase)
 
 
-def square(frequency: float) -> Callable[[float], int]:
-    """0 and 1 in turn, half a period each; frequency in Hz."""
-    return lambda now: int(now * frequency % 1.0 < 0.5)
+def square(frequency: float, low: float = 0, high: float = 1) -> Signal:
+    """`high` and `low` in turn, half a period each; frequency in Hz."""
+    return lambda now: high if now * frequency % 1.0 < 0.5 else low
+
+
+def ramp(low: float, high: float, frequency: float) -> Signal:
+    """From `low` to `high` and at once back, a saw tooth; frequency in Hz."""
+    return lambda now: low + (high - low) * (now * frequency % 1.0)
+
+
+def triangle(low: float, high: float, frequency: float) -> Signal:
+    """From `low` to `high` and back at the same rate; frequency in Hz."""
+    return lambda now: high - (high - low) * abs(2 * (now * frequency % 1.0) - 1)
+
+
+def noise(deviation: float, mean: float = 0.0, seed: int = 1) -> Signal:
+    """Normally distributed noise, the same for the same seed.
+
+    Args:
+        deviation: Standard deviation.
+        mean: Mean value.
+        seed: Seed of the generator.
+    """
+    gauss = Random(seed).gauss
+    return lambda now: gauss(mean, deviation)
+
+
+def table(
+    path: Path | str, column: str | int = 1, time: str | int = 0, *, repeat: bool = False
+) -> Signal:
+    """A signal from a CSV file, linear between its points; it begins when it is first asked.
+
+    Args:
+        path: A CSV file; a first line that holds names is skipped.
+        column: Name or number (from 0) of the column with the values.
+        time: Name or number of the column with the times in seconds, ascending.
+        repeat: Begin again after the last point; otherwise its value stays.
+
+    Raises:
+        ConfigError: The file cannot be used; says where and why.
+    """
+    times, values = _read(Path(path), time, column)
+    start: list[float] = []
+
+    def signal(now: float) -> float:
+        if not start:
+            start.append(now)
+        at = now - start[0] + times[0]
+        if repeat and times[-1] > times[0]:
+            at = times[0] + (at - times[0]) % (times[-1] - times[0])
+        i = bisect.bisect_right(times, at)
+        if i == len(times):
+            return values[-1]
+        before, after = times[i - 1], times[i]
+        return values[i - 1] + (values[i] - values[i - 1]) * (at - before) / (after - before)
+
+    return signal
+
+
+def _read(path: Path, time: str | int, column: str | int) -> tuple[list[float], list[float]]:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row]
+    except OSError as error:
+        raise ConfigError(f"cannot read '{path}': {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{path}: this is not a CSV file: {error}") from error
+    names = rows[0][1] if rows and not _is_number(rows[0][1][0]) else []
+    if len(rows) <= bool(names):
+        raise ConfigError(f"{path}: there are no values in it")
+    columns = [_column(path, names, wanted) for wanted in (time, column)]
+    times: list[float] = []
+    values: list[float] = []
+    for number, row in rows[bool(names) :]:
+        try:
+            at, value = (float(row[i]) for i in columns)
+        except (ValueError, IndexError):
+            raise ConfigError(f"{path}:{number}: a time and a value are wanted here") from None
+        if not math.isfinite(at) or not math.isfinite(value) or (times and at <= times[-1]):
+            raise ConfigError(f"{path}:{number}: times must ascend, and all must be numbers")
+        times.append(at)
+        values.append(value)
+    return times, values
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _column(path: Path, names: list[str], wanted: str | int) -> int:
+    if isinstance(wanted, int):
+        if wanted < 0:
+            raise UsageError(f"{path}: columns are counted from 0, not {wanted}")
+        return wanted
+    if wanted not in names:
+        known = ", ".join(names) or "no names"
+        raise ConfigError(f"{path}: there is no column '{wanted}'; the first line has {known}")
+    return names.index(wanted)

@@ -24,7 +24,7 @@ from ..core import Chip, Event, ProcessDataMap, Segment
 from . import sii, standard_objects, sync_managers
 from .coe import CoeServer
 from .mailbox import MailboxServer, Protocol
-from .objects import Access, Dictionary
+from .objects import Access, Dictionary, Variable
 from .process_image import ProcessImage
 from .sii import FmmuType, Mailbox, SmType, SyncManager
 from .state_machine import AlCode, StateMachine
@@ -134,6 +134,10 @@ class Device:
     def give(self) -> bytes:
         """Returns the inputs; by default from the dictionary."""
         return self._inputs.pack()
+
+    def connection(self, index: int, subindex: int) -> Variable:
+        """What a wire or a plant connects to: the entry itself, unless the device converts it."""
+        return self.dictionary[index, subindex]
 
     def fail(self, code: int, state: AlState = AlState.SAFEOP) -> None:
         """Falls back to a state, or stays in a lower one, with an AL status code."""

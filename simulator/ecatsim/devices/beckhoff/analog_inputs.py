@@ -1,0 +1,195 @@
+"""Analog inputs (EL30xx, EL31xx): a voltage becomes a value with status bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import DataType
+
+from ...slave.objects import Access, Variable
+from ...slave.sii import Mailbox, SmType, SyncManager
+from .terminal import COMPLEX_CHIP, COMPLEX_FMMUS, Terminal
+
+Signal = Callable[[float], float]
+"""A signal over time: takes CLOCK_MONOTONIC in seconds."""
+
+_FULL_SCALE = 10.0  # volts
+_MAX, _MIN = 32767, -32768
+_SMALLER, _LARGER, _EQUAL = 1, 2, 3  # status bits "Limit"
+_UNITY_GAIN = 0x00010000
+_GAP = Entry(0, 0, "Status__", DataType.PADDING, 1)
+_SETTINGS = (
+    (0x01, "Enable user scale", DataType.BOOLEAN, 0),
+    (0x06, "Enable filter", DataType.BOOLEAN, 1),
+    (0x07, "Enable limit 1", DataType.BOOLEAN, 0),
+    (0x08, "Enable limit 2", DataType.BOOLEAN, 0),
+    (0x11, "User scale offset", DataType.INTEGER16, 0),
+    (0x12, "User scale gain", DataType.INTEGER32, _UNITY_GAIN),
+    (0x13, "Limit 1", DataType.INTEGER16, 0),
+    (0x14, "Limit 2", DataType.INTEGER16, 0),
+    (0x15, "Filter settings", DataType.UNSIGNED16, 0),
+)
+
+
+def _pdos(channels: int, reserved: Sequence[Entry]) -> tuple[Pdo, ...]:
+    """Two PDOs a channel: status and value, assigned by default, and value alone.
+
+    Args:
+        channels: Number of channels.
+        reserved: What stands between error bit and TxPDO State.
+    """
+    result: list[Pdo] = []
+    for i in range(channels):
+        index = 0x6000 + 16 * i
+        value = Entry(index, 0x11, "Value", DataType.INTEGER16, 16, "V", _FULL_SCALE / _MAX)
+        standard = [
+            Entry(index, 0x01, "Status__Underrange", DataType.BOOLEAN, 1),
+            Entry(index, 0x02, "Status__Overrange", DataType.BOOLEAN, 1),
+            Entry(index, 0x03, "Status__Limit 1", DataType.BIT2, 2),
+            Entry(index, 0x05, "Status__Limit 2", DataType.BIT2, 2),
+            Entry(index, 0x07, "Status__Error", DataType.BOOLEAN, 1),
+            *(
+                Entry(r.index and index, r.subindex, r.name, r.data_type, r.bit_length)
+                for r in reserved
+            ),
+            Entry(index, 0x0F, "Status__TxPDO State", DataType.BOOLEAN, 1),
+            Entry(index, 0x10, "Status__TxPDO Toggle", DataType.BOOLEAN, 1),
+            value,
+        ]
+        result.append(Pdo(0x1A00 + 2 * i, f"AI Standard Channel {i + 1}", 3, standard))
+        result.append(Pdo(0x1A01 + 2 * i, f"AI Compact Channel {i + 1}", 0xFF, [value]))
+    return tuple(result)
+
+
+class _Channel:
+    """One input: measures, and sets value and status in the dictionary."""
+
+    def __init__(self, terminal: Terminal, number: int) -> None:
+        index = 0x6000 + 16 * number
+        self._entries = {s: terminal.dictionary[index, s] for s in (1, 2, 3, 5, 7, 0x10, 0x11)}
+        self._settings = {s: terminal.dictionary[index + 0x2000, s] for s, *_ in _SETTINGS}
+        # What a wire brings: ±32767 at full scale, beyond that where the signal is.
+        self.measured = Variable(index, 0x11, "Input", DataType.REAL64, 64, value=0.0)
+
+    def convert(self) -> None:
+        """Converts what is measured now."""
+        measured = self.measured.value
+        raw = round(measured) if isinstance(measured, int | float) else 0
+        under, over = raw < _MIN, raw > _MAX
+        value = self._scaled(min(max(raw, _MIN), _MAX))
+        entries = self._entries
+        entries[0x01].value, entries[0x02].value = int(under), int(over)
+        entries[0x07].value = int(under or over)
+        entries[0x03].value = self._limit(value, 0x07, 0x13)
+        entries[0x05].value = self._limit(value, 0x08, 0x14)
+        entries[0x11].value = value
+        entries[0x10].value = 1 - int(entries[0x10].value == 1)
+
+    def _setting(self, subindex: int) -> int:
+        value = self._settings[subindex].value
+        return value if isinstance(value, int) else 0
+
+    def _scaled(self, value: int) -> int:
+        if self._setting(0x01):
+            value = value * self._setting(0x12) // _UNITY_GAIN + self._setting(0x11)
+        return min(max(value, _MIN), _MAX)
+
+    def _limit(self, value: int, enable: int, limit: int) -> int:
+        """The two bits that compare a value with a limit; 0 where that is not enabled."""
+        if not self._setting(enable):
+            return 0
+        at = self._setting(limit)
+        return _EQUAL if value == at else _LARGER if value > at else _SMALLER
+
+
+class _AnalogInput(Terminal):
+    """Analog inputs, ±10 V = ±32767. The toggle bits change with each conversion.
+
+    Args:
+        signals: Voltage at each channel over time; channels without one are at what a wire or a
+            plant brings, or at 0 V.
+    """
+
+    group = "AnaIn"
+    group_name = "Analoge Eingangsklemmen (EL3xxx)"
+    chip = COMPLEX_CHIP
+    ebus_current = 130
+    fmmus = COMPLEX_FMMUS
+
+    def __init__(self, signals: Sequence[Signal] = ()) -> None:
+        self._signals = tuple(signals)
+        super().__init__()
+        count = len(self.tx_pdos) // 2
+        self._channels = [_Channel(self, i) for i in range(count)]
+
+    def describe(self) -> None:
+        """Names the objects as the terminal does; adds the settings of its channels."""
+        objects = self.dictionary
+        for i in range(len(self.tx_pdos) // 2):
+            objects.object(0x1A00 + 2 * i).name = f"AI TxPDO-Map Standard Ch.{i + 1}"
+            objects.object(0x1A01 + 2 * i).name = f"AI TxPDO-Map Compact Ch.{i + 1}"
+            objects.object(0x6000 + 16 * i).name = f"AI Inputs Ch.{i + 1}"
+            index = 0x8000 + 16 * i
+            objects.record(
+                index,
+                f"AI Settings Ch.{i + 1}",
+                [Variable(index, s, name, t, 0, Access.RW, v) for s, name, t, v in _SETTINGS],
+            )
+
+    def connection(self, index: int, subindex: int) -> Variable:
+        """A wire to a value ends at the analog side of its channel."""
+        if subindex == 0x11 and 0 <= index - 0x6000 < 16 * len(self._channels):
+            return self._channels[(index - 0x6000) // 16].measured
+        return super().connection(index, subindex)
+
+    def step(self, now: float) -> None:
+        """Converts all channels."""
+        for channel, signal in zip(self._channels, self._signals, strict=False):
+            channel.measured.value = signal(now) / _FULL_SCALE * _MAX
+        for channel in self._channels:
+            channel.convert()
+
+
+class EL3008(_AnalogInput):
+    """8 analog inputs, ±10 V, single-ended, 12 bit."""
+
+    product = 0x0BC03052
+    revision = 0x00140000
+    order = "EL3008"
+    name = "EL3008 8K. Ana. Eingang  +/-10V"
+    mailbox = Mailbox(protocols=0x0C)
+    sync_managers = (
+        SyncManager(SmType.MAILBOX_OUT, 0x1000, 128, 0x26),
+        SyncManager(SmType.MAILBOX_IN, 0x1080, 128, 0x22),
+        SyncManager(SmType.OUTPUTS, 0x1100, 0, 0x04, enable=0),
+        SyncManager(SmType.INPUTS, 0x1180, 32, 0x20),
+    )
+    tx_pdos = _pdos(8, (_GAP, Entry(0, 0, "Status__", DataType.PADDING, 6)))
+    period = 0.002
+
+
+class EL3102(_AnalogInput):
+    """2 analog inputs, ±10 V, differential, 16 bit."""
+
+    product = 0x0C1E3052
+    revision = 0x00120000
+    order = "EL3102"
+    name = "EL3102 2K. Ana. Eingang +/-10V, DIFF"
+    ebus_current = 170
+    mailbox = Mailbox(protocols=0x0C)
+    sync_managers = (
+        SyncManager(SmType.MAILBOX_OUT, 0x1000, 128, 0x26),
+        SyncManager(SmType.MAILBOX_IN, 0x1080, 128, 0x22),
+        SyncManager(SmType.OUTPUTS, 0x1100, 0, 0x04, enable=0),
+        SyncManager(SmType.INPUTS, 0x1180, 8, 0x20),
+    )
+    tx_pdos = _pdos(
+        2,
+        (
+            _GAP,
+            Entry(0, 0, "Status__", DataType.PADDING, 5),
+            Entry(1, 0x0E, "Status__Sync error", DataType.BOOLEAN, 1),
+        ),
+    )
+    variable_assignment = True

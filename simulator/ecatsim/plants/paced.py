@@ -1,0 +1,52 @@
+"""Calls a plant at a fixed rate, however irregularly it is called itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from ecatd.model.errors import UsageError
+
+
+class Paced:
+    """A plant with a fixed step.
+
+    Args:
+        plant: Called with the time of each step.
+        period: Seconds between two steps.
+        catch_up: Seconds that are made up for at most after a pause.
+
+    Attributes:
+        steps: Steps made.
+        left_out: Steps left out after pauses.
+
+    Raises:
+        UsageError: `period` is not positive.
+    """
+
+    def __init__(
+        self, plant: Callable[[float], None], period: float, catch_up: float = 0.1
+    ) -> None:
+        if not (period > 0 and math.isfinite(period)):
+            raise UsageError(f"the period of a plant must be positive, not {period:g} s")
+        self._plant = plant
+        self._period = period
+        self._most = max(1, int(catch_up / period))
+        self._start: float | None = None
+        self._number = 0  # of the next step, counted from the first
+        self.steps = self.left_out = 0
+
+    def __call__(self, now: float) -> None:
+        """Makes all steps that are due at `now` (CLOCK_MONOTONIC in seconds)."""
+        if self._start is None:
+            self._start = now
+        # A nanosecond forgives rounding where step and caller have the same period.
+        due = math.floor((now - self._start + 1e-9) / self._period) + 1 - self._number
+        if due > self._most:
+            self.left_out += due - self._most
+            self._number += due - self._most
+            due = self._most
+        for _ in range(due):
+            self._plant(self._start + self._number * self._period)
+            self._number += 1
+            self.steps += 1

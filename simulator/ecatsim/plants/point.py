@@ -1,0 +1,77 @@
+"""Where a plant meets the bus: a PDO entry as a physical value."""
+
+from __future__ import annotations
+
+from ecatd.model.bus import Entry
+from ecatd.model.datatypes import is_real, is_signed
+from ecatd.model.errors import ConfigError, UsageError
+
+from ..slave.device import Device
+from ..slave.objects import Variable
+
+Terminal = tuple[Device, int, int]
+"""A device and the index and subindex of one of its PDO entries."""
+
+
+class Point:
+    """An entry of a device, in the unit of the entry (volts at an analog terminal) or raw.
+
+    A value that is set is rounded and held within the range of the entry's type, as a converter
+    holds it.
+
+    Args:
+        terminal: The device, and index and subindex of the entry.
+
+    Attributes:
+        variable: The raw value.
+        unit: The unit, or empty.
+        scale: Physical value = raw value * scale + offset.
+        offset: See `scale`.
+
+    Raises:
+        UsageError: The device has no such entry.
+    """
+
+    def __init__(self, terminal: Terminal) -> None:
+        device, index, subindex = terminal
+        try:
+            self.variable: Variable = device.connection(index, subindex)
+        except ConfigError:
+            known = ", ".join(entry.address for entry in _entries(device)) or "none"
+            raise UsageError(
+                f"{device.order or 'the device'} has no entry 0x{index:04X}:{subindex:02X}; "
+                f"its process data has {known}"
+            ) from None
+        self.unit, self.scale, self.offset = "", 1.0, 0.0
+        for entry in _entries(device):
+            if (entry.index, entry.subindex) == (index, subindex):
+                self.unit, self.scale, self.offset = entry.unit, entry.scale, entry.offset
+        kind, bits = self.variable.type, self.variable.bits
+        self._whole = not is_real(kind)
+        self._low = -(1 << bits - 1) if is_signed(kind) else 0
+        self._high = (1 << bits - is_signed(kind)) - 1
+
+    def get(self) -> float:
+        """The physical value."""
+        raw = self.variable.value
+        return raw * self.scale + self.offset if isinstance(raw, int | float) else 0.0
+
+    def set(self, value: float) -> None:
+        """Sets the physical value; what is not a number changes nothing."""
+        raw = (value - self.offset) / self.scale
+        if raw != raw:  # NaN
+            return
+        if self._whole:
+            self.variable.value = round(min(max(raw, self._low), self._high))
+        else:
+            self.variable.value = float(raw)
+
+    def same_scale(self, other: Point) -> bool:
+        """Whether raw values mean the same at both points."""
+        return (self.unit, self.scale, self.offset) == (other.unit, other.scale, other.offset)
+
+
+def _entries(device: Device) -> list[Entry]:
+    """The PDO entries of a device, without gaps."""
+    pdos = (*device.rx_pdos, *device.tx_pdos)
+    return [entry for pdo in pdos for entry in pdo.entries if not entry.is_gap]

@@ -1,0 +1,180 @@
+"""Wires, signal sources and plants at a fixed rate."""
+
+import statistics
+
+import pytest
+
+from ecatd.model.errors import ConfigError, UsageError
+from ecatsim import Rig
+from ecatsim.devices.library import make
+from ecatsim.plants import signals
+from ecatsim.plants.paced import Paced
+from ecatsim.plants.point import Point
+
+
+def run(rig, now=0.0):
+    for plant in rig.plants:
+        plant(now)
+    for device in rig.devices:
+        device.step(now)
+
+
+# --- points and wires ------------------------------------------------------------------------
+
+
+def test_a_point_has_the_unit_of_its_entry():
+    device = make("AnalogIO", range=20.0, unit="mA")
+    point = Point((device, 0x6000, 2))
+    point.set(10.0)
+    assert device[0x6000, 2] == round(32767 / 2)
+    assert point.get() == pytest.approx(10.0, abs=20 / 32767)
+    assert point.unit == "mA"
+
+
+@pytest.mark.parametrize(("bits", "most"), [(16, 0x7FFF), (32, 0x7FFFFFFF)])
+def test_a_point_holds_values_within_the_range_of_its_type(bits, most):
+    device = make("AnalogIO", bits=bits)
+    point = Point((device, 0x6000, 1))
+    for value, raw in ((1e9, most), (-1e9, -most - 1), (float("inf"), most), (-10.0, -most)):
+        point.set(value)
+        assert device[0x6000, 1] == raw
+    point.set(float("nan"))
+    assert device[0x6000, 1] == -most, "not a number changes nothing"
+
+
+def test_a_point_says_which_entries_there_are():
+    with pytest.raises(UsageError, match=r"DigitalIO has no entry 0x6000:09; .* 0x6000:01"):
+        Point((make("DigitalIO", outputs=0), 0x6000, 9))
+
+
+def test_a_wire_carries_volts_between_terminals_of_different_resolution():
+    source, fine, coarse = make("AnalogIO", bits=32), make("AnalogIO", bits=16), make("EL3102")
+    rig = Rig("wires", [source, fine, coarse])
+    rig.wire((source, 0x7000, 1), (fine, 0x6000, 1))
+    rig.wire((source, 0x7000, 1), (coarse, 0x6000, 0x11), scale=0.5, offset=1.0)
+    source[0x7000, 1] = round(0.4 * 0x7FFFFFFF)  # 4 V
+    run(rig)
+    assert fine[0x6000, 1] == round(0.4 * 32767)
+    assert coarse[0x6000, 0x11] == round(0.3 * 32767)
+
+
+def test_a_wire_from_an_analog_output_to_an_analog_input():
+    output, inputs = make("EL4004"), make("EL3102")
+    rig = Rig("wires", [output, inputs])
+    rig.wire((output, 0x7010, 1), (inputs, 0x6010, 0x11))
+    output.connection(0x7010, 1).value = 12345.0
+    run(rig)
+    assert inputs[0x6010, 0x11] == 12345
+
+
+def test_a_signal_beyond_the_range_sets_the_status_of_the_input():
+    device = make("EL3102")
+    rig = Rig("signals", [device])
+    rig.drive((device, 0x6000, 0x11), signals.constant(12.0))
+    run(rig)
+    assert device[0x6000, 0x11] == 32767
+    assert (device[0x6000, 1], device[0x6000, 2], device[0x6000, 7]) == (0, 1, 1)
+
+
+# --- fixed rate ------------------------------------------------------------------------------
+
+
+def test_a_plant_is_called_at_its_own_rate():
+    times = []
+    plant = Paced(times.append, 0.004)
+    for i in range(101):
+        plant(50.0 + i / 1000)
+    assert times == pytest.approx([50.0 + 0.004 * i for i in range(26)])
+    fast = Paced(times.append, 0.00025)
+    times.clear()
+    fast(0.0)
+    fast(0.001)
+    assert times == pytest.approx([0.0, 0.00025, 0.0005, 0.00075, 0.001])
+
+
+def test_a_plant_catches_up_within_bounds():
+    times = []
+    plant = Paced(times.append, 0.001, catch_up=0.1)
+    plant(0.0)
+    plant(0.05)
+    assert len(times) == 51, "a short pause is made up for"
+    plant(10.0)
+    assert len(times) == 151, "a long pause is not"
+    assert times[-1] == pytest.approx(10.0)
+    assert plant.steps == 151
+    assert plant.steps + plant.left_out == 10001
+
+
+def test_the_same_period_as_the_simulation_means_one_step_each_time():
+    times = []
+    plant = Paced(times.append, 0.001)
+    for i in range(5000):
+        plant(1234.5 + i * 0.001)
+        assert len(times) == i + 1
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_period_must_be_positive(period):
+    with pytest.raises(UsageError, match="the period of a plant must be positive"):
+        Rig("x").add_plant(lambda now: None, period)
+
+
+# --- signals ---------------------------------------------------------------------------------
+
+
+def test_periodic_signals():
+    at = (0.0, 0.25, 0.5, 0.75, 1.0)
+    assert [signals.square(1.0, -2, 5)(t) for t in at] == [5, 5, -2, -2, 5]
+    assert [signals.ramp(-1.0, 1.0, 1.0)(t) for t in at] == [-1, -0.5, 0, 0.5, -1]
+    assert [signals.triangle(-1.0, 1.0, 1.0)(t) for t in at] == [-1, 0, 1, 0, -1]
+    assert [signals.sine(2.0, 1.0, offset=1.0)(t) for t in at] == pytest.approx([1, 3, 1, -1, 1])
+
+
+def test_noise_is_the_same_for_the_same_seed():
+    runs = [[signals.noise(2.0, 5.0, seed)(0.0) for _ in range(3)] for seed in (1, 1, 2)]
+    assert runs[0] == runs[1] != runs[2]
+    source = signals.noise(2.0, 5.0)
+    values = [source(0.0) for _ in range(4000)]
+    assert statistics.fmean(values) == pytest.approx(5.0, abs=0.2)
+    assert statistics.stdev(values) == pytest.approx(2.0, rel=0.1)
+
+
+def test_signals_from_a_table(tmp_path):
+    file = tmp_path / "speed.csv"
+    file.write_text("time,speed,torque\n0,0,7\n1,10,7\n\n3,-10,7\n")
+    signal = signals.table(file, "speed", "time")
+    assert [signal(100.0 + t) for t in (0, 0.5, 1, 2, 3, 99)] == [0, 5, 10, 0, -10, -10]
+    again = signals.table(file, 1, repeat=True)
+    assert [again(7.0 + t) for t in (0, 3.5, 4)] == [0, 5, 10]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "there are no values in it"),
+        ("time,speed\n", "there are no values in it"),
+        ("\n\n", "there are no values in it"),
+        ("time,power\n0,0\n", "no column 'speed'; the first line has time, power"),
+        ("0,0\n1,1\n", "no column 'speed'; the first line has no names"),
+        ("time,speed\n0,0\n0,1\n", r"t\.csv:3: times must ascend"),
+        ("time,speed\n0,nan\n", r"t\.csv:2: times must ascend, and all must be numbers"),
+        ("time,speed\n0,0\n1,fast\n", r"t\.csv:3: a time and a value are wanted"),
+        ("time,speed\n0\n", r"t\.csv:2: a time and a value are wanted"),
+    ],
+)
+def test_wrong_tables(tmp_path, text, message):
+    file = tmp_path / "t.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        signals.table(file, "speed")
+
+
+def test_tables_that_cannot_be_read(tmp_path):
+    with pytest.raises(ConfigError, match=r"cannot read '.*gone\.csv': No such file"):
+        signals.table(tmp_path / "gone.csv")
+    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="this is not a CSV file"):
+        signals.table(tmp_path / "b.csv")
+    with pytest.raises(UsageError, match="columns are counted from 0, not -1"):
+        (tmp_path / "c.csv").write_text("0,0\n")
+        signals.table(tmp_path / "c.csv", -1)
