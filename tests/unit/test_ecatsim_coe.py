@@ -313,7 +313,7 @@ def test_repeat_request_without_a_mail_does_no_harm():
     assert wire.read()[5] == 0x13
 
 
-@pytest.mark.parametrize(("kind", "length", "detail"), [(4, None, 2), (9, None, 2), (3, 400, 4)])
+@pytest.mark.parametrize(("kind", "length", "detail"), [(4, None, 2), (9, None, 2), (3, 400, 8)])
 def test_error_replies(kind, length, detail):
     wire = Wire()
     wire.write(b"\x01", kind=kind, length=length)

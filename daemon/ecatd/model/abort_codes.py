@@ -9,6 +9,7 @@ OUT_OF_MEMORY = 0x05040005
 UNSUPPORTED_ACCESS = 0x06010000
 WRITE_ONLY = 0x06010001
 READ_ONLY = 0x06010002
+COUNT_NOT_ZERO = 0x06010003
 NO_COMPLETE_ACCESS = 0x06010004
 NO_OBJECT = 0x06020000
 NOT_MAPPABLE = 0x06040041
@@ -35,7 +36,7 @@ _TEXTS = {
     UNSUPPORTED_ACCESS: "Unsupported access to an object",
     WRITE_ONLY: "Attempt to read a write-only object",
     READ_ONLY: "Attempt to write a read-only object",
-    0x06010003: "Subindex cannot be written, subindex 0 must be 0 for write access",
+    COUNT_NOT_ZERO: "Subindex cannot be written, subindex 0 must be 0 for write access",
     NO_COMPLETE_ACCESS: "Complete access not supported for this object",
     0x06010005: "Object length exceeds mailbox size",
     0x06010006: "Object mapped to RxPDO, SDO download blocked",

@@ -15,95 +15,65 @@ A device of one's own states its identity and its PDOs and computes its inputs f
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
 
 from ecatd.model.al import AlState
-from ecatd.model.bus import Pdo
+from ecatd.model.errors import UsageError
 
-from ..core import Chip, Event, ProcessDataMap, Segment
-from . import sii, standard_objects, sync_managers
-from .coe import CoeServer
-from .mailbox import MailboxServer, Protocol
-from .objects import Access, Dictionary, Variable
-from .process_image import ProcessImage
-from .sii import FmmuType, Mailbox, SmType, SyncManager
-from .state_machine import AlCode, StateMachine
+from ..core import Event, Segment
+from . import emergency, standard_objects
+from .device_type import DeviceType
+from .mailbox import MailboxFault
+from .objects import Dictionary, Variable
+from .process_data import ProcessData
+from .services import Services
+from .state_checks import StateChecks
+from .state_machine import AlCode, RefusedError, StateMachine
 
 _AL_CONTROL = 0x0120
-_OUTPUTS_TIMEOUT = 1.0
-_COMPLETE_ACCESS = 0x20
+_TIMEOUT = 1.0  # for a change that waits for the master
 
 
-class Device:
+class Device(DeviceType):
     """A slave: identity, dictionary, process data and behaviour.
 
-    Attributes:
-        vendor: Vendor ID.
-        product: Product code.
-        revision: Revision number.
-        serial: Serial number.
-        alias: Configured station alias.
-        order: Order code; masters show it as the name.
-        name: Name of the device.
-        group: Group type.
-        group_name: Name of the group.
-        device_type: Object 0x1000.
-        chip: The slave controller.
-        pdi_control: SII word 0.
-        physical_ports: SII port types, nibbles from port 0: 0 none, 1 MII, 3 EBUS.
-        ebus_current: Current taken from the E-bus in mA.
-        mailbox: The mailbox with CoE, or None for a device without a processor.
-        sync_managers: Sync managers; None derives them from the mailbox and the PDOs.
-        fmmus: Purposes of the FMMUs; None derives them from the sync managers.
-        rx_pdos: RxPDOs (outputs); sync manager 0xFF marks one that is not mapped by default.
-        tx_pdos: TxPDOs (inputs).
-        variable_assignment: Whether a master may write the PDO assignment 0x1C12 and 0x1C13.
-        period: Seconds between two calls of `step`.
-    """
+    The attributes that describe it are those of `DeviceType`.
 
-    vendor: int = 0
-    product: int = 0
-    revision: int = 0
-    serial: int = 0
-    alias: int = 0
-    order: str = ""
-    name: str = ""
-    group: str = ""
-    group_name: str = ""
-    device_type: int = 0x00001389
-    chip: Chip = Chip()
-    pdi_control: int = 0x0C05
-    physical_ports: int = 0x11
-    ebus_current: int = 0
-    mailbox: Mailbox | None = None
-    sync_managers: Sequence[SyncManager] | None = None
-    fmmus: Sequence[FmmuType] | None = None
-    rx_pdos: Sequence[Pdo] = ()
-    tx_pdos: Sequence[Pdo] = ()
-    variable_assignment: bool = False
-    period: float = 0.001
+    Attributes:
+        position: Its place on the segment; -1 before `attach`.
+        dictionary: Its objects.
+        machine: Its AL state machine.
+    """
 
     def __init__(self) -> None:
         # Class attributes describe a type; a device may change its own copies.
         self.rx_pdos = copy.deepcopy(tuple(self.rx_pdos))
         self.tx_pdos = copy.deepcopy(tuple(self.tx_pdos))
+        self.files = dict(self.files)
         self.position = -1
         self.dictionary = Dictionary()
-        self.machine = StateMachine(self._enter, self._publish)
+        self.machine = StateMachine(
+            self._enter,
+            self._publish,
+            bootstrap=self.bootstrap is not None,
+            identification=lambda: self.device_id,
+        )
         self._on_bus: Segment | None = None
-        self._outputs_at = self._inputs_at = 0
+        self._awaited = Event(0)
         self._deadline = 0.0
         self._last_outputs = b""
         self._add_objects()
         self.describe()
-        self._make_images()
-        self._settings = (
-            sync_managers.derive(self.mailbox, self._outputs.size, self._inputs.size)
-            if self.sync_managers is None
-            else list(self.sync_managers)
+        self._process_data.rebuild()
+        self._process_data.set_up(self.sync_managers, self.mailbox)
+        standard_objects.add_sync_managers(self.dictionary, self._process_data.settings)
+        self.dictionary.remember()
+        self._services = (
+            Services(
+                self.mailbox, self.bootstrap, self.dictionary, lambda: self.machine.state, self
+            )
+            if self.mailbox
+            else None
         )
-        standard_objects.add_sync_managers(self.dictionary, self._settings)
-        self._start_mailbox()
 
     # --- for subclasses ------------------------------------------------------------------------
 
@@ -129,11 +99,24 @@ class Device:
 
     def receive(self, data: bytes) -> None:
         """Takes changed outputs; by default into the dictionary."""
-        self._outputs.unpack(data)
+        self._process_data.outputs.unpack(data)
 
     def give(self) -> bytes:
         """Returns the inputs; by default from the dictionary."""
-        return self._inputs.pack()
+        return self._process_data.inputs.pack()
+
+    def on_file(self, name: str, data: bytes, password: int) -> None:
+        """Takes a file that the master has written by FoE; by default into `files`.
+
+        In BOOT (`self.machine.state`) it may be firmware.
+
+        Raises:
+            FoeError: The device does not take it; with the FoE error code to report.
+        """
+        del password
+        self.files[name] = data
+
+    # --- what a device, a rig or a test may do ---------------------------------------------------
 
     def connection(self, index: int, subindex: int) -> Variable:
         """What a wire or a plant connects to: the entry itself, unless the device converts it."""
@@ -142,6 +125,56 @@ class Device:
     def fail(self, code: int, state: AlState = AlState.SAFEOP) -> None:
         """Falls back to a state, or stays in a lower one, with an AL status code."""
         self.machine.fall_back(min(state, self.machine.state), code)
+
+    def emergency(self, code: int, register: int, data: bytes = b"") -> None:
+        """Sets the error register 0x1001 and, from PREOP on, sends an emergency.
+
+        Args:
+            code: Error code (ETG.1000.6, CiA 301); 0 says that the error is gone.
+            register: New value of 0x1001.
+            data: At most five bytes of the device's own.
+
+        Raises:
+            ValueError: A number does not fit, or there are more than five bytes.
+        """
+        body = emergency.encode(code, register, data)
+        if 0x1001 in self.dictionary:
+            self.dictionary[0x1001, 0].value = register
+        if self._services:
+            self._services.emergency(body)
+
+    def reset(self) -> None:
+        """Returns to the state after power-on: INIT, mailboxes empty, objects as in the beginning.
+
+        Files and identity stay, as they would in a flash memory. A device with a state of its own
+        extends this. The registers of the slave controller are those of `Segment.power`; when
+        both are done, this comes second.
+        """
+        if self.machine.state == AlState.OP:
+            self._stop_outputs()
+        self.dictionary.restore()
+        self._process_data.rebuild()
+        if self._services:
+            self._services.close()
+        if self._on_bus:
+            self._on_bus.map(self.position, None)
+            self._lock_process_data(True)
+        self.machine.reset()
+
+    @property
+    def mailbox_fault(self) -> MailboxFault:
+        """What is wrong with the mailbox; may be set at any time.
+
+        Raises:
+            UsageError: On setting, where the device has no mailbox.
+        """
+        return self._services.server.fault if self._services else MailboxFault()
+
+    @mailbox_fault.setter
+    def mailbox_fault(self, fault: MailboxFault) -> None:
+        if self._services is None:
+            raise UsageError(f"slave {self.position} ({self.order}) has no mailbox to disturb")
+        self._services.server.fault = fault
 
     def __getitem__(self, key: tuple[int, int]) -> int:
         """The integer value of the entry (index, subindex)."""
@@ -155,80 +188,30 @@ class Device:
     # --- description ---------------------------------------------------------------------------
 
     def sii_image(self) -> bytes:
-        """The content of the EEPROM."""
-        fmmus = self.fmmus
-        if fmmus is None:
-            kinds = {sm.type for sm in self._settings}
-            fmmus = [FmmuType.OUTPUTS] if SmType.OUTPUTS in kinds else []
-            fmmus += [FmmuType.INPUTS] if SmType.INPUTS in kinds else []
-        return sii.build(
-            sii.Description(
-                vendor=self.vendor,
-                product=self.product,
-                revision=self.revision,
-                serial=self.serial,
-                alias=self.alias,
-                order=self.order,
-                name=self.name or self.order,
-                group=self.group,
-                group_name=self.group_name,
-                pdi_control=self.pdi_control,
-                mailbox=self.mailbox,
-                sync_managers=self._settings,
-                fmmus=fmmus,
-                tx_pdos=self.tx_pdos,
-                rx_pdos=self.rx_pdos,
-                ebus_current=self.ebus_current,
-                physical_ports=self.physical_ports,
-            )
-        )
+        """The content of the EEPROM; by default what follows from the description."""
+        return self._build_sii(self._process_data.settings)
 
     def _add_objects(self) -> None:
-        objects = self.dictionary
         identity = (self.vendor, self.product, self.revision, self.serial)
-        standard_objects.add_identity(objects, self.device_type, self.order, identity)
-        standard_objects.add_pdos(objects, self.rx_pdos, Access.RX_PDO)
-        standard_objects.add_pdos(objects, self.tx_pdos, Access.TX_PDO)
-        self._rx, self._tx = (
-            standard_objects.PdoAssignment(
-                objects,
-                index,
-                name,
-                pdos,
-                variable=self.variable_assignment,
-                changed=self._make_images,
-            )
-            for index, name, pdos in (
-                (0x1C12, "RxPDO assign", self.rx_pdos),
-                (0x1C13, "TxPDO assign", self.tx_pdos),
-            )
+        standard_objects.add_identity(self.dictionary, self.device_type, self.order, identity)
+        mapping = self.variable_mapping
+        if isinstance(mapping, bool):
+            mapping = [pdo.index for pdo in (*self.rx_pdos, *self.tx_pdos)] if mapping else ()
+        self._process_data = ProcessData(
+            self.dictionary,
+            self.rx_pdos,
+            self.tx_pdos,
+            assignment=self.variable_assignment,
+            mapping=mapping,
+            limits=self.mapping_limits,
         )
-
-    def _make_images(self) -> None:
-        self._outputs = ProcessImage(self._rx.pdos, self.dictionary)
-        self._inputs = ProcessImage(self._tx.pdos, self.dictionary)
-
-    def _start_mailbox(self) -> None:
-        self._coe: CoeServer | None = None
-        self._mails: MailboxServer | None = None
-        if self.mailbox:
-            self._coe = CoeServer(
-                self.dictionary,
-                lambda: self.machine.state,
-                self.mailbox.send_size,
-                complete_access=bool(self.mailbox.coe_details & _COMPLETE_ACCESS),
-            )
-            self._mails = MailboxServer({Protocol.COE: self._coe.handle}, self._put_mail)
 
     # --- on the segment ------------------------------------------------------------------------
 
     @property
     def room(self) -> tuple[int, int]:
-        """Bytes that the outputs and the inputs take at most, whatever is assigned."""
-        return (
-            sum(pdo.bit_length for pdo in self.rx_pdos) // 8 + 1,
-            sum(pdo.bit_length for pdo in self.tx_pdos) // 8 + 1,
-        )
+        """Bytes that the outputs and the inputs take at most, whatever is assigned and mapped."""
+        return self._process_data.room
 
     @property
     def _segment(self) -> Segment:
@@ -236,17 +219,30 @@ class Device:
         return self._on_bus
 
     def attach(self, segment: Segment, outputs_at: int, inputs_at: int) -> None:
-        """Becomes the next slave of a segment.
+        """Becomes a slave of a segment, as at power-on.
 
         Args:
             segment: The segment.
             outputs_at: Where its outputs begin in the output image of the segment.
             inputs_at: Where its inputs begin in the input image.
         """
+        if self.position < 0:
+            self.dictionary.remember()
+        else:
+            self.reset()
         self.position = segment.add(self.chip, self.sii_image())
         self._on_bus = segment
-        self._outputs_at, self._inputs_at = outputs_at, inputs_at
+        self._process_data.at = (outputs_at, inputs_at)
         self._lock_process_data(True)
+        if self._services:
+            self._services.attach(segment, self.position)
+
+    def detach(self) -> None:
+        """Leaves the segment; another device may take its place."""
+        self._on_bus = None
+        if self._services:
+            self._services.attach(None, self.position)
+        self.reset()
 
     def handle(self, event: Event, now: float) -> None:
         """Reacts to what the master did.
@@ -257,27 +253,23 @@ class Device:
         """
         if event & Event.AL_CONTROL:
             control = int.from_bytes(self._segment.read(self.position, _AL_CONTROL, 2), "little")
-            self._deadline = now + _OUTPUTS_TIMEOUT
+            self._deadline = now + _TIMEOUT
             self.machine.request(control)
         if event & Event.WATCHDOG and self.machine.state == AlState.OP:
             self.fail(AlCode.WATCHDOG)
-        if event & Event.OUTPUTS:
-            self.machine.finish()
-        if self._mails and self.machine.state >= AlState.PREOP:
-            if event & Event.MAILBOX_OUT:
-                self._mails.was_read()
-            if event & Event.MAILBOX_AGAIN:
-                self._mails.again()
-            if event & Event.MAILBOX_IN:
-                mail = self._segment.take_mail(self.position)
-                if mail:
-                    self._mails.receive(mail)
+        if event & self._awaited:
+            self._awaited &= ~event
+            if not self._awaited:
+                self.machine.finish()
+        if self._services:
+            self._services.handle(event, now)
 
     def take_outputs(self) -> None:
         """Takes the outputs of the segment, in OP and if they changed."""
-        size = self._outputs.size
+        size = self._process_data.outputs.size
         if size and self.machine.state == AlState.OP:
-            data = bytes(self._segment.outputs[self._outputs_at : self._outputs_at + size])
+            at = self._process_data.at[0]
+            data = bytes(self._segment.outputs[at : at + size])
             if data != self._last_outputs:
                 self._last_outputs = data
                 self.receive(data)
@@ -290,74 +282,60 @@ class Device:
         """
         if self.machine.pending is not None and now > self._deadline:
             self.machine.refuse(AlCode.NO_OUTPUTS)
+        if self._services:
+            self._services.server.delay = self.answer_delay
+            self._services.run(now)
         self.step(now)
-        if self._inputs.size and self.machine.state >= AlState.SAFEOP:
-            at = self._inputs_at
-            self._segment.inputs[at : at + self._inputs.size] = self.give()
+        size = self._process_data.inputs.size
+        if size and self.machine.state >= AlState.SAFEOP:
+            at = self._process_data.at[1]
+            self._segment.inputs[at : at + size] = self.give()
 
     def _publish(self, status: int, code: int) -> None:
-        self._segment.set_al_status(self.position, status, code)
-
-    def _put_mail(self, mail: bytes, again: bool) -> bool:
-        return self._segment.put_mail(self.position, mail, again=again)
+        if self._on_bus:
+            self._on_bus.set_al_status(self.position, status, code)
 
     # --- state changes -------------------------------------------------------------------------
 
     def _enter(self, old: AlState, new: AlState) -> bool:
         """Carries out a state change; see `StateMachine`."""
+        self._awaited = Event(0)
         if new > old:
-            self._check_settings(new)
-            self.check(old, new)
-        if new == AlState.SAFEOP and old == AlState.PREOP:
-            self._start_process_data()
+            self._check(old, new)
         if old == AlState.OP:
             self._stop_outputs()
         if new < AlState.SAFEOP <= old:
             self._segment.map(self.position, None)
             self._lock_process_data(True)
-        if AlState.INIT in (old, new) and self._mails and self._coe:
-            self._mails.reset()
-            self._coe.reset()
-        if new == AlState.OP and self.mailbox and self._outputs.size:
+        if new == AlState.SAFEOP and old == AlState.PREOP:
+            self._process_data.start(self._segment, self.position)
+            self._lock_process_data(False)
+        if self._services and old == AlState.INIT:
+            self._services.open(new)
+        if self._services and new == AlState.INIT:
+            self._services.close()
+        if new == AlState.OP and self.mailbox and self._process_data.outputs.size:
             # A device with a processor enters OP with the first outputs.
+            self._awaited = Event.OUTPUTS
             self._segment.await_outputs(self.position)
-            return False
-        return True
+        return not self._awaited
 
-    def _check_settings(self, new: AlState) -> None:
-        if new == AlState.PREOP and self.mailbox:
-            sync_managers.check_mailbox(self._segment, self.position, self.mailbox)
-        if new == AlState.SAFEOP:
-            sync_managers.check_process_data(
-                self._segment,
-                self.position,
-                self._settings,
-                self._outputs.size,
-                self._inputs.size,
-            )
+    def _check(self, old: AlState, new: AlState) -> None:
+        try:
+            StateChecks(self, self._process_data, self._segment, self.position).check(new)
+            self.check(old, new)
+        except RefusedError as refusal:
+            code = emergency.refused(old, new)
+            if self.state_emergencies and code is not None:
+                self.emergency(code, self[0x1001, 0], refusal.diagnosis)
+            raise
 
     def _lock_process_data(self, locked: bool) -> None:
         """A device with a processor opens its process data from SAFEOP on."""
-        for kind in (SmType.OUTPUTS, SmType.INPUTS):
-            channel = sync_managers.channel_of(self._settings, kind)
-            if self.mailbox and channel is not None:
-                self._segment.lock_sync_manager(self.position, channel, locked)
-
-    def _start_process_data(self) -> None:
-        starts = {sm.type: sm.start for sm in self._settings}
-        where = ProcessDataMap(
-            starts.get(SmType.OUTPUTS, 0),
-            self._outputs.size,
-            self._outputs_at,
-            starts.get(SmType.INPUTS, 0),
-            self._inputs.size,
-            self._inputs_at,
-        )
-        self._segment.map(self.position, where)
-        self._lock_process_data(False)
-        self._last_outputs = b""
+        if self.mailbox:
+            self._process_data.lock(self._segment, self.position, locked)
 
     def _stop_outputs(self) -> None:
         self._last_outputs = b""
-        self.receive(bytes(self._outputs.size))
+        self.receive(bytes(self._process_data.outputs.size))
         self.outputs_stopped()

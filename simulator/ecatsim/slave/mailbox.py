@@ -1,15 +1,20 @@
-"""Mailbox of a slave: headers, counters and error replies (ETG.1000.4 "Mailbox")."""
+"""Mailbox of a slave: headers, counters, error replies, and faults (ETG.1000.4 "Mailbox")."""
 
 from __future__ import annotations
 
+import random
 import struct
 from collections import deque
 from collections.abc import Callable
-from enum import IntEnum
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+from ecatd.model.errors import UsageError
 
 _HEADER = struct.Struct("<HHBB")
 HEADER_SIZE = _HEADER.size
 _MAX_WAITING = 64
+_GARBAGE_SIZE = 32
 
 
 class Protocol(IntEnum):
@@ -29,33 +34,89 @@ class MailboxError(IntEnum):
 
     SYNTAX = 0x01
     UNSUPPORTED_PROTOCOL = 0x02
-    INVALID_HEADER = 0x04
-    SIZE_TOO_SHORT = 0x05
+    INVALID_CHANNEL = 0x03
+    UNSUPPORTED_SERVICE = 0x04
+    INVALID_HEADER = 0x05
+    SIZE_TOO_SHORT = 0x06
+    NO_MORE_MEMORY = 0x07
+    INVALID_SIZE = 0x08
+
+
+class RefusedMailError(Exception):
+    """A mail is answered with an error reply.
+
+    Attributes:
+        detail: What is wrong with it.
+    """
+
+    def __init__(self, detail: MailboxError) -> None:
+        super().__init__(detail.name)
+        self.detail = detail
+
+
+class MailboxMode(StrEnum):
+    """How a faulty mailbox behaves."""
+
+    NONE = "none"  # as it should
+    SLOW = "slow"  # answers late
+    STUCK = "stuck"  # takes mails and never answers
+    FULL = "full"  # never takes a mail: the write of the master has no working counter
+    GARBAGE = "garbage"  # answers with random bytes, the same in each run
+
+
+@dataclass(frozen=True, slots=True)
+class MailboxFault:
+    """A fault of a mailbox.
+
+    Attributes:
+        mode: What is wrong, also as text: none, slow, stuck, full, garbage.
+        delay_s: With `slow`: seconds by which answers are late.
+
+    Raises:
+        UsageError: There is no such mode.
+    """
+
+    mode: MailboxMode = MailboxMode.NONE
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "mode", MailboxMode(self.mode))
+        except ValueError:
+            raise UsageError(
+                f"'{self.mode}' is no mailbox fault: use one of {', '.join(MailboxMode)}"
+            ) from None
 
 
 Handler = Callable[[bytes], list[bytes]]
-"""Takes the body of a mail, returns the bodies of the replies."""
+"""Takes the body of a mail and returns the bodies of the replies, or raises RefusedMailError."""
 
 
 class MailboxServer:
     """Answers the mails of one slave.
 
+    Times are seconds of any clock that runs forward; they come from whoever calls.
+
     Args:
         handlers: What answers each protocol that the slave knows.
         put: Offers a mail to the master, overwriting an unread one when its second argument is
             true; false while the last one is unread.
+
+    Attributes:
+        handlers: See above.
+        delay: Seconds from a request to its answer.
+        fault: What is wrong with the mailbox.
     """
 
-    def __init__(
-        self, handlers: dict[Protocol, Handler], put: Callable[[bytes, bool], bool]
-    ) -> None:
-        self._handlers = handlers
+    def __init__(self, handlers: dict[int, Handler], put: Callable[[bytes, bool], bool]) -> None:
+        self.handlers = handlers
+        self.delay = 0.0
+        self.fault = MailboxFault()
         self._put = put
-        self._queue: deque[bytes] = deque()
+        self._queue: deque[tuple[float, bytes]] = deque()  # when it may be offered, and the mail
         self._offered: deque[bytes] = deque(maxlen=2)  # the last two, the newest last
-        self._unread = False
-        self._counter = 0
-        self._last_request = 0
+        self._random = random.Random(1)
+        self.reset()
 
     def reset(self) -> None:
         """Forgets everything, as when the slave enters INIT."""
@@ -64,34 +125,49 @@ class MailboxServer:
         self._unread = False
         self._counter = 0
         self._last_request = 0
+        self._now = 0.0
 
-    def receive(self, mail: bytes) -> None:
+    @property
+    def accepts(self) -> bool:
+        """Whether a mail may be taken from the master; otherwise it stays where it is."""
+        return self.fault.mode != MailboxMode.FULL and len(self._queue) < _MAX_WAITING
+
+    @property
+    def _is_stuck(self) -> bool:
+        return self.fault.mode == MailboxMode.STUCK
+
+    def receive(self, mail: bytes, now: float = 0.0) -> None:
         """Answers a mail that the master wrote."""
-        if len(mail) < HEADER_SIZE or len(self._queue) > _MAX_WAITING:
-            return  # nothing to answer, or a master that never reads
+        self._now = now
+        if len(mail) < HEADER_SIZE or not self.accepts or self._is_stuck:
+            return
         length, _, _, kind = _HEADER.unpack_from(mail)
         counter = kind >> 4 & 7
         if counter and counter == self._last_request:
             return  # the master repeats a mail whose acknowledgement it lost
         self._last_request = counter
-        body = mail[HEADER_SIZE : HEADER_SIZE + length]
-        if len(body) < length:
-            self._error(MailboxError.INVALID_HEADER)
-            return
         try:
-            handler = self._handlers[Protocol(kind & 0x0F)]
-        except (ValueError, KeyError):
-            self._error(MailboxError.UNSUPPORTED_PROTOCOL)
-            return
-        for reply in handler(body):
-            self.send(Protocol(kind & 0x0F), reply)
+            for reply in self._answer(kind & 0x0F, mail[HEADER_SIZE:], length):
+                self.send(Protocol(kind & 0x0F), reply)
+        except RefusedMailError as refusal:
+            self.send(Protocol.ERROR, struct.pack("<HH", 1, refusal.detail))
 
     def send(self, protocol: Protocol, body: bytes) -> None:
-        """Queues a mail for the master."""
+        """Queues a mail for the master; without room it is lost."""
+        if len(self._queue) >= 2 * _MAX_WAITING:
+            return
+        slow = self.fault.mode == MailboxMode.SLOW
+        due = self._now + self.delay + (self.fault.delay_s if slow else 0.0)
         self._counter = self._counter % 7 + 1
         kind = protocol | self._counter << 4
-        self._queue.append(_HEADER.pack(len(body), 0, 0, kind) + body)
+        self._queue.append((due, _HEADER.pack(len(body), 0, 0, kind) + body))
         self._offer()
+
+    def tick(self, now: float) -> None:
+        """Offers what has become due."""
+        self._now = now
+        if self._queue:
+            self._offer()
 
     def was_read(self) -> None:
         """The master read the mail that was offered."""
@@ -100,16 +176,29 @@ class MailboxServer:
 
     def again(self) -> None:
         """The master lost the last mail that it read and asks for it again."""
+        if self._is_stuck:
+            return
         if self._unread and len(self._offered) == 2:
-            self._queue.appendleft(self._offered.pop())
+            self._queue.appendleft((self._now, self._offered.pop()))
         if self._offered:
             self._unread = True
             self._put(self._offered[-1], True)
 
-    def _offer(self) -> None:
-        if self._queue and not self._unread and self._put(self._queue[0], False):
-            self._unread = True
-            self._offered.append(self._queue.popleft())
+    def _answer(self, protocol: int, body: bytes, length: int) -> list[bytes]:
+        if length > len(body):
+            raise RefusedMailError(MailboxError.INVALID_SIZE)
+        handler = self.handlers.get(protocol)
+        if handler is None:
+            raise RefusedMailError(MailboxError.UNSUPPORTED_PROTOCOL)
+        return handler(body[:length])
 
-    def _error(self, detail: MailboxError) -> None:
-        self.send(Protocol.ERROR, struct.pack("<HH", 1, detail))
+    def _offer(self) -> None:
+        if not self._queue or self._unread or self._is_stuck or self._queue[0][0] > self._now:
+            return
+        mail = self._queue[0][1]
+        if self.fault.mode == MailboxMode.GARBAGE:
+            mail = self._random.randbytes(_GARBAGE_SIZE)
+        if self._put(mail, False):
+            self._unread = True
+            self._offered.append(mail)
+            self._queue.popleft()

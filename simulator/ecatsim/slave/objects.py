@@ -22,6 +22,8 @@ class Access(IntFlag):
     WRITE = 0x38
     RX_PDO = 0x40
     TX_PDO = 0x80
+    BACKUP = 0x100  # kept for an exchange of the device
+    SETTING = 0x200  # part of the start-up parameters
 
     RO = READ
     RW = READ | WRITE
@@ -50,6 +52,9 @@ class Variable:
         value: Its value: integer, float, text or bytes.
         minimum: Smallest value that a master may write, or None.
         maximum: Largest value that a master may write, or None.
+        default: Default value that SDO information gives; None stands for `initial`.
+        unit: Unit code, see `units.code`; 0 for none.
+        initial: Value at power-on, taken by `Dictionary.remember`.
         on_read: Called before a master reads the entry; returns the value.
         on_write: Called with a value that a master writes by SDO, before it is stored. It may
             raise `SdoAbortError` to refuse it.
@@ -63,11 +68,14 @@ class Variable:
     bits: int = 0
     access: Access = Access.RO
     value: Value = 0
-    minimum: int | None = None
-    maximum: int | None = None
+    minimum: float | None = None
+    maximum: float | None = None
     on_read: Callable[[], Value] | None = None
     on_write: Callable[[Value], None] | None = None
     zero_keeps: bool = False
+    default: Value | None = None
+    unit: int = 0
+    initial: Value | None = None
 
     def __post_init__(self) -> None:
         if not self.bits:
@@ -75,9 +83,13 @@ class Variable:
 
     def encode(self) -> bytes:
         """The value as SDO data (little endian)."""
-        value = self.on_read() if self.on_read else self.value
+        return self.pack(self.on_read() if self.on_read else self.value)
+
+    def pack(self, value: Value) -> bytes:
+        """A value of this entry's type as SDO data (little endian)."""
         if isinstance(value, str):
-            return value.encode("latin-1", "replace")
+            unicode = self.type == DataType.UNICODE_STRING
+            return value.encode("utf-16-le" if unicode else "latin-1", "replace")
         if isinstance(value, bytes):
             return value
         if is_real(self.type):
@@ -114,9 +126,9 @@ class Variable:
             SdoAbortError: The value is refused.
         """
         value = self.decode(data)
-        if isinstance(value, int):
-            if value >= 1 << self.bits and not is_signed(self.type):
-                raise SdoAbortError(abort_codes.VALUE_RANGE)
+        if isinstance(value, int) and value >= 1 << self.bits and not is_signed(self.type):
+            raise SdoAbortError(abort_codes.VALUE_RANGE)
+        if isinstance(value, int | float):
             if self.maximum is not None and value > self.maximum:
                 raise SdoAbortError(abort_codes.VALUE_TOO_HIGH)
             if self.minimum is not None and value < self.minimum:
@@ -173,6 +185,21 @@ class Dictionary:
             return self._objects[index].entries[subindex]
         except KeyError:
             raise ConfigError(f"the device has no object 0x{index:04X}:{subindex:02X}") from None
+
+    def remember(self) -> None:
+        """Takes the values of now as those at power-on."""
+        for entry in self._entries():
+            entry.initial = entry.value
+
+    def restore(self) -> None:
+        """Returns to the values at power-on."""
+        for entry in self._entries():
+            if entry.initial is not None:
+                entry.value = entry.initial
+
+    def _entries(self) -> Iterator[Variable]:
+        for item in self._objects.values():
+            yield from item.entries.values()
 
     def object(self, index: int) -> DictionaryObject:
         """An object.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from ecatd.model.bus import Pdo
-from ecatd.model.datatypes import is_signed
+from ecatd.model.datatypes import STRINGS, is_real, is_signed
 
 from .objects import Dictionary, Variable
 
@@ -19,7 +19,7 @@ class ProcessImage:
     """
 
     def __init__(self, pdos: Iterable[Pdo], dictionary: Dictionary) -> None:
-        self._fields: list[tuple[Variable, int, int, int]] = []
+        self._fields: list[tuple[Variable, int, int, int, bool]] = []
         bit = 0
         for pdo in pdos:
             for entry in pdo.entries:
@@ -27,7 +27,8 @@ class ProcessImage:
                     variable = dictionary[entry.index, entry.subindex]
                     mask = (1 << entry.bit_length) - 1
                     sign = (mask + 1) >> 1 if is_signed(variable.type) else 0
-                    self._fields.append((variable, bit, mask, sign))
+                    plain = not is_real(variable.type) and variable.type not in STRINGS
+                    self._fields.append((variable, bit, mask, sign, plain))
                 bit += entry.bit_length
         self.size = (bit + 7) // 8
 
@@ -39,16 +40,22 @@ class ProcessImage:
     def unpack(self, data: bytes | memoryview) -> None:
         """Sets the values of the dictionary from process data."""
         image = int.from_bytes(data, "little")
-        for variable, bit, mask, sign in self._fields:
+        for variable, bit, mask, sign, plain in self._fields:
             raw = image >> bit & mask
-            if raw or not variable.zero_keeps:
+            if not raw and variable.zero_keeps:
+                continue
+            if plain:
                 variable.value = (raw ^ sign) - sign
+            else:
+                size = (mask.bit_length() + 7) // 8
+                variable.value = variable.decode(raw.to_bytes(size, "little"))
 
     def pack(self) -> bytes:
         """Process data from the values of the dictionary."""
         image = 0
-        for variable, bit, mask, _ in self._fields:
+        for variable, bit, mask, _, plain in self._fields:
             value = variable.value
-            if isinstance(value, int):
-                image |= (value & mask) << bit
+            if not plain or not isinstance(value, int):
+                value = int.from_bytes(variable.pack(value), "little")
+            image |= (value & mask) << bit
         return image.to_bytes(self.size, "little")

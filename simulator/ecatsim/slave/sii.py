@@ -106,6 +106,7 @@ class Description:
         pdi_control: Word 0, to register 0x0140.
         pdi_config: Word 1, to register 0x0150.
         mailbox: The mailbox, or None.
+        bootstrap: The mailbox in BOOT, or None.
         sync_managers: Sync managers by channel.
         fmmus: FMMUs by channel.
         tx_pdos: All TxPDOs; those without a sync manager have 0xFF.
@@ -127,6 +128,7 @@ class Description:
     pdi_control: int = 0
     pdi_config: int = 0
     mailbox: Mailbox | None = None
+    bootstrap: Mailbox | None = None
     sync_managers: Sequence[SyncManager] = ()
     fmmus: Sequence[FmmuType] = ()
     tx_pdos: Sequence[Pdo] = ()
@@ -212,6 +214,10 @@ def _header(info: Description, size: int) -> bytes:
     struct.pack_into("<HH4xH", header, 0, info.pdi_control, info.pdi_config, info.alias)
     struct.pack_into("<H", header, 14, checksum(bytes(header[:14])))
     struct.pack_into("<IIII", header, 16, info.vendor, info.product, info.revision, info.serial)
+    if info.bootstrap:
+        box = info.bootstrap
+        areas = (box.receive, box.receive_size, box.send, box.send_size)
+        struct.pack_into("<HHHH", header, 2 * 0x14, *areas)
     if info.mailbox:
         box = info.mailbox
         struct.pack_into(

@@ -7,22 +7,37 @@ from enum import IntEnum
 
 from ecatd.model.al import AL_ERROR_FLAG, AlState
 
-_ACKNOWLEDGE = 0x10
 _STATE_MASK = 0x0F
+_ACKNOWLEDGE = 0x10
+_IDENTIFY = 0x20  # in AL control: asks for the device identification; in AL status: it is there
 
 
 class AlCode(IntEnum):
-    """AL status codes that a device reports."""
+    """AL status codes that a device reports (ETG.1000.6 table "AL status codes")."""
 
     NONE = 0x0000
     INVALID_CHANGE = 0x0011
     UNKNOWN_STATE = 0x0012
     NO_BOOTSTRAP = 0x0013
+    NO_FIRMWARE = 0x0014
+    BOOT_MAILBOX = 0x0015
     MAILBOX = 0x0016
+    SYNC_MANAGERS = 0x0017
     NO_OUTPUTS = 0x0019
+    SYNCHRONIZATION = 0x001A
     WATCHDOG = 0x001B
     OUTPUTS = 0x001D
     INPUTS = 0x001E
+    WATCHDOG_SETTINGS = 0x001F
+    INPUT_MAPPING = 0x0024
+    OUTPUT_MAPPING = 0x0025
+    SYNC_STOPPED = 0x002C
+    NO_SYNC = 0x002D
+    DC_SETTINGS = 0x0030
+    DC_CYCLE_TIME = 0x0035
+    SYNC0_CYCLE_TIME = 0x0036
+    EEPROM_NO_ACCESS = 0x0050
+    EEPROM_ERROR = 0x0051
 
 
 class RefusedError(Exception):
@@ -30,18 +45,30 @@ class RefusedError(Exception):
 
     Attributes:
         code: The AL status code to report.
+        diagnosis: Five bytes for the emergency that may go with it, see `emergency.refused`.
     """
 
-    def __init__(self, code: int) -> None:
+    def __init__(self, code: int, diagnosis: bytes = b"") -> None:
         super().__init__(f"AL status code 0x{code:04X}")
         self.code = code
+        self.diagnosis = diagnosis
 
 
 _STEPS_UP = {
+    (AlState.INIT, AlState.BOOT),
     (AlState.INIT, AlState.PREOP),
     (AlState.PREOP, AlState.SAFEOP),
     (AlState.SAFEOP, AlState.OP),
 }
+
+
+def _is_allowed(state: AlState, target: AlState) -> bool:
+    """Whether ETG.1000.6 has the transition; BOOT is entered from INIT and left for INIT."""
+    if target == state or (state, target) in _STEPS_UP:
+        return True
+    if AlState.BOOT in (state, target):
+        return target == AlState.INIT
+    return target < state
 
 
 class StateMachine:
@@ -52,37 +79,55 @@ class StateMachine:
             whether the change is complete; if not, `finish` or `refuse` follows. It raises
             `RefusedError` before changing anything; a change to a lower state is never refused.
         publish: Called with the new AL status and AL status code.
+        bootstrap: Whether there is a state BOOT.
+        identification: Returns the device identification (explicit device ID, ETG.1020), or None
+            where the device has none.
     """
 
     def __init__(
         self,
         enter: Callable[[AlState, AlState], bool],
         publish: Callable[[int, int], None],
+        *,
+        bootstrap: bool = False,
+        identification: Callable[[], int | None] = lambda: None,
     ) -> None:
         self._enter = enter
         self._publish = publish
+        self._bootstrap = bootstrap
+        self._identification = identification
+        self._identify = False
         self.state = AlState.INIT
         self.error = False
         self.pending: AlState | None = None
 
+    def reset(self) -> None:
+        """Returns to INIT as at power-on, without asking anybody."""
+        self.state = AlState.INIT
+        self.error = self._identify = False
+        self.pending = None
+        self._report()
+
     def request(self, control: int) -> None:
-        """Answers a value written to AL control."""
+        """Answers a value written to AL control (register 0x0120).
+
+        An error flag stays until it is acknowledged (bit 4) or a lower state is requested.
+        """
         wanted = control & _STATE_MASK
-        if self.error and not control & _ACKNOWLEDGE and wanted > self.state:
-            return  # an error must be acknowledged before the way up
+        if self.error and not control & _ACKNOWLEDGE and wanted >= self.state:
+            return
         self.pending = None
         self.error = False
+        self._identify = bool(control & _IDENTIFY)
         try:
-            target = AlState(wanted) if wanted else None
+            target = AlState(wanted or -1)
         except ValueError:
-            target = None
-        if target is None:
             self._refuse(AlCode.UNKNOWN_STATE)
-        elif target == AlState.BOOT:
-            in_init = self.state == AlState.INIT
-            self._refuse(AlCode.NO_BOOTSTRAP if in_init else AlCode.INVALID_CHANGE)
-        elif target > self.state and (self.state, target) not in _STEPS_UP:
+            return
+        if not _is_allowed(self.state, target):
             self._refuse(AlCode.INVALID_CHANGE)
+        elif target == AlState.BOOT and not self._bootstrap:
+            self._refuse(AlCode.NO_BOOTSTRAP)
         else:
             self._change(target)
 
@@ -90,7 +135,7 @@ class StateMachine:
         """What a pending change waited for has come."""
         if self.pending is not None:
             self.state, self.pending = self.pending, None
-            self._publish(self.state, AlCode.NONE)
+            self._report()
 
     def refuse(self, code: int) -> None:
         """Refuses a pending change."""
@@ -114,10 +159,18 @@ class StateMachine:
             return
         if complete:
             self.state = target
-            self._publish(target, AlCode.NONE)
+            self._report()
         else:
             self.pending = target
 
     def _refuse(self, code: int) -> None:
         self.error = True
         self._publish(self.state | AL_ERROR_FLAG, code)
+
+    def _report(self) -> None:
+        """Publishes a state without an error; the status code may then carry the device ID."""
+        number = self._identification() if self._identify else None
+        if number is None:
+            self._publish(self.state, AlCode.NONE)
+        else:
+            self._publish(self.state | _IDENTIFY, number)

@@ -1,4 +1,4 @@
-"""Sync managers: what a device needs, and whether the master set them so."""
+"""Sync managers: what a device needs, and whether the master set them so (ETG.1000.4)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ _REGISTERS = struct.Struct("<HHBBBB")
 _BASE = 0x0800
 _MODE_MASK, _MODE_MAILBOX, _MODE_BUFFERED = 0x03, 0x02, 0x00
 _DIRECTION_MASK, _MASTER_WRITES, _MASTER_READS = 0x0C, 0x04, 0x00
+_WATCHDOG = 0x40
 _ENABLED = 0x01
 _RAM = 0x1000
+_WATCHDOG_DIVIDER, _WATCHDOG_DATA = 0x0400, 0x0420
+_WATCHDOG_UNIT_NS = 40
 # Control registers of the usual settings.
 _MAILBOX_OUT = 0x26
 _MAILBOX_IN = 0x22
@@ -22,12 +25,22 @@ _OUTPUTS = 0x64  # with watchdog
 _INPUTS = 0x20
 _BUFFERS = 3
 _MIN_DISTANCE = 0x100
+# What is wrong with a channel, in the data of an emergency.
+_LENGTH, _ADDRESS, _SETTINGS = 0, 1, 2
 
 
-def derive(mailbox: Mailbox | None, output_size: int, input_size: int) -> list[SyncManager]:
+def derive(
+    mailbox: Mailbox | None, output_size: int, input_size: int, output_room: int = 0
+) -> list[SyncManager]:
     """The usual sync managers: mailboxes if there are any, then outputs, then inputs.
 
     With a mailbox, outputs are always SM2 and inputs SM3; without one, those that are used.
+
+    Args:
+        mailbox: The mailbox, or None.
+        output_size: Bytes of the default outputs.
+        input_size: Bytes of the default inputs.
+        output_room: Bytes that a changed mapping of the outputs may take.
     """
     result: list[SyncManager] = []
     at = _RAM
@@ -38,7 +51,7 @@ def derive(mailbox: Mailbox | None, output_size: int, input_size: int) -> list[S
         at = max(out + mailbox.receive_size, back + mailbox.send_size)
     if output_size or mailbox:
         result.append(SyncManager(SmType.OUTPUTS, at, output_size, _OUTPUTS, int(output_size > 0)))
-        at += max(_BUFFERS * output_size, _MIN_DISTANCE)
+        at += max(_BUFFERS * max(output_size, output_room), _MIN_DISTANCE)
     if input_size or mailbox:
         result.append(SyncManager(SmType.INPUTS, at, input_size, _INPUTS, int(input_size > 0)))
     return result
@@ -59,8 +72,15 @@ def _as_set(segment: Segment, position: int, channel: int) -> tuple[int, int, in
     return start, size, control, bool(activate & _ENABLED)
 
 
-def check_mailbox(segment: Segment, position: int, mailbox: Mailbox) -> None:
-    """Checks the mailbox channels before PREOP.
+def _refusal(code: AlCode, channel: int, reason: int, wanted: int) -> RefusedError:
+    """The diagnosis names channel and reason, and the smallest and largest allowed value."""
+    return RefusedError(code, struct.pack("<BHH", 4 * channel + reason, wanted, wanted))
+
+
+def check_mailbox(
+    segment: Segment, position: int, mailbox: Mailbox, code: AlCode = AlCode.MAILBOX
+) -> None:
+    """Checks the mailbox channels before PREOP or BOOT.
 
     Raises:
         RefusedError: They are not set as the SII says.
@@ -72,7 +92,7 @@ def check_mailbox(segment: Segment, position: int, mailbox: Mailbox) -> None:
         start, size, control, enabled = _as_set(segment, position, channel)
         mode = control & _MODE_MASK == _MODE_MAILBOX and control & _DIRECTION_MASK == direction
         if not (enabled and mode and start == at and size == room):
-            raise RefusedError(AlCode.MAILBOX)
+            raise RefusedError(code)
 
 
 def check_process_data(
@@ -82,7 +102,7 @@ def check_process_data(
     output_size: int,
     input_size: int,
 ) -> None:
-    """Checks the process data channels before SAFEOP.
+    """Checks the process data channels before SAFEOP and OP.
 
     Raises:
         RefusedError: They do not hold exactly the mapped PDOs.
@@ -95,7 +115,48 @@ def check_process_data(
         if channel is None:
             continue
         start, size, control, enabled = _as_set(segment, position, channel)
+        if wanted != (size if enabled else 0):
+            raise _refusal(code, channel, _LENGTH, wanted)
+        if wanted and start != sync_managers[channel].start:
+            raise _refusal(code, channel, _ADDRESS, sync_managers[channel].start)
         mode = control & _MODE_MASK == _MODE_BUFFERED and control & _DIRECTION_MASK == direction
-        right_place = mode and start == sync_managers[channel].start
-        if wanted != (size if enabled else 0) or (wanted and not right_place):
-            raise RefusedError(code)
+        if wanted and not mode:
+            raise _refusal(code, channel, _SETTINGS, sync_managers[channel].control)
+
+
+def check_unused(segment: Segment, position: int, used: int, existing: int) -> None:
+    """Checks that channels that the device does not know are off.
+
+    Raises:
+        RefusedError: One of them is on.
+    """
+    for channel in range(used, existing):
+        if _as_set(segment, position, channel)[3]:
+            raise _refusal(AlCode.SYNC_MANAGERS, channel, _SETTINGS, 0)
+
+
+def check_watchdog(
+    segment: Segment, position: int, sync_managers: Sequence[SyncManager], longest: float
+) -> None:
+    """Checks the process data watchdog of a device that insists on one.
+
+    Args:
+        segment: The segment.
+        position: Position of the slave.
+        sync_managers: Its sync managers.
+        longest: Longest time in seconds (registers 0x0400 and 0x0420) that it accepts.
+
+    Raises:
+        RefusedError: The watchdog is off, or longer.
+    """
+    channel = channel_of(sync_managers, SmType.OUTPUTS)
+    if channel is None:
+        return
+    triggers = _as_set(segment, position, channel)[2] & _WATCHDOG
+    divider, count = (
+        int.from_bytes(segment.read(position, register, 2), "little")
+        for register in (_WATCHDOG_DIVIDER, _WATCHDOG_DATA)
+    )
+    time_ns = (divider + 2) * _WATCHDOG_UNIT_NS * count
+    if not triggers or not 0 < time_ns <= round(longest * 1e9):
+        raise RefusedError(AlCode.WATCHDOG_SETTINGS)

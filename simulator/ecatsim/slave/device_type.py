@@ -1,0 +1,124 @@
+"""What a type of device states about itself: identity, mailbox, PDOs and capabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from ecatd.model.bus import Pdo
+
+from ..core import Chip
+from . import sii
+from .sii import FmmuType, Mailbox, SmType, SyncManager
+
+
+class DeviceType:
+    """The attributes that a device may define; a subclass of `Device` sets those it needs.
+
+    Attributes:
+        vendor: Vendor ID.
+        product: Product code.
+        revision: Revision number.
+        serial: Serial number.
+        alias: Configured station alias.
+        device_id: Device identification (explicit device ID, for example of a rotary switch), or
+            None; a master asks for it with bit 5 of AL control.
+        order: Order code; masters show it as the name.
+        name: Name of the device.
+        group: Group type.
+        group_name: Name of the group.
+        device_type: Object 0x1000.
+        chip: The slave controller.
+        pdi_control: SII word 0.
+        physical_ports: SII port types, nibbles from port 0: 0 none, 1 MII, 3 EBUS.
+        ebus_current: Current taken from the E-bus in mA.
+        mailbox: The mailbox with CoE, or None for a device without a processor.
+        bootstrap: The mailbox in BOOT, or None for a device without that state.
+        sync_managers: Sync managers; None derives them from the mailbox and the PDOs.
+        fmmus: Purposes of the FMMUs; None derives them from the sync managers.
+        rx_pdos: RxPDOs (outputs); sync manager 0xFF marks one that is not mapped by default.
+        tx_pdos: TxPDOs (inputs).
+        variable_assignment: Whether a master may write the PDO assignment 0x1C12 and 0x1C13.
+        variable_mapping: Whether a master may write the PDO mapping 0x1600… and 0x1A00…: of all
+            PDOs, or of those with the given indices.
+        mapping_limits: Bytes of outputs and inputs that a variable mapping may reach.
+        longest_watchdog: Longest process data watchdog in seconds with which the device goes to
+            SAFEOP; None accepts any, and none.
+        needs_eeprom: Whether the device reads its EEPROM on the way to PREOP, for which the
+            master must have handed it over (register 0x0500).
+        state_emergencies: Whether a refused change to SAFEOP or OP is also an emergency, 0xA000
+            or 0xA001.
+        answer_delay: Seconds from a mail to its answer.
+        file_password: Password of the files, or None where any will do.
+        file_limit: Bytes of the largest file that a master may write.
+        file_busy: How often each packet of a written file is answered with BUSY first.
+        firmware_files: Files that are written in BOOT only.
+        firmware_valid: Whether there is firmware; without it only BOOT can be reached.
+        files: Files that FoE reads and writes, by name.
+        period: Seconds between two calls of `step`.
+    """
+
+    vendor: int = 0
+    product: int = 0
+    revision: int = 0
+    serial: int = 0
+    alias: int = 0
+    device_id: int | None = None
+    order: str = ""
+    name: str = ""
+    group: str = ""
+    group_name: str = ""
+    device_type: int = 0x00001389
+    chip: Chip = Chip()
+    pdi_control: int = 0x0C05
+    physical_ports: int = 0x11
+    ebus_current: int = 0
+    mailbox: Mailbox | None = None
+    bootstrap: Mailbox | None = None
+    sync_managers: Sequence[SyncManager] | None = None
+    fmmus: Sequence[FmmuType] | None = None
+    rx_pdos: Sequence[Pdo] = ()
+    tx_pdos: Sequence[Pdo] = ()
+    variable_assignment: bool = False
+    variable_mapping: bool | Collection[int] = False
+    mapping_limits: tuple[int, int] = (64, 64)
+    longest_watchdog: float | None = None
+    needs_eeprom: bool = False
+    state_emergencies: bool = False
+    answer_delay: float = 0.0
+    file_password: int | None = None
+    file_limit: int = 1 << 24
+    file_busy: int = 0
+    firmware_files: Collection[str] = ()
+    firmware_valid: bool = True
+    files: dict[str, bytes] = {}  # noqa: RUF012  each device has a copy
+    period: float = 0.001
+
+    def _build_sii(self, settings: Sequence[SyncManager]) -> bytes:
+        """The SII image that follows from the description."""
+        fmmus = self.fmmus
+        if fmmus is None:
+            kinds = {sm.type for sm in settings}
+            fmmus = [FmmuType.OUTPUTS] if SmType.OUTPUTS in kinds else []
+            fmmus += [FmmuType.INPUTS] if SmType.INPUTS in kinds else []
+        return sii.build(
+            sii.Description(
+                vendor=self.vendor,
+                product=self.product,
+                revision=self.revision,
+                serial=self.serial,
+                alias=self.alias,
+                order=self.order,
+                name=self.name or self.order,
+                group=self.group,
+                group_name=self.group_name,
+                pdi_control=self.pdi_control,
+                mailbox=self.mailbox,
+                bootstrap=self.bootstrap,
+                sync_managers=settings,
+                fmmus=fmmus,
+                tx_pdos=self.tx_pdos,
+                rx_pdos=self.rx_pdos,
+                ebus_current=self.ebus_current,
+                physical_ports=self.physical_ports,
+            )
+        )

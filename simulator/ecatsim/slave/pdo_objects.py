@@ -1,0 +1,206 @@
+"""PDO mapping (0x1600…, 0x1A00…) and assignment (0x1C12, 0x1C13) as a master may change them.
+
+Both follow CiA 301: the master writes 0 to entry 0, then the entries, then their number to entry 0,
+with which they become valid. Complete access does the same in one transfer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+
+from ecatd.model import abort_codes
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import SdoAbortError, UsageError
+
+from . import units
+from .objects import Access, Dictionary, DictionaryObject, ObjectCode, Value, Variable
+from .sii import UNASSIGNED
+
+_MAPPING_STRUCTURE = 0x0021
+_MAPPING_ENTRIES = 32  # of a mapping that a master may write
+_CONFIGURABLE = Access.READ | Access.WRITE_PREOP
+
+
+class ProcessDataObjects:
+    """The PDOs of one direction: what may be mapped, and what is.
+
+    Args:
+        objects: The dictionary, which gets the mapping objects, the assignment and the entries
+            that the PDOs map.
+        pdos: All PDOs of the direction with their default entries.
+        outputs: Whether they are RxPDOs, assigned by 0x1C12; else TxPDOs, assigned by 0x1C13.
+        assignment: Whether a master may write the assignment.
+        mapping: Indices of the PDOs whose mapping a master may write.
+        limit: Bytes of process data that a mapping may reach.
+    """
+
+    def __init__(
+        self,
+        objects: Dictionary,
+        pdos: Sequence[Pdo],
+        *,
+        outputs: bool,
+        assignment: bool,
+        mapping: Collection[int],
+        limit: int,
+    ) -> None:
+        self._objects = objects
+        self._defaults = {pdo.index: pdo for pdo in pdos}
+        self._right = Access.RX_PDO if outputs else Access.TX_PDO
+        self._variable = frozenset(mapping) & self._defaults.keys()
+        total = sum(pdo.bit_length for pdo in pdos)
+        self.room = max((total + 7) // 8, limit if self._variable else 0)
+        for pdo in pdos:
+            self._add_mapping(pdo)
+        self._add_assignment(0x1C12 if outputs else 0x1C13, assignment)
+
+    @property
+    def pdos(self) -> list[Pdo]:
+        """The assigned PDOs as they are mapped, in the order of the process image."""
+        return [self._pdo(int(index)) for index in _members(self._assignment)]
+
+    # --- the objects ---------------------------------------------------------------------------
+
+    def _add_mapping(self, pdo: Pdo) -> None:
+        for entry in pdo.entries:
+            if not entry.is_gap:
+                self._add_entry(entry)
+        variable = pdo.index in self._variable
+        values = [e.index << 16 | e.subindex << 8 | e.bit_length for e in pdo.entries]
+        room = max(len(values), _MAPPING_ENTRIES) if variable else len(values)
+        item = self._objects.array(
+            pdo.index,
+            pdo.name,
+            DataType.UNSIGNED32,
+            values + [0] * (room - len(values)),
+            _CONFIGURABLE if variable else Access.RO,
+        )
+        item.code, item.type = ObjectCode.RECORD, _MAPPING_STRUCTURE
+        item.entries[0].value = len(values)
+        if variable:
+            _guard(item, self._check_mapped, self._check_mapping)
+
+    def _add_entry(self, entry: Entry) -> None:
+        objects, right = self._objects, self._right
+        access = (Access.RW if right == Access.RX_PDO else Access.RO) | right
+        name = entry.name.rpartition("__")[2]  # SII names carry the group of the entry as well
+        kind = _type_of(entry)
+        variable = Variable(
+            entry.index,
+            entry.subindex,
+            name,
+            kind,
+            entry.bit_length,
+            access,
+            unit=units.known(entry.unit) if entry.scale == 1.0 else 0,
+        )
+        if entry.index in objects:
+            item = objects.object(entry.index)
+            item.entries.setdefault(entry.subindex, variable)
+            if item.code != ObjectCode.VAR:
+                item.entries[0].value = item.max_subindex
+        elif entry.subindex == 0:
+            item = objects.record(entry.index, name, [], code=ObjectCode.VAR, type=kind)
+            item.entries[0] = variable
+        else:
+            objects.record(entry.index, f"Object 0x{entry.index:04X}", [variable])
+
+    def _add_assignment(self, index: int, variable: bool) -> None:
+        assigned = [pdo.index for pdo in self._defaults.values() if pdo.sync_manager != UNASSIGNED]
+        room = len(self._defaults) if variable else len(assigned)
+        self._assignment = self._objects.array(
+            index,
+            "RxPDO assign" if self._right == Access.RX_PDO else "TxPDO assign",
+            DataType.UNSIGNED16,
+            assigned + [0] * (room - len(assigned)),
+            _CONFIGURABLE if variable else Access.RO,
+        )
+        self._assignment.entries[0].value = len(assigned)
+        if variable:
+            _guard(self._assignment, self._check_assigned, self._check_assignment)
+
+    # --- what the master writes ----------------------------------------------------------------
+
+    def _pdo(self, index: int) -> Pdo:
+        default = self._defaults[index]
+        if index not in self._variable:
+            return default
+        entries = [self._entry(value) for value in _members(self._objects.object(index))]
+        return Pdo(index, default.name, default.sync_manager, entries)
+
+    def _entry(self, value: int) -> Entry:
+        """The entry that a mapping value means: index, subindex and bits; index 0 is a gap."""
+        index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
+        if index == 0:
+            return Entry(0, 0, "", DataType.PADDING, bits)
+        variable = self._objects[index, subindex]
+        return Entry(index, subindex, variable.name, variable.type, bits)
+
+    def _check_mapped(self, value: int) -> None:
+        index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
+        if index == 0:
+            if bits == 0 or subindex:
+                raise SdoAbortError(abort_codes.NOT_MAPPABLE)
+            return
+        variable = self._objects.entry(index, subindex)
+        if not variable.access & self._right or bits != variable.bits:
+            raise SdoAbortError(abort_codes.NOT_MAPPABLE)
+
+    def _check_mapping(self, values: Sequence[int]) -> None:
+        self._check_length(sum(value & 0xFF for value in values))
+
+    def _check_assigned(self, value: int) -> None:
+        if value not in self._defaults:
+            raise SdoAbortError(abort_codes.VALUE_RANGE)
+
+    def _check_assignment(self, values: Sequence[int]) -> None:
+        if len(set(values)) < len(values):
+            raise SdoAbortError(abort_codes.VALUE_RANGE)
+        self._check_length(sum(self._pdo(index).bit_length for index in values))
+
+    def _check_length(self, bits: int) -> None:
+        if bits > 8 * self.room:
+            raise SdoAbortError(abort_codes.PDO_LENGTH)
+
+
+def _type_of(entry: Entry) -> DataType:
+    try:
+        return DataType(entry.data_type)
+    except ValueError:
+        raise UsageError(
+            f"PDO entry {entry.address} has the unknown type 0x{entry.data_type:X}"
+        ) from None
+
+
+def _members(item: DictionaryObject) -> list[int]:
+    """The valid entries of a mapping or assignment object."""
+    return [int(item.entries[i].value) for i in range(1, int(item.entries[0].value) + 1)]
+
+
+def _guard(
+    item: DictionaryObject,
+    check_one: Callable[[int], None],
+    check_all: Callable[[Sequence[int]], None],
+) -> None:
+    """Holds a mapping or assignment object to the procedure of CiA 301."""
+    entries = item.entries
+
+    def write_count(count: Value) -> None:
+        assert isinstance(count, int)
+        if count >= len(entries):
+            raise SdoAbortError(abort_codes.VALUE_TOO_HIGH)
+        values = [int(entries[i].value) for i in range(1, count + 1)]
+        for value in values:
+            check_one(value)
+        check_all(values)
+
+    def write_entry(value: Value) -> None:
+        assert isinstance(value, int)
+        if entries[0].value != 0:
+            raise SdoAbortError(abort_codes.COUNT_NOT_ZERO)
+        if value != 0:
+            check_one(value)
+
+    for subindex, entry in entries.items():
+        entry.on_write = write_entry if subindex else write_count

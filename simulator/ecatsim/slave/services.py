@@ -1,0 +1,123 @@
+"""Mailbox services of a device: CoE from PREOP on, FoE from PREOP on and in BOOT."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ecatd.model.al import AlState
+
+from ..core import Event, Segment
+from .coe import CoeServer
+from .foe import FileHost, FoeServer
+from .mailbox import MailboxServer, Protocol
+from .objects import Dictionary
+from .sii import Mailbox
+
+_OUT, _IN = 0, 1  # sync managers of the mailboxes that the master writes and reads
+_COE, _FOE = 0x04, 0x08  # bits of the supported protocols, SII word 0x1C
+_COMPLETE_ACCESS = 0x20
+
+
+class Services:
+    """Serves the mailbox of one device.
+
+    Args:
+        mailbox: The mailbox from PREOP on.
+        bootstrap: The mailbox in BOOT, or None.
+        dictionary: The objects for CoE.
+        state: Returns the AL state.
+        host: Whose files FoE serves.
+
+    Attributes:
+        server: The mailbox protocol.
+    """
+
+    def __init__(
+        self,
+        mailbox: Mailbox,
+        bootstrap: Mailbox | None,
+        dictionary: Dictionary,
+        state: Callable[[], AlState],
+        host: FileHost,
+    ) -> None:
+        self._mailbox = mailbox
+        self._bootstrap = bootstrap
+        self._coe = CoeServer(
+            dictionary,
+            state,
+            mailbox.send_size,
+            complete_access=bool(mailbox.coe_details & _COMPLETE_ACCESS),
+        )
+        self._foe = FoeServer(host)
+        self._bus: tuple[Segment, int] | None = None
+        self._is_open = False
+        self._waiting = False  # a mail of the master lies in the mailbox
+        self.server = MailboxServer({}, self._put)
+
+    def attach(self, segment: Segment | None, position: int) -> None:
+        """Becomes the mailbox of a slave of a segment, closed as in INIT; None leaves it."""
+        self._bus = (segment, position) if segment else None
+        self.close()
+
+    def open(self, state: AlState) -> None:
+        """Begins to serve, in PREOP or BOOT."""
+        boot = state == AlState.BOOT
+        box = self._bootstrap if boot and self._bootstrap else self._mailbox
+        self._is_open = True
+        self._waiting = True  # a master need not wait for the state before it writes
+        self._foe.start(box.receive_size, box.send_size, boot=boot)
+        if self._mailbox.protocols & _FOE:
+            self.server.handlers[Protocol.FOE] = self._foe.handle
+        if self._mailbox.protocols & _COE and not boot:
+            self.server.handlers[Protocol.COE] = self._coe.handle
+
+    def close(self) -> None:
+        """Ends all transfers and empties the mailboxes, as in INIT."""
+        self._is_open = False
+        self._waiting = False
+        self._empty()
+        self.server.handlers.clear()
+        self.server.reset()
+        self._coe.reset()
+
+    def handle(self, event: Event, now: float) -> None:
+        """Reacts to what the master did with the mailboxes."""
+        if not self._is_open:
+            return
+        if event & Event.MAILBOX_OUT:
+            self.server.was_read()
+        if event & Event.MAILBOX_AGAIN:
+            self.server.again()
+        if event & Event.MAILBOX_IN:
+            self._waiting = True
+            self.run(now)
+
+    def run(self, now: float) -> None:
+        """Takes a mail that waits and offers answers that are due."""
+        if not self._is_open:
+            return
+        self.server.tick(now)
+        if self._waiting and self.server.accepts and self._bus:
+            self._waiting = False
+            segment, position = self._bus
+            mail = segment.take_mail(position)
+            if mail:
+                self.server.receive(mail, now)
+
+    def emergency(self, body: bytes) -> None:
+        """Sends an emergency where CoE is served."""
+        if Protocol.COE in self.server.handlers:
+            self.server.send(Protocol.COE, body)
+
+    def _empty(self) -> None:
+        if self._bus:
+            segment, position = self._bus
+            for channel in (_OUT, _IN):  # deactivation forgets what lies there
+                segment.lock_sync_manager(position, channel, True)
+                segment.lock_sync_manager(position, channel, False)
+
+    def _put(self, mail: bytes, again: bool) -> bool:
+        if self._bus is None:
+            return False
+        segment, position = self._bus
+        return segment.put_mail(position, mail, again=again)

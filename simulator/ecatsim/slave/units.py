@@ -1,0 +1,73 @@
+"""Units of objects as the SDO information service gives them (ETG.1004, CiA 303-2).
+
+The UNSIGNED32 holds, from its highest byte: the power of ten of the prefix, the notation index of
+the numerator, that of the denominator, and 0. Millivolt is 0xFD260000, rev/min 0x00B44700.
+"""
+
+from __future__ import annotations
+
+from ecatd.model.errors import UsageError
+
+_INDEX = {
+    "1": 0x00,
+    "m": 0x01,
+    "kg": 0x02,
+    "s": 0x03,
+    "A": 0x04,
+    "K": 0x05,
+    "mol": 0x06,
+    "cd": 0x07,
+    "rad": 0x10,
+    "Hz": 0x20,
+    "N": 0x21,
+    "Pa": 0x22,
+    "J": 0x23,
+    "W": 0x24,
+    "C": 0x25,
+    "V": 0x26,
+    "F": 0x27,
+    "Ohm": 0x28,
+    "Ω": 0x28,
+    "S": 0x29,
+    "Wb": 0x2A,
+    "T": 0x2B,
+    "H": 0x2C,
+    "°C": 0x2D,
+    "°": 0x41,
+    "deg": 0x41,
+    "min": 0x47,
+    "h": 0x48,
+    "rev": 0xB4,
+    "inc": 0xB5,
+}
+_POWER = {"G": 9, "M": 6, "k": 3, "d": -1, "c": -2, "m": -3, "µ": -6, "u": -6, "n": -9}
+_NAMES = {"": 0, "rpm": 0x00B44700, "counts": 0x00B50000, "%": 0xFE000000}
+
+
+def code(text: str) -> int:
+    """The unit code of a text such as `mV`, `m/s` or `rpm`; 0 stands for no unit.
+
+    Raises:
+        UsageError: The text is no unit that has a code.
+    """
+    if text in _NAMES:
+        return _NAMES[text]
+    top, _, bottom = text.partition("/")
+    power = 0
+    if top not in _INDEX and top[:1] in _POWER and top[1:] in _INDEX:
+        power, top = _POWER[top[0]], top[1:]
+    if top not in _INDEX or (bottom and bottom not in _INDEX):
+        raise UsageError(
+            f"'{text}' is no unit with a code in CiA 303-2: use a prefix (k, m, µ, …) with one of "
+            f"{', '.join(_INDEX)}, a quotient such as m/s, or one of "
+            f"{', '.join(name for name in _NAMES if name)}"
+        )
+    return (power & 0xFF) << 24 | _INDEX[top] << 16 | _INDEX.get(bottom, 0) << 8
+
+
+def known(text: str) -> int:
+    """The unit code of a text, 0 where it has none."""
+    try:
+        return code(text)
+    except UsageError:
+        return 0
