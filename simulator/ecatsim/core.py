@@ -33,6 +33,9 @@ class Event(IntFlag):
     OUTPUTS = 0x10
     WATCHDOG = 0x20
     EEPROM = 0x40
+    RESET = 0x80
+    SYNC0 = 0x100
+    SYNC1 = 0x200
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,11 @@ class Chip:
         sync_managers: Number of sync managers, at most 16.
         ram_kib: Process data RAM in KiB.
         ports: Port descriptor, two bits a port from port 0: 0 none, 2 EBUS, 3 MII.
+        dc: Whether it has distributed clocks (register 0x0008, bits 2 and 3).
+        dc_bits: Width of its clock: 64 or 32.
+        eeprom_bytes: Bytes that one read of the EEPROM brings: 8 or 4.
+        eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs.
+        eeprom_write_us: How long it is busy writing a word, in µs.
     """
 
     type: int = 0x11
@@ -56,6 +64,11 @@ class Chip:
     sync_managers: int = 8
     ram_kib: int = 8
     ports: int = 0x0F
+    dc: bool = True
+    dc_bits: int = 64
+    eeprom_bytes: int = 8
+    eeprom_read_us: int = 0
+    eeprom_write_us: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +107,10 @@ class _Config(ctypes.Structure):
         ("sync_managers", ctypes.c_uint8),
         ("ram_kib", ctypes.c_uint8),
         ("ports", ctypes.c_uint8),
+        ("dc_bits", ctypes.c_uint8),
+        ("eeprom_bytes", ctypes.c_uint8),
+        ("eeprom_read_us", ctypes.c_uint32),
+        ("eeprom_write_us", ctypes.c_uint32),
     )
 
 
@@ -144,6 +161,7 @@ def _library() -> ctypes.CDLL:
         "esc_get_outputs": (number, [segment, ctypes.c_void_p, size, ctypes.c_int64]),
         "esc_put_inputs": (number, [segment, ctypes.c_void_p, size]),
         "esc_sii": (number, [segment, number, ctypes.c_void_p, size]),
+        "esc_set_sii": (number, [segment, number, data, size]),
         "esc_drop": (None, [segment, ctypes.c_uint32]),
         "esc_get_counters": (None, [segment, ctypes.POINTER(_Counters)]),
     }
@@ -158,6 +176,27 @@ def _checked(result: int) -> int:
     if result < 0:
         raise EcatError(f"the slave controllers refused a call: {os.strerror(-result)}")
     return result
+
+
+def _check(chip: Chip) -> None:
+    limits = (
+        ("fmmus", range(17)),
+        ("sync_managers", range(17)),
+        ("ram_kib", range(61)),
+        ("dc_bits", (32, 64)),
+        ("eeprom_bytes", (4, 8)),
+        ("eeprom_read_us", range(1 << 32)),
+        ("eeprom_write_us", range(1 << 32)),
+    )
+    for name, allowed in limits:
+        value = getattr(chip, name)
+        if value not in allowed:
+            text = (
+                f"0 to {allowed[-1]}"
+                if isinstance(allowed, range)
+                else f"{allowed[0]} or {allowed[1]}"
+            )
+            raise UsageError(f"a slave controller with {name} = {value} does not exist: use {text}")
 
 
 class Segment:
@@ -185,7 +224,12 @@ class Segment:
             self._handle = None
 
     def add(self, chip: Chip, sii: bytes) -> int:
-        """Appends a slave; returns its position on the wire."""
+        """Appends a slave; returns its position on the wire.
+
+        Raises:
+            UsageError: There is no such controller, or no room for another slave.
+        """
+        _check(chip)
         config = _Config(
             chip.type,
             chip.revision,
@@ -194,6 +238,10 @@ class Segment:
             chip.sync_managers,
             chip.ram_kib,
             chip.ports,
+            chip.dc_bits if chip.dc else 0,
+            chip.eeprom_bytes,
+            chip.eeprom_read_us,
+            chip.eeprom_write_us,
         )
         result: int = self._lib.esc_add_slave(self._handle, config, sii, len(sii))
         if result == -errno.ENOSPC:
@@ -239,14 +287,25 @@ class Segment:
         return [(event.position, Event(event.bits)) for event in self._events[: _checked(count)]]
 
     def read(self, position: int, address: int, size: int) -> bytes:
-        """Reads memory of a slave as its device does."""
+        """Reads memory of a slave as its device does, which acknowledges events."""
         buffer = ctypes.create_string_buffer(size)
         _checked(self._lib.esc_read(self._handle, position, address, buffer, size))
         return buffer.raw
 
     def write(self, position: int, address: int, data: bytes) -> None:
-        """Writes memory of a slave as its device does."""
-        _checked(self._lib.esc_write(self._handle, position, address, data, len(data)))
+        """Writes memory of a slave as its device does.
+
+        Raises:
+            StateError: The EEPROM interface does not belong to the device or is busy, or the
+                access to a buffered sync manager does not begin at its first byte.
+        """
+        result = self._lib.esc_write(self._handle, position, address, data, len(data))
+        if result == -errno.EACCES:
+            raise StateError(
+                f"slave {position} cannot write 0x{address:04X} now: begin at the first byte of a "
+                "sync manager; the EEPROM interface must be idle and belong to the device"
+            )
+        _checked(result)
 
     def set_al_status(self, position: int, status: int, code: int) -> None:
         """Sets AL status and AL status code."""
@@ -320,6 +379,14 @@ class Segment:
         buffer = ctypes.create_string_buffer(size)
         _checked(self._lib.esc_sii(self._handle, position, buffer, size))
         return buffer.raw
+
+    def set_eeprom(self, position: int, image: bytes) -> None:
+        """Replaces the SII image of a slave, as a programming tool would.
+
+        Reads through the EEPROM interface (registers 0x0502 to 0x050F) see it at once; what the
+        controller takes from it changes with the next reload, reset or power-on.
+        """
+        _checked(self._lib.esc_set_sii(self._handle, position, image, len(image)))
 
     def drop(self, count: int) -> None:
         """Loses the next `count` frames."""

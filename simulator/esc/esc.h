@@ -29,7 +29,10 @@ enum esc_event_bits {
     ESC_MAILBOX_AGAIN = 0x08, /* the master toggled the repeat request of SM1 */
     ESC_OUTPUTS = 0x10,      /* first process data outputs since `esc_await_outputs` */
     ESC_WATCHDOG = 0x20,     /* the process data watchdog expired in OP */
-    ESC_EEPROM = 0x40        /* the master changed the SII image */
+    ESC_EEPROM = 0x40,       /* the master changed the SII image */
+    ESC_RESET = 0x80,        /* the controller was reset: registers are as at power-on */
+    ESC_SYNC0 = 0x100,       /* SYNC0 pulses of distributed clocks since the last look */
+    ESC_SYNC1 = 0x200        /* SYNC1 pulses */
 };
 
 struct esc_event {
@@ -46,6 +49,9 @@ struct esc_config {
     uint8_t sync_managers; /* at most ESC_MAX_CHANNELS */
     uint8_t ram_kib;       /* process data RAM from 0x1000 */
     uint8_t ports;         /* port descriptor: 2 bits a port, 2 = EBUS, 3 = MII */
+    uint8_t dc_bits;       /* width of the distributed clock: 0 = none, 32, 64 */
+    uint8_t eeprom_bytes;  /* bytes that one read of the EEPROM brings: 4 or 8 */
+    uint32_t eeprom_read_us, eeprom_write_us; /* how long the EEPROM is busy */
 };
 
 /* Where the process data of a slave lie in its memory and in the images of the device side. */
@@ -87,7 +93,9 @@ ESC_API int esc_process(struct esc_segment *segment, uint8_t *frame, size_t size
 ESC_API int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *events,
                      int capacity);
 
-/* PDI access to the memory of a slave: no sync manager stands in its way. */
+/* PDI access to the memory of a slave. A buffered sync manager gives the newest complete outputs,
+ * and takes inputs (from the first byte on, else -EACCES) when their last byte is written; nothing
+ * else stands in the way. Reading and writing registers has the effects that it has for a device. */
 ESC_API int esc_read(struct esc_segment *segment, int position, uint16_t address, uint8_t *data,
                      size_t size);
 ESC_API int esc_write(struct esc_segment *segment, int position, uint16_t address,
@@ -124,6 +132,11 @@ ESC_API int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, si
 
 /* Copies the SII image. Returns its size. */
 ESC_API int esc_sii(struct esc_segment *segment, int position, uint8_t *image, size_t capacity);
+
+/* Replaces the SII image, as a programming tool would. The registers loaded from it change with the
+ * next reload, reset or power-on. */
+ESC_API int esc_set_sii(struct esc_segment *segment, int position, const uint8_t *image,
+                        size_t size);
 
 /* Loses the next `count` frames. */
 ESC_API void esc_drop(struct esc_segment *segment, uint32_t count);

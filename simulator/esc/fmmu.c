@@ -17,7 +17,8 @@ static struct sync_manager *only_buffer(struct slave *slave, uint32_t from, uint
             return NULL;
         found = sm;
     }
-    return from >= REG_RAM ? found : NULL;
+    bool loaded = (slave->memory[REG_DL_STATUS] & DL_PDI_OPERATIONAL) != 0;
+    return from >= REG_RAM && loaded && !slave->protected ? found : NULL;
 }
 
 static void decode(struct slave *slave, const uint8_t *reg, struct fmmu *fmmu)
@@ -119,16 +120,21 @@ static bool access_channel(const struct fmmu *fmmu, uint32_t address, uint8_t *d
     uint32_t to = end < fmmu->end ? end : fmmu->end;
     if (fmmu->fast != NULL) {
         struct slave *slave = fmmu->slave;
+        struct sync_manager *sm = fmmu->fast;
         uint32_t physical = fmmu->address + (from - fmmu->start);
         uint8_t *memory = slave->memory + physical;
-        if (!write) {
-            memcpy(data + (from - address), memory, to - from);
+        if (physical == sm->start && to - from == sm->size) { /* a whole buffer: the rule */
+            if (write) {
+                memcpy(memory, data + (from - address), to - from);
+                sm_written(slave, sm);
+            } else {
+                if (!sm->open)
+                    sm_begin_read(slave, sm);
+                memcpy(data + (from - address), memory, to - from);
+                sm_read(slave, sm);
+            }
             return true;
         }
-        memcpy(memory, data + (from - address), to - from);
-        if (physical + (to - from) == (uint32_t)fmmu->fast->start + fmmu->fast->size)
-            sm_accessed(slave, physical, physical + (to - from), true);
-        return true;
     }
     struct span span;
     return clip(fmmu, from, to, address, &span) && access_bits(fmmu, &span, data, write);

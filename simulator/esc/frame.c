@@ -224,12 +224,16 @@ int frame_process(struct esc_segment *segment, unsigned interface, uint8_t *fram
     return route->exit;
 }
 
+int64_t clock_now_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
+}
+
 int64_t frame_time_ns(struct esc_segment *segment)
 {
-    if (segment->frame_ns == 0) {
-        struct timespec now;
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        segment->frame_ns = now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
-    }
+    if (segment->frame_ns == 0)
+        segment->frame_ns = clock_now_ns();
     return segment->frame_ns;
 }

@@ -1,20 +1,14 @@
-/* The device side: events, memory, mailbox and process data, and the process data watchdog. */
+/* The device side: events, memory, mailbox and process data. */
 #include "slave.h"
 
 #include <errno.h>
 #include <poll.h>
+#include <stdlib.h>
 #include <sys/eventfd.h>
 #include <time.h>
 #include <unistd.h>
 
-enum {
-    AL_EVENT_CONTROL = 0x0001,
-    AL_EVENT_WATCHDOG = 0x0040,
-    SM_PDI = 7,
-    SM_ACTIVATE = 6,
-    SM_REPEAT = 0x02,
-    WATCHDOG_OK = 0x01
-};
+enum { SM_PDI = 7, SM_ACTIVATE = 6, SM_REPEAT = 0x02 };
 
 /* Notes an event; the slave enters the queue with its first one. Called with the lock held. */
 void pdi_event(struct slave *slave, uint32_t bits)
@@ -26,14 +20,6 @@ void pdi_event(struct slave *slave, uint32_t bits)
         segment->signal_due = true;
     }
     slave->events |= bits;
-    if (bits & ESC_AL_CONTROL)
-        slave->memory[REG_AL_EVENT] |= AL_EVENT_CONTROL;
-    if (bits & ESC_WATCHDOG)
-        slave->memory[REG_AL_EVENT] |= AL_EVENT_WATCHDOG;
-    if (bits & ESC_MAILBOX_IN)
-        slave->memory[REG_AL_EVENT + 1] |= 0x01;
-    if (bits & ESC_MAILBOX_OUT)
-        slave->memory[REG_AL_EVENT + 1] |= 0x02;
 }
 
 /* Whether `pdi_signal` is to be called once the lock is released. */
@@ -70,7 +56,6 @@ int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *
         segment->queue_count--;
         events[count++] = (struct esc_event){slave->position, slave->events};
         slave->events = 0;
-        memset(slave->memory + REG_AL_EVENT, 0, 4);
     }
     bool more = segment->queue_count > 0;
     pthread_mutex_unlock(&segment->lock);
@@ -83,6 +68,7 @@ int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *
 static struct slave *enter(struct esc_segment *segment, int position)
 {
     pthread_mutex_lock(&segment->lock);
+    segment->frame_ns = 0;
     if (position >= 0 && (unsigned)position < segment->count)
         return segment->slaves[position];
     pthread_mutex_unlock(&segment->lock);
@@ -105,7 +91,10 @@ int esc_read(struct esc_segment *segment, int position, uint16_t address, uint8_
         return -ENODEV;
     int result = -EINVAL;
     if (size <= ESC_MEMORY - (size_t)address) {
-        memcpy(data, slave->memory + address, size);
+        uint32_t from = address, to = from + (uint32_t)size;
+        live_refresh(slave, from, to);
+        buffers_read(slave, from, to, data);
+        live_was_read(slave, from, to, true);
         result = 0;
     }
     leave(segment);
@@ -120,9 +109,11 @@ int esc_write(struct esc_segment *segment, int position, uint16_t address, const
         return -ENODEV;
     int result = -EINVAL;
     if (size <= ESC_MEMORY - (size_t)address) {
-        memcpy(slave->memory + address, data, size);
+        uint32_t from = address, to = from + (uint32_t)size;
+        bool written = to <= REG_DIGITAL_OUTPUT ? registers_device_write(slave, from, to, data)
+                                                : buffers_write(slave, from, to, data);
         segment->topology_stale = true; /* the loop control may be among them */
-        result = 0;
+        result = written ? 0 : -EACCES;
     }
     leave(segment);
     return result;
@@ -173,8 +164,9 @@ int esc_mailbox_take(struct esc_segment *segment, int position, uint8_t *mail, s
     if (sm->size > 0 && sm->mailbox && sm->write && sm->full) {
         size_t size = sm->size < capacity ? sm->size : capacity;
         memcpy(mail, slave->memory + sm->start, size);
-        sm->full = false;
-        sm_write_status(slave, 0);
+        sm->full = sm->written = false;
+        sm->read = true;
+        segment->event_word_stale = true;
         result = (int)size;
     }
     leave(segment);
@@ -194,9 +186,9 @@ int esc_mailbox_put(struct esc_segment *segment, int position, const uint8_t *ma
         uint8_t *reg = slave->memory + REG_SM + 8;
         memcpy(slave->memory + sm->start, mail, size);
         memset(slave->memory + sm->start + size, 0, sm->size - size);
-        sm->full = true;
-        sm->open = false;
-        sm_write_status(slave, 1);
+        sm->full = sm->written = true;
+        sm->open = sm->read = false;
+        segment->event_word_stale = true;
         if (again)
             reg[SM_PDI] = (uint8_t)((reg[SM_PDI] & ~SM_REPEAT) | (reg[SM_ACTIVATE] & SM_REPEAT));
         result = 1;
@@ -236,25 +228,19 @@ int esc_await_outputs(struct esc_segment *segment, int position)
     return 0;
 }
 
-/* The time is (divider + 2) * 40 ns * count; 0 in either register switches the watchdog off. */
-static void run_watchdog(struct slave *slave, int64_t now_ns)
+static int get_outputs(struct slave *slave, uint8_t *image, size_t size)
 {
-    uint8_t *memory = slave->memory;
-    int64_t unit_ns = ((int64_t)load16(memory + REG_WATCHDOG_DIVIDER) + 2) * 40;
-    int64_t time_ns = unit_ns * load16(memory + REG_WATCHDOG_DATA);
-    if (slave->fed || time_ns == 0) {
-        slave->deadline_ns = slave->fed ? now_ns + time_ns : 0;
-        slave->fed = false;
-        slave->expired = false;
-        memory[REG_WATCHDOG_STATUS] |= WATCHDOG_OK;
-    } else if (slave->deadline_ns != 0 && now_ns > slave->deadline_ns && !slave->expired) {
-        slave->expired = true;
-        memory[REG_WATCHDOG_STATUS] &= (uint8_t)~WATCHDOG_OK;
-        if (memory[REG_WATCHDOG_COUNTERS] < 0xFF)
-            memory[REG_WATCHDOG_COUNTERS]++;
-        if ((memory[REG_AL_STATUS] & AL_STATE_MASK) == AL_OP)
-            pdi_event(slave, ESC_WATCHDOG);
-    }
+    const struct esc_process_data *map = &slave->map;
+    uint32_t from = map->output_address;
+    if (!slave->mapped || map->output_size == 0)
+        return 0;
+    if ((size_t)map->output_offset + map->output_size > size)
+        return -EINVAL;
+    if (slave->memory[REG_AL_STATUS] == AL_OP && !slave->expired)
+        buffers_read(slave, from, from + map->output_size, image + map->output_offset);
+    else
+        memset(image + map->output_offset, 0, map->output_size);
+    return 0;
 }
 
 /* Process data are copied slave by slave, so that no frame waits for more than one of them. */
@@ -262,19 +248,12 @@ int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size, in
 {
     struct slave *slave;
     int result = 0;
+    int64_t time_ns = clock_now_ns();
     for (int position = 0; (slave = enter(segment, position)) != NULL; position++) {
-        const struct esc_process_data *map = &slave->map;
-        if (slave->mapped && map->output_size > 0) {
-            if (slave->watchdog)
-                run_watchdog(slave, now_ns);
-            if ((size_t)map->output_offset + map->output_size > size)
-                result = -EINVAL;
-            else if (slave->memory[REG_AL_STATUS] == AL_OP && !slave->expired)
-                memcpy(image + map->output_offset, slave->memory + map->output_address,
-                       map->output_size);
-            else
-                memset(image + map->output_offset, 0, map->output_size);
-        }
+        watchdog_feed_pdi(slave, time_ns);
+        watchdog_run(slave, now_ns);
+        int error = get_outputs(slave, image, size);
+        result = error != 0 ? error : result;
         leave(segment);
     }
     return result;
@@ -287,11 +266,12 @@ int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t siz
     for (int position = 0; (slave = enter(segment, position)) != NULL; position++) {
         const struct esc_process_data *map = &slave->map;
         if (slave->mapped && map->input_size > 0) {
+            uint32_t from = map->input_address;
             if ((size_t)map->input_offset + map->input_size > size)
                 result = -EINVAL;
-            else
-                memcpy(slave->memory + map->input_address, image + map->input_offset,
-                       map->input_size);
+            else if (!buffers_write(slave, from, from + map->input_size,
+                                    image + map->input_offset))
+                result = -EACCES;
         }
         leave(segment);
     }
@@ -303,9 +283,29 @@ int esc_sii(struct esc_segment *segment, int position, uint8_t *image, size_t ca
     struct slave *slave = enter(segment, position);
     if (slave == NULL)
         return -ENODEV;
+    const struct eeprom *eeprom = &slave->eeprom;
     if (capacity > 0)
-        memcpy(image, slave->sii, slave->sii_size < capacity ? slave->sii_size : capacity);
-    int size = (int)slave->sii_size;
+        memcpy(image, eeprom->image, eeprom->size < capacity ? eeprom->size : capacity);
+    int size = (int)eeprom->size;
     leave(segment);
     return size;
+}
+
+int esc_set_sii(struct esc_segment *segment, int position, const uint8_t *image, size_t size)
+{
+    uint8_t *copy = malloc(size + 1); /* never 0 bytes */
+    if (copy == NULL)
+        return -ENOMEM;
+    memcpy(copy, image, size);
+    struct slave *slave = enter(segment, position);
+    if (slave == NULL) {
+        free(copy);
+        return -ENODEV;
+    }
+    uint8_t *before = slave->eeprom.image;
+    slave->eeprom.image = copy;
+    slave->eeprom.size = size;
+    leave(segment);
+    free(before);
+    return 0;
 }

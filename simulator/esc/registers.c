@@ -6,9 +6,9 @@ static const struct {
     uint16_t from, to;
 } writable[] = {
     {REG_STATION_ADDRESS, REG_STATION_ADDRESS + 2},
-    {0x0020, 0x0022}, /* write protection, ESC reset: accepted, without effect */
-    {0x0030, 0x0032},
-    {0x0040, 0x0042},
+    {REG_WRITE_ENABLE, REG_WRITE_ENABLE + 2},
+    {REG_ESC_WRITE_ENABLE, REG_ESC_WRITE_ENABLE + 2},
+    {REG_RESET, REG_RESET + 1},
     {REG_DL_CONTROL, REG_DL_CONTROL + 4},
     {0x0108, 0x010A},
     {REG_AL_CONTROL, REG_AL_CONTROL + 2},
@@ -29,56 +29,20 @@ static const struct {
 
 enum {
     SM_ACTIVATE = 6,
+    SM_STATUS = 5,
     SM_REPEAT = 0x02,
-    FEATURES_NONE = 0x0000, /* FMMUs map bits, LRW works; no distributed clocks */
+    ECAT_EVENT_SM_MASK = 0x0FF0,
+    AL_EVENT_MASK_DEFAULT = 0x00FFFF0F,
     WATCHDOG_DIVIDER_DEFAULT = 2498, /* (2498 + 2) * 40 ns = 100 us */
     WATCHDOG_DEFAULT = 1000,         /* 100 ms */
     DL_ALIAS_ENABLE = 0x01,          /* of register 0x0103 */
     DL_CONTROL_DEFAULT = 0x01,       /* forward EtherCAT frames only */
-    DL_PDI_RUNS = 0x0001,
-    DL_PDI_WATCHDOG_OK = 0x0002,
-    DL_LINK = 0x0010,          /* port 0; the next bits are the other ports */
-    DL_LOOP_CLOSED = 0x0100,   /* port 0; two bits a port */
-    DL_COMMUNICATION = 0x0200, /* likewise */
-    EEPROM_OWNED_BY_PDI = 0x01
+    DL_LINK = 0x0010,                /* port 0; the next bits are the other ports */
+    DL_LOOP_CLOSED = 0x0100,         /* port 0; two bits a port */
+    DL_COMMUNICATION = 0x0200,       /* likewise */
+    PROTECTED = 0x01,                /* of registers 0x0021 and 0x0031 */
+    PROTECTED_REGISTERS = 0x0F80     /* user RAM and process data RAM are none */
 };
-
-static bool touches(uint32_t from, uint32_t to, uint32_t reg, uint32_t size)
-{
-    return from < reg + size && to > reg;
-}
-
-void registers_set_event(struct slave *slave, unsigned bits, bool on)
-{
-    uint8_t *event = slave->memory + REG_ECAT_EVENT;
-    unsigned now = load16(event), next = on ? now | bits : now & ~bits;
-    if (next != now) {
-        store16(event, next);
-        slave->segment->event_word_stale = true;
-    }
-}
-
-/* What the slaves on the route of the frame add to the IRQ field of a datagram. */
-uint16_t registers_event_word(struct esc_segment *segment)
-{
-    struct route *route = segment->route;
-    if (segment->event_word_stale) {
-        for (unsigned i = 0; i < INTERFACES; i++)
-            segment->routes[i].event_word_known = false;
-        segment->event_word_stale = false;
-    }
-    if (!route->event_word_known) {
-        unsigned word = 0;
-        for (unsigned i = 0; i < route->count; i++) {
-            const uint8_t *memory = segment->slaves[route->order[i]]->memory;
-            word |= (unsigned)load16(memory + REG_ECAT_EVENT) &
-                    load16(memory + REG_ECAT_EVENT_MASK);
-        }
-        route->event_word = (uint16_t)word;
-        route->event_word_known = true;
-    }
-    return route->event_word;
-}
 
 static void update_station(struct slave *slave)
 {
@@ -93,7 +57,7 @@ static void update_station(struct slave *slave)
 void registers_set_links(struct slave *slave, uint8_t links, uint8_t open)
 {
     uint8_t *memory = slave->memory;
-    unsigned status = DL_PDI_RUNS | DL_PDI_WATCHDOG_OK;
+    unsigned status = memory[REG_DL_STATUS] & (DL_PDI_OPERATIONAL | DL_PDI_WATCHDOG);
     for (unsigned port = 0; port < PORTS; port++) {
         unsigned bit = 1U << port;
         bool up = (links & bit) != 0, is_open = (open & bit) != 0;
@@ -115,9 +79,8 @@ void registers_set_links(struct slave *slave, uint8_t links, uint8_t open)
     }
 }
 
-void registers_power_on(struct slave *slave, const struct esc_config *config)
+static void power_on_identity(uint8_t *memory, const struct esc_config *config)
 {
-    uint8_t *memory = slave->memory;
     memory[REG_TYPE] = config->type;
     memory[REG_REVISION] = config->revision;
     store16(memory + REG_BUILD, config->build);
@@ -125,16 +88,89 @@ void registers_power_on(struct slave *slave, const struct esc_config *config)
     memory[REG_SYNC_MANAGERS] = config->sync_managers;
     memory[REG_RAM_SIZE] = config->ram_kib;
     memory[REG_PORTS] = config->ports;
-    store16(memory + REG_FEATURES, FEATURES_NONE);
+}
+
+/* Everything in the controller is as after power-on, but for the links of the ports. */
+void registers_power_on(struct slave *slave)
+{
+    uint8_t *memory = slave->memory;
+    memset(memory, 0, slave->ram_end);
+    power_on_identity(memory, &slave->config);
     memory[REG_DL_CONTROL] = DL_CONTROL_DEFAULT;
+    memory[REG_DL_STATUS] = DL_PDI_WATCHDOG;
     memory[REG_AL_CONTROL] = 1;
     memory[REG_AL_STATUS] = 1;
+    store32(memory + REG_AL_EVENT_MASK, AL_EVENT_MASK_DEFAULT);
     store16(memory + REG_WATCHDOG_DIVIDER, WATCHDOG_DIVIDER_DEFAULT);
     store16(memory + REG_WATCHDOG_PDI, WATCHDOG_DEFAULT);
     store16(memory + REG_WATCHDOG_DATA, WATCHDOG_DEFAULT);
     memory[REG_WATCHDOG_STATUS] = 1;
+    slave->sm_interrupts = slave->protected = slave->awaits_outputs = false;
+    slave->fed = slave->expired = slave->pdi_expired = false;
+    slave->deadline_ns = slave->pdi_ns = 0;
+    slave->write_enabled = slave->esc_write_enabled = 0;
+    memset(slave->reset_step, 0, sizeof slave->reset_step);
+    memset(slave->sm, 0, sizeof slave->sm);
+    for (unsigned i = 0; i < slave->sync_managers; i++)
+        sm_decode(slave, i);
+    slave->eeprom.busy_until_ns = 0;
+    slave->eeprom.enabled = 0;
+    slave->eeprom.taken = false;
     eeprom_load(slave, true);
     update_station(slave);
+    slave->ecat_events = slave->al_events = 0;
+}
+
+/* A reset by the master or the device. */
+void registers_reset(struct slave *slave)
+{
+    registers_power_on(slave);
+    slave->segment->topology_stale = true;
+    pdi_event(slave, ESC_RESET);
+    slave->events = ESC_RESET; /* what came before no longer concerns the device */
+}
+
+/* A reset takes the letters R, E and S in three writes; any other letter begins anew. Register
+ * 0x0040 belongs to the master, 0x0041 to the device. */
+static void advance_reset(struct slave *slave, unsigned side)
+{
+    static const char sequence[] = "RES";
+    uint8_t *reg = slave->memory + REG_RESET + side;
+    uint8_t *step = &slave->reset_step[side];
+    *step = *reg == sequence[*step] ? (uint8_t)(*step + 1) : 0;
+    *reg = *step;
+    if (*step == sizeof sequence - 1)
+        registers_reset(slave);
+}
+
+/* Whether write protection lets the master write [from, to). */
+bool registers_may_write(const struct slave *slave, uint32_t from, uint32_t to)
+{
+    const uint8_t *memory = slave->memory;
+    uint64_t frame = frame_number(slave->segment);
+    if (to - from == 1 && (from == REG_WRITE_ENABLE || from == REG_ESC_WRITE_ENABLE))
+        return true;
+    if ((memory[REG_ESC_WRITE_ENABLE + 1] & PROTECTED) != 0 && slave->esc_write_enabled != frame)
+        return false;
+    return (memory[REG_WRITE_ENABLE + 1] & PROTECTED) == 0 || slave->write_enabled == frame ||
+           from >= PROTECTED_REGISTERS;
+}
+
+/* Called after a write to 0x0020 to 0x0031. The enable registers hold for the frame only. */
+static void update_protection(struct slave *slave, uint32_t from, uint32_t to)
+{
+    uint8_t *memory = slave->memory;
+    uint64_t frame = frame_number(slave->segment);
+    if (touches(from, to, REG_WRITE_ENABLE, 1))
+        slave->write_enabled = frame;
+    if (touches(from, to, REG_ESC_WRITE_ENABLE, 1))
+        slave->esc_write_enabled = frame;
+    memory[REG_WRITE_ENABLE] = memory[REG_ESC_WRITE_ENABLE] = 0;
+    memory[REG_WRITE_ENABLE + 1] &= PROTECTED;
+    memory[REG_ESC_WRITE_ENABLE + 1] &= PROTECTED;
+    slave->protected =
+        ((memory[REG_WRITE_ENABLE + 1] | memory[REG_ESC_WRITE_ENABLE + 1]) & PROTECTED) != 0;
+    slave->segment->fmmus_changed = true;
 }
 
 /* A sync manager takes a new area or mode only while it is off; its status is the ESC's own. */
@@ -149,9 +185,11 @@ static void write_sync_managers(struct slave *slave, uint32_t from, const uint8_
         uint8_t activate = reg[SM_ACTIVATE];
         bool on = slave->sm[channel].size > 0;
         for (uint32_t k = 0; k <= SM_ACTIVATE; k++)
-            if (base + k >= from && base + k < from + size && k != 5 && (k == SM_ACTIVATE || !on))
+            if (base + k >= from && base + k < from + size && k != SM_STATUS && (k == SM_ACTIVATE || !on))
                 reg[k] = data[base + k - from];
         sm_decode(slave, channel);
+        if (activate != reg[SM_ACTIVATE])
+            slave->al_events |= AL_EVENT_SM_ACTIVATION;
         if (channel == 1 && (activate ^ reg[SM_ACTIVATE]) & SM_REPEAT)
             pdi_event(slave, ESC_MAILBOX_AGAIN);
     }
@@ -162,22 +200,32 @@ static void take_effect(struct slave *slave, uint32_t from, uint32_t to)
     uint8_t *memory = slave->memory;
     if (touches(from, to, REG_STATION_ADDRESS, 2) || touches(from, to, REG_DL_CONTROL, 4))
         update_station(slave);
+    if (touches(from, to, REG_WRITE_ENABLE, REG_RESET - REG_WRITE_ENABLE))
+        update_protection(slave, from, to);
     if (touches(from, to, REG_DL_CONTROL + 1, 1)) {
         slave->reopen = true;
         slave->segment->topology_stale = true;
     }
-    if (touches(from, to, REG_AL_CONTROL, 1))
+    if (touches(from, to, REG_AL_CONTROL, 1)) {
+        slave->al_events |= AL_EVENT_CONTROL;
         pdi_event(slave, ESC_AL_CONTROL);
-    if (touches(from, to, REG_ECAT_EVENT_MASK, 2))
+    }
+    if (touches(from, to, REG_ECAT_EVENT_MASK, 2)) {
+        slave->sm_interrupts = (load16(memory + REG_ECAT_EVENT_MASK) & ECAT_EVENT_SM_MASK) != 0;
         slave->segment->event_word_stale = true;
+    }
     if (touches(from, to, REG_ERROR_COUNTERS, 0x14))
         memset(memory + REG_ERROR_COUNTERS, 0, 0x14);
     if (touches(from, to, REG_WATCHDOG_COUNTERS, 2))
         memset(memory + REG_WATCHDOG_COUNTERS, 0, 2);
     if (touches(from, to, REG_FMMU, 16 * ESC_MAX_CHANNELS))
         slave->segment->fmmus_changed = true;
+    if (touches(from, to, REG_EEPROM_CONFIG, 1))
+        eeprom_assigned(slave);
     if (touches(from, to, REG_EEPROM_CONTROL, 2))
-        eeprom_command(slave);
+        eeprom_command(slave, false);
+    if (touches(from, to, REG_RESET, 1))
+        advance_reset(slave, 0);
 }
 
 static void write_area(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data)
@@ -186,11 +234,27 @@ static void write_area(struct slave *slave, uint32_t from, uint32_t to, const ui
         write_sync_managers(slave, from, data, to - from);
         return;
     }
-    bool eeprom = touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL);
-    if (eeprom && (slave->memory[REG_EEPROM_CONFIG] & EEPROM_OWNED_BY_PDI) != 0)
+    if (touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL) &&
+        !eeprom_accepts(slave, false))
         return;
     memcpy(slave->memory + from, data, to - from);
     take_effect(slave, from, to);
+}
+
+/* Writes registers as the device does. False if the EEPROM interface is not its own now. */
+bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data)
+{
+    bool command = touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL);
+    if (command && !eeprom_accepts(slave, true))
+        return false;
+    memcpy(slave->memory + from, data, to - from);
+    if (touches(from, to, REG_EEPROM_CONFIG + 1, 1))
+        eeprom_assigned(slave);
+    if (touches(from, to, REG_EEPROM_CONTROL, 2))
+        eeprom_command(slave, true);
+    if (touches(from, to, REG_RESET + 1, 1))
+        advance_reset(slave, 1);
+    return true;
 }
 
 /* Writes the writable parts of [address, address + size). Returns whether there are any. */

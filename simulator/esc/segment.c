@@ -45,12 +45,20 @@ struct esc_segment *esc_create(void)
     return segment;
 }
 
+static void free_slave(struct slave *slave)
+{
+    if (slave == NULL)
+        return;
+    free(slave->eeprom.image);
+    free(slave->buffers);
+    free(slave);
+}
+
 void esc_destroy(struct esc_segment *segment)
 {
     esc_stop(segment);
     for (unsigned i = 0; i < segment->count; i++) {
-        free(segment->slaves[i]->sii);
-        free(segment->slaves[i]);
+        free_slave(segment->slaves[i]);
     }
     close(segment->notify);
     pthread_mutex_destroy(&segment->lock);
@@ -61,28 +69,30 @@ int esc_add_slave(struct esc_segment *segment, const struct esc_config *config, 
                   size_t sii_size)
 {
     if (config->fmmus > ESC_MAX_CHANNELS || config->sync_managers > ESC_MAX_CHANNELS ||
-        config->ram_kib > 60)
+        config->ram_kib > 60 || (config->eeprom_bytes != 4 && config->eeprom_bytes != 8))
         return -EINVAL;
     if (segment->count >= ESC_MAX_SLAVES)
         return -ENOSPC;
     struct slave *slave = calloc(1, sizeof *slave);
-    uint8_t *image = malloc(sii_size + 1); /* never 0 bytes */
-    if (slave == NULL || image == NULL) {
-        free(slave);
-        free(image);
+    if (slave == NULL)
+        return -ENOMEM;
+    slave->eeprom.image = malloc(sii_size + 1); /* never 0 bytes */
+    slave->buffers = calloc(1, sizeof *slave->buffers);
+    if (slave->eeprom.image == NULL || slave->buffers == NULL) {
+        free_slave(slave);
         return -ENOMEM;
     }
-    memcpy(image, sii, sii_size);
+    memcpy(slave->eeprom.image, sii, sii_size);
+    slave->eeprom.size = sii_size;
     slave->segment = segment;
-    slave->sii = image;
-    slave->sii_size = sii_size;
+    slave->config = *config;
     slave->sync_managers = config->sync_managers;
     slave->fmmus = config->fmmus;
     slave->ram_end = REG_RAM + 1024U * config->ram_kib;
     pthread_mutex_lock(&segment->lock);
     slave->position = segment->count;
     segment->slaves[segment->count++] = slave;
-    registers_power_on(slave, config);
+    registers_power_on(slave);
     topology_plug_next(slave);
     topology_update(segment);
     pthread_mutex_unlock(&segment->lock);

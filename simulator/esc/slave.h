@@ -20,6 +20,9 @@ enum esc_register {
     REG_FEATURES = 0x0008,
     REG_STATION_ADDRESS = 0x0010,
     REG_STATION_ALIAS = 0x0012,
+    REG_WRITE_ENABLE = 0x0020,     /* then 0x0021: register write protection */
+    REG_ESC_WRITE_ENABLE = 0x0030, /* then 0x0031: write protection of the whole ESC */
+    REG_RESET = 0x0040,            /* by the master; 0x0041: by the device */
     REG_DL_CONTROL = 0x0100,
     REG_DL_STATUS = 0x0110,
     REG_AL_CONTROL = 0x0120,
@@ -28,6 +31,7 @@ enum esc_register {
     REG_PDI_CONTROL = 0x0140,
     REG_PDI_CONFIGURATION = 0x0150,
     REG_ECAT_EVENT_MASK = 0x0200,
+    REG_AL_EVENT_MASK = 0x0204,
     REG_ECAT_EVENT = 0x0210,
     REG_AL_EVENT = 0x0220,
     REG_ERROR_COUNTERS = 0x0300, /* to 0x0313 */
@@ -44,23 +48,60 @@ enum esc_register {
     REG_EEPROM_END = 0x0510,
     REG_FMMU = 0x0600, /* 16 bytes a channel */
     REG_SM = 0x0800,   /* 8 bytes a channel */
+    REG_SYNC_PULSE = 0x0982,
     REG_DIGITAL_OUTPUT = 0x0F00,
     REG_RAM = 0x1000
 };
 
-enum ecat_event_bits { ECAT_EVENT_DL = 0x0004, ECAT_EVENT_AL = 0x0008 };
+enum ecat_event_bits {
+    ECAT_EVENT_LATCH = 0x0001,
+    ECAT_EVENT_DL = 0x0004,
+    ECAT_EVENT_AL = 0x0008,
+    ECAT_EVENT_SM0 = 0x0010 /* to SM7; levels, not kept in `slave.ecat_events` */
+};
+enum al_event_bits {
+    AL_EVENT_CONTROL = 0x0001,
+    AL_EVENT_LATCH = 0x0002,
+    AL_EVENT_SYNC0 = 0x0004,
+    AL_EVENT_SYNC1 = 0x0008,
+    AL_EVENT_SM_ACTIVATION = 0x0010,
+    AL_EVENT_WATCHDOG = 0x0040,
+    AL_EVENT_SM0 = 0x0100 /* to SM15; levels, not kept in `slave.al_events` */
+};
+enum dl_status_bits { DL_PDI_OPERATIONAL = 0x01, DL_PDI_WATCHDOG = 0x02 };
 enum { AL_STATE_MASK = 0x0F, AL_OP = 8, AL_ERROR = 0x10 };
 enum { PORTS = 4, INTERFACES = 2, LOST = -1 };
 
-/* A sync manager, decoded from its registers. */
+/* A sync manager, decoded from its registers. See sync_manager.c for the buffers. */
 struct sync_manager {
     uint16_t start, size; /* `size` is 0 while the channel is off */
     bool mailbox;         /* else buffered */
     bool write;           /* the master writes; else it reads */
     bool watchdog;        /* a complete write feeds the process data watchdog */
     bool locked;          /* deactivated by the device */
+    bool ecat_event;      /* shows in the ECAT event request */
+    bool al_event;        /* shows in the AL event request */
     bool full;            /* mailbox mode: written and not read yet */
-    bool open;            /* mailbox mode: an access began at the first byte */
+    bool open;            /* the master's access began at the first byte, the last is to come */
+    bool device_open;     /* buffered mode: the device's access likewise */
+    bool pending;         /* buffered mode: the newest data are not in `memory`, but aside */
+    bool fresh;           /* buffered mode: the reader has not taken the newest buffer */
+    bool written, read;   /* status bits 0 and 1 */
+    uint8_t writer, next, reader; /* buffered mode: numbers of the three buffers */
+    uint8_t last;                 /* last buffer written; 3 = none */
+};
+
+/* EEPROM interface, see eeprom.c. */
+struct eeprom {
+    uint8_t *image;
+    size_t size;
+    int64_t busy_until_ns; /* 0 = idle */
+    unsigned command;      /* under way */
+    unsigned errors;       /* error bits of the status register */
+    unsigned outcome;      /* error bits once the command has ended */
+    uint8_t data[8];       /* what a read command brings */
+    uint64_t enabled;      /* frame in which writing was enabled, see `frame_number` */
+    bool taken;            /* the device has access */
 };
 
 /* An active FMMU, decoded. Channels of all slaves stand in one array, in wire order. */
@@ -90,17 +131,31 @@ struct slave {
     bool reopen;    /* the master wrote the loop control: ports closed by auto-close may open */
     uint32_t events; /* pending for `esc_wait`; when not 0, the slave is in the queue */
     uint32_t ram_end;
-    uint8_t *sii;
-    size_t sii_size;
     unsigned sync_managers, fmmus;
     struct sync_manager sm[ESC_MAX_CHANNELS];
+    unsigned ecat_events; /* ECAT event request but for the sync managers */
+    unsigned al_events;   /* AL event request but for sync managers and SYNC signals */
+    bool sm_interrupts;   /* the master wants to know of sync managers in every datagram */
+    bool protected;       /* register or ESC write protection is on */
     bool awaits_outputs;
     bool watchdog;       /* a sync manager has the process data watchdog */
     bool fed;            /* process data watchdog: output data since the last look */
     bool expired;        /* process data watchdog */
     int64_t deadline_ns; /* process data watchdog; 0 = not started */
+    int64_t pdi_ns;      /* PDI watchdog: last access of the device; 0 = none yet */
+    bool pdi_expired;    /* PDI watchdog */
     bool mapped;
+    uint8_t reset_step[2]; /* letters of the reset sequence seen: of the master, of the device */
+    uint64_t write_enabled, esc_write_enabled; /* frames, see `frame_number` */
     struct esc_process_data map;
+    struct esc_config config;
+    struct eeprom eeprom;
+    /* Buffers that are not in `memory`, at the addresses of their sync managers. Pages that are
+     * not used cost nothing. */
+    struct buffers {
+        uint8_t newest[ESC_MEMORY]; /* the newest complete data while `memory` is in use */
+        uint8_t device[ESC_MEMORY]; /* what the device has open */
+    } *buffers;
     uint8_t memory[ESC_MEMORY];
 };
 
@@ -151,6 +206,17 @@ static inline uint32_t load32(const uint8_t *p)
     return (uint32_t)load16(p) | (uint32_t)load16(p + 2) << 16;
 }
 
+static inline bool touches(uint32_t from, uint32_t to, uint32_t reg, uint32_t size)
+{
+    return from < reg + size && to > reg;
+}
+
+/* Number of the frame under way, never 0: for what lasts to the end of a frame. */
+static inline uint64_t frame_number(const struct esc_segment *segment)
+{
+    return segment->counters.frames + segment->counters.dropped + 1;
+}
+
 static inline void store16(uint8_t *p, unsigned value)
 {
     p[0] = (uint8_t)(value & 0xFF);
@@ -160,8 +226,10 @@ static inline void store16(uint8_t *p, unsigned value)
 /* frame.c: all datagrams of a frame that enters by an interface. Returns the interface by which it
  * leaves, or LOST. */
 int frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size);
-/* When the current frame entered: CLOCK_MONOTONIC, read once a frame and only if asked for. */
+/* When the current frame entered, or the device side called: CLOCK_MONOTONIC, read once and only if
+ * asked for. */
 int64_t frame_time_ns(struct esc_segment *segment);
+int64_t clock_now_ns(void);
 
 /* topology.c */
 void topology_plug_next(struct slave *slave);
@@ -169,27 +237,90 @@ void topology_update(struct esc_segment *segment);
 /* When the current frame arrives at a port, in ns after it entered; -1 where it does not. */
 int64_t topology_arrival(const struct slave *slave, unsigned port);
 
+static inline uint64_t load64(const uint8_t *p)
+{
+    return load32(p) | (uint64_t)load32(p + 4) << 32;
+}
+
+static inline void store32(uint8_t *p, uint32_t value)
+{
+    store16(p, value & 0xFFFF);
+    store16(p + 2, value >> 16);
+}
+
+static inline void store64(uint8_t *p, uint64_t value)
+{
+    store32(p, (uint32_t)value);
+    store32(p + 4, (uint32_t)(value >> 32));
+}
+
+/* The writer of a buffered channel has finished its buffer, which becomes the newest one. */
+static inline void sm_hand_over(struct sync_manager *sm)
+{
+    uint8_t finished = sm->writer;
+    sm->last = finished;
+    sm->writer = sm->next;
+    sm->next = finished;
+    sm->fresh = sm->written = true;
+    sm->read = false;
+}
+
+/* The reader of a buffered channel begins: it gives its buffer back for the newest one. */
+static inline void sm_take_newest(struct sync_manager *sm)
+{
+    if (sm->fresh) {
+        uint8_t taken = sm->next;
+        sm->next = sm->reader;
+        sm->reader = taken;
+        sm->fresh = false;
+    }
+    sm->written = false;
+}
+
 /* access.c: physical access of the master. NULL or false: refused, no working counter. */
 const uint8_t *access_read(struct slave *slave, uint16_t address, size_t size);
 bool access_write(struct slave *slave, uint16_t address, const uint8_t *data, size_t size);
 
-/* registers.c */
-void registers_power_on(struct slave *slave, const struct esc_config *config);
+/* registers.c: writing by the master; power-on and reset. */
+void registers_power_on(struct slave *slave);
+void registers_reset(struct slave *slave);
 bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data, size_t size);
+bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data);
+bool registers_may_write(const struct slave *slave, uint32_t from, uint32_t to);
+
+/* live.c: registers that are computed when they are read, and what reading them acknowledges. */
+void live_refresh(struct slave *slave, uint32_t from, uint32_t to);
+void live_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
 void registers_set_event(struct slave *slave, unsigned bits, bool on);
 uint16_t registers_event_word(struct esc_segment *segment);
 void registers_set_links(struct slave *slave, uint8_t links, uint8_t open);
+void registers_set_dl_status(struct slave *slave, unsigned bits, bool on);
 
 /* eeprom.c */
 void eeprom_load(struct slave *slave, bool power_on);
-void eeprom_command(struct slave *slave);
+bool eeprom_accepts(struct slave *slave, bool by_device);
+void eeprom_assigned(struct slave *slave);
+void eeprom_command(struct slave *slave, bool by_device);
+void eeprom_refresh(struct slave *slave);
+
+/* watchdog.c */
+void watchdog_run(struct slave *slave, int64_t now_ns);
+void watchdog_check_pdi(struct slave *slave, int64_t now_ns);
+void watchdog_feed_pdi(struct slave *slave, int64_t now_ns);
 
 /* sync_manager.c */
 void sm_decode(struct slave *slave, unsigned channel);
-void sm_write_status(struct slave *slave, unsigned channel);
+uint8_t sm_status(const struct sync_manager *sm);
 bool sm_may_access(const struct slave *slave, uint32_t from, uint32_t to, bool write);
+void sm_begin(struct slave *slave, uint32_t from, uint32_t to);
 void sm_accessed(struct slave *slave, uint32_t from, uint32_t to, bool write);
-void sm_outputs_complete(struct slave *slave, const struct sync_manager *sm);
+void sm_begin_read(struct slave *slave, struct sync_manager *sm);
+void sm_read(struct slave *slave, struct sync_manager *sm);
+void sm_written(struct slave *slave, struct sync_manager *sm);
+
+/* buffers.c: buffered sync managers from the side of the device. */
+void buffers_read(struct slave *slave, uint32_t from, uint32_t to, uint8_t *data);
+bool buffers_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data);
 
 /* fmmu.c: logical access; returns what is added to the working counter. */
 unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *data, unsigned size,

@@ -1,62 +1,77 @@
-/* Sync managers (registers 0x0800 upward): mailbox and buffered mode.
+/* Sync managers (registers 0x0800 upward): mailbox and buffered mode, from the side of the master.
  *
- * The frame thread and the device side hold the segment's lock while they copy, so a buffered
- * channel needs one buffer only: neither side can see the other's half-written data.
+ * A buffered channel behaves as three buffers do: the reader keeps the buffer it has begun to read
+ * until its last byte, and never sees one whose writer has not reached the last byte. Copying is
+ * what makes frames slow, so the master's buffer is always the memory at the channel's address, and
+ * data are put aside (`buffers.newest`) only while one side has a buffer open: for an access in one
+ * piece, which is the rule, the lock of the segment is enough. The numbers of the buffers, which
+ * the status shows, are kept as if there were three.
  */
 #include "slave.h"
 
 enum {
     OFFSET_CONTROL = 4,
-    OFFSET_STATUS = 5,
     OFFSET_ACTIVATE = 6,
     OFFSET_PDI = 7,
     CONTROL_MODE = 0x03,
     CONTROL_MODE_MAILBOX = 0x02,
     CONTROL_DIRECTION = 0x0C,
     CONTROL_DIRECTION_WRITE = 0x04,
+    CONTROL_ECAT_EVENT = 0x10,
+    CONTROL_AL_EVENT = 0x20,
     CONTROL_WATCHDOG = 0x40,
     STATUS_WRITTEN = 0x01,
     STATUS_READ = 0x02,
     STATUS_FULL = 0x08,
-    STATUS_LAST_BUFFER = 0x30, /* buffered mode: 3 = nothing written yet */
+    STATUS_LAST_BUFFER_SHIFT = 4,
+    NO_BUFFER = 3,
     ACTIVATE_ENABLE = 0x01,
     PDI_DEACTIVATE = 0x01
 };
 
-static uint8_t *registers_of(struct slave *slave, unsigned channel)
+static void reset(struct sync_manager *sm)
 {
-    return slave->memory + REG_SM + 8 * channel;
+    sm->full = sm->open = sm->device_open = false;
+    sm->pending = sm->fresh = sm->written = sm->read = false;
+    sm->writer = 0;
+    sm->next = 1;
+    sm->reader = 2;
+    sm->last = NO_BUFFER;
 }
 
 /* Called after the registers of the channel changed. */
 void sm_decode(struct slave *slave, unsigned channel)
 {
     struct sync_manager *sm = &slave->sm[channel];
-    uint8_t *reg = registers_of(slave, channel);
+    const uint8_t *reg = slave->memory + REG_SM + 8 * channel;
     bool was_on = sm->size > 0;
     bool on = (reg[OFFSET_ACTIVATE] & ACTIVATE_ENABLE) != 0;
     sm->start = load16(reg);
     sm->size = on ? load16(reg + 2) : 0;
     sm->mailbox = (reg[OFFSET_CONTROL] & CONTROL_MODE) == CONTROL_MODE_MAILBOX;
     sm->write = (reg[OFFSET_CONTROL] & CONTROL_DIRECTION) == CONTROL_DIRECTION_WRITE;
+    sm->ecat_event = (reg[OFFSET_CONTROL] & CONTROL_ECAT_EVENT) != 0;
+    sm->al_event = (reg[OFFSET_CONTROL] & CONTROL_AL_EVENT) != 0;
     sm->watchdog = (reg[OFFSET_CONTROL] & CONTROL_WATCHDOG) != 0;
     sm->locked = (reg[OFFSET_PDI] & PDI_DEACTIVATE) != 0;
-    if (!on || !was_on || sm->locked) {
-        sm->full = false;
-        sm->open = false;
-        reg[OFFSET_STATUS] = sm->mailbox ? 0 : STATUS_LAST_BUFFER;
-    }
+    if (!on || !was_on || sm->locked)
+        reset(sm);
     slave->watchdog = false;
     for (unsigned i = 0; i < slave->sync_managers; i++)
         slave->watchdog |= slave->sm[i].size > 0 && slave->sm[i].write && slave->sm[i].watchdog;
     slave->segment->fmmus_changed = true;
+    slave->segment->event_word_stale = true;
 }
 
-void sm_write_status(struct slave *slave, unsigned channel)
+/* The status register, 0x0805 + 8 * channel. */
+uint8_t sm_status(const struct sync_manager *sm)
 {
-    const struct sync_manager *sm = &slave->sm[channel];
-    uint8_t *status = registers_of(slave, channel) + OFFSET_STATUS;
-    *status = (uint8_t)(sm->full ? STATUS_FULL | STATUS_WRITTEN : STATUS_READ);
+    unsigned status = (sm->written ? STATUS_WRITTEN : 0U) | (sm->read ? STATUS_READ : 0U);
+    if (sm->mailbox)
+        status |= sm->full ? STATUS_FULL : 0U;
+    else
+        status |= (unsigned)sm->last << STATUS_LAST_BUFFER_SHIFT;
+    return (uint8_t)status;
 }
 
 static bool overlaps(const struct sync_manager *sm, uint32_t from, uint32_t to)
@@ -65,7 +80,8 @@ static bool overlaps(const struct sync_manager *sm, uint32_t from, uint32_t to)
 }
 
 /* Whether the master may access [from, to): the direction must be that of every channel that
- * holds a part of it, and a mailbox must be empty to be written and full to be read. */
+ * holds a part of it, an access must begin at the first byte, and a mailbox must be empty to be
+ * written and full to be read. */
 bool sm_may_access(const struct slave *slave, uint32_t from, uint32_t to, bool write)
 {
     if (to <= REG_DIGITAL_OUTPUT)
@@ -74,22 +90,85 @@ bool sm_may_access(const struct slave *slave, uint32_t from, uint32_t to, bool w
         const struct sync_manager *sm = &slave->sm[i];
         if (!overlaps(sm, from, to))
             continue;
-        if (sm->locked || sm->write != write)
+        if (sm->locked || sm->write != write || (sm->mailbox && sm->full == write))
             return false;
-        if (sm->mailbox && (sm->full == write || !(sm->open || from <= sm->start)))
+        if (!sm->open && from > sm->start)
             return false;
     }
     return true;
 }
 
-void sm_outputs_complete(struct slave *slave, const struct sync_manager *sm)
+static void changed(struct slave *slave)
 {
+    if (slave->sm_interrupts)
+        slave->segment->event_word_stale = true;
+}
+
+/* The master begins to read a buffer: it gets the newest one. */
+void sm_begin_read(struct slave *slave, struct sync_manager *sm)
+{
+    if (sm->pending) {
+        memcpy(slave->memory + sm->start, slave->buffers->newest + sm->start, sm->size);
+        sm->pending = false;
+    }
+    sm_take_newest(sm);
+    changed(slave);
+}
+
+/* The master has read the last byte of a buffer. */
+void sm_read(struct slave *slave, struct sync_manager *sm)
+{
+    sm->open = false;
+    sm->read = true;
+    changed(slave);
+}
+
+/* The master has written the last byte of a buffer. */
+void sm_written(struct slave *slave, struct sync_manager *sm)
+{
+    sm->open = false;
+    sm->pending = false;
+    sm_hand_over(sm);
     if (sm->watchdog)
         slave->fed = true;
     if (slave->awaits_outputs) {
         slave->awaits_outputs = false;
         pdi_event(slave, ESC_OUTPUTS);
     }
+    changed(slave);
+}
+
+/* Called before the master accesses [from, to), which it may do. */
+void sm_begin(struct slave *slave, uint32_t from, uint32_t to)
+{
+    if (to <= REG_DIGITAL_OUTPUT)
+        return;
+    for (unsigned i = 0; i < slave->sync_managers; i++) {
+        struct sync_manager *sm = &slave->sm[i];
+        if (sm->open || !overlaps(sm, from, to))
+            continue;
+        changed(slave);
+        if (sm->mailbox) {
+            *(sm->write ? &sm->read : &sm->written) = false;
+        } else if (!sm->write) {
+            sm_begin_read(slave, sm);
+        } else {
+            sm->read = false;
+            if (to < (uint32_t)sm->start + sm->size) { /* the device must not see the half of it */
+                memcpy(slave->buffers->newest + sm->start, slave->memory + sm->start, sm->size);
+                sm->pending = true;
+            }
+        }
+    }
+}
+
+static void mailbox_accessed(struct slave *slave, struct sync_manager *sm, bool write)
+{
+    sm->open = false;
+    sm->full = write;
+    *(write ? &sm->written : &sm->read) = true;
+    pdi_event(slave, write ? ESC_MAILBOX_IN : ESC_MAILBOX_OUT);
+    changed(slave);
 }
 
 /* Called after the master accessed [from, to). The last byte hands a buffer over. */
@@ -101,17 +180,13 @@ void sm_accessed(struct slave *slave, uint32_t from, uint32_t to, bool write)
         struct sync_manager *sm = &slave->sm[i];
         if (!overlaps(sm, from, to))
             continue;
-        bool complete = to >= (uint32_t)sm->start + sm->size;
-        if (sm->mailbox) {
-            sm->open = !complete;
-            if (complete) {
-                sm->full = write;
-                sm_write_status(slave, i);
-                pdi_event(slave, write ? ESC_MAILBOX_IN : ESC_MAILBOX_OUT);
-            }
-        } else if (complete && write) {
-            registers_of(slave, i)[OFFSET_STATUS] = STATUS_WRITTEN;
-            sm_outputs_complete(slave, sm);
-        }
+        if (to < (uint32_t)sm->start + sm->size)
+            sm->open = true;
+        else if (sm->mailbox)
+            mailbox_accessed(slave, sm, write);
+        else if (write)
+            sm_written(slave, sm);
+        else
+            sm_read(slave, sm);
     }
 }

@@ -158,15 +158,15 @@ def test_eeprom_write_needs_permission_and_ownership(segment):
     assert segment.sii(0)[8:10] == b"\x78\x56"
     assert dict(segment.wait(0))[0] & Event.EEPROM
     send(segment, APWR, 0, 0x0502, struct.pack("<HI", 0x0400, 0))
-    assert send(segment, APRD, 0, 0x0503, bytes(1))[0] == b"\x18", "the checksum is wrong now"
+    assert send(segment, APRD, 0, 0x0503, bytes(1))[0] == b"\x08", "the checksum is wrong now"
 
 
 def test_damaged_eeprom_is_reported():
     segment = Segment()
     for image in (b"", b"\xff" * 2048, build(Description(1, 2, 3))[:10]):
         segment.add(Chip(), image)
-    for i in range(3):
-        assert send(segment, APRD, -i, 0x0503, bytes(1))[0] == b"\x18"
+    errors = [send(segment, APRD, -i, 0x0503, bytes(1))[0] for i in range(3)]
+    assert errors == [b"\x30", b"\x18", b"\x18"], "no acknowledge; wrong checksum; not loaded"
     segment.close()
 
 
@@ -245,8 +245,10 @@ def test_logical_bytes_and_working_counters(segment):
     assert logical(segment, LRD, 0x10100, bytes(12)) == (inputs, SLAVES)
     data, counter = logical(segment, LRW, 0x10000, bytes(0x10C))
     assert (data[0x100:], counter) == (inputs, 3 * SLAVES)
-    assert logical(segment, LRW, 0x10002, b"xx"), "a part of a window"
-    assert segment.read(0, 0x1100, 4) == b"\0\0xx"
+    assert logical(segment, LWR, 0x10002, b"xx")[1] == 0, "a buffer is begun at its first byte"
+    assert logical(segment, LWR, 0x10000, b"ww")[1] == 1, "a part of a window"
+    assert logical(segment, LWR, 0x10002, b"xx")[1] == 1, "the rest of it"
+    assert segment.read(0, 0x1100, 4) == b"wwxx"
     assert logical(segment, LRW, 0x20000, bytes(4))[1] == 0
 
 
