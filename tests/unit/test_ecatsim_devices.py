@@ -279,7 +279,7 @@ def test_disabled_motor_runs_out():
 
 def test_unknown_mode_changes_nothing():
     bench = Bench().enable(9).set(speed=300_000).run(0.3)
-    bench.set(mode=6).run(0.1)
+    bench.set(mode=7).run(0.1)
     assert bench.drive[0x6061, 0] == 9
     assert bench.speed == pytest.approx(300_000, rel=0.02)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 _SWITCH_ON, _ENABLE_VOLTAGE, _QUICK_STOP, _ENABLE_OPERATION = 0x01, 0x02, 0x04, 0x08
@@ -22,38 +23,79 @@ class PowerState(IntEnum):
     FAULT = 0x08
 
 
+@dataclass(slots=True)
+class Options:
+    """Option codes: how the drive stops before it leaves OPERATION ENABLED.
+
+    0 switches off at once, 1 is the slow down ramp (0x6084), 2 the quick stop ramp (0x6085), 3 the
+    current limit. 5, 6 and 7 are like 1, 2 and 3 and stay in QUICK STOP ACTIVE.
+
+    Attributes:
+        quick_stop: 0x605A: 0 to 3, 5 to 7.
+        shutdown: 0x605B: 0 or 1.
+        disable: 0x605C: 0 or 1.
+        fault_reaction: 0x605E: 0 to 3.
+    """
+
+    quick_stop: int = 2
+    shutdown: int = 0
+    disable: int = 0
+    fault_reaction: int = 2
+
+
 class PowerStateMachine:
     """Follows the control word.
 
     Attributes:
         state: The state.
+        options: The option codes.
+        stopping: How the motor is to be stopped now (1 slow down ramp, 2 quick stop ramp,
+            3 current limit), or 0.
     """
 
     def __init__(self) -> None:
         self.state = PowerState.SWITCH_ON_DISABLED
+        self.options = Options()
+        self.stopping = 0
+        self._after: PowerState | None = None  # where a ramp leads to
         self._last = 0
 
-    def command(self, word: int) -> None:
-        """Makes the transition that a control word asks for, if there is one."""
+    def command(self, word: int, *, faulty: bool = False) -> None:
+        """Makes the transition that a control word asks for, if there is one.
+
+        Args:
+            word: The control word.
+            faulty: The cause of a fault is still there, so that it cannot be reset.
+        """
         reset = word & _FAULT_RESET and not self._last & _FAULT_RESET
         self._last = word
         if self.state == PowerState.FAULT:
-            if reset:
-                self.state = PowerState.SWITCH_ON_DISABLED
+            if reset and not faulty:
+                self._enter(PowerState.SWITCH_ON_DISABLED)
         elif self.state not in (PowerState.FAULT_REACTION, PowerState.NOT_READY):
             self._follow(word)
 
-    def fault(self) -> None:
-        """The drive detected a fault; it stops the motor first if that is enabled."""
+    def fault(self, *, coast: bool = False) -> None:
+        """The drive detected a fault; it stops the motor first if that is enabled.
+
+        Args:
+            coast: The drive cannot stop the motor any more and switches off at once.
+        """
         moving = (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE)
-        self.state = PowerState.FAULT_REACTION if self.state in moving else PowerState.FAULT
+        reaction = 0 if coast else self.options.fault_reaction
+        if self.state == PowerState.FAULT or (
+            self.state == PowerState.FAULT_REACTION and not coast
+        ):
+            return
+        if self.state in moving and reaction:
+            self._stop(reaction, PowerState.FAULT_REACTION, PowerState.FAULT)
+        else:
+            self._enter(PowerState.FAULT)
 
     def standstill(self) -> None:
-        """The motor stands still after a quick stop or a fault reaction."""
-        if self.state == PowerState.QUICK_STOP_ACTIVE:
-            self.state = PowerState.SWITCH_ON_DISABLED
-        elif self.state == PowerState.FAULT_REACTION:
-            self.state = PowerState.FAULT
+        """The motor stands still after it was to be stopped."""
+        if self._after is not None:
+            self._enter(self._after)
 
     @property
     def status(self) -> int:
@@ -61,19 +103,41 @@ class PowerStateMachine:
         voltage = 0 if self.state == PowerState.NOT_READY else _VOLTAGE_ENABLED
         return self.state | voltage
 
+    def _enter(self, state: PowerState) -> None:
+        self.state, self._after, self.stopping = state, None, 0
+
+    def _stop(self, how: int, state: PowerState, after: PowerState | None) -> None:
+        self.state, self._after, self.stopping = state, after, how
+
     def _follow(self, word: int) -> None:
         state, s = self.state, PowerState
         if not word & _ENABLE_VOLTAGE:
-            self.state = s.SWITCH_ON_DISABLED
+            self._enter(s.SWITCH_ON_DISABLED)
         elif not word & _QUICK_STOP:
-            if state == s.OPERATION_ENABLED:
-                self.state = s.QUICK_STOP_ACTIVE
-            elif state != s.QUICK_STOP_ACTIVE:
-                self.state = s.SWITCH_ON_DISABLED
+            self._quick_stop()
         elif state == s.QUICK_STOP_ACTIVE:
-            return  # with option code 2 the way out is through SWITCH_ON_DISABLED
+            wanted = _SWITCH_ON | _ENABLE_OPERATION
+            if self.options.quick_stop >= 5 and word & wanted == wanted:
+                self._enter(s.OPERATION_ENABLED)  # transition 16
         elif not word & _SWITCH_ON:
-            self.state = s.READY_TO_SWITCH_ON
+            self._leave(s.READY_TO_SWITCH_ON, self.options.shutdown)
         elif state in (s.READY_TO_SWITCH_ON, s.SWITCHED_ON, s.OPERATION_ENABLED):
-            on = word & _ENABLE_OPERATION
-            self.state = s.OPERATION_ENABLED if on else s.SWITCHED_ON
+            if word & _ENABLE_OPERATION:
+                self._enter(s.OPERATION_ENABLED)
+            else:
+                self._leave(s.SWITCHED_ON, self.options.disable)
+
+    def _leave(self, target: PowerState, option: int) -> None:
+        """Shutdown or disable operation: with a ramp, the state changes after it."""
+        if self.state == PowerState.OPERATION_ENABLED and option:
+            self._stop(option, PowerState.OPERATION_ENABLED, target)
+        else:
+            self._enter(target)
+
+    def _quick_stop(self) -> None:
+        code = self.options.quick_stop
+        if self.state == PowerState.OPERATION_ENABLED and code:
+            after = PowerState.SWITCH_ON_DISABLED if code < 5 else None
+            self._stop(code if code < 5 else code - 4, PowerState.QUICK_STOP_ACTIVE, after)
+        elif self.state != PowerState.QUICK_STOP_ACTIVE:
+            self._enter(PowerState.SWITCH_ON_DISABLED)

@@ -23,10 +23,12 @@ from ..slave.sii import UNASSIGNED
 from . import beckhoff
 from .elmo import ElmoGold
 from .generic import AnalogIO, DigitalIO, Loopback
+from .generic_drive import CiA402Drive
 from .parameters import Parameter
 
 _CLASSES: Mapping[str, type[Device]] = {
     **{name: getattr(beckhoff, name) for name in beckhoff.__all__},
+    "CiA402": CiA402Drive,
     "ElmoGold": ElmoGold,
     "DigitalIO": DigitalIO,
     "AnalogIO": AnalogIO,

@@ -1,0 +1,143 @@
+"""An axis: the motor as the drive sees it, in counts of its encoder, with its switches."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..plants.motor import Control, Motor
+
+NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME = 0x1, 0x2, 0x4
+
+
+@dataclass(frozen=True, slots=True)
+class Switches:
+    """Where the switches of an axis are, in revolutions of the motor from its start.
+
+    Attributes:
+        negative: The negative limit switch is active below this; None: there is none.
+        positive: The positive limit switch is active above this.
+        home: The home switch is active within half a revolution around this.
+    """
+
+    negative: float | None = None
+    positive: float | None = None
+    home: float | None = None
+
+
+class Axis:
+    """What the modes of operation command and observe.
+
+    Positions are counts, speeds counts/s, torque is 1/1000 of the rated torque.
+
+    Args:
+        motor: The motor.
+        switches: Its switches.
+
+    Attributes:
+        shift: Position of the machine's zero in the coordinates of the drive; homing sets it.
+        demand: What is asked of the motor now: position, speed or torque.
+        held: The axis is held at a limit, or a target was cut to one.
+    """
+
+    def __init__(self, motor: Motor, switches: Switches) -> None:
+        self.motor = motor
+        self.switches = switches
+        self.encoder = motor.data.encoder
+        self.scale = motor.data.encoder / (2 * math.pi)
+        self.shift = 0.0
+        self.demand = 0.0
+        self.held = False
+        self._limits: tuple[float, float] | None = None
+
+    @property
+    def machine(self) -> float:
+        """Position in the coordinates of the machine: whole revolutions are index pulses."""
+        return self.motor.position * self.scale
+
+    @property
+    def position(self) -> float:
+        """Position in the coordinates of the drive."""
+        return self.machine + self.shift
+
+    @property
+    def speed(self) -> float:
+        """Speed."""
+        return self.motor.speed * self.scale
+
+    @property
+    def inputs(self) -> int:
+        """Bits 0 to 2 of the digital inputs 0x60FD."""
+        turns, at = self.machine / self.encoder, self.switches
+        bits = NEGATIVE_LIMIT if at.negative is not None and turns <= at.negative else 0
+        bits |= POSITIVE_LIMIT if at.positive is not None and turns >= at.positive else 0
+        bits |= HOME if at.home is not None and abs(turns - at.home) <= 0.5 else 0
+        return bits
+
+    def limit(self, low: int, high: int) -> None:
+        """Sets the software position limits 0x607D; no limits where `low` is not below `high`."""
+        self._limits = (float(low), float(high)) if low < high else None
+
+    def within(self, position: float) -> float:
+        """A position cut to the software limits."""
+        if self._limits is None:
+            return position
+        low, high = self._limits
+        inside = min(max(position, low), high)
+        self.held = self.held or inside != position
+        return inside
+
+    def off(self) -> None:
+        """No current."""
+        self.motor.control, self.motor.target, self.motor.feedforward = Control.OFF, 0.0, 0.0
+        self.demand = 0.0
+
+    def command_torque(self, torque: float) -> None:
+        """Asks for a torque."""
+        self.demand = self._inward(torque)
+        self.motor.control = Control.CURRENT
+        self.motor.target = self.demand / 1000 * self.motor.data.rated_torque
+
+    def command_speed(self, speed: float, *, guarded: bool = True) -> None:
+        """Asks for a speed.
+
+        Args:
+            speed: The speed.
+            guarded: Limit switches and software limits hold the axis.
+        """
+        self.demand = self._inward(speed) if guarded else speed
+        self.motor.control = Control.VELOCITY
+        self.motor.target = self.demand / self.scale
+
+    def command_position(self, position: float, speed: float) -> None:
+        """Asks for a position, with a speed that is fed forward."""
+        direction = position - self.position
+        if direction and self._at_switch(direction):
+            self.held = True
+            position, speed = self.position, 0.0
+        self.demand = position
+        self.motor.control = Control.POSITION
+        self.motor.target = (position - self.shift) / self.scale
+        self.motor.feedforward = speed / self.scale
+
+    def brake(self, deceleration: float | None, elapsed: float) -> None:
+        """Brakes to standstill, with a deceleration in counts/s² or at the current limit."""
+        if self.motor.control is not Control.VELOCITY:
+            self.demand = self.speed
+        step = math.inf if deceleration is None else deceleration * elapsed
+        speed = self.demand + min(max(-self.demand, -step), step)
+        self.command_speed(speed, guarded=False)
+
+    def _at_switch(self, direction: float) -> bool:
+        return bool(self.inputs & (POSITIVE_LIMIT if direction > 0 else NEGATIVE_LIMIT))
+
+    def _inward(self, value: float) -> float:
+        """A speed or torque; 0 where it would lead further out than a limit."""
+        if value == 0:
+            return value
+        beyond = self._at_switch(value)
+        if self._limits is not None:
+            low, high = self._limits
+            beyond |= self.position >= high if value > 0 else self.position <= low
+        self.held = self.held or beyond
+        return 0.0 if beyond else value

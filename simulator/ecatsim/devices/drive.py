@@ -1,0 +1,262 @@
+"""A servo drive: CiA 402 over CoE, with the motor behind it.
+
+Units are counts, counts/s and counts/s² of the motor's encoder, and 1/1000 of the rated torque and
+current.
+"""
+
+from __future__ import annotations
+
+from ecatd.model import abort_codes
+from ecatd.model.errors import SdoAbortError
+
+from ..plants.motor import Control, Motor
+from ..slave.device import Device
+from ..slave.objects import Value
+from . import drive_objects
+from .axis import Axis, Switches
+from .cia402 import PowerState, PowerStateMachine
+from .homing import METHODS, Homing
+from .modes import (
+    BIT_13,
+    HALT,
+    CyclicTorque,
+    CyclicVelocity,
+    Mode,
+    Operation,
+    ProfileTorque,
+    ProfileVelocity,
+    Window,
+)
+from .positioning import CyclicPosition, ProfilePosition
+
+FOLLOWING_ERROR, ENCODER_FAULT = 0x8611, 0x7305
+"""Error codes 0x603F that the drive can have."""
+
+_REMOTE, _LIMIT = 0x0200, 0x0800
+_GENERIC_ERROR, _PROFILE_ERROR = 0x01, 0x20  # error register 0x1001
+_QUICK_STOP_OPTIONS = (0, 1, 2, 3, 5, 6, 7)
+_QUICK_RAMP, _CURRENT_LIMIT = 2, 3
+_STANDSTILL, _STANDSTILL_MS = 0.5, 5  # rad/s, for as long as this
+_MAX_ELAPSED = 0.1  # seconds
+_OPERATIONS: dict[Mode, type[Operation]] = {
+    Mode.NONE: Operation,
+    Mode.PROFILE_POSITION: ProfilePosition,
+    Mode.PROFILE_VELOCITY: ProfileVelocity,
+    Mode.PROFILE_TORQUE: ProfileTorque,
+    Mode.HOMING: Homing,
+    Mode.CYCLIC_POSITION: CyclicPosition,
+    Mode.CYCLIC_VELOCITY: CyclicVelocity,
+    Mode.CYCLIC_TORQUE: CyclicTorque,
+}
+
+
+def _wrapped(value: float) -> int:
+    """A value as a 32-bit counter has it."""
+    return (round(value) + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
+def _held(value: float, bits: int) -> int:
+    """A value held within a signed type."""
+    return max(-(1 << bits - 1), min((1 << bits - 1) - 1, round(value)))
+
+
+class Drive(Device):
+    """What all drives have in common; a drive of its own adds identity and PDOs.
+
+    A mode of operation of 0 means no change, so that a mode set by SDO stays while the process
+    data carries 0.
+
+    Args:
+        motor: The motor behind it.
+        switches: Its limit and home switches.
+    """
+
+    device_type = 0x00020192
+
+    def __init__(self, motor: Motor | None = None, switches: Switches | None = None) -> None:
+        self.motor = motor or Motor()
+        self.axis = Axis(self.motor, switches or Switches())
+        self.power = PowerStateMachine()
+        super().__init__()
+        self._operations = {mode: kind(self, self.axis) for mode, kind in _OPERATIONS.items()}
+        self._time: float | None = None
+        self._halted = False
+        self._encoder_broken = False
+        self._still = Window()
+        self._outside = 0.0  # seconds outside of the following error window
+
+    # --- objects -------------------------------------------------------------------------------
+
+    def describe(self) -> None:
+        """Adds the objects of the drive profile."""
+        objects = self.dictionary
+        drive_objects.add(objects, self.motor.data)
+        objects[0x6060, 0].zero_keeps = True
+        for index, allowed in (
+            (0x6060, tuple(Mode)),
+            (0x605A, _QUICK_STOP_OPTIONS),
+            (0x6098, METHODS),
+        ):
+            objects[index, 0].on_write = _OneOf(allowed)
+
+    @property
+    def reference(self) -> float:
+        """The speed that the velocity loop is asked for, in counts/s; 0 in other modes."""
+        return self.axis.demand if self.motor.control is Control.VELOCITY else 0.0
+
+    # --- faults --------------------------------------------------------------------------------
+
+    def fault(self, code: int, *, coast: bool = False) -> None:
+        """Detects a fault: error code, error register, emergency, and the fault reaction.
+
+        Args:
+            code: Error code 0x603F (CiA 402-2 "Error codes").
+            coast: The motor cannot be stopped any more: switch off at once.
+        """
+        if self[0x603F, 0] == code:
+            return
+        self[0x603F, 0], self[0x1001, 0] = code, _GENERIC_ERROR | _PROFILE_ERROR
+        self._set_options()
+        self.power.fault(coast=coast)
+        self._tell(code)
+
+    def break_encoder(self, broken: bool = True) -> None:
+        """Breaks the encoder cable, or mends it: position and speed are not known any more."""
+        self._encoder_broken = broken
+
+    def _tell(self, code: int) -> None:
+        emergency = getattr(self, "emergency", None)
+        if emergency is not None:
+            emergency(code, self[0x1001, 0])
+
+    def _watch(self, elapsed: float) -> None:
+        """Looks for the causes of faults."""
+        if self._encoder_broken:
+            self.fault(ENCODER_FAULT, coast=True)
+        window = self[0x6065, 0]
+        outside = window != drive_objects.NO_WINDOW and abs(self._lag) > window
+        self._outside = self._outside + elapsed if outside else 0.0
+        if self._left_window and self[drive_objects.FOLLOWING_ERROR_OPTION, 0]:
+            self.fault(FOLLOWING_ERROR)
+
+    @property
+    def _lag(self) -> float:
+        """The following error in counts; 0 where the position is not controlled."""
+        if self.motor.control is not Control.POSITION:
+            return 0.0
+        return self.axis.demand - self.axis.position
+
+    @property
+    def _left_window(self) -> bool:
+        return self._outside > 0 and self._outside * 1000 >= self[0x6066, 0]
+
+    # --- behaviour -----------------------------------------------------------------------------
+
+    def step(self, now: float) -> None:
+        """Follows the control word, runs the motor up to `now`, and reports."""
+        elapsed = min(now - self._time, _MAX_ELAPSED) if self._time is not None else 0.0
+        self._time = now
+        before, word = self.power.state, self[0x6040, 0]
+        self._set_options()
+        self._follow(word)
+        mode = self._mode()
+        operation, enabled = self._operations[mode], PowerState.OPERATION_ENABLED
+        if self.power.state == enabled and (before != enabled or mode != self[0x6061, 0]):
+            operation.start()
+            self._halted = False
+        self[0x6061, 0] = mode
+        self.axis.held = False
+        self._command(operation, word, elapsed)
+        self.motor.step(now)
+        self._watch(elapsed)
+        self._report(operation, word, elapsed)
+
+    def outputs_stopped(self) -> None:
+        """The control word is now 0, which switches the power stage off."""
+        self.power.command(0)
+
+    def _follow(self, word: int) -> None:
+        """Power state; a reset clears the error."""
+        before = self.power.state
+        self.power.command(word, faulty=self._encoder_broken)
+        if before == PowerState.FAULT and self.power.state != PowerState.FAULT:
+            self[0x603F, 0] = self[0x1001, 0] = 0
+            self._outside = 0.0
+            self._tell(0)
+
+    def _set_options(self) -> None:
+        options = self.power.options
+        options.quick_stop, options.shutdown = self[0x605A, 0], self[0x605B, 0]
+        options.disable, options.fault_reaction = self[0x605C, 0], self[0x605E, 0]
+        self.axis.limit(self[0x607D, 1], self[0x607D, 2])
+
+    def _mode(self) -> Mode:
+        """The mode asked for; one that the drive does not know changes nothing."""
+        try:
+            return Mode(self[0x6060, 0])
+        except ValueError:
+            return Mode(self[0x6061, 0])
+
+    def _command(self, operation: Operation, word: int, elapsed: float) -> None:
+        """Lets the motor do what power state and mode say."""
+        motor = self.motor
+        limit = self[0x6072, 0] / 1000 * motor.data.rated_current
+        motor.current_limit = min(motor.data.peak_current, limit)
+        if self.power.stopping:
+            self._brake(self.power.stopping, elapsed)
+            still = self.axis.demand == 0.0 and abs(motor.speed) < _STANDSTILL
+            if self._still.reached(still, elapsed, _STANDSTILL_MS):
+                self.power.standstill()
+                if not self.power.stopping:
+                    self.axis.off()
+        elif self.power.state == PowerState.QUICK_STOP_ACTIVE:
+            self._brake(_CURRENT_LIMIT, elapsed)
+        elif self.power.state != PowerState.OPERATION_ENABLED:
+            self.axis.off()
+        elif word & HALT:
+            self._brake(self[0x605D, 0], elapsed)
+            self._halted = True
+        else:
+            if self._halted:
+                operation.resume()
+                self._halted = False
+            operation.command(word, elapsed)
+
+    def _brake(self, how: int, elapsed: float) -> None:
+        if how == _CURRENT_LIMIT:
+            self.axis.brake(None, elapsed)
+        else:
+            self.axis.brake(self[0x6085 if how == _QUICK_RAMP else 0x6084, 0], elapsed)
+
+    # --- actual values -------------------------------------------------------------------------
+
+    def _report(self, operation: Operation, word: int, elapsed: float) -> None:
+        axis, motor = self.axis, self.motor
+        if not self._encoder_broken:
+            self[0x6064, 0] = _wrapped(axis.position)
+            self[0x606C, 0] = round(axis.speed)
+        permille = 1000 * motor.measured_current / motor.data.rated_current
+        self[0x6078, 0] = self[0x6077, 0] = _held(permille, 16)
+        control, demand = motor.control, axis.demand
+        self[0x6062, 0] = _wrapped(demand if control is Control.POSITION else axis.position)
+        self[0x606B, 0] = _held(demand if control is Control.VELOCITY else 0, 32)
+        self[0x6074, 0] = _held(demand if control is Control.CURRENT else 0, 16)
+        self[0x60F4, 0] = _held(self._lag, 32)
+        self[0x60FD, 0] = axis.inputs
+        status = self.power.status | _REMOTE
+        if self.power.state == PowerState.OPERATION_ENABLED:
+            status |= operation.status(word, elapsed)
+            status |= _LIMIT * (motor.limited or axis.held)
+            status |= BIT_13 * (operation.positioning and self._left_window)
+        self[0x6041, 0] = status
+
+
+class _OneOf:
+    """Refuses what the drive does not know."""
+
+    def __init__(self, allowed: tuple[int, ...]) -> None:
+        self._allowed = allowed
+
+    def __call__(self, value: Value) -> None:
+        if value not in self._allowed:
+            raise SdoAbortError(abort_codes.VALUE_RANGE)

@@ -1,0 +1,85 @@
+"""A generic CiA 402 drive, with the PDOs that masters expect and any mapping they ask for."""
+
+from __future__ import annotations
+
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import DataType
+
+from ..plants.motor import Motor, MotorData
+from ..slave.sii import Mailbox
+from .axis import Switches
+from .drive import Drive
+from .parameters import Parameter
+
+_I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
+_U16, _U32 = DataType.UNSIGNED16, DataType.UNSIGNED32
+_GAP = Entry(0, 0, "", DataType.PADDING, 8)
+_CONTROL = Entry(0x6040, 0, "Controlword", _U16, 16)
+_MODE = Entry(0x6060, 0, "Modes of operation", _I8, 8)
+_TARGET_POSITION = Entry(0x607A, 0, "Target position", _I32, 32)
+_TARGET_VELOCITY = Entry(0x60FF, 0, "Target velocity", _I32, 32)
+_TARGET_TORQUE = Entry(0x6071, 0, "Target torque", _I16, 16)
+_STATUS = Entry(0x6041, 0, "Statusword", _U16, 16)
+_MODE_DISPLAY = Entry(0x6061, 0, "Modes of operation display", _I8, 8)
+_POSITION = Entry(0x6064, 0, "Position actual value", _I32, 32)
+_VELOCITY = Entry(0x606C, 0, "Velocity actual value", _I32, 32)
+_TORQUE = Entry(0x6077, 0, "Torque actual value", _I16, 16)
+_ERROR = Entry(0x603F, 0, "Error code", _U16, 16)
+_INPUTS = Entry(0x60FD, 0, "Digital inputs", _U32, 32)
+_ALL_TARGETS = [_CONTROL, _MODE, _GAP, _TARGET_POSITION, _TARGET_VELOCITY, _TARGET_TORQUE]
+_ALL_VALUES = [_STATUS, _MODE_DISPLAY, _GAP, _POSITION, _VELOCITY, _TORQUE, _ERROR, _INPUTS]
+
+
+class CiA402Drive(Drive):
+    """CiA 402 servo drive with a motor.
+
+    0x1600 and 0x1A00 serve all modes and are assigned; 0x1601 to 0x1603 and 0x1A01 to 0x1A03 are
+    for cyclic synchronous position, velocity and torque.
+
+    Args:
+        travel: Revolutions between each limit switch and the start position; 0: no switches.
+        home: Where the home switch is, in revolutions from the start position.
+        encoder: Counts per revolution.
+        inertia: Inertia of motor and load in kg m².
+        seed: Seed of the noise of the measured current.
+    """
+
+    vendor = 0x0000FFFF
+    product = 0x00000402
+    revision = 1
+    order = "CiA402"
+    name = "CiA 402 servo drive"
+    mailbox = Mailbox(coe_details=0x0F)
+    variable_assignment = True
+    variable_mapping = True
+    rx_pdos = (
+        Pdo(0x1600, "All targets", 2, _ALL_TARGETS),
+        Pdo(0x1601, "Cyclic position", 0xFF, [_CONTROL, _TARGET_POSITION]),
+        Pdo(0x1602, "Cyclic velocity", 0xFF, [_CONTROL, _TARGET_VELOCITY]),
+        Pdo(0x1603, "Cyclic torque", 0xFF, [_CONTROL, _TARGET_TORQUE]),
+    )
+    tx_pdos = (
+        Pdo(0x1A00, "All actual values", 3, _ALL_VALUES),
+        Pdo(0x1A01, "Position", 0xFF, [_STATUS, _POSITION]),
+        Pdo(0x1A02, "Velocity", 0xFF, [_STATUS, _POSITION, _VELOCITY]),
+        Pdo(0x1A03, "Torque", 0xFF, [_STATUS, _POSITION, _VELOCITY, _TORQUE]),
+    )
+    parameters = (
+        Parameter("travel", "revolutions to each limit switch, 0 for none", 0.0, 0, 10000),
+        Parameter("home", "home switch, in revolutions from the start", 0.0, -10000, 10000),
+        Parameter("encoder", "counts per revolution", 65536, 100, 16777216),
+        Parameter("inertia", "motor and load in kg m²", 2.5e-4, 1e-6, 1),
+        Parameter("seed", "of the noise of the measured current", 1),
+    )
+
+    def __init__(
+        self,
+        travel: float = 0.0,
+        home: float = 0.0,
+        encoder: int = 65536,
+        inertia: float = 2.5e-4,
+        seed: int = 1,
+    ) -> None:
+        motor = Motor(MotorData(encoder=encoder, inertia=inertia), seed)
+        low, high = (-travel, travel) if travel else (None, None)
+        super().__init__(motor, Switches(low, high, home))

@@ -1,0 +1,166 @@
+"""Modes of operation that control the position: profile and cyclic synchronous position."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from .axis import Axis
+from .modes import (
+    BIT_12,
+    HALT,
+    IMMEDIATELY,
+    NEW_SET_POINT,
+    RELATIVE,
+    TARGET_REACHED,
+    Operation,
+    Values,
+    Window,
+)
+
+_MIN_PERIOD = 0.001  # the drive's own cycle in seconds
+
+
+class Trapezoid:
+    """A motion along ramps to a target that may change at any time.
+
+    Attributes:
+        position: Where the motion is.
+        speed: Its speed.
+    """
+
+    def __init__(self, position: float, speed: float) -> None:
+        self.position, self.speed = position, speed
+
+    def step(
+        self, target: float, velocity: float, acceleration: float, deceleration: float, dt: float
+    ) -> None:
+        """Makes a step of `dt` seconds towards a target."""
+        if dt <= 0:
+            return
+        rest = target - self.position
+        unit = deceleration * dt
+        if abs(rest) <= unit * dt and abs(self.speed) <= 2 * unit:
+            self.position, self.speed = target, 0.0
+            return
+        # The largest speed from which whole steps of the deceleration end at the target.
+        braking = unit * (math.sqrt(0.25 + 2 * abs(rest) / (unit * dt)) - 0.5)
+        wanted = math.copysign(min(velocity, braking), rest)
+        faster = wanted * self.speed >= 0 and abs(wanted) > abs(self.speed)
+        most = (acceleration if faster else deceleration) * dt
+        before = self.speed
+        self.speed += min(max(wanted - self.speed, -most), most)
+        self.position += (before + self.speed) / 2 * dt
+
+
+class ProfilePosition(Operation):
+    """Profile position (1): set-points with a handshake, one of them may wait."""
+
+    positioning = True
+
+    def __init__(self, objects: Values, axis: Axis) -> None:
+        super().__init__(objects, axis)
+        self._motion = Trapezoid(0.0, 0.0)
+        self._target = 0.0
+        self._waiting: deque[float] = deque(maxlen=1)
+        self._acknowledged = False
+        self._reached = Window()
+
+    def start(self) -> None:
+        """Holds the position at which it begins."""
+        self._acknowledged = False
+        self._waiting.clear()
+        self._target = self._axis.position
+        self.resume()
+        if self._motion.speed:
+            braking = self._motion.speed**2 / (2 * self._objects[0x6084, 0])
+            self._target += math.copysign(braking, self._motion.speed)
+
+    def resume(self) -> None:
+        """Goes on to the set-point from where the axis is."""
+        self._motion = Trapezoid(self._axis.position, self._axis.speed)
+
+    def command(self, word: int, elapsed: float) -> None:
+        """Takes new set-points and moves to the current one."""
+        self._take(word)
+        objects = self._objects
+        motion, target = self._motion, self._axis.within(self._target)
+        motion.step(
+            target,
+            min(objects[0x6081, 0], objects[0x607F, 0]),
+            objects[0x6083, 0],
+            objects[0x6084, 0],
+            elapsed,
+        )
+        if motion.position == target and self._waiting:
+            self._target = self._waiting.popleft()
+        self._axis.command_position(motion.position, motion.speed)
+
+    def status(self, word: int, elapsed: float) -> int:
+        """Bit 10: target reached; bit 12: set-point acknowledged."""
+        objects, axis = self._objects, self._axis
+        if word & HALT:
+            inside = abs(axis.speed) <= objects[0x606F, 0]
+        else:
+            rest = axis.within(self._target) - axis.position
+            inside = not self._waiting and abs(rest) <= objects[0x6067, 0]
+        reached = self._reached.reached(inside, elapsed, objects[0x6068, 0])
+        return TARGET_REACHED * reached | BIT_12 * (self._acknowledged or bool(self._waiting))
+
+    def _take(self, word: int) -> None:
+        """A new set-point comes with the rising edge of bit 4."""
+        new = bool(word & NEW_SET_POINT)
+        if new and not self._acknowledged and not self._waiting:
+            target = float(self._objects[0x607A, 0])
+            if word & RELATIVE:
+                target += self._target
+            moving = self._motion.position != self._axis.within(self._target)
+            if moving and not word & IMMEDIATELY:
+                self._waiting.append(target)
+            else:
+                self._target = target
+        elif new and not self._acknowledged and word & IMMEDIATELY:
+            self._waiting.clear()
+            self._target = float(self._objects[0x607A, 0])
+        self._acknowledged = new
+
+
+class CyclicPosition(Operation):
+    """Cyclic synchronous position (8): 0x607A + 0x60B0, interpolated over 0x60C2."""
+
+    positioning = True
+
+    def __init__(self, objects: Values, axis: Axis) -> None:
+        super().__init__(objects, axis)
+        self._target = 0.0
+        self._speed = 0.0
+        self._remaining = 0.0
+
+    def start(self) -> None:
+        """Begins at the target, which a master sets to the actual position first."""
+        self._reference = self._target = self._wanted()
+        self._speed = self._remaining = 0.0
+
+    def command(self, word: int, elapsed: float) -> None:
+        """Follows the target; between two of them in a straight line."""
+        wanted = self._wanted()
+        if wanted != self._target:
+            self._target = wanted
+            period = self._objects[0x60C2, 1] * 10.0 ** self._objects[0x60C2, 2]
+            self._remaining = max(period, elapsed) if period > _MIN_PERIOD else elapsed
+            self._speed = (wanted - self._reference) / self._remaining if self._remaining else 0.0
+        if self._remaining > 0:
+            self._remaining -= elapsed
+            self._reference += self._speed * elapsed
+        speed = self._speed
+        if self._remaining <= 1e-9:
+            self._reference, self._remaining, self._speed = self._target, 0.0, 0.0
+        inside = self._axis.within(self._reference)
+        self._axis.command_position(inside, speed if inside == self._reference else 0.0)
+
+    def status(self, word: int, elapsed: float) -> int:
+        """Bit 12: the drive follows the target."""
+        return BIT_12 * (not word & HALT)
+
+    def _wanted(self) -> float:
+        return float(self._objects[0x607A, 0] + self._objects[0x60B0, 0])
