@@ -13,8 +13,11 @@ const uint8_t *access_read(struct slave *slave, uint16_t address, size_t size)
     uint32_t from = address, to = from + (uint32_t)size;
     if (!is_there(slave, to) || !sm_may_access(slave, from, to, false))
         return NULL;
-    if (from < REG_RAM)
+    if (from < REG_RAM) {
+        if (!registers_exist(slave, from, to))
+            return NULL;
         live_refresh(slave, from, to);
+    }
     sm_begin(slave, from, to);
     sm_accessed(slave, from, to, false);
     if (from < REG_RAM)

@@ -137,6 +137,8 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
     unsigned count = 0;
     bool increments = false;
 
+    /* The events pass before the data, so they do not know yet what the data will do. */
+    unsigned events = registers_event_word(segment);
     switch (command) {
     case CMD_APRD:
     case CMD_APWR:
@@ -174,7 +176,7 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
     }
     if (increments)
         store16(header + 2, key + route->count);
-    store16(header + 8, load16(header + 8) | (unsigned)registers_event_word(segment));
+    store16(header + 8, load16(header + 8) | events);
     store16(data + size, load16(data + size) + count);
 }
 

@@ -257,6 +257,26 @@ bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, con
     return true;
 }
 
+/* Where a table of channels really ends; other areas end at `to`. */
+static uint32_t end_of_channels(const struct slave *slave, uint32_t from, uint32_t to)
+{
+    if (from == REG_FMMU)
+        return REG_FMMU + 16 * slave->fmmus;
+    return from == REG_SM ? REG_SM + 8 * slave->sync_managers : to;
+}
+
+static bool within(uint32_t from, uint32_t to, uint32_t start, uint32_t end)
+{
+    return from < to && from >= start && to <= end;
+}
+
+/* Whether [from, to) has anything but FMMUs and sync managers that the chip lacks. */
+bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to)
+{
+    return !within(from, to, REG_FMMU + 16 * slave->fmmus, REG_FMMU + 16 * ESC_MAX_CHANNELS) &&
+           !within(from, to, REG_SM + 8 * slave->sync_managers, REG_SM + 8 * ESC_MAX_CHANNELS);
+}
+
 /* Writes the writable parts of [address, address + size). Returns whether there are any. */
 bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data, size_t size)
 {
@@ -264,7 +284,8 @@ bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data,
     bool any = end > REG_RAM || size == 0;
     for (size_t i = 0; i < sizeof writable / sizeof writable[0]; i++) {
         uint32_t from = writable[i].from > address ? writable[i].from : address;
-        uint32_t to = writable[i].to < end ? writable[i].to : end;
+        uint32_t last = end_of_channels(slave, writable[i].from, writable[i].to);
+        uint32_t to = last < end ? last : end;
         if (from >= to)
             continue;
         any = true;

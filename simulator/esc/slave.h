@@ -286,6 +286,7 @@ void registers_power_on(struct slave *slave);
 void registers_reset(struct slave *slave);
 bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data, size_t size);
 bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data);
+bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to);
 bool registers_may_write(const struct slave *slave, uint32_t from, uint32_t to);
 
 /* live.c: registers that are computed when they are read, and what reading them acknowledges. */

@@ -17,6 +17,7 @@ _RAM = 0x1000
 _MEMORY_END = 0x10000
 _RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
 _MAX_BYTES = 0x80000
+_DEVICE_EMULATION = 0x0100  # of SII word 0
 _PORT_KINDS = {0: 0, 1: 3, 3: 2}  # SII: 1 MII, 3 EBUS; register 0x0007: 3 MII, 2 EBUS
 _LAST_DUMMY = 0x001F  # CiA 301: mapping a data type leaves a gap of its size
 
@@ -50,6 +51,7 @@ class SiiDevice(Device):
         ] or None
         self.rx_pdos = _pdos(sii.outputs, 0x1600, self._area(SmType.OUTPUTS))
         self.tx_pdos = _pdos(sii.inputs, 0x1A00, self._area(SmType.INPUTS))
+        self.emulated = bool(sii.pdi_control & _DEVICE_EMULATION) and self.mailbox is None
         self.variable_assignment = bool(sii.coe & 0x04)
         self.chip = chip or _chip(sii)
         super().__init__()
@@ -157,7 +159,8 @@ def _pdos(pdos: list[Pdo], first: int, room: int) -> tuple[Pdo, ...]:
 
 
 def _entry(entry: Entry) -> Entry:
-    gap = entry.index <= _LAST_DUMMY or is_description(entry.index)
+    dummy = entry.index <= _LAST_DUMMY and entry.subindex == 0
+    gap = dummy or entry.index == 0 or is_description(entry.index)
     return Entry(
         0 if gap else entry.index,
         0 if gap else entry.subindex,

@@ -254,8 +254,11 @@ class Device(DeviceType):
         if event & Event.AL_CONTROL:
             control = int.from_bytes(self._segment.read(self.position, _AL_CONTROL, 2), "little")
             self._deadline = now + _TIMEOUT
-            self.machine.request(control)
-        if event & Event.WATCHDOG and self.machine.state == AlState.OP:
+            if self.emulated:
+                self.machine.follow(control)
+            else:
+                self.machine.request(control)
+        if event & Event.WATCHDOG and self.machine.state == AlState.OP and not self.emulated:
             self.fail(AlCode.WATCHDOG)
         if event & self._awaited:
             self._awaited &= ~event
@@ -300,7 +303,7 @@ class Device(DeviceType):
     def _enter(self, old: AlState, new: AlState) -> bool:
         """Carries out a state change; see `StateMachine`."""
         self._awaited = Event(0)
-        if new > old:
+        if new > old and not self.emulated:
             self._check(old, new)
         if old == AlState.OP:
             self._stop_outputs()

@@ -41,6 +41,8 @@ class DeviceType:
         variable_mapping: Whether a master may write the PDO mapping 0x1600… and 0x1A00…: of all
             PDOs, or of those with the given indices.
         mapping_limits: Bytes of outputs and inputs that a variable mapping may reach.
+        emulated: Whether the slave controller itself answers AL control (device emulation,
+            register 0x0141 bit 0): every state is entered, unchecked.
         longest_watchdog: Longest process data watchdog in seconds with which the device goes to
             SAFEOP; None accepts any, and none.
         needs_eeprom: Whether the device reads its EEPROM on the way to PREOP, for which the
@@ -81,6 +83,7 @@ class DeviceType:
     variable_assignment: bool = False
     variable_mapping: bool | Collection[int] = False
     mapping_limits: tuple[int, int] = (64, 64)
+    emulated: bool = False
     longest_watchdog: float | None = None
     needs_eeprom: bool = False
     state_emergencies: bool = False

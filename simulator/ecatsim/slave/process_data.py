@@ -95,7 +95,8 @@ class ProcessData:
 
     def start(self, segment: Segment, position: int) -> None:
         """Connects the process data with the images of the segment."""
-        starts = {sm.type: sm.start for sm in self.settings}
+        # Several sync managers of a direction follow each other in memory.
+        starts = {sm.type: sm.start for sm in reversed(self.settings)}
         where = ProcessDataMap(
             starts.get(SmType.OUTPUTS, 0),
             self.outputs.size,

@@ -62,6 +62,9 @@ _STEPS_UP = {
 }
 
 
+_EMULATED = (AlState.PREOP, AlState.SAFEOP, AlState.OP)
+
+
 def _is_allowed(state: AlState, target: AlState) -> bool:
     """Whether ETG.1000.6 has the transition; BOOT is entered from INIT and left for INIT."""
     if target == state or (state, target) in _STEPS_UP:
@@ -130,6 +133,24 @@ class StateMachine:
             self._refuse(AlCode.NO_BOOTSTRAP)
         else:
             self._change(target)
+
+    def follow(self, control: int) -> None:
+        """Takes over whatever is written to AL control, as an ESC with device emulation does.
+
+        Nothing is checked, and the acknowledge bit shows in AL status as well (register 0x0141,
+        bit 0).
+        """
+        wanted = control & _STATE_MASK
+        target = AlState(wanted) if wanted in _EMULATED else AlState.INIT
+        self.pending = None
+        for step in _EMULATED:
+            if self.state < step <= target:
+                self._enter(self.state, step)
+                self.state = step
+        if target < self.state:
+            self._enter(self.state, target)
+            self.state = target
+        self._publish(control & (_STATE_MASK | AL_ERROR_FLAG), AlCode.NONE)
 
     def finish(self) -> None:
         """What a pending change waited for has come."""

@@ -1,0 +1,53 @@
+"""A recorded start-up, replayed into the same rig, gets the same answers."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from test_simulator_masters import master_recorded, run
+
+from ecatsim import rig
+from replay import Exchange, Replay, datagrams, pair, read_capture
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+EEPROM, MEMORY = 0x0500, 0x1000
+
+
+@pytest.fixture(scope="module")
+def start_up(tmp_path_factory: pytest.TempPathFactory) -> list[Exchange]:
+    file = tmp_path_factory.mktemp("replay") / "start-up.pcap"
+    run("troll", master_recorded, str(file))
+    return pair(read_capture(file))
+
+
+def answers(exchanges: list[Exchange]) -> list[bytes]:
+    replay = Replay(rig.make("troll").devices)
+    try:
+        return [replay.answer(exchange) for exchange in exchanges]
+    finally:
+        replay.close()
+
+
+def test_a_replay_is_repeatable(start_up: list[Exchange]) -> None:
+    assert len(start_up) > 500
+    assert answers(start_up) == answers(start_up)
+
+
+def test_a_replay_answers_as_recorded(start_up: list[Exchange]) -> None:
+    """Every EEPROM word and every mail the master got, it gets again."""
+    compared = 0
+    for exchange, answer in zip(start_up, answers(start_up), strict=True):
+        for sent, recorded, found in zip(
+            *map(datagrams, (exchange.request, exchange.reply, answer)), strict=True
+        ):
+            if sent.command == "FPRD" and recorded.counter:
+                eeprom = EEPROM <= sent.offset < EEPROM + 0x10
+                mail = sent.offset >= MEMORY
+                if eeprom or mail:
+                    assert (found.counter, found.data) == (1, recorded.data), exchange.number
+                    compared += 1
+    assert compared > 500
