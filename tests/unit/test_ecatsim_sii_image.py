@@ -92,6 +92,8 @@ def test_a_device_is_what_its_image_says() -> None:
     assert (device.group, device.group_name, device.ebus_current) == ("Drives", "All drives", 120)
     assert device.mailbox == Mailbox(coe_details=0x07)
     assert device.variable_assignment
+    assert not device.variable_mapping
+    assert device.bootstrap is None
     assert device.sync_managers == description().sync_managers
     assert [pdo.index for pdo in (*device.rx_pdos, *device.tx_pdos)] == [0x1600, 0x1A00, 0x1A01]
     assert device.chip == Chip(ports=0x3A)
@@ -126,6 +128,9 @@ def test_words_that_only_a_device_needs() -> None:
     struct.pack_into("<HHHH", image, 2 * 0x14, 0x1800, 256, 0x1900, 200)
     sii, problems = check_sii(bytes(image))
     assert problems == []
+    assert device_from_sii(bytes(image), "x").bootstrap == Mailbox(
+        0x1800, 256, 0x1900, 200, coe_details=7
+    )
     assert sii.bootstrap == SiiMailbox(0x1800, 256, 0x1900, 200)
     assert sii.mailbox == SiiMailbox(0x1000, 128, 0x1080, 128)
     assert sii.fmmus == [1, 2]

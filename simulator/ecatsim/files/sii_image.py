@@ -5,7 +5,7 @@ from __future__ import annotations
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real
 from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.sii import UNASSIGNED, Sii
+from ecatd.model.sii import UNASSIGNED, Sii, SiiMailbox
 from ecatd.model.sii_check import MAILBOX_SIZES, check_sii, in_memory, is_description
 
 from ..core import Chip
@@ -18,6 +18,7 @@ _MEMORY_END = 0x10000
 _RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
 _MAX_BYTES = 0x80000
 _DEVICE_EMULATION = 0x0100  # of SII word 0
+_PDO_ASSIGN, _PDO_CONFIGURATION = 0x04, 0x08  # of the CoE details
 _PORT_KINDS = {0: 0, 1: 3, 3: 2}  # SII: 1 MII, 3 EBUS; register 0x0007: 3 MII, 2 EBUS
 _LAST_DUMMY = 0x001F  # CiA 301: mapping a data type leaves a gap of its size
 
@@ -42,7 +43,8 @@ class SiiDevice(Device):
         self.group, self.group_name = sii.group, sii.group_name
         self.ebus_current, self.physical_ports = sii.ebus_current, sii.physical_ports
         self.pdi_control = sii.pdi_control
-        self.mailbox = _mailbox(sii)
+        self.mailbox = _mailbox(sii, sii.mailbox)
+        self.bootstrap = _mailbox(sii, sii.bootstrap) if self.mailbox else None
         self.sync_managers = [
             SyncManager(
                 _purpose(sm.usage, sm.start, sm.length), sm.start, sm.length, sm.control, sm.enable
@@ -52,7 +54,8 @@ class SiiDevice(Device):
         self.rx_pdos = _pdos(sii.outputs, 0x1600, self._area(SmType.OUTPUTS))
         self.tx_pdos = _pdos(sii.inputs, 0x1A00, self._area(SmType.INPUTS))
         self.emulated = bool(sii.pdi_control & _DEVICE_EMULATION) and self.mailbox is None
-        self.variable_assignment = bool(sii.coe & 0x04)
+        self.variable_assignment = bool(sii.coe & _PDO_ASSIGN)
+        self.variable_mapping = bool(sii.coe & _PDO_CONFIGURATION)
         self.chip = chip or _chip(sii)
         super().__init__()
 
@@ -103,8 +106,7 @@ def _purpose(usage: int, start: int, length: int) -> SmType:
     return SmType(usage) if right else SmType.UNUSED
 
 
-def _mailbox(sii: Sii) -> Mailbox | None:
-    box = sii.mailbox
+def _mailbox(sii: Sii, box: SiiMailbox) -> Mailbox | None:
     low, high = MAILBOX_SIZES
     areas = ((box.receive, box.receive_size), (box.send, box.send_size))
     usable = all(
