@@ -98,7 +98,8 @@ def test_mutated_images_boot() -> None:
                 segment.process(datagram(APWR, EEPROM_CONTROL, command))
                 answer = segment.process(datagram(APRD, EEPROM_DATA, bytes(8)))
                 assert answer is not None
-                assert answer[26:34] == image[2 * word : 2 * word + 8].ljust(8, b"\xff")
+                content = image[2 * word : 2 * word + 8].ljust(8, b"\xff")
+                assert answer[26:34] == (content if image else bytes(8)), "or there is no EEPROM"
             for state in (2, 4, 8, 1):
                 segment.process(datagram(APWR, AL_CONTROL, bytes([state | 0x10, 0])))
                 for _, event in segment.wait(0.0):

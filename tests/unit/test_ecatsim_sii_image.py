@@ -333,6 +333,10 @@ def test_wrong_images_boot_on_purpose(name: str) -> None:
         segment.close()
 
 
+def test_the_checksum_of_a_development_eeprom_is_always_right() -> None:
+    assert device_from_sii(changed(IMAGE, 14, b"\xa4\x88"), "x").order == "AX1"
+
+
 def test_further_problems_are_counted() -> None:
     with pytest.raises(ConfigError, match=r"checksum .* \(and 1 more\)$"):
         device_from_sii(changed(changed(IMAGE, 14, b"\x55"), TX + 3, b"\x09"), "x.bin")
