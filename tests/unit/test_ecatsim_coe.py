@@ -1,4 +1,4 @@
-"""CoE server and mailbox, request by request."""
+"""CoE server, request by request."""
 
 import struct
 
@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import DataType
-from ecatd.model.errors import SdoAbortError
+from ecatd.model.errors import SdoAbortError, UsageError
+from ecatsim.slave import units
 from ecatsim.slave.coe import CoeServer
 from ecatsim.slave.mailbox import MailboxServer, Protocol
 from ecatsim.slave.objects import Access, Dictionary, ObjectCode, Variable
@@ -238,101 +239,170 @@ def test_object_and_entry_descriptions():
     assert code(client.information, 9, b"") == abort_codes.UNSUPPORTED_ACCESS
 
 
-# --- mailbox ---------------------------------------------------------------------------------
+# --- what the optional parts of a description say ------------------------------------------
 
 
-class Wire:
-    """The master's side of the mailbox: one mail at a time."""
-
-    def __init__(self):
-        self.mail = None
-        self.server = MailboxServer({Protocol.COE: lambda body: [body] * body[0]}, self.put)
-
-    def put(self, mail, again):
-        if self.mail is not None and not again:
-            return False
-        self.mail = mail
-        return True
-
-    def read(self):
-        mail, self.mail = self.mail, None
-        self.server.was_read()
-        return mail
-
-    def write(self, body, kind=3, counter=1, length=None):
-        size = len(body) if length is None else length
-        self.server.receive(struct.pack("<HHBB", size, 0, 0, kind | counter << 4) + body)
+def entry_description(client, index, subindex, wanted):
+    """Value info, the optional parts and the name."""
+    body = client.information(5, struct.pack("<HBB", index, subindex, wanted))
+    return body[3], body[10:]
 
 
-def test_replies_wait_for_each_other_and_are_counted():
-    wire = Wire()
-    wire.write(b"\x03x")
-    kinds = [wire.read()[5] for _ in range(3)]
-    assert kinds == [0x13, 0x23, 0x33]
-    assert wire.read() is None
+def described():
+    client = Client()
+    entry = client.objects[0x2000, 0]
+    entry.unit, entry.minimum, entry.maximum = units.code("mV"), -300, 300
+    client.objects.remember()
+    entry.value = 77
+    return client
 
 
-def test_counter_wraps_from_7_to_1():
-    wire = Wire()
-    wire.write(b"\x09")
-    assert [wire.read()[5] >> 4 for _ in range(9)] == [1, 2, 3, 4, 5, 6, 7, 1, 2]
+def test_unit_default_minimum_and_maximum():
+    client = described()
+    given, rest = entry_description(client, 0x2000, 0, 0x7F)
+    assert given == 0x7F
+    assert struct.unpack_from("<IhhhI", rest[:10] + bytes(4)) == (0xFD260000, -2, -300, 300, 0)
+    assert rest[10:] == b"Small"
+    client.objects[0x2000, 0].default = 5
+    assert entry_description(client, 0x2000, 0, 0x10)[1] == b"\x05\0Small"
 
 
-def test_repeated_request_is_answered_once():
-    wire = Wire()
-    for counter in (1, 1, 2, 2, 0, 0):
-        wire.write(b"\x01", counter=counter)
-    assert [wire.read() is not None for _ in range(5)] == [True] * 4 + [False]
+def test_only_wanted_and_existing_parts_are_given():
+    client = described()
+    assert entry_description(client, 0x2000, 0, 0x40) == (0x40, struct.pack("<h", 300) + b"Small")
+    given, rest = entry_description(client, 0x2006, 0, 0x78)
+    assert (given, rest) == (0x18, bytes(4) + struct.pack("<f", 1.5) + b"Real")
+    given, rest = entry_description(client, 0x2001, 0, 0x10)
+    assert (given, rest) == (0x10, b"hello worldText")
 
 
-def test_master_that_never_reads_does_not_fill_the_memory():
-    wire = Wire()
-    for _ in range(1000):
-        wire.write(b"\x01", counter=0)
-    read = sum(1 for _ in iter(wire.read, None))
-    assert read < 100
-    wire.write(b"\x01", counter=0)
-    assert wire.read()
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", 0),
+        ("V", 0x00260000),
+        ("mV", 0xFD260000),
+        ("m", 0x00010000),
+        ("mm", 0xFD010000),
+        ("m/s", 0x00010300),
+        ("rpm", 0x00B44700),
+        ("rev/min", 0x00B44700),
+        ("inc/s", 0x00B50300),
+        ("kHz", 0x03200000),
+        ("µA", 0xFA040000),
+        ("kg", 0x00020000),
+        ("1/s", 0x00000300),
+    ],
+)
+def test_unit_codes(text, expected):
+    assert units.code(text) == expected
 
 
-def test_lost_mail_is_given_again():
-    wire = Wire()
-    wire.write(b"\x03x")
-    first = wire.read()  # lost on the way to the master; the second is offered already
-    wire.server.again()
-    assert wire.read() == first
-    assert [wire.read()[5] for _ in range(2)] == [0x23, 0x33]
+def test_unknown_units():
+    for text in ("parsec", "m/parsec", "/s", "kk"):
+        with pytest.raises(UsageError, match=f"'{text}' is no unit with a code"):
+            units.code(text)
+        assert units.known(text) == 0
 
 
-def test_repeat_request_without_a_mail_does_no_harm():
-    wire = Wire()
-    wire.server.again()
-    assert wire.mail is None
-    wire.write(b"\x01")
-    wire.server.again()
-    assert wire.read()[5] == 0x13
+def test_lists_of_mappable_and_stored_objects():
+    client = Client()
+    add = client.objects.variable
+    add(0x6000, "In", DataType.UNSIGNED8, access=Access.RO | Access.TX_PDO)
+    add(0x7000, "Out", DataType.UNSIGNED8, access=Access.RW | Access.RX_PDO)
+    add(0x8000, "Stored", DataType.UNSIGNED8, access=Access.RW | Access.BACKUP | Access.SETTING)
+    found = [client.information(1, struct.pack("<H", kind)) for kind in range(6)]
+    assert struct.unpack("<6H", found[0]) == (0, 13, 1, 1, 1, 1)
+    assert [struct.unpack("<HH", body) for body in found[2:]] == [
+        (2, 0x7000),
+        (3, 0x6000),
+        (4, 0x8000),
+        (5, 0x8000),
+    ]
+    rights = client.information(5, struct.pack("<HBB", 0x8000, 0, 0))
+    assert struct.unpack_from("<H", rights, 8)[0] == 0x33F
 
 
-@pytest.mark.parametrize(("kind", "length", "detail"), [(4, None, 2), (9, None, 2), (3, 400, 8)])
-def test_error_replies(kind, length, detail):
-    wire = Wire()
-    wire.write(b"\x01", kind=kind, length=length)
-    mail = wire.read()
-    assert mail[5] & 0x0F == 0
-    assert struct.unpack_from("<HH", mail, 6) == (1, detail)
+# --- less usual requests -------------------------------------------------------------------
+
+
+def test_expedited_download_that_does_not_say_its_length():
+    client = Client()
+    client.sdo(struct.pack("<BHBI", 0x22, 0x2000, 0, 0x1234))
+    assert client.objects[0x2000, 0].value == 0x1234
+
+
+def test_reading_in_a_state_in_which_it_is_not_allowed():
+    client = Client(OP)
+    client.objects[0x2000, 0].access = Access(0x01)
+    assert code(client.upload, 0x2000, 0) == abort_codes.DEVICE_STATE
+    assert code(Client(4).download, 0x2004, 0, b"\7") == abort_codes.DEVICE_STATE
+
+
+def test_another_request_ends_a_transfer():
+    client = Client()
+    client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 30) + bytes(12))
+    assert client.upload(0x2000, 0) == b"\xfe\xff"
+    assert code(client.sdo, b"\x01" + bytes(18)) == abort_codes.INVALID_COMMAND
+    assert client.upload(0x2002, 0) == LONG
+
+
+def test_segmented_download_with_too_much_data():
+    client = Client()
+    client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 20))
+    assert code(client.sdo, b"\x00" + bytes(21)) == abort_codes.LENGTH_TOO_HIGH
+    assert code(client.sdo, b"\x11" + bytes(20)) == abort_codes.INVALID_COMMAND
+
+
+def test_master_aborts_a_download():
+    client = Client()
+    client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 20))
+    assert client.server.handle(struct.pack("<HBHBI", 2 << 12, 0x80, 0x2002, 0, 0)) == []
+    assert code(client.sdo, b"\x01" + bytes(20)) == abort_codes.INVALID_COMMAND
+
+
+def test_long_complete_access_is_segmented():
+    client = Client()
+    client.objects.array(0x3000, "Long row", DataType.UNSIGNED16, range(100), Access.RW)
+    expected = struct.pack("<H100H", 100, *range(100))
+    assert client.upload(0x3000, 0, True) == expected
+    client.download(0x3000, 1, struct.pack("<100H", *range(100, 200)), True)
+    assert client.objects[0x3000, 100].value == 199
+    whole = struct.pack("<101H", *range(101))
+    assert code(client.download, 0x3000, 1, whole, True) == abort_codes.LENGTH_TOO_HIGH
+
+
+def test_refused_complete_access_changes_nothing():
+    client = Client()
+    client.objects[0x2010, 3].maximum = 5
+    data = struct.pack("<HHH", 7, 8, 9)
+    assert code(client.download, 0x2010, 1, data, True) == abort_codes.VALUE_TOO_HIGH
+    assert [client.objects[0x2010, i].value for i in (1, 2, 3)] == [1, 2, 3]
+
+
+def test_complete_access_to_a_read_only_object():
+    client = Client()
+    client.objects.array(0x3000, "Fixed", DataType.UNSIGNED8, [1, 2])
+    assert code(client.download, 0x3000, 1, b"\3\4", True) == abort_codes.READ_ONLY
+
+
+def test_limits_of_real_numbers():
+    client = Client()
+    client.objects[0x2006, 0].maximum = 2.5
+    assert code(client.download, 0x2006, 0, struct.pack("<f", 3)) == abort_codes.VALUE_TOO_HIGH
+    client.download(0x2006, 0, struct.pack("<f", 2.5))
 
 
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.binary(max_size=64), max_size=8))
 def test_no_mail_does_harm(mails):
     client = Client()
-    wire = Wire()
-    wire.server = MailboxServer({Protocol.COE: client.server.handle}, wire.put)
+    server = MailboxServer({Protocol.COE: client.server.handle}, lambda mail, again: True)
     for mail in mails:
-        wire.server.receive(mail)
-        wire.write(b"\x00\x20" + mail, counter=0)
-        wire.write(b"\x00\x80" + mail, counter=0)
-        while wire.read():
-            pass
+        server.receive(mail)
+        for head in (b"\x00\x20", b"\x00\x80", b""):
+            body = head + mail
+            server.receive(struct.pack("<HHBB", len(body), 0, 0, Protocol.COE) + body)
+            server.was_read()
     client.server.reset()
     assert client.upload(0x2001, 0) == b"hello world"
