@@ -1,6 +1,7 @@
-# The two commands of the README: `make demo` and `make test`. Everything is installed into .venv.
+# The commands of the README: `make demo`, `make test`, `make bench`. Everything is installed into .venv.
 PYTHON ?= python3
 BUS ?= ecat0
+OUT ?= bench
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator client_c -type f \
@@ -8,13 +9,14 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo test check clean
+.PHONY: help demo test bench check clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
 	@echo "make test    run all tests"
+	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default)"
 	@echo "make check   lint, types, formatting"
 	@echo "make clean   remove what the other commands made"
 
@@ -54,11 +56,16 @@ test: $(VENV)/.test
 	  unshare --user --map-user=1000 --map-group=1000 \
 	    $(BIN)/python -m pytest -p no:cacheprovider -m unprivileged; fi
 
+# On an idle machine; as root with real-time priority, as everyone else without.
+bench: $(VENV)/.demo
+	@[ "$$(id -u)" = 0 ] || echo "Without root there is no real-time priority: the load of the machine will show."
+	@$(BIN)/python -m benchmarks --out "$(OUT)"
+
 check: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
 clean:
-	rm -rf $(VENV) build demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build demo bench .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,151 @@
+"""What the simulator's parts cost without a wire: slave controllers in C, devices in Python."""
+
+from __future__ import annotations
+
+import ctypes
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ecatd.native import load
+from ecatsim.core import Chip, Segment
+from ecatsim.rig import make
+from ecatsim.simulation import Simulation
+from ecatsim.slave.sii import Description, build
+
+from .segment import BYTES, MAX_DATA, Line, logical_frame
+
+_CALLS = 20
+_RIGS = ("troll", "line:8", "line:64", "line:200")
+_BYSTANDERS = (64, 200, 1000)
+
+
+def processing(timing: ctypes.CDLL, batches: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """What one LRW costs in the slave controllers, by slaves, bytes and slaves not addressed."""
+    say("slave controllers alone")
+    most = MAX_DATA // (2 * BYTES)
+    grid = [(n, size, 0) for n in (1, 2, 4, 8, 16, most) for size in (2, 8, 16, BYTES)]
+    grid += [(8, BYTES, others) for others in _BYSTANDERS]
+    points = [
+        {
+            "slaves": slaves,
+            "bytes": 2 * size * slaves,
+            "bystanders": others,
+            "ns": round(_frame_ns(timing, batches, slaves, size, others), 1),
+        }
+        for slaves, size, others in grid
+    ]
+    return {"points": points, "fit": _fit(points)}
+
+
+def _frame_ns(timing: ctypes.CDLL, batches: int, slaves: int, size: int, others: int) -> float:
+    """Median time of a frame for the first `slaves` of a line."""
+    segment = Segment()
+    try:
+        for _ in range(slaves + others):
+            segment.add(Chip(), build(Description(1, 1, 1, order="Bench")))
+        Line(segment.process, slaves + others, size).set_up()
+        sent = logical_frame(0, bytes(2 * size * slaves))
+        buffer = ctypes.create_string_buffer(sent, len(sent))
+        results = (ctypes.c_double * batches)()
+        process = ctypes.cast(load("ecatsim", "ecat_esc").esc_process, ctypes.c_void_p)
+        timing.time_process(
+            process,
+            ctypes.c_void_p(segment._handle),  # past Python: its call would cost more than ours
+            buffer,
+            ctypes.c_size_t(len(sent)),
+            _CALLS,
+            batches,
+            results,
+        )
+        return float(statistics.median(results))
+    finally:
+        segment.close()
+
+
+def _fit(points: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Least squares: nanoseconds of a frame, and of each slave, byte and bystander more."""
+    keys = ("slaves", "bytes", "bystanders")
+    rows = [[1.0, *(float(point[key]) for key in keys)] for point in points]
+    # Each point counts by its relative error: the long frames must not drown the short ones.
+    weights = [1.0 / point["ns"] for point in points]
+    values = [point["ns"] for point in points]
+    return dict(
+        zip(("frame", "slave", "byte", "bystander"), _solve(rows, values, weights), strict=True)
+    )
+
+
+def _solve(
+    rows: Sequence[Sequence[float]], values: Sequence[float], weights: Sequence[float]
+) -> list[float]:
+    """Weighted normal equations by Gaussian elimination."""
+    size = len(rows[0])
+    scaled = [
+        ([w * x for x in row], w * y) for row, y, w in zip(rows, values, weights, strict=True)
+    ]
+    matrix = [
+        [sum(row[i] * row[k] for row, _ in scaled) for k in range(size)]
+        + [sum(row[i] * y for row, y in scaled)]
+        for i in range(size)
+    ]
+    for i in range(size):
+        pivot = max(range(i, size), key=lambda k: abs(matrix[k][i]))
+        matrix[i], matrix[pivot] = matrix[pivot], matrix[i]
+        matrix[i] = [x / matrix[i][i] for x in matrix[i]]
+        for k in range(size):
+            if k != i:
+                matrix[k] = [
+                    x - matrix[k][i] * y for x, y in zip(matrix[k], matrix[i], strict=True)
+                ]
+    return [round(row[size], 3) for row in matrix]
+
+
+def steps(batches: int, say: Callable[[str], None]) -> list[dict[str, Any]]:
+    """How long one step of the device side takes, which is due every millisecond."""
+    say("device side alone")
+    return [{"rig": name, **_step(name, batches)} for name in _RIGS]
+
+
+def _step(name: str, batches: int) -> dict[str, Any]:
+    """Steps of a rig; the slaves of a line are in OP, and their outputs change each time."""
+    simulation = Simulation(make(name))
+    try:
+        turn = _lively(simulation) if name.startswith("line:") else (lambda: None)
+        samples = []
+        for _ in range(batches):
+            turn()
+            begin = time.perf_counter_ns()
+            simulation.step()
+            samples.append(time.perf_counter_ns() - begin)
+        samples.sort()
+        return {
+            "slaves": len(simulation.rig.devices),
+            "p50": samples[len(samples) // 2],
+            "p99": samples[len(samples) * 99 // 100],
+        }
+    finally:
+        simulation.close()
+
+
+def _lively(simulation: Simulation) -> Callable[[], None]:
+    """Brings a line to OP; what it returns writes new outputs."""
+    segment = simulation.segment
+
+    def serve() -> None:
+        now = time.monotonic()
+        for position, event in segment.wait(0.0):
+            simulation.rig.devices[position].handle(event, now)
+        simulation.step()
+
+    line = Line(segment.process, len(simulation.rig.devices), idle=serve)
+    line.bring_to_op()
+    number = 0
+
+    def turn() -> None:
+        nonlocal number
+        number += 1
+        for sent in line.cycle_frames():
+            segment.process(sent[:26] + bytes([number & 0xFF]) * (len(sent) - 28) + bytes(2))
+
+    return turn

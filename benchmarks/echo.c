@@ -1,0 +1,28 @@
+/* The limit that the simulator is compared with: receives a frame, marks it, sends it back.
+ *
+ * usage: echo INTERFACE      (says "ready" once it answers, and runs until it is killed)
+ */
+#include "wire.h"
+
+enum { PRIORITY = 85, STOP_POLL_US = 20000, PROCESSED_MARK = 0x02 };
+
+int main(int count, char **arguments)
+{
+    static uint8_t frame[MAX_FRAME];
+    if (count != 2) {
+        fprintf(stderr, "usage: echo INTERFACE\n");
+        return 2;
+    }
+    die_with_parent();
+    int fd = open_wire(arguments[1], STOP_POLL_US);
+    ask_for_real_time(PRIORITY);
+    puts("ready");
+    fflush(stdout);
+    for (;;) {
+        ssize_t size = recv(fd, frame, sizeof frame, MSG_TRUNC);
+        if (size < 14 || (size_t)size > sizeof frame)
+            continue;
+        frame[6] |= PROCESSED_MARK;
+        (void)send(fd, frame, (size_t)size, MSG_DONTWAIT);
+    }
+}

@@ -1,0 +1,68 @@
+"""Writes performance.md and its plots from the JSON of the benchmarks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ecatd.model.errors import UsageError
+
+from . import simulator_report
+
+SECTIONS = {"simulator": simulator_report}
+"""Reports by the name of the benchmark, in the order of the page."""
+
+_HEAD = """\
+# Performance
+
+Measured by `make bench`, which needs gcc and a few minutes and leaves its results in `bench/`; this
+page is what `make bench OUT=docs` wrote. It needs no root, but an ordinary user gets no real-time
+priority, and then the load of the machine shows in the numbers. Compare ratios, not times: both
+sides of a ratio are measured in one run, in turns.
+"""
+
+
+def page(results: dict[str, dict[str, Any]]) -> str:
+    """The page, from results by the name of the benchmark."""
+    parts = [_HEAD]
+    for name, module in SECTIONS.items():
+        if name in results:
+            parts += [module.section(results[name]), _machine(results[name]["machine"]) + "\n"]
+    return "\n".join(parts)
+
+
+def _machine(machine: dict[str, Any]) -> str:
+    kind = "virtual machine" if machine["virtual"] else "machine"
+    rights = "as root" if machine["root"] else "as an ordinary user"
+    return (
+        f"\nMeasured on {machine['date']} {rights}, revision {machine['revision']}, on a {kind} "
+        f"with {machine['cores']} cores ({machine['processor']}, governor {machine['governor']}), "
+        f"Linux {machine['kernel']}, Python {machine['python']}, "
+        f"load before the run {machine['load']}."
+    )
+
+
+def load(folder: Path) -> dict[str, dict[str, Any]]:
+    """The results in a folder."""
+    return {
+        name: json.loads(file.read_text())
+        for name in SECTIONS
+        if (file := folder / f"{name}.json").exists()
+    }
+
+
+def write(out: Path) -> str:
+    """Writes the page and the plots to a folder; returns what to tell the user.
+
+    Raises:
+        UsageError: There are no results.
+    """
+    folder = out / "performance"
+    results = load(folder)
+    if not results:
+        raise UsageError(f"there are no results in '{folder}': run without --report-only")
+    for name, result in results.items():
+        SECTIONS[name].plot(result, folder / f"{name}.svg")
+    (out / "performance.md").write_text(page(results))
+    return "\n\n".join(SECTIONS[name].section(result) for name, result in results.items())

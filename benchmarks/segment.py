@@ -1,0 +1,190 @@
+"""A master of few words: brings a line of slaves to OP, and makes the frames that are measured."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from collections.abc import Callable, Sequence
+
+from ecatd.model.errors import NoAnswerError, StateError
+from ecatsim.slave.sync_managers import derive
+
+APWR, BRD, BWR, LRW = 2, 7, 8, 12
+BYTES = 32
+"""Outputs of each slave, and as many inputs, as `ecatsim`'s `line:N` has them."""
+MAX_DATA = 1486
+"""Bytes of data that fit in a frame with one datagram."""
+_ETHERTYPE = 0x88A4
+_INDEX, _DATA = 17, 26  # where the first datagram of a frame has its index and its data
+_AL_CONTROL, _AL_STATUS, _WATCHDOG = 0x0120, 0x0130, 0x0420
+_FMMU, _SYNC_MANAGER = 0x0600, 0x0800
+_ACKNOWLEDGE = 0x10
+_INIT, _PREOP, _SAFEOP, _OP = 1, 2, 4, 8
+_ATTEMPTS = 20
+_PATIENCE = 10.0
+
+Exchange = Callable[[bytes], "bytes | None"]
+"""Sends a frame and returns it as it came back, None if it was lost."""
+
+
+def frame(command: int, position: int, address: int, data: bytes) -> bytes:
+    """An Ethernet frame with one datagram."""
+    datagram = struct.pack("<BBHHHH", command, 0, position & 0xFFFF, address, len(data), 0)
+    body = datagram + data + bytes(2)
+    head = b"\xff" * 6 + bytes(6) + struct.pack(">H", _ETHERTYPE)
+    return (head + struct.pack("<H", 0x1000 | len(body)) + body).ljust(60, b"\0")
+
+
+def logical_frame(address: int, data: bytes) -> bytes:
+    """An Ethernet frame with one LRW datagram."""
+    return frame(LRW, address & 0xFFFF, address >> 16, data)
+
+
+class Wire:
+    """Exchanges single frames on an interface."""
+
+    def __init__(self, interface: str) -> None:
+        self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
+        self._socket.bind((interface, _ETHERTYPE))
+        self._socket.settimeout(0.1)
+        self._index = 0
+
+    def exchange(self, sent: bytes) -> bytes | None:
+        """Sends a frame and returns it as it came back, None if it was lost."""
+        self._index = (self._index + 1) & 0xFF  # tells late frames of earlier attempts
+        self._socket.send(sent[:_INDEX] + bytes([self._index]) + sent[_INDEX + 1 :])
+        try:
+            while True:
+                back = self._socket.recv(2048)
+                if back[_INDEX] == self._index:
+                    return back
+        except TimeoutError:
+            return None
+
+    def close(self) -> None:
+        """Closes the socket."""
+        self._socket.close()
+
+
+def ask(exchange: Exchange, sent: bytes) -> tuple[bytes, int]:
+    """Data and working counter of a frame with one datagram.
+
+    Raises:
+        NoAnswerError: It was lost again and again.
+    """
+    for _ in range(_ATTEMPTS):
+        back = exchange(sent)
+        if back is not None:
+            size: int = struct.unpack_from("<H", back, 22)[0] & 0x7FF
+            counter: int = struct.unpack_from("<H", back, _DATA + size)[0]
+            return back[_DATA : _DATA + size], counter
+    raise NoAnswerError("the segment does not answer")
+
+
+class Line:
+    """The slaves of `line:N`, seen by a master.
+
+    Args:
+        exchange: How to reach them.
+        count: How many there must be.
+        size: Bytes of outputs, and of inputs, of each slave.
+        idle: Called while waiting for a state change, for a device side without a thread.
+    """
+
+    def __init__(
+        self,
+        exchange: Exchange,
+        count: int,
+        size: int = BYTES,
+        idle: Callable[[], None] | None = None,
+    ) -> None:
+        self._exchange = exchange
+        self._idle = idle or (lambda: time.sleep(0.001))
+        self.count = count
+        self.size = size
+
+    def _broadcast(self, address: int, data: bytes) -> None:
+        counter = ask(self._exchange, frame(BWR, 0, address, data))[1]
+        if counter != self.count:
+            raise StateError(f"{counter} slaves took register 0x{address:04X}, not {self.count}")
+
+    def _request(self, state: int) -> None:
+        self._broadcast(_AL_CONTROL, struct.pack("<H", state | _ACKNOWLEDGE))
+        deadline = time.monotonic() + _PATIENCE
+        while True:
+            status = ask(self._exchange, frame(BRD, 0, _AL_STATUS, bytes(1)))[0][0]
+            if status == state:
+                return
+            if time.monotonic() > deadline:
+                raise StateError(f"AL status is 0x{status:02X}, not 0x{state:02X}")
+            self._idle()
+
+    def set_up(self) -> None:
+        """Sets sync managers and FMMUs of all slaves; the watchdogs are switched off."""
+        settings = derive(None, self.size, self.size)
+        for channel, sm in enumerate(settings):
+            registers = struct.pack("<HHBBBB", sm.start, self.size, sm.control, 0, 1, 0)
+            self._broadcast(_SYNC_MANAGER + 8 * channel, registers)
+        self._broadcast(_WATCHDOG, bytes(2))
+        for slave in range(self.count):
+            fmmus = b"".join(
+                struct.pack("<IHBBHBBB3x", start, self.size, 0, 7, sm.start, 0, kind, 1)
+                for start, sm, kind in (
+                    (2 * self.size * slave, settings[0], 2),
+                    (2 * self.size * slave + self.size, settings[1], 1),
+                )
+            )
+            if ask(self._exchange, frame(APWR, -slave, _FMMU, fmmus))[1] != 1:
+                raise StateError(f"slave {slave} does not take its FMMUs")
+
+    def bring_to_op(self) -> None:
+        """Sets everything up and goes through all states.
+
+        Raises:
+            StateError: A slave does not follow.
+        """
+        self._request(_INIT)
+        self.set_up()
+        for state in (_PREOP, _SAFEOP, _OP):
+            self._request(state)
+
+    def cycle_frames(self) -> list[bytes]:
+        """The frames of one cycle: every slave's outputs and inputs, in as few as possible."""
+        room = MAX_DATA // (2 * self.size)  # slaves
+        result = []
+        for first in range(0, self.count, room):
+            slaves = range(first, min(first + room, self.count))
+            data = b"".join(self._pattern(slave) + bytes(self.size) for slave in slaves)
+            result.append(logical_frame(2 * self.size * first, data))
+        return result
+
+    @property
+    def counter(self) -> int:
+        """The sum of the working counters of a cycle: a slave that reads and writes adds 3."""
+        return 3 * self.count
+
+    def check_exchange(self) -> None:
+        """Waits until every slave returns its outputs as inputs.
+
+        Raises:
+            StateError: It does not, so that it makes no sense to measure.
+        """
+        deadline = time.monotonic() + _PATIENCE
+        while not all(self._returns(sent) for sent in self.cycle_frames()):
+            if time.monotonic() > deadline:
+                raise StateError("the slaves do not return their outputs")
+            self._idle()
+
+    def _returns(self, sent: bytes) -> bool:
+        data, counter = ask(self._exchange, sent)
+        windows = [data[i : i + self.size] for i in range(0, len(data), self.size)]
+        return counter == 3 * len(windows) // 2 and windows[::2] == windows[1::2]
+
+    def _pattern(self, slave: int) -> bytes:
+        return bytes((slave * 7 + i) & 0xFF for i in range(self.size))
+
+
+def encode(frames: Sequence[bytes]) -> bytes:
+    """Frames as `ping` reads them."""
+    return b"".join(struct.pack("<H", len(data)) + data for data in frames)
