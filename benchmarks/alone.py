@@ -18,6 +18,7 @@ from .segment import BYTES, MAX_DATA, Line, logical_frame
 
 _CALLS = 20
 _RIGS = ("troll", "line:8", "line:64", "line:200")
+_PERIOD = 0.001
 _BYSTANDERS = (64, 200, 1000)
 
 
@@ -114,6 +115,7 @@ def _step(name: str, batches: int) -> dict[str, Any]:
         turn = _lively(simulation) if name.startswith("line:") else (lambda: None)
         samples = []
         for _ in range(batches):
+            time.sleep(_PERIOD)  # as in `ecatsim run`: plants have a millisecond to catch up with
             turn()
             begin = time.perf_counter_ns()
             simulation.step()

@@ -203,5 +203,9 @@ def _compare(peers: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
             for ours, theirs in zip(peers["simulator"], peers["echo"], strict=True)
         )
         result[f"ratio_{quantile}"] = round(statistics.median(ratios), 4)
-        result[f"ratio_{quantile}_range"] = [round(ratios[0], 4), round(ratios[-1], 4)]
+        quarter = len(ratios) // 4
+        result[f"ratio_{quantile}_quartiles"] = [
+            round(ratios[quarter], 4),
+            round(ratios[-1 - quarter], 4),
+        ]
     return result

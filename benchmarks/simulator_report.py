@@ -44,8 +44,7 @@ def section(result: dict[str, Any]) -> str:
             "one LRW datagram a frame with at most 23 slaves in it, so 64 slaves take 3 frames "
             "and 200 slaves 9. Turn-around is the time from before the first frame is sent until "
             "the last one is back. The master sleeps in the socket or polls it; the far end "
-            "always sleeps. A ratio is the median over the rounds, with the lowest and the "
-            "highest round behind it.",
+            "always sleeps. A ratio is the median over the rounds, with the quartiles behind it.",
             "![Turn-around, its ratio to the echo, and the slave controllers alone]"
             "(performance/simulator.svg)",
             _targets(result),
@@ -97,7 +96,7 @@ def _turn_around(cases: Sequence[dict[str, Any]]) -> str:
     rows = []
     for case in cases:
         echo, ours = case["echo"], case["simulator"]
-        low, high = case["ratio_p50_range"]
+        low, high = case["ratio_p50_quartiles"]
         rows.append(
             (
                 f"{case['slaves']}, {_pace(case)}, {_receive(case)}",
@@ -184,24 +183,31 @@ def _draw_turn_around(axes: Any, cases: Sequence[dict[str, Any]]) -> None:
 
 def _draw_ratios(axes: Any, cases: Sequence[dict[str, Any]]) -> None:
     counts = sorted({case["slaves"] for case in cases})
-    marks = {(True, False): "o", (True, True): "^", (False, False): "s", (False, True): "D"}
-    for k, ((paced, spin), mark) in enumerate(marks.items()):
+    marks = (
+        (True, False, "o", _OURS),
+        (True, True, "^", _OURS),
+        (False, False, "s", "#e08e2b"),
+        (False, True, "D", "#e08e2b"),
+    )
+    for k, (paced, spin, mark, color) in enumerate(marks):
         chosen = [c for c in cases if bool(c["rate"]) == paced and c["spin"] == spin]
         at = [counts.index(c["slaves"]) + 0.18 * (k - 1.5) for c in chosen]
         ratio = [c["ratio_p50"] for c in chosen]
         spread = [
-            [r - c["ratio_p50_range"][0] for r, c in zip(ratio, chosen, strict=True)],
-            [c["ratio_p50_range"][1] - r for r, c in zip(ratio, chosen, strict=True)],
+            [r - c["ratio_p50_quartiles"][0] for r, c in zip(ratio, chosen, strict=True)],
+            [c["ratio_p50_quartiles"][1] - r for r, c in zip(ratio, chosen, strict=True)],
         ]
         label = f"{'1 kHz' if paced else 'free-running'}, {'polling' if spin else 'sleeping'}"
-        axes.errorbar(at, ratio, spread, fmt=mark, markersize=5, capsize=2, lw=0.8, label=label)
+        axes.errorbar(
+            at, ratio, spread, fmt=mark, color=color, markersize=5, capsize=2, lw=0.8, label=label
+        )
     for count, target in TARGETS.items():
         if count in counts:
             middle = counts.index(count)
-            axes.hlines(target, middle - 0.42, middle + 0.42, color="#c0392b", lw=1.5)
+            axes.hlines(target, middle - 0.42, middle + 0.42, color="#c0392b", lw=1.5, ls="--")
     axes.axhline(1.0, color=_ECHO, lw=0.8)
     axes.set_xticks(range(len(counts)), [str(count) for count in counts])
-    axes.set(xlabel="slaves", title="Ratio to the echo: all rounds; red: target")
+    axes.set(xlabel="slaves", title="Ratio to the echo, with quartiles; red: at most")
     axes.legend(frameon=False, loc="upper left", fontsize=8)
 
 

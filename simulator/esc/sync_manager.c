@@ -48,6 +48,8 @@ void sm_decode(struct slave *slave, unsigned channel)
     bool on = (reg[OFFSET_ACTIVATE] & ACTIVATE_ENABLE) != 0;
     sm->start = load16(reg);
     sm->size = on ? load16(reg + 2) : 0;
+    if ((uint32_t)sm->start + sm->size > slave->ram_end)
+        sm->size = 0; /* there is no memory for it: the channel stays off */
     sm->mailbox = (reg[OFFSET_CONTROL] & CONTROL_MODE) == CONTROL_MODE_MAILBOX;
     sm->write = (reg[OFFSET_CONTROL] & CONTROL_DIRECTION) == CONTROL_DIRECTION_WRITE;
     sm->ecat_event = (reg[OFFSET_CONTROL] & CONTROL_ECAT_EVENT) != 0;

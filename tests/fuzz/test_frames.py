@@ -1,0 +1,91 @@
+"""Random frames against the slave controllers, with sanitizers: no crash, no hang, no race."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ESC = ROOT / "simulator" / "esc"
+SANITIZERS = {"memory": "address,undefined", "races": "thread"}
+ALL_EVENTS = 0x7F
+FRAMES = 100_000
+
+
+@pytest.fixture(scope="session")
+def driver(tmp_path_factory):
+    """Builds the driver with a sanitizer; skips where the compiler has none."""
+    folder = tmp_path_factory.mktemp("fuzz")
+    built: dict[str, Path] = {}
+
+    def build(kind: str) -> Path:
+        if kind in built:
+            return built[kind]
+        flag = f"-fsanitize={SANITIZERS[kind]}"
+        if not shutil.which("gcc"):
+            pytest.skip("gcc is not installed")
+        probe = folder / "probe.c"
+        probe.write_text("int main(void) { return 0; }\n")
+        try_it = subprocess.run(["gcc", flag, probe, "-o", folder / "probe"], check=False)
+        if try_it.returncode or subprocess.run([folder / "probe"], check=False).returncode:
+            pytest.skip(f"programs built with {flag} do not run here")
+        sources = [*sorted(ESC.glob("*.c")), *sorted(Path(__file__).parent.glob("*.c"))]
+        program = folder / kind
+        subprocess.run(
+            [
+                *("gcc", "-std=c11", "-D_GNU_SOURCE", "-O1", "-g", "-Wall", "-Wextra", "-Werror"),
+                *(flag, "-fno-sanitize-recover=all", f"-I{ESC}", *sources, "-o", program),
+                *("-lpthread", "-lm"),
+            ],
+            check=True,
+        )
+        built[kind] = program
+        return program
+
+    return build
+
+
+def run(program, seed, frames, slaves, *mode):
+    """What the driver reached."""
+    result = subprocess.run(
+        [program, str(seed), str(frames), str(slaves), *mode],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, "TSAN_OPTIONS": "halt_on_error=1"},
+        check=False,
+    )
+    assert result.returncode == 0, f"seed {seed}: {result.stderr[-4000:]}"
+    assert result.stderr == ""
+    return json.loads(result.stdout)
+
+
+def check_depth(found, frames=FRAMES):
+    """The frames did not bounce off the surface: they reached what is behind every command."""
+    assert found["answered"] + found["refused"] >= frames
+    assert found["counted"] > frames / 2, "datagrams that slaves processed"
+    assert found["mails_taken"] > 100
+    assert found["mails_put"] > 100
+    assert found["event_bits"] == ALL_EVENTS, "each event came at least once"
+
+
+@pytest.mark.parametrize(("seed", "slaves"), [(1, 1), (2, 5), (3, 32)])
+def test_memory(driver, seed, slaves):
+    check_depth(run(driver("memory"), seed, FRAMES, slaves))
+
+
+def test_memory_with_a_device_side_of_its_own(driver):
+    check_depth(run(driver("memory"), 4, FRAMES, 5, "threads"))
+
+
+def test_races(driver):
+    check_depth(run(driver("races"), 5, FRAMES, 5, "threads"))
+
+
+def test_a_run_depends_on_its_seed_only(driver):
+    first, again, other = (run(driver("memory"), seed, 20_000, 5) for seed in (6, 6, 7))
+    assert first == again
+    assert first != other
