@@ -15,7 +15,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAIL = 128, IMAGE = 4096, SET_UP_EVERY = 400, DEVICE_EVERY = 2, MAX_EVENTS = 16 };
+enum {
+    MAIL = 128,
+    IMAGE = 4096,
+    EPOCH = 500, /* frames; then comes a new segment, for masters can cut one off for good */
+    DEVICE_EVERY = 2,
+    MAX_EVENTS = 16
+};
 
 static struct esc_segment *segment;
 static unsigned slaves;
@@ -234,9 +240,33 @@ static void add_slave(struct source *source, unsigned number)
         die("a slave is not taken");
 }
 
-int main(int count, char **arguments)
+/* The life of one segment. */
+static void epoch(struct source *wire, struct source *devices, unsigned long frames, bool threads)
 {
     static uint8_t frame[MAX_FRAME];
+    pthread_t thread;
+    segment = esc_create();
+    if (segment == NULL)
+        die("no segment");
+    for (unsigned i = 0; i < slaves; i++)
+        add_slave(wire, i);
+    atomic_store(&stop, false);
+    if (threads && pthread_create(&thread, NULL, device_side, devices) != 0)
+        die("no thread");
+    set_up(threads ? NULL : devices);
+    for (unsigned long i = 0; i < frames; i++) {
+        send_one(frame, random_frame(wire, slaves, frame));
+        if (!threads && one_in(wire, DEVICE_EVERY))
+            act(devices);
+    }
+    atomic_store(&stop, true);
+    if (threads)
+        pthread_join(thread, NULL);
+    esc_destroy(segment);
+}
+
+int main(int count, char **arguments)
+{
     if (count < 4) {
         fprintf(stderr, "usage: frames SEED FRAMES SLAVES [threads]\n");
         return 2;
@@ -246,25 +276,8 @@ int main(int count, char **arguments)
     slaves = (unsigned)strtoul(arguments[3], NULL, 0);
     bool threads = count > 4;
     struct source wire = source_from(seed), devices = source_from(seed + 1);
-    segment = esc_create();
-    if (segment == NULL)
-        die("no segment");
-    for (unsigned i = 0; i < slaves; i++)
-        add_slave(&wire, i);
-    pthread_t thread;
-    if (threads && pthread_create(&thread, NULL, device_side, &devices) != 0)
-        die("no thread");
-    for (unsigned long i = 0; i < frames; i++) {
-        if (i % SET_UP_EVERY == 0)
-            set_up(threads ? NULL : &devices);
-        send_one(frame, random_frame(&wire, slaves, frame));
-        if (!threads && one_in(&wire, DEVICE_EVERY))
-            act(&devices);
-    }
-    atomic_store(&stop, true);
-    if (threads)
-        pthread_join(thread, NULL);
-    esc_destroy(segment);
+    for (unsigned long done = 0; done < frames; done += EPOCH)
+        epoch(&wire, &devices, frames - done < EPOCH ? frames - done : EPOCH, threads);
     printf("{\"answered\": %lu, \"refused\": %lu, \"counted\": %lu, \"mails_taken\": %lu, "
            "\"mails_put\": %lu, \"events\": %lu, \"event_bits\": %u}\n",
            reached.answered, reached.refused, reached.counted, reached.mails_taken,

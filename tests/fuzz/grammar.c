@@ -17,7 +17,7 @@ static const struct {
     uint16_t address, size;
 } interesting[] = {
     {0x0000, 16},  {0x0010, 2},   {0x0012, 2},   {0x0020, 2},   {0x0030, 2},   {0x0040, 1},
-    {0x0041, 1},   {0x0100, 4},   {0x0103, 1},   {0x0108, 2},   {0x0110, 2},   {0x0120, 2},
+    {0x0041, 1},   {0x0100, 4},   {0x0108, 2},   {0x0110, 2},   {0x0120, 2},
     {0x0130, 6},   {0x0140, 2},   {0x0150, 4},   {0x0200, 2},   {0x0204, 4},   {0x0210, 2},
     {0x0220, 4},   {0x0300, 20},  {0x0310, 4},   {0x0400, 2},   {0x0410, 2},   {0x0420, 2},
     {0x0440, 4},   {0x0500, 2},   {0x0502, 6},   {0x0502, 14},  {0x0508, 8},   {0x0600, 16},
@@ -140,7 +140,7 @@ static void meaningful(struct source *source, unsigned address, uint8_t *data, u
     else if (address == 0x0040)
         data[0] = reset[choice % sizeof reset];
     else if (address == 0x0100 && size >= 4)
-        put32(data, (choice & 0x01FFFF01) | 1);
+        put32(data, (choice & (one_in(source, 64) ? 0x01FFFF03 : 0x01070003)) | 1);
     else if (address == 0x0502 && size >= 6) {
         data[0] = (uint8_t)(choice & 1);
         data[1] = eeprom[(choice >> 1) % sizeof eeprom];
