@@ -11,6 +11,7 @@ TARGETS = {8: 1.15, 64: 2.0}
 """Largest ratio of the turn-around to that of the echo, by slaves."""
 START_TARGET = 1.0
 _US = 1000.0
+_NOISE_NS = 0.02
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -127,10 +128,11 @@ def _rates(cases: Sequence[dict[str, Any]]) -> str:
 
 def _alone(result: dict[str, Any]) -> str:
     fit = result["fit"]
+    byte = f"{fit['byte']:.2f} ns" if fit["byte"] >= _NOISE_NS else f"less than {_NOISE_NS} ns"
     return (
         f"The slave controllers alone (`esc_process`, no wire): an LRW frame costs "
         f"{fit['frame']:.0f} ns, and {fit['slave']:.1f} ns more for each slave it reads and "
-        f"writes, {fit['byte']:.2f} ns for each byte, {fit['bystander']:.1f} ns for each slave "
+        f"writes, {byte} for each byte, {fit['bystander']:.1f} ns for each slave "
         f"that it passes untouched; fitted to {len(result['points'])} points."
     )
 
