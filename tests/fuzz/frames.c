@@ -19,6 +19,7 @@ enum {
     MAIL = 128,
     IMAGE = 4096,
     EPOCH = 500, /* frames; then comes a new segment, for masters can cut one off for good */
+    SET_UP_EVERY = 100,
     DEVICE_EVERY = 2,
     MAX_EVENTS = 16
 };
@@ -128,9 +129,8 @@ static void touch_memory(struct source *source)
     uint16_t address = (uint16_t)draw(source);
     (void)esc_read(segment, any_slave(source), address, data, below(source, sizeof data));
     fill(source, data, sizeof data);
-    /* The registers of the ESC are its own; a device writes to its memory. */
-    (void)esc_write(segment, any_slave(source), (uint16_t)(0x1000 + below(source, 0xF000)), data,
-                    below(source, sizeof data));
+    address = one_in(source, 8) ? (uint16_t)draw(source) : (uint16_t)(0x1000 + below(source, 0x400));
+    (void)esc_write(segment, any_slave(source), address, data, below(source, sizeof data));
 }
 
 static void look(struct source *source)
@@ -139,6 +139,9 @@ static void look(struct source *source)
     struct esc_counters counters;
     (void)esc_sii(segment, any_slave(source), image, below(source, sizeof image));
     esc_get_counters(segment, &counters);
+    fill(source, image, sizeof image);
+    if (one_in(source, 32))
+        (void)esc_set_sii(segment, any_slave(source), image, below(source, sizeof image));
     if (one_in(source, 64))
         esc_drop(segment, below(source, 3));
 }
@@ -222,10 +225,11 @@ static void set_up(struct source *devices)
         exchange_images(devices);
 }
 
-/* SII images of every kind: none, too short, a checksum that is right, random. */
+/* SII images of every kind: none, too short, random, and (half of them) with a right checksum,
+ * without which the ESC does not let masters touch the process data. */
 static void add_slave(struct source *source, unsigned number)
 {
-    static const uint8_t good[16] = {0x0C, 0x05, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x61, 0};
+    static const uint8_t good[16] = {0x0C, 0x05, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x5a, 0};
     static uint8_t image[4096];
     size_t size = number % 4 == 3 ? below(source, 32) : 64 + below(source, sizeof image - 64);
     fill(source, image, sizeof image);
@@ -235,7 +239,11 @@ static void add_slave(struct source *source, unsigned number)
                                 .fmmus = (uint8_t)(number % 5 == 4 ? below(source, 17) : 8),
                                 .sync_managers = (uint8_t)(number % 7 == 6 ? below(source, 17) : 8),
                                 .ram_kib = (uint8_t)(number % 3 == 2 ? 60 : 8),
-                                .ports = 0x0F};
+                                .ports = 0x0F,
+                                .dc_bits = number % 4 == 1 ? 32 : number % 4 == 2 ? 0 : 64,
+                                .eeprom_bytes = number % 2 == 0 ? 8 : 4,
+                                .eeprom_read_us = number % 3 == 1 ? 20 : 0,
+                                .eeprom_write_us = number % 3 == 2 ? 50 : 0};
     if (esc_add_slave(segment, &config, image, size) != (int)number)
         die("a slave is not taken");
 }
@@ -253,8 +261,9 @@ static void epoch(struct source *wire, struct source *devices, unsigned long fra
     atomic_store(&stop, false);
     if (threads && pthread_create(&thread, NULL, device_side, devices) != 0)
         die("no thread");
-    set_up(threads ? NULL : devices);
     for (unsigned long i = 0; i < frames; i++) {
+        if (i % SET_UP_EVERY == 0)
+            set_up(threads ? NULL : devices);
         send_one(frame, random_frame(wire, slaves, frame));
         if (!threads && one_in(wire, DEVICE_EVERY))
             act(devices);

@@ -137,6 +137,8 @@ static void meaningful(struct source *source, unsigned address, uint8_t *data, u
         put16(data, 0x1001 + choice % 8);
     else if (address == 0x0120)
         data[0] = (uint8_t)(choice & 0x1F);
+    else if (address < 0x0040 && !one_in(source, 64))
+        memset(data, 0, size); /* write protection would end it all */
     else if (address == 0x0040)
         data[0] = reset[choice % sizeof reset];
     else if (address == 0x0100 && size >= 4)
@@ -213,6 +215,39 @@ static uint8_t *any_datagram(struct source *source, unsigned slaves, uint8_t *at
     return data + size + 2;
 }
 
+/* The sequence that resets a slave. */
+static size_t reset_frame(struct source *source, unsigned slaves, uint8_t *frame)
+{
+    unsigned key = 0x10000U - below(source, slaves);
+    uint8_t *at = begin(frame);
+    for (const char *letter = "RES"; *letter != '\0'; letter++) {
+        uint8_t *data = head(at, APWR, key & 0xFFFF, 0x0040, 1);
+        data[0] = (uint8_t)*letter;
+        if (letter[1] != '\0')
+            at[7] |= 0x80;
+        at = data + 1 + 2;
+    }
+    return finish(frame, at);
+}
+
+/* A whole mailbox, or all outputs, or all inputs. */
+static size_t channel_frame(struct source *source, unsigned slaves, uint8_t *frame)
+{
+    static const struct {
+        uint8_t command;
+        uint16_t address, size;
+    } channels[] = {{APWR, MAILBOX_OUT, MAILBOX_SIZE},
+                    {APRD, MAILBOX_IN, MAILBOX_SIZE},
+                    {APWR, OUTPUTS, DATA_SIZE},
+                    {APRD, INPUTS, DATA_SIZE}};
+    unsigned which = below(source, 4), size = channels[which].size;
+    unsigned key = 0x10000U - below(source, slaves);
+    uint8_t *data = head(begin(frame), channels[which].command, key & 0xFFFF,
+                         channels[which].address, size);
+    fill(source, data, size);
+    return finish(frame, data + size + 2);
+}
+
 static size_t valid_frame(struct source *source, unsigned slaves, uint8_t *frame)
 {
     unsigned count = 1 + below(source, one_in(source, 4) ? 15 : 3);
@@ -262,6 +297,8 @@ size_t random_frame(struct source *source, unsigned slaves, uint8_t *frame)
             begin(frame);
         return size;
     }
-    size_t size = valid_frame(source, slaves, frame);
+    size_t size = one_in(source, 512)  ? reset_frame(source, slaves, frame)
+                  : one_in(source, 16) ? channel_frame(source, slaves, frame)
+                                       : valid_frame(source, slaves, frame);
     return one_in(source, 8) ? mutate(source, frame, size) : size;
 }

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 ESC = ROOT / "simulator" / "esc"
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
-ALL_EVENTS = 0x7F
+ALL_EVENTS = 0xFF
 FRAMES = 100_000
 
 
