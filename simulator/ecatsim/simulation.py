@@ -69,6 +69,10 @@ class Simulation:
     def close(self) -> None:
         """Stops everything."""
         self.segment.close()
+        for plant in self.rig.plants:
+            close = getattr(plant, "close", None)
+            if close is not None:
+                close()
         if self._trace_file:
             self._trace_file.close()
 

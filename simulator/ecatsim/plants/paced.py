@@ -50,3 +50,9 @@ class Paced:
             self._plant(self._start + self._number * self._period)
             self._number += 1
             self.steps += 1
+
+    def close(self) -> None:
+        """Closes the plant, if it has anything to close."""
+        close = getattr(self._plant, "close", None)
+        if close is not None:
+            close()

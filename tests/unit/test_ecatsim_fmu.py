@@ -1,0 +1,133 @@
+"""FMUs as plants: real FMUs of FMI 2.0 and 3.0, compiled here from a first-order motor in C."""
+
+import math
+
+import pytest
+
+pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'fmu')")
+
+from motor_fmu import make_fmu
+
+from ecatd.model.errors import ConfigError, StateError, UsageError
+from ecatsim import Rig
+from ecatsim.devices.library import make
+from ecatsim.plants.fmu import Connection, FmuPlant, add_fmu
+
+VERSIONS = ("2.0", "3.0")
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fmu")
+    return {version: make_fmu(folder, version) for version in VERSIONS}
+
+
+def bench(fmu, **options):
+    """An FMU between an analog output and an analog input: 10 V is 10 V, 100 rad/s is 10 V."""
+    output, inputs = make("EL4004"), make("EL3102")
+    rig = Rig("motor", [output, inputs])
+    plant = add_fmu(
+        rig,
+        fmu,
+        [
+            Connection("voltage", (output, 0x7000, 1)),
+            Connection("speed", (inputs, 0x6000, 0x11), scale=0.1),
+            Connection("running", (inputs, 0x6010, 0x11), scale=5.0, offset=-1.0),
+        ],
+        **options,
+    )
+    return rig, output, inputs, plant
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_motor_behind_analog_terminals(fmus, version):
+    """The speed approaches gain * voltage with the time constant of the model."""
+    rig, output, inputs, plant = bench(fmus[version], start={"gain": 8.0, "lag": 0.05})
+    output.connection(0x7000, 1).value = 0.5 * 32767  # 5 V
+    for i in range(301):
+        for item in rig.plants:
+            item(i / 1000)
+        inputs.step(i / 1000)
+        expected = 40.0 * (1 - math.exp(-(i + 1) / 1000 / 0.05))
+        assert inputs[0x6000, 0x11] / 32767 * 100 == pytest.approx(expected, abs=0.01)
+    assert inputs[0x6010, 0x11] == pytest.approx(4.0 / 10 * 32767, abs=1), "a Boolean: running"
+    assert plant.cost.steps == 301
+    assert 0 < plant.cost.mean <= plant.cost.worst
+    plant.close()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_longer_step_size_gives_the_same_motion(fmus, version):
+    rig, output, inputs, plant = bench(fmus[version], start={"lag": 0.05}, period=0.01)
+    output.connection(0x7000, 1).value = 32767.0
+    for i in range(101):
+        rig.plants[0](i / 1000)
+    inputs.step(0.1)
+    assert plant.cost.steps == 11
+    expected = 100.0 * (1 - math.exp(-0.11 / 0.05))
+    assert inputs[0x6000, 0x11] / 32767 * 100 == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_an_error_of_the_fmu_is_said(fmus, version):
+    rig, *_ = bench(fmus[version], start={"fail_at": 0.005})
+    with pytest.raises(
+        StateError, match=r"motor.*\.fmu: its step at 0.005 s failed: .*DoStep.*says: winding"
+    ):
+        for i in range(100):
+            rig.plants[0](i / 1000)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_start_value_that_the_fmu_refuses(fmus, version):
+    with pytest.raises(StateError, match=r"it could not be started: .*InitializationMode failed"):
+        bench(fmus[version], start={"lag": -1.0})
+
+
+def test_unpacked_files_go_with_the_plant(fmus):
+    from pathlib import Path
+
+    _, _, _, plant = bench(fmus["2.0"])
+    folder = Path(plant._folder)
+    assert folder.is_dir()
+    plant.close()
+    assert not folder.exists()
+    plant.close()
+
+
+def test_unknown_variables_are_said(fmus):
+    terminal = (make("EL4004"), 0x7000, 1)
+    for wrong, message in (
+        ("sped", "no variable 'sped': did you mean speed"),
+        ("q", "no variable 'q': its inputs and outputs are voltage, speed, running"),
+        ("time", "causality independent, which cannot be connected"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            FmuPlant(fmus["2.0"], [Connection(wrong, terminal)])
+    with pytest.raises(ConfigError, match="no variable 'gian': did you mean gain"):
+        FmuPlant(fmus["3.0"], [], {"gian": 1.0})
+    with pytest.raises(UsageError, match="EL4004 has no entry 0x7000:02"):
+        FmuPlant(fmus["2.0"], [Connection("voltage", (terminal[0], 0x7000, 2))])
+
+
+def test_files_that_are_no_fmu_of_use(tmp_path):
+    with pytest.raises(ConfigError, match=r"there is no FMU '.*gone\.fmu'"):
+        FmuPlant(tmp_path / "gone.fmu", [])
+    (tmp_path / "text.fmu").write_text("not a zip file")
+    with pytest.raises(ConfigError, match=r"text\.fmu: this is not an FMU: File is not a zip"):
+        FmuPlant(tmp_path / "text.fmu", [])
+    for change, message in (
+        ({"kind": "ModelExchange"}, "this FMU has no co-simulation"),
+        ({"platform": "win64"}, "it has no binary for linux64, only for win64"),
+        ({"variables": "<broken"}, "FMPy refuses it: "),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            FmuPlant(make_fmu(tmp_path, "2.0", **change), [])
+
+
+def test_fmpy_is_asked_for_where_it_is_not_installed(fmus, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    with pytest.raises(UsageError, match=r"needs FMPy: pip install 'ecatd\[fmu\]'"):
+        FmuPlant(fmus["2.0"], [])
