@@ -363,3 +363,14 @@ def test_a_fault_sends_an_emergency_and_its_reset_another():
     bench.drive.fault(0x8611)
     bench.run(0.5).set(word=0x80).run(0.01)
     assert sent == [(0x8611, 0x21), (0, 0)]
+
+
+def test_reset_is_a_power_cycle_and_the_motor_turns_on():
+    bench = Bench().enable(9).set(speed=SPEED).run(0.5)
+    bench[0x6083] = 1
+    bench.drive.reset()
+    bench.run(0.01)
+    assert bench.state == DISABLED
+    assert (bench[0x6060], bench[0x6083] > 1) == (0, True)
+    assert bench.speed > 0.8 * SPEED
+    assert bench.enable(1).run(1.0).speed == 0

@@ -76,14 +76,23 @@ class Drive(Device):
     def __init__(self, motor: Motor | None = None, switches: Switches | None = None) -> None:
         self.motor = motor or Motor()
         self.axis = Axis(self.motor, switches or Switches())
-        self.power = PowerStateMachine()
         super().__init__()
+        self._encoder_broken = False
+        self._power_on()
+
+    def _power_on(self) -> None:
+        self.power = PowerStateMachine()
+        self.axis.shift = 0.0
         self._operations = {mode: kind(self, self.axis) for mode, kind in _OPERATIONS.items()}
         self._time: float | None = None
         self._halted = False
-        self._encoder_broken = False
         self._still = Window()
         self._outside = 0.0  # seconds outside of the following error window
+
+    def reset(self) -> None:
+        """Returns to the state after power-on: switched off, not homed. The motor turns on."""
+        super().reset()
+        self._power_on()
 
     # --- objects -------------------------------------------------------------------------------
 
@@ -115,19 +124,14 @@ class Drive(Device):
         """
         if self[0x603F, 0] == code:
             return
-        self[0x603F, 0], self[0x1001, 0] = code, _GENERIC_ERROR | _PROFILE_ERROR
+        self[0x603F, 0] = code
         self._set_options()
         self.power.fault(coast=coast)
-        self._tell(code)
+        self.emergency(code, _GENERIC_ERROR | _PROFILE_ERROR)
 
     def break_encoder(self, broken: bool = True) -> None:
         """Breaks the encoder cable, or mends it: position and speed are not known any more."""
         self._encoder_broken = broken
-
-    def _tell(self, code: int) -> None:
-        emergency = getattr(self, "emergency", None)
-        if emergency is not None:
-            emergency(code, self[0x1001, 0])
 
     def _watch(self, elapsed: float) -> None:
         """Looks for the causes of faults."""
@@ -180,9 +184,9 @@ class Drive(Device):
         before = self.power.state
         self.power.command(word, faulty=self._encoder_broken)
         if before == PowerState.FAULT and self.power.state != PowerState.FAULT:
-            self[0x603F, 0] = self[0x1001, 0] = 0
+            self[0x603F, 0] = 0
             self._outside = 0.0
-            self._tell(0)
+            self.emergency(0, 0)
 
     def _set_options(self) -> None:
         options = self.power.options

@@ -15,6 +15,11 @@ _RW, _RO = Access.RW, Access.RO
 NO_WINDOW = 0xFFFFFFFF
 """Following error window 0x6065 that is never left."""
 
+_CONSTANTS = (0x6075, 0x6076, 0x6502)
+_TARGETS = (
+    *(0x6040, 0x6060, 0x6065, 0x6071, 0x6072, 0x607A, 0x607F, 0x6081, 0x6083, 0x6084),
+    *(0x60B0, 0x60B1, 0x60B2, 0x60FF),
+)
 FOLLOWING_ERROR_OPTION = 0x2000
 """Manufacturer object: what follows a following error."""
 
@@ -81,8 +86,16 @@ def add(objects: Dictionary, motor: MotorData) -> None:
             objects[index, 0].value = value
         else:
             objects.variable(index, name, kind, value, access)
+        objects[index, 0].access |= _mappable(index, access)
     _add_records(objects, turn)
     _limit(objects)
+
+
+def _mappable(index: int, access: Access) -> Access:
+    """Actual values may be mapped to TxPDOs, targets and limits of the motion to RxPDOs."""
+    if access == _RO:
+        return Access.TX_PDO if index not in _CONSTANTS else Access(0)
+    return Access.RX_PDO if index in _TARGETS else Access(0)
 
 
 def _add_records(objects: Dictionary, turn: int) -> None:
