@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import os
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
@@ -18,7 +17,32 @@ from ecatd.model.errors import (
 )
 from ecatd.native import load
 
-MAX_SLAVES = 1024
+from .wire import (
+    MAX_FAULTS,
+    MAX_SLAVES,
+    FaultKind,
+    FrameFault,
+    InjectedFault,
+    Passage,
+    Wire,
+    checked,
+    signatures,
+)
+
+__all__ = [
+    "MAX_FAULTS",
+    "MAX_SLAVES",
+    "Chip",
+    "Counters",
+    "Event",
+    "FaultKind",
+    "FrameFault",
+    "InjectedFault",
+    "Passage",
+    "ProcessDataMap",
+    "Segment",
+]
+
 _MAX_MAIL = 2048
 _MAX_EVENTS = 256
 
@@ -90,12 +114,14 @@ class Counters:
     Attributes:
         frames: Frames answered.
         malformed: Frames whose lengths contradict each other.
-        dropped: Frames lost on purpose, or because there are no slaves.
+        dropped: Frames that did not come back: faults, open or broken links, no slaves.
+        cycles: Cycles of process data begun; see `FrameFault`.
     """
 
     frames: int
     malformed: int
     dropped: int
+    cycles: int
 
 
 class _Config(ctypes.Structure):
@@ -134,6 +160,7 @@ class _Counters(ctypes.Structure):
         ("frames", ctypes.c_uint64),
         ("malformed", ctypes.c_uint64),
         ("dropped", ctypes.c_uint64),
+        ("cycles", ctypes.c_uint64),
     )
 
 
@@ -142,13 +169,14 @@ def _library() -> ctypes.CDLL:
     lib = load("ecatsim", "ecat_esc")
     segment, number, size = ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t
     data, address = ctypes.c_char_p, ctypes.c_uint16
-    signatures: dict[str, tuple[type | None, list[type]]] = {
+    functions: dict[str, tuple[type | None, list[type]]] = {
+        **signatures(),
+        "esc_add_slave": (number, [segment, ctypes.POINTER(_Config), data, size]),
+        "esc_replace": (number, [segment, number, ctypes.POINTER(_Config), data, size]),
         "esc_create": (segment, []),
         "esc_destroy": (None, [segment]),
-        "esc_add_slave": (number, [segment, ctypes.POINTER(_Config), data, size]),
-        "esc_start": (number, [segment, data]),
+        "esc_start": (number, [segment, data, data]),
         "esc_stop": (number, [segment]),
-        "esc_process": (number, [segment, ctypes.c_void_p, size]),
         "esc_wait": (number, [segment, ctypes.c_int64, ctypes.POINTER(_Event), number]),
         "esc_read": (number, [segment, number, address, ctypes.c_void_p, size]),
         "esc_write": (number, [segment, number, address, data, size]),
@@ -162,20 +190,30 @@ def _library() -> ctypes.CDLL:
         "esc_put_inputs": (number, [segment, ctypes.c_void_p, size]),
         "esc_sii": (number, [segment, number, ctypes.c_void_p, size]),
         "esc_set_sii": (number, [segment, number, data, size]),
-        "esc_drop": (None, [segment, ctypes.c_uint32]),
         "esc_get_counters": (None, [segment, ctypes.POINTER(_Counters)]),
     }
-    for name, (result, arguments) in signatures.items():
+    for name, (result, arguments) in functions.items():
         function = getattr(lib, name)
         function.restype = result
         function.argtypes = arguments
     return lib
 
 
-def _checked(result: int) -> int:
-    if result < 0:
-        raise EcatError(f"the slave controllers refused a call: {os.strerror(-result)}")
-    return result
+def _config(chip: Chip) -> _Config:
+    _check(chip)
+    return _Config(
+        chip.type,
+        chip.revision,
+        chip.build,
+        chip.fmmus,
+        chip.sync_managers,
+        chip.ram_kib,
+        chip.ports,
+        chip.dc_bits if chip.dc else 0,
+        chip.eeprom_bytes,
+        chip.eeprom_read_us,
+        chip.eeprom_write_us,
+    )
 
 
 def _check(chip: Chip) -> None:
@@ -199,8 +237,8 @@ def _check(chip: Chip) -> None:
             raise UsageError(f"a slave controller with {name} = {value} does not exist: use {text}")
 
 
-class Segment:
-    """A line of slave controllers behind one interface.
+class Segment(Wire):
+    """Slave controllers behind one interface, or in a ring between two.
 
     The controllers run in C; this class is their process data interface (PDI). Its methods may be
     called from any thread except that `close` must be the last call.
@@ -224,58 +262,55 @@ class Segment:
             self._handle = None
 
     def add(self, chip: Chip, sii: bytes) -> int:
-        """Appends a slave; returns its position on the wire.
+        """Appends a slave; returns its number.
+
+        The first slave is at the first interface. Port 0 of every other one is plugged into port
+        1 of the slave added before, where that port exists and is free; `connect` moves it.
 
         Raises:
             UsageError: There is no such controller, or no room for another slave.
         """
-        _check(chip)
-        config = _Config(
-            chip.type,
-            chip.revision,
-            chip.build,
-            chip.fmmus,
-            chip.sync_managers,
-            chip.ram_kib,
-            chip.ports,
-            chip.dc_bits if chip.dc else 0,
-            chip.eeprom_bytes,
-            chip.eeprom_read_us,
-            chip.eeprom_write_us,
-        )
-        result: int = self._lib.esc_add_slave(self._handle, config, sii, len(sii))
+        result: int = self._lib.esc_add_slave(self._handle, _config(chip), sii, len(sii))
         if result == -errno.ENOSPC:
             raise UsageError(f"a segment has at most {MAX_SLAVES} slaves")
-        return _checked(result)
+        return checked(result)
 
-    def start(self, interface: str) -> None:
-        """Begins to serve an Ethernet interface, in a thread of its own.
+    def replace(self, slave: int, chip: Chip, sii: bytes) -> None:
+        """Puts another slave into the links of one; it powers on.
+
+        Links at ports that the new chip does not have stay down.
+
+        Raises:
+            UsageError: There is no such slave or no such controller.
+        """
+        result = self._lib.esc_replace(self._handle, slave, _config(chip), sii, len(sii))
+        self.check_slave(result, slave)
+
+    def start(self, interface: str, second: str | None = None) -> None:
+        """Begins to serve an Ethernet interface, or both of a ring, in a thread of its own.
 
         Raises:
             UnreachableError: There is no such interface.
             NotPermittedError: The process may not open raw sockets.
+            StateError: It serves an interface already.
         """
-        result = self._lib.esc_start(self._handle, interface.encode())
+        other = None if second is None else second.encode()
+        result = self._lib.esc_start(self._handle, interface.encode(), other)
+        names = interface if second is None else f"{interface}' or '{second}"
         if result in (-errno.ENODEV, -errno.ENXIO):
-            raise UnreachableError(f"there is no network interface '{interface}'")
+            raise UnreachableError(f"there is no network interface '{names}'")
         if result in (-errno.EPERM, -errno.EACCES):
             raise NotPermittedError(
-                f"raw sockets on '{interface}' need CAP_NET_RAW: run as root, "
+                f"raw sockets on '{names}' need CAP_NET_RAW: run as root, "
                 "or leave --interface out to serve a private interface"
             )
         if result == -errno.EALREADY:
             raise StateError("the segment already serves an interface")
-        _checked(result)
+        checked(result)
 
     def stop(self) -> None:
         """Stops serving the interface."""
-        _checked(self._lib.esc_stop(self._handle))
-
-    def process(self, frame: bytes) -> bytes | None:
-        """Passes one Ethernet frame through all slaves; None if it is not answered."""
-        buffer = ctypes.create_string_buffer(frame, len(frame))
-        answered: int = self._lib.esc_process(self._handle, buffer, len(frame))
-        return buffer.raw if answered else None
+        checked(self._lib.esc_stop(self._handle))
 
     def wait(self, seconds: float) -> list[tuple[int, Event]]:
         """Waits for events; returns pairs of position and events, none after the timeout."""
@@ -284,12 +319,12 @@ class Segment:
         )
         if count == -errno.EINTR:
             return []
-        return [(event.position, Event(event.bits)) for event in self._events[: _checked(count)]]
+        return [(event.position, Event(event.bits)) for event in self._events[: checked(count)]]
 
     def read(self, position: int, address: int, size: int) -> bytes:
         """Reads memory of a slave as its device does, which acknowledges events."""
         buffer = ctypes.create_string_buffer(size)
-        _checked(self._lib.esc_read(self._handle, position, address, buffer, size))
+        checked(self._lib.esc_read(self._handle, position, address, buffer, size))
         return buffer.raw
 
     def write(self, position: int, address: int, data: bytes) -> None:
@@ -305,19 +340,19 @@ class Segment:
                 f"slave {position} cannot write 0x{address:04X} now: begin at the first byte of a "
                 "sync manager; the EEPROM interface must be idle and belong to the device"
             )
-        _checked(result)
+        checked(result)
 
     def set_al_status(self, position: int, status: int, code: int) -> None:
         """Sets AL status and AL status code."""
-        _checked(self._lib.esc_set_al_status(self._handle, position, status, code))
+        checked(self._lib.esc_set_al_status(self._handle, position, status, code))
 
     def lock_sync_manager(self, position: int, channel: int, locked: bool) -> None:
         """Deactivates a sync manager (the master's accesses fail), or releases it."""
-        _checked(self._lib.esc_lock_sync_manager(self._handle, position, channel, locked))
+        checked(self._lib.esc_lock_sync_manager(self._handle, position, channel, locked))
 
     def take_mail(self, position: int) -> bytes:
         """The mail that the master wrote; empty if there is none."""
-        size = _checked(self._lib.esc_mailbox_take(self._handle, position, self._mail, _MAX_MAIL))
+        size = checked(self._lib.esc_mailbox_take(self._handle, position, self._mail, _MAX_MAIL))
         return self._mail.raw[:size]
 
     def put_mail(self, position: int, mail: bytes, *, again: bool = False) -> bool:
@@ -332,7 +367,7 @@ class Segment:
             False while the last mail is unread.
         """
         return bool(
-            _checked(self._lib.esc_mailbox_put(self._handle, position, mail, len(mail), again))
+            checked(self._lib.esc_mailbox_put(self._handle, position, mail, len(mail), again))
         )
 
     def make_images(self, output_size: int, input_size: int) -> None:
@@ -354,30 +389,28 @@ class Segment:
                 where.input_size,
                 where.input_offset,
             )
-        _checked(self._lib.esc_map(self._handle, position, entry))
+        checked(self._lib.esc_map(self._handle, position, entry))
 
     def await_outputs(self, position: int) -> None:
         """Asks for `Event.OUTPUTS` when the master next writes complete output data."""
-        _checked(self._lib.esc_await_outputs(self._handle, position))
+        checked(self._lib.esc_await_outputs(self._handle, position))
 
     def get_outputs(self, now_ns: int) -> None:
         """Copies the outputs of all slaves to `outputs`; runs the watchdogs to `now_ns`.
 
         The outputs of a slave are zero unless it is in OP and its watchdog has not expired.
         """
-        _checked(
-            self._lib.esc_get_outputs(self._handle, self._images[0], len(self.outputs), now_ns)
-        )
+        checked(self._lib.esc_get_outputs(self._handle, self._images[0], len(self.outputs), now_ns))
 
     def put_inputs(self) -> None:
         """Copies `inputs` to the inputs of all slaves."""
-        _checked(self._lib.esc_put_inputs(self._handle, self._images[1], len(self.inputs)))
+        checked(self._lib.esc_put_inputs(self._handle, self._images[1], len(self.inputs)))
 
     def sii(self, position: int) -> bytes:
         """The SII image of a slave, with what the master wrote into it."""
-        size = _checked(self._lib.esc_sii(self._handle, position, None, 0))
+        size = checked(self._lib.esc_sii(self._handle, position, None, 0))
         buffer = ctypes.create_string_buffer(size)
-        _checked(self._lib.esc_sii(self._handle, position, buffer, size))
+        checked(self._lib.esc_sii(self._handle, position, buffer, size))
         return buffer.raw
 
     def set_eeprom(self, position: int, image: bytes) -> None:
@@ -386,14 +419,10 @@ class Segment:
         Reads through the EEPROM interface (registers 0x0502 to 0x050F) see it at once; what the
         controller takes from it changes with the next reload, reset or power-on.
         """
-        _checked(self._lib.esc_set_sii(self._handle, position, image, len(image)))
-
-    def drop(self, count: int) -> None:
-        """Loses the next `count` frames."""
-        self._lib.esc_drop(self._handle, count)
+        checked(self._lib.esc_set_sii(self._handle, position, image, len(image)))
 
     def counters(self) -> Counters:
         """The counters of the segment."""
         counters = _Counters()
         self._lib.esc_get_counters(self._handle, counters)
-        return Counters(counters.frames, counters.malformed, counters.dropped)
+        return Counters(counters.frames, counters.malformed, counters.dropped, counters.cycles)

@@ -1,7 +1,8 @@
 /* The slave controllers of a simulated segment: interface for the device side (the PDI).
  *
- * One segment is a line of slave controllers (ESC) behind one Ethernet interface. A thread receives
- * frames, lets every slave process every datagram in wire order and sends the frame back; the
+ * One segment is a tree of slave controllers (ESC) behind an Ethernet interface, or a ring between
+ * two of them. A thread receives frames, lets the slaves on their way process every datagram and
+ * sends the frame back; the
  * device side waits for events and reads and writes the memory of its slave. Register addresses and
  * meanings are those of ETG.1000.4 and the public data sheets of the ESCs.
  *
@@ -18,8 +19,10 @@
 enum {
     ESC_MAX_SLAVES = 1024,
     ESC_MEMORY = 0x10000, /* bytes of address space of one slave */
-    ESC_MAX_CHANNELS = 16 /* FMMUs, and sync managers, of one slave */
+    ESC_MAX_CHANNELS = 16, /* FMMUs, and sync managers, of one slave */
+    ESC_MAX_FAULTS = 32
 };
+#define ESC_MAX_DELAY_NS INT64_C(10000000000)
 
 /* What happened to a slave since the last `esc_wait`. */
 enum esc_event_bits {
@@ -67,7 +70,41 @@ struct esc_process_data {
 struct esc_counters {
     uint64_t frames;    /* EtherCAT frames answered */
     uint64_t malformed; /* frames whose lengths contradict each other */
-    uint64_t dropped;   /* frames lost on purpose, or because nothing is connected */
+    uint64_t dropped;   /* frames that did not come back: faults, open or broken links, no slaves */
+    uint64_t cycles;    /* cycles of process data begun */
+};
+
+/* How a frame came through the segment. */
+struct esc_passage {
+    int32_t exit;     /* the interface by which it leaves, or -1 */
+    int32_t copies;   /* how often it leaves: 1, 2 after ESC_FAULT_DUPLICATE */
+    int64_t delay_ns; /* by ESC_FAULT_DELAY */
+};
+
+enum esc_fault_kind {
+    ESC_FAULT_DROP,      /* lost: on the way to the first slave, or (value 1) on the way back */
+    ESC_FAULT_DELAY,     /* comes back `value` ns late; other frames may overtake it */
+    ESC_FAULT_DUPLICATE, /* comes back twice */
+    ESC_FAULT_CORRUPT,   /* comes back with `value` adjacent bits (0 = 1) inverted */
+    ESC_FAULT_NOISE,     /* is damaged on its way to `slave`, where the error is counted, and lost */
+    ESC_FAULT_WKC        /* comes back with `value` added to the working counters of process data */
+};
+
+/* A fault of frames. It looks at the frames of the cycles `first`, `first + every`, …. A cycle begins
+ * with a frame at the first interface whose first logical address is not above that of the process
+ * data frame before; frames before cycle 1 belong to cycle 0. Chance depends on `seed`, the cycle and
+ * the place of the frame in it. */
+struct esc_fault {
+    int32_t id;
+    uint32_t kind;
+    uint64_t first, every;
+    uint64_t count; /* strikes at most so many frames; 0 = no limit */
+    double probability;
+    uint64_t seed;
+    int64_t value;
+    uint32_t slave;
+    uint32_t process_data_only; /* frames without logical datagrams are spared */
+    uint64_t struck;            /* frames so far */
 };
 
 struct esc_segment;
@@ -81,12 +118,33 @@ ESC_API void esc_destroy(struct esc_segment *segment);
 ESC_API int esc_add_slave(struct esc_segment *segment, const struct esc_config *config,
                           const uint8_t *sii, size_t sii_size);
 
-/* Serves the interface from a thread of its own, until `esc_stop`. */
-ESC_API int esc_start(struct esc_segment *segment, const char *interface);
+/* Wiring. A new slave is at port 1 of the one added before it where that is possible, the first one
+ * at the first interface. `esc_connect` moves port 0 of a slave to a port of another one: -ENODEV
+ * (no such slave), -ENXIO (the port is not there), -EADDRINUSE (it is taken), -ELOOP.
+ * `esc_close_ring` puts the second interface there. */
+ESC_API int esc_connect(struct esc_segment *segment, int slave, int parent, int port);
+ESC_API int esc_close_ring(struct esc_segment *segment, int slave, int port);
+/* Breaks or heals the link at a port; -ENOTCONN if nothing is plugged in there. */
+ESC_API int esc_break_link(struct esc_segment *segment, int slave, int port, int broken);
+/* The slaves whose processing units a frame from an interface passes, in order. Their number. */
+ESC_API int esc_order(struct esc_segment *segment, int interface, uint16_t *order, int capacity);
+
+/* Power off: the links at all ports go down. Power on: everything is as at the first power-on. */
+ESC_API int esc_power(struct esc_segment *segment, int slave, int on);
+/* Takes a slave out and plugs another one into the same links, which then powers on. */
+ESC_API int esc_replace(struct esc_segment *segment, int slave, const struct esc_config *config,
+                        const uint8_t *sii, size_t sii_size);
+
+/* Serves one interface, or with a second one (else NULL) both, from a thread, until `esc_stop`. */
+ESC_API int esc_start(struct esc_segment *segment, const char *first, const char *second);
 ESC_API int esc_stop(struct esc_segment *segment);
 
-/* Processes one frame in place, as the thread does. Returns 1 if it is answered, 0 if not. */
+/* Processes one frame in place, as the thread does when it comes by the first interface. Returns 1
+ * if it is answered there, 0 if not. */
 ESC_API int esc_process(struct esc_segment *segment, uint8_t *frame, size_t size);
+/* The same for both interfaces and for any time: `now_ns` is CLOCK_MONOTONIC, 0 = now. */
+ESC_API int esc_pass(struct esc_segment *segment, int interface, uint8_t *frame, size_t size,
+                     int64_t now_ns, struct esc_passage *passage);
 
 /* Waits at most `timeout_ns` for events and moves up to `capacity` of them to `events`.
  * Returns their number, 0 after the timeout, -EINTR when a signal came. */
@@ -138,8 +196,13 @@ ESC_API int esc_sii(struct esc_segment *segment, int position, uint8_t *image, s
 ESC_API int esc_set_sii(struct esc_segment *segment, int position, const uint8_t *image,
                         size_t size);
 
-/* Loses the next `count` frames. */
-ESC_API void esc_drop(struct esc_segment *segment, uint32_t count);
+/* Adds a fault; `id` and `struck` of it are not used. Returns its identifier; -ENOSPC when there are
+ * ESC_MAX_FAULTS that may still strike. */
+ESC_API int esc_inject(struct esc_segment *segment, const struct esc_fault *fault);
+/* Removes a fault, or all (-1). -ENOENT if there is no such fault. */
+ESC_API int esc_clear_faults(struct esc_segment *segment, int id);
+/* Copies the faults. Returns their number. */
+ESC_API int esc_get_faults(struct esc_segment *segment, struct esc_fault *faults, int capacity);
 ESC_API void esc_get_counters(struct esc_segment *segment, struct esc_counters *counters);
 
 #endif

@@ -22,8 +22,6 @@ enum command {
 };
 
 enum {
-    ETHERNET_HEADER = 14,
-    ETHERTYPE = 0x88A4,
     FRAME_HEADER = ETHERNET_HEADER + 2,
     FRAME_TYPE_DATAGRAMS = 1,
     LENGTH_MASK = 0x07FF,
@@ -180,50 +178,150 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
     store16(data + size, load16(data + size) + count);
 }
 
-static void process_datagrams(struct esc_segment *segment, uint8_t *frame, size_t size)
+/* Where the datagrams of a frame are. `more` is false after the last one, and when the lengths
+ * contradict each other: then `malformed` is true. */
+struct cursor {
+    uint8_t *datagram;
+    unsigned length; /* of its data */
+    bool more, malformed;
+    uint8_t *next, *end;
+    bool last;
+};
+
+static void advance(struct cursor *cursor)
+{
+    size_t left = (size_t)(cursor->end - cursor->next);
+    cursor->more = !cursor->last && !cursor->malformed;
+    if (!cursor->more)
+        return;
+    unsigned flags = left < DATAGRAM_OVERHEAD ? 0 : load16(cursor->next + 6);
+    cursor->length = flags & LENGTH_MASK;
+    if (left < DATAGRAM_OVERHEAD + (size_t)cursor->length) {
+        cursor->malformed = true;
+        cursor->more = false;
+        return;
+    }
+    cursor->datagram = cursor->next;
+    cursor->next += DATAGRAM_OVERHEAD + cursor->length;
+    cursor->last = (flags & MORE_FOLLOW) == 0;
+}
+
+static struct cursor first_datagram(uint8_t *frame, size_t size)
 {
     unsigned header = load16(frame + ETHERNET_HEADER);
-    size_t end = FRAME_HEADER + (header & LENGTH_MASK);
-    bool more = header >> 12 == FRAME_TYPE_DATAGRAMS;
-    if (end > size) {
-        segment->counters.malformed++;
-        more = false;
-    }
-    for (size_t at = FRAME_HEADER; more;) {
-        unsigned flags = end - at < DATAGRAM_OVERHEAD ? 0 : load16(frame + at + 6);
-        unsigned length = flags & LENGTH_MASK;
-        if (end - at < DATAGRAM_OVERHEAD + (size_t)length) {
-            segment->counters.malformed++;
-            break;
+    size_t length = header & LENGTH_MASK;
+    struct cursor cursor = {.next = frame + FRAME_HEADER,
+                            .end = frame + FRAME_HEADER + length,
+                            .last = header >> 12 != FRAME_TYPE_DATAGRAMS,
+                            .malformed = FRAME_HEADER + length > size};
+    advance(&cursor);
+    return cursor;
+}
+
+static bool is_logical(const uint8_t *datagram)
+{
+    return datagram[0] == CMD_LRD || datagram[0] == CMD_LWR || datagram[0] == CMD_LRW;
+}
+
+/* Whether the frame carries process data. Those that come by the first interface make the cycles. */
+static bool look_for_process_data(struct esc_segment *segment, unsigned interface, uint8_t *frame,
+                                  size_t size)
+{
+    for (struct cursor at = first_datagram(frame, size); at.more; advance(&at)) {
+        if (!is_logical(at.datagram))
+            continue;
+        uint32_t address = load32(at.datagram + 2);
+        if (interface == 0) {
+            if (segment->counters.cycles == 0 || address <= segment->last_address)
+                segment->counters.cycles++;
+            segment->last_address = address;
         }
-        datagram_process(segment, frame + at, length);
-        at += DATAGRAM_OVERHEAD + length;
-        more = (flags & MORE_FOLLOW) != 0;
+        return true;
+    }
+    return false;
+}
+
+static void process_datagrams(struct esc_segment *segment, uint8_t *frame, size_t size)
+{
+    struct cursor at = first_datagram(frame, size);
+    for (; at.more; advance(&at))
+        datagram_process(segment, at.datagram, at.length);
+    if (at.malformed) {
+        segment->counters.malformed++;
+        ports_count_malformed(segment);
     }
     frame[6] |= PROCESSED_MARK;
 }
 
-int frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size)
+void frame_add_to_wkc(uint8_t *frame, size_t size, unsigned value)
 {
-    if (size < FRAME_HEADER || (frame[12] << 8 | frame[13]) != ETHERTYPE)
-        return LOST;
-    if (segment->topology_stale)
-        topology_update(segment);
-    const struct route *route = &segment->routes[interface];
-    segment->route = &segment->routes[interface];
-    segment->frame_ns = 0;
-    if (segment->drop > 0) {
-        segment->drop--;
-        segment->counters.dropped++;
-        return LOST;
+    for (struct cursor at = first_datagram(frame, size); at.more; advance(&at)) {
+        uint8_t *counter = at.datagram + DATAGRAM_HEADER + at.length;
+        if (is_logical(at.datagram))
+            store16(counter, load16(counter) + value);
     }
+}
+
+static int process(struct esc_segment *segment, uint8_t *frame, size_t size)
+{
+    const struct route *route = segment->route;
     if (route->count > 0)
         process_datagrams(segment, frame, size);
     if (route->exit == LOST)
+        topology_wake(segment, route);
+    return route->exit;
+}
+
+/* The slaves behind the place where the frame was damaged ignore it, and so does the master. */
+static int process_damaged(struct esc_segment *segment, struct slave *at, uint8_t *frame,
+                           size_t size)
+{
+    const struct route *route = segment->route;
+    struct route *whole = &segment->damaged;
+    whole->count = route->before[at->position];
+    whole->event_word_known = whole->collected = false;
+    memcpy(whole->order, route->order, sizeof route->order);
+    memcpy(whole->arrival, route->arrival, sizeof route->arrival);
+    segment->route = whole;
+    if (whole->count > 0)
+        process_datagrams(segment, frame, size);
+    ports_count_noise(segment, route, at);
+    return LOST;
+}
+
+static int process_struck(struct esc_segment *segment, unsigned interface, bool process_data,
+                          uint8_t *frame, size_t size, struct esc_passage *passage)
+{
+    struct strike strike = faults_look(segment, interface, process_data);
+    if (strike.drop)
+        return LOST;
+    if (strike.noise != NULL)
+        return process_damaged(segment, strike.noise, frame, size);
+    passage->copies = strike.copies;
+    passage->delay_ns = strike.delay_ns;
+    int exit = process(segment, frame, size);
+    faults_damage(&strike, frame, size);
+    return strike.drop_answer ? LOST : exit;
+}
+
+/* Called with the lock held. */
+void frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size,
+                   struct esc_passage *passage)
+{
+    *passage = (struct esc_passage){.exit = LOST, .copies = 1};
+    if (size < FRAME_HEADER || (frame[12] << 8 | frame[13]) != ETHERTYPE_ECAT)
+        return;
+    if (segment->topology_stale)
+        topology_update(segment);
+    segment->route = &segment->routes[interface];
+    bool process_data = look_for_process_data(segment, interface, frame, size);
+    passage->exit = segment->fault_count == 0
+                        ? process(segment, frame, size)
+                        : process_struck(segment, interface, process_data, frame, size, passage);
+    if (passage->exit == LOST)
         segment->counters.dropped++;
     else
         segment->counters.frames++;
-    return route->exit;
 }
 
 int64_t clock_now_ns(void)

@@ -14,7 +14,8 @@ enum { SM_PDI = 7, SM_ACTIVATE = 6, SM_REPEAT = 0x02 };
 void pdi_event(struct slave *slave, uint32_t bits)
 {
     struct esc_segment *segment = slave->segment;
-    if (slave->events == 0) {
+    if (!slave->queued) {
+        slave->queued = true;
         unsigned tail = (segment->queue_head + segment->queue_count++) % ESC_MAX_SLAVES;
         segment->queue[tail] = slave->position;
         segment->signal_due = true;
@@ -54,6 +55,9 @@ int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *
         struct slave *slave = segment->slaves[segment->queue[segment->queue_head]];
         segment->queue_head = (segment->queue_head + 1) % ESC_MAX_SLAVES;
         segment->queue_count--;
+        slave->queued = false;
+        if (slave->events == 0) /* the slave lost power */
+            continue;
         events[count++] = (struct esc_event){slave->position, slave->events};
         slave->events = 0;
     }
@@ -112,7 +116,8 @@ int esc_write(struct esc_segment *segment, int position, uint16_t address, const
         uint32_t from = address, to = from + (uint32_t)size;
         bool written = to <= REG_DIGITAL_OUTPUT ? registers_device_write(slave, from, to, data)
                                                 : buffers_write(slave, from, to, data);
-        segment->topology_stale = true; /* the loop control may be among them */
+        if (touches(from, to, REG_DL_CONTROL, 4))
+            segment->topology_stale = true;
         result = written ? 0 : -EACCES;
     }
     leave(segment);

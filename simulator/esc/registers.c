@@ -13,7 +13,8 @@ static const struct {
     {0x0108, 0x010A},
     {REG_AL_CONTROL, REG_AL_CONTROL + 2},
     {REG_ECAT_EVENT_MASK, REG_ECAT_EVENT_MASK + 2},
-    {REG_ERROR_COUNTERS, REG_ERROR_COUNTERS + 0x14},
+    {REG_RX_ERRORS, REG_PDI_ERRORS + 1},
+    {REG_LOST_LINKS, REG_LOST_LINKS + PORTS},
     {REG_WATCHDOG_DIVIDER, REG_WATCHDOG_DIVIDER + 2},
     {REG_WATCHDOG_PDI, REG_WATCHDOG_PDI + 2},
     {REG_WATCHDOG_DATA, REG_WATCHDOG_DATA + 2},
@@ -37,9 +38,6 @@ enum {
     WATCHDOG_DEFAULT = 1000,         /* 100 ms */
     DL_ALIAS_ENABLE = 0x01,          /* of register 0x0103 */
     DL_CONTROL_DEFAULT = 0x01,       /* forward EtherCAT frames only */
-    DL_LINK = 0x0010,                /* port 0; the next bits are the other ports */
-    DL_LOOP_CLOSED = 0x0100,         /* port 0; two bits a port */
-    DL_COMMUNICATION = 0x0200,       /* likewise */
     PROTECTED = 0x01,                /* of registers 0x0021 and 0x0031 */
     PROTECTED_REGISTERS = 0x0F80     /* user RAM and process data RAM are none */
 };
@@ -51,32 +49,6 @@ static void update_station(struct slave *slave)
     bool alias = (memory[REG_DL_CONTROL + 3] & DL_ALIAS_ENABLE) != 0;
     segment->station[slave->position] = load16(memory + REG_STATION_ADDRESS);
     segment->alias[slave->position] = alias ? load16(memory + REG_STATION_ALIAS) : 0x10000U;
-}
-
-/* DL status and lost-link counters after a change of links and loops. */
-void registers_set_links(struct slave *slave, uint8_t links, uint8_t open)
-{
-    uint8_t *memory = slave->memory;
-    unsigned status = memory[REG_DL_STATUS] & (DL_PDI_OPERATIONAL | DL_PDI_WATCHDOG);
-    for (unsigned port = 0; port < PORTS; port++) {
-        unsigned bit = 1U << port;
-        bool up = (links & bit) != 0, is_open = (open & bit) != 0;
-        uint8_t *lost = memory + REG_LOST_LINKS + port;
-        if (up)
-            status |= DL_LINK << port;
-        if (!is_open)
-            status |= DL_LOOP_CLOSED << 2 * port;
-        else if (up)
-            status |= DL_COMMUNICATION << 2 * port;
-        if (!up && (slave->links & slave->open & bit) != 0 && *lost < 0xFF)
-            ++*lost;
-    }
-    slave->links = links;
-    slave->open = open;
-    if (status != load16(memory + REG_DL_STATUS)) {
-        store16(memory + REG_DL_STATUS, status);
-        registers_set_event(slave, ECAT_EVENT_DL, true);
-    }
 }
 
 static void power_on_identity(uint8_t *memory, const struct esc_config *config)
@@ -119,6 +91,8 @@ void registers_power_on(struct slave *slave)
     eeprom_load(slave, true);
     update_station(slave);
     slave->ecat_events = slave->al_events = 0;
+    slave->mapped = false;
+    slave->segment->event_word_stale = true;
 }
 
 /* A reset by the master or the device. */
@@ -214,8 +188,6 @@ static void take_effect(struct slave *slave, uint32_t from, uint32_t to)
         slave->sm_interrupts = (load16(memory + REG_ECAT_EVENT_MASK) & ECAT_EVENT_SM_MASK) != 0;
         slave->segment->event_word_stale = true;
     }
-    if (touches(from, to, REG_ERROR_COUNTERS, 0x14))
-        memset(memory + REG_ERROR_COUNTERS, 0, 0x14);
     if (touches(from, to, REG_WATCHDOG_COUNTERS, 2))
         memset(memory + REG_WATCHDOG_COUNTERS, 0, 2);
     if (touches(from, to, REG_FMMU, 16 * ESC_MAX_CHANNELS))
@@ -234,6 +206,8 @@ static void write_area(struct slave *slave, uint32_t from, uint32_t to, const ui
         write_sync_managers(slave, from, data, to - from);
         return;
     }
+    if (ports_clear_counters(slave, from, to))
+        return;
     if (touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL) &&
         !eeprom_accepts(slave, false))
         return;

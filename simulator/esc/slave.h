@@ -5,7 +5,6 @@
 #include "esc.h"
 
 #include <pthread.h>
-#include <stdatomic.h>
 #include <stdbool.h>
 #include <string.h>
 
@@ -34,8 +33,11 @@ enum esc_register {
     REG_AL_EVENT_MASK = 0x0204,
     REG_ECAT_EVENT = 0x0210,
     REG_AL_EVENT = 0x0220,
-    REG_ERROR_COUNTERS = 0x0300, /* to 0x0313 */
-    REG_LOST_LINKS = 0x0310,     /* a byte a port */
+    REG_RX_ERRORS = 0x0300, /* two bytes a port: invalid frames, and errors of the physical layer */
+    REG_FORWARDED_ERRORS = 0x0308,
+    REG_PROCESSING_ERRORS = 0x030C,
+    REG_PDI_ERRORS = 0x030D,
+    REG_LOST_LINKS = 0x0310, /* a byte a port */
     REG_WATCHDOG_DIVIDER = 0x0400,
     REG_WATCHDOG_PDI = 0x0410,
     REG_WATCHDOG_DATA = 0x0420,
@@ -70,7 +72,7 @@ enum al_event_bits {
 };
 enum dl_status_bits { DL_PDI_OPERATIONAL = 0x01, DL_PDI_WATCHDOG = 0x02 };
 enum { AL_STATE_MASK = 0x0F, AL_OP = 8, AL_ERROR = 0x10 };
-enum { PORTS = 4, INTERFACES = 2, LOST = -1 };
+enum { PORTS = 4, NO_PORT = 0xFF, INTERFACES = 2, LOST = -1 };
 
 /* A sync manager, decoded from its registers. See sync_manager.c for the buffers. */
 struct sync_manager {
@@ -125,11 +127,13 @@ struct plug {
 struct slave {
     struct esc_segment *segment;
     uint32_t position;
+    bool off;       /* without power: no links, no access, nothing in its memory counts */
+    bool queued;    /* in the queue of `esc_wait`, perhaps with nothing pending any more */
     struct plug plugs[PORTS];
     uint8_t links;  /* a bit for each port with a link */
     uint8_t open;   /* a bit for each port whose loop is open */
     bool reopen;    /* the master wrote the loop control: ports closed by auto-close may open */
-    uint32_t events; /* pending for `esc_wait`; when not 0, the slave is in the queue */
+    uint32_t events; /* pending for `esc_wait` */
     uint32_t ram_end;
     unsigned sync_managers, fmmus;
     struct sync_manager sm[ESC_MAX_CHANNELS];
@@ -165,6 +169,8 @@ struct route {
     unsigned count;                          /* processing units that it passes … */
     uint16_t order[ESC_MAX_SLAVES];          /* … and the slaves to which they belong, in order */
     int32_t arrival[ESC_MAX_SLAVES][PORTS];  /* ns after entry, -1 = it does not arrive there */
+    uint16_t before[ESC_MAX_SLAVES];         /* processing units passed before it first arrives … */
+    uint8_t first_port[ESC_MAX_SLAVES];      /* … at this port of a slave */
     struct slave *woken;                     /* it ends at a port that auto-close keeps closed … */
     unsigned woken_port;                     /* … and which a frame opens */
     uint16_t event_word;                     /* see registers_event_word */
@@ -174,8 +180,26 @@ struct route {
     struct fmmu active[ESC_MAX_SLAVES * ESC_MAX_CHANNELS];
 };
 
+/* A frame fault and what it did. */
+struct fault {
+    struct esc_fault settings;
+    uint64_t cycle;                /* in which … */
+    uint32_t frames[INTERFACES];   /* … it has looked at so many frames, by interface */
+};
+
+/* What faults do to the current frame. */
+struct strike {
+    bool drop, drop_answer;
+    struct slave *noise; /* before which the frame is damaged, or NULL */
+    int copies;
+    int64_t delay_ns;
+    unsigned add_to_wkc;
+    uint64_t corrupt_bits; /* that many … */
+    uint64_t corrupt_draw; /* … from a place that this chooses */
+};
+
 struct esc_segment {
-    pthread_mutex_t lock; /* guards everything below except `stop`, `thread` and the descriptors */
+    pthread_mutex_t lock; /* guards everything below but `notify` and `server` */
     unsigned count;
     struct slave *slaves[ESC_MAX_SLAVES];
     uint16_t station[ESC_MAX_SLAVES]; /* copies, so that a look-up touches few cache lines */
@@ -185,18 +209,19 @@ struct esc_segment {
     bool topology_stale;              /* loops may have changed; takes effect before the next frame */
     struct plug interfaces[INTERFACES];
     struct route routes[INTERFACES];
-    struct route *route; /* of the current frame */
-    int64_t frame_ns;    /* see frame_time_ns; 0 = not asked for yet */
+    struct route damaged; /* the part of a route on which the current frame is still whole */
+    struct route *route;  /* of the current frame */
+    int64_t frame_ns;     /* see frame_time_ns; 0 = not asked for yet */
     unsigned queue_head, queue_count;
     uint32_t queue[ESC_MAX_SLAVES]; /* positions of slaves with pending events */
     bool signal_due;                /* the queue became non-empty since the last signal */
-    uint32_t drop;
+    uint32_t last_address; /* logical address of the last process data frame */
+    unsigned fault_count;
+    struct fault faults[ESC_MAX_FAULTS];
+    int next_fault; /* identifier */
     struct esc_counters counters;
     int notify; /* eventfd, readable while the queue may hold something */
-    int socket;
-    bool running;
-    atomic_bool stop;
-    pthread_t thread;
+    struct server *server; /* NULL = none runs */
 };
 
 static inline uint16_t load16(const uint8_t *p) { return (uint16_t)(p[0] | p[1] << 8); }
@@ -223,17 +248,32 @@ static inline void store16(uint8_t *p, unsigned value)
     p[1] = (uint8_t)(value >> 8 & 0xFF);
 }
 
-/* frame.c: all datagrams of a frame that enters by an interface. Returns the interface by which it
- * leaves, or LOST. */
-int frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size);
+/* frame.c: all datagrams of a frame that enters by an interface. */
+enum { ETHERNET_HEADER = 14, ETHERTYPE_ECAT = 0x88A4, MAX_FRAME = 2048 };
+void frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size,
+                   struct esc_passage *passage);
+/* Adds to the working counters of the logical datagrams. */
+void frame_add_to_wkc(uint8_t *frame, size_t size, unsigned value);
 /* When the current frame entered, or the device side called: CLOCK_MONOTONIC, read once and only if
  * asked for. */
 int64_t frame_time_ns(struct esc_segment *segment);
 int64_t clock_now_ns(void);
 
+/* faults.c: looks at a frame before it is processed, and damages it afterwards. */
+struct strike faults_look(struct esc_segment *segment, unsigned interface, bool process_data);
+void faults_damage(const struct strike *strike, uint8_t *frame, size_t size);
+
+/* ports.c: DL status and the counters 0x0300 to 0x0313. */
+void ports_set(struct slave *slave, uint8_t links, uint8_t open);
+bool ports_clear_counters(struct slave *slave, uint32_t from, uint32_t to);
+void ports_count_malformed(struct esc_segment *segment);
+void ports_count_noise(struct esc_segment *segment, const struct route *route, struct slave *at);
+
 /* topology.c */
 void topology_plug_next(struct slave *slave);
 void topology_update(struct esc_segment *segment);
+void topology_refresh(struct esc_segment *segment);
+void topology_wake(struct esc_segment *segment, const struct route *route);
 /* When the current frame arrives at a port, in ns after it entered; -1 where it does not. */
 int64_t topology_arrival(const struct slave *slave, unsigned port);
 
@@ -294,7 +334,6 @@ void live_refresh(struct slave *slave, uint32_t from, uint32_t to);
 void live_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
 void registers_set_event(struct slave *slave, unsigned bits, bool on);
 uint16_t registers_event_word(struct esc_segment *segment);
-void registers_set_links(struct slave *slave, uint8_t links, uint8_t open);
 void registers_set_dl_status(struct slave *slave, unsigned bits, bool on);
 
 /* eeprom.c */

@@ -7,6 +7,8 @@
  */
 #include "slave.h"
 
+#include <errno.h>
+
 enum {
     FORWARD_NS = 300, /* from one port of a slave to the next open one, with or without processing */
     LINK_NS = 100,    /* from port to port: the cable and what drives it */
@@ -21,18 +23,27 @@ static const uint8_t next_port[PORTS] = {3, 2, 0, 1};
 
 static bool has_port(const struct slave *slave, unsigned port)
 {
-    return (slave->memory[REG_PORTS] >> 2 * port & 3) >= PORT_EBUS;
+    return (slave->config.ports >> 2 * port & 3) >= PORT_EBUS;
 }
 
+/* A link needs both ends: a swapped slave may lack a port that is plugged in. */
 static bool link_up(const struct slave *slave, unsigned port)
 {
     const struct plug *plug = &slave->plugs[port];
-    return plug->kind != PLUG_NONE && !plug->broken;
+    if (plug->kind == PLUG_NONE || plug->broken || slave->off || !has_port(slave, port))
+        return false;
+    const struct slave *peer = slave->segment->slaves[plug->number];
+    return plug->kind == PLUG_INTERFACE || (!peer->off && has_port(peer, plug->port));
+}
+
+static unsigned loop_control(const struct slave *slave, unsigned port)
+{
+    return slave->memory[REG_DL_CONTROL + 1] >> 2 * port & 3;
 }
 
 static bool loop_open(const struct slave *slave, unsigned port, bool up)
 {
-    switch (slave->memory[REG_DL_CONTROL + 1] >> 2 * port & 3) {
+    switch (loop_control(slave, port)) {
     case LOOP_AUTO_CLOSE:
         return up && (slave->reopen || (slave->open >> port & 1) != 0);
     case LOOP_OPEN:
@@ -53,7 +64,7 @@ static void update_slave(struct slave *slave)
         open |= (unsigned)loop_open(slave, port, up) << port;
     }
     slave->reopen = false;
-    registers_set_links(slave, (uint8_t)links, (uint8_t)open);
+    ports_set(slave, (uint8_t)links, (uint8_t)open);
 }
 
 /* A slave whose loops are all closed keeps port 0 open, so that it can be reached to change that;
@@ -86,32 +97,46 @@ static void clear(struct route *route, unsigned slaves)
     route->woken = NULL;
     route->event_word_known = false;
     route->collected = false;
+    memset(route->first_port, NO_PORT, slaves);
     for (unsigned i = 0; i < slaves; i++)
         for (unsigned port = 0; port < PORTS; port++)
             route->arrival[i][port] = -1;
 }
 
-/* Every step leads to another port, so the way ends. */
+static void arrive(struct route *route, const struct plug *at, int32_t ns)
+{
+    route->arrival[at->number][at->port] = ns;
+    if (route->first_port[at->number] == NO_PORT) {
+        route->first_port[at->number] = (uint8_t)at->port;
+        route->before[at->number] = (uint16_t)route->count;
+    }
+}
+
+/* The way ends: every link leads to one port only, so no port comes twice. */
 static void trace(struct esc_segment *segment, unsigned interface)
 {
     struct route *route = &segment->routes[interface];
     struct plug at = segment->interfaces[interface];
     int32_t ns = 0;
     clear(route, segment->count);
-    while (at.kind == PLUG_SLAVE && !at.broken) {
+    while (at.kind == PLUG_SLAVE) {
         struct slave *slave = segment->slaves[at.number];
-        ns += LINK_NS;
+        if (!link_up(slave, at.port))
+            return;
         if (!is_open(slave, at.port)) {
-            unsigned control = slave->memory[REG_DL_CONTROL + 1] >> 2 * at.port & 3;
-            route->woken = control == LOOP_AUTO_CLOSE ? slave : NULL;
+            route->woken = loop_control(slave, at.port) == LOOP_AUTO_CLOSE ? slave : NULL;
             route->woken_port = at.port;
             return;
         }
-        route->arrival[at.number][at.port] = ns;
-        at = slave->plugs[pass_slave(route, slave, at.port)];
+        ns += LINK_NS;
+        arrive(route, &at, ns);
+        unsigned port = pass_slave(route, slave, at.port);
+        if (!link_up(slave, port)) /* opened by the master: the frame goes nowhere */
+            return;
+        at = slave->plugs[port];
         ns += FORWARD_NS;
     }
-    if (at.kind == PLUG_INTERFACE && !at.broken)
+    if (at.kind == PLUG_INTERFACE)
         route->exit = (int)at.number;
 }
 
@@ -123,6 +148,22 @@ void topology_update(struct esc_segment *segment)
         update_slave(segment->slaves[i]);
     for (unsigned i = 0; i < INTERFACES; i++)
         trace(segment, i);
+}
+
+/* What the master wrote to the loop control takes effect, at the latest before the next change. */
+void topology_refresh(struct esc_segment *segment)
+{
+    if (segment->topology_stale)
+        topology_update(segment);
+}
+
+/* A frame ended at a port that is closed until one comes: the next one passes. */
+void topology_wake(struct esc_segment *segment, const struct route *route)
+{
+    if (route->woken != NULL) {
+        route->woken->open |= (uint8_t)(1U << route->woken_port);
+        segment->topology_stale = true;
+    }
 }
 
 int64_t topology_arrival(const struct slave *slave, unsigned port)
@@ -149,4 +190,118 @@ void topology_plug_next(struct slave *slave)
     struct slave *before = segment->slaves[slave->position - 1];
     if (has_port(before, 1) && before->plugs[1].kind == PLUG_NONE)
         plug_slaves(slave, before, 1);
+}
+
+static struct slave *find(struct esc_segment *segment, int number)
+{
+    return number >= 0 && (unsigned)number < segment->count ? segment->slaves[number] : NULL;
+}
+
+static int check_free(const struct slave *slave, int port)
+{
+    if (port < 0 || port >= PORTS || !has_port(slave, (unsigned)port))
+        return -ENXIO;
+    return slave->plugs[port].kind == PLUG_NONE ? 0 : -EADDRINUSE;
+}
+
+static void unplug(struct slave *slave, unsigned port)
+{
+    struct plug *plug = &slave->plugs[port];
+    if (plug->kind == PLUG_SLAVE)
+        slave->segment->slaves[plug->number]->plugs[plug->port].kind = PLUG_NONE;
+    if (plug->kind == PLUG_INTERFACE)
+        slave->segment->interfaces[plug->number].kind = PLUG_NONE;
+    plug->kind = PLUG_NONE;
+}
+
+/* Whether `slave` is `parent` itself or lies between it and the interface. */
+static bool above(const struct slave *slave, const struct slave *parent)
+{
+    while (parent != slave && parent->plugs[0].kind == PLUG_SLAVE)
+        parent = slave->segment->slaves[parent->plugs[0].number];
+    return parent == slave;
+}
+
+static int connect_slave(struct esc_segment *segment, int number, int above_number, int port)
+{
+    struct slave *slave = find(segment, number), *parent = find(segment, above_number);
+    if (slave == NULL || parent == NULL)
+        return -ENODEV;
+    if (port == 0 || !has_port(slave, 0))
+        return -ENXIO;
+    if (above(slave, parent))
+        return -ELOOP;
+    const struct plug *now = &slave->plugs[0];
+    if (now->kind == PLUG_SLAVE && now->number == parent->position && (int)now->port == port)
+        return 0;
+    int error = check_free(parent, port);
+    if (error != 0)
+        return error;
+    unplug(slave, 0);
+    plug_slaves(slave, parent, (unsigned)port);
+    topology_update(segment);
+    return 0;
+}
+
+int esc_connect(struct esc_segment *segment, int slave, int parent, int port)
+{
+    pthread_mutex_lock(&segment->lock);
+    int result = connect_slave(segment, slave, parent, port);
+    pthread_mutex_unlock(&segment->lock);
+    return result;
+}
+
+int esc_close_ring(struct esc_segment *segment, int number, int port)
+{
+    pthread_mutex_lock(&segment->lock);
+    struct slave *slave = find(segment, number);
+    int result = slave == NULL ? -ENODEV : check_free(slave, port);
+    if (result == 0) {
+        struct plug *before = &segment->interfaces[1];
+        if (before->kind == PLUG_SLAVE)
+            segment->slaves[before->number]->plugs[before->port].kind = PLUG_NONE;
+        *before = (struct plug){PLUG_SLAVE, slave->position, (unsigned)port, false};
+        slave->plugs[port] = (struct plug){PLUG_INTERFACE, 1, 0, false};
+        topology_update(segment);
+    }
+    pthread_mutex_unlock(&segment->lock);
+    return result;
+}
+
+static int break_link(struct esc_segment *segment, int number, int port, bool broken)
+{
+    struct slave *slave = find(segment, number);
+    if (slave == NULL)
+        return -ENODEV;
+    if (port < 0 || port >= PORTS || slave->plugs[port].kind == PLUG_NONE)
+        return -ENOTCONN;
+    topology_refresh(segment);
+    struct plug *plug = &slave->plugs[port];
+    plug->broken = broken;
+    if (plug->kind == PLUG_SLAVE)
+        segment->slaves[plug->number]->plugs[plug->port].broken = broken;
+    topology_update(segment);
+    return 0;
+}
+
+int esc_break_link(struct esc_segment *segment, int slave, int port, int broken)
+{
+    pthread_mutex_lock(&segment->lock);
+    int result = break_link(segment, slave, port, broken != 0);
+    pthread_mutex_unlock(&segment->lock);
+    return result;
+}
+
+int esc_order(struct esc_segment *segment, int interface, uint16_t *order, int capacity)
+{
+    if (interface < 0 || interface >= INTERFACES)
+        return -EINVAL;
+    pthread_mutex_lock(&segment->lock);
+    topology_refresh(segment);
+    const struct route *route = &segment->routes[interface];
+    int count = (int)route->count;
+    for (int i = 0; i < count && i < capacity; i++)
+        order[i] = route->order[i];
+    pthread_mutex_unlock(&segment->lock);
+    return count;
 }
