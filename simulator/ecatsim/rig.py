@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 
 from ecatd.model.errors import ConfigError, UsageError
 
@@ -153,7 +150,7 @@ def library() -> list[tuple[str, str]]:
 
 
 def make(name: str) -> Rig:
-    """The rig that a user means: a name of the library, or a Python file with a function `rig`.
+    """The rig that a user means: a name of the library, a TOML file, or a Python file with `rig()`.
 
     Raises:
         UsageError: There is no such rig.
@@ -164,50 +161,29 @@ def make(name: str) -> Rig:
         if match:
             return item.make(match[1])
     if name.endswith(".py"):
-        return _from_file(Path(name))
+        return _from_python(Path(name))
+    if name.endswith(".toml"):
+        from .files import rig_file
+
+        return rig_file.load(Path(name))
     if name.startswith("line:"):
         raise UsageError(f"{name}: a line has 1 to 1024 slaves, as in line:8")
     names = ", ".join(usage for usage, _ in library())
     raise UsageError(
-        f"there is no rig '{name}': use one of {names}, or a Python file that defines rig()"
+        f"there is no rig '{name}': use one of {names}, or a file: TOML, or Python that defines "
+        "rig()"
     )
 
 
-def _from_file(path: Path) -> Rig:
+def _from_python(path: Path) -> Rig:
+    from .files import python_file
+
     if not path.is_file():
         raise ConfigError(f"there is no rig file '{path}'")
-    spec = importlib.util.spec_from_file_location(f"ecatsim_rig_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, str(path.parent.resolve()))  # it may import files beside it
-    try:
-        spec.loader.exec_module(module)
-        result = _call(module)
-    except UsageError:
-        raise
-    except Exception as error:
-        line = _last_line(error, path)
-        where = f"{path}:{line}" if line else str(path)
-        raise ConfigError(f"{where}: {type(error).__name__}: {error}") from error
+    function = getattr(python_file.load(path), "rig", None)
+    if not callable(function):
+        raise ConfigError(f"{path}: the file must define a function rig()")
+    result = python_file.explained(path, function)
     if not isinstance(result, Rig):
         raise ConfigError(f"{path}: rig() must return an ecatsim.rig.Rig")
     return result
-
-
-def _call(module: ModuleType) -> object:
-    function = getattr(module, "rig", None)
-    if not callable(function):
-        raise ConfigError(f"{module.__file__}: the file must define a function rig()")
-    return function()
-
-
-def _last_line(error: BaseException, path: Path) -> int:
-    """The line of the file in which an error came up, 0 if in none."""
-    line = error.lineno or 0 if isinstance(error, SyntaxError) else 0
-    trace = error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            line = trace.tb_lineno
-        trace = trace.tb_next
-    return line

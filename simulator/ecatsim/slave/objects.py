@@ -222,6 +222,10 @@ class Dictionary:
             raise SdoAbortError(abort_codes.NO_SUBINDEX)
         return entries[subindex]
 
+    def remove(self, index: int) -> None:
+        """Removes an object."""
+        del self._objects[index]
+
     def variable(
         self,
         index: int,

@@ -1,0 +1,241 @@
+"""What a device file says of a slave itself: identity, texts, chip, mailboxes, files."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from ..core import Chip
+from ..slave.device import Device
+from ..slave.sii import FmmuType, Mailbox, SmType, SyncManager
+from . import sources
+from .device_objects import INPUTS, OUTPUTS, latin1
+from .tables import Table, show
+
+T = TypeVar("T")
+Bounds = dict[str, tuple[int, int]]
+
+_U8, _U16, _U32 = 0xFF, 0xFFFF, 0xFFFFFFFF
+_PROTOCOLS = {"aoe": 1, "eoe": 2, "coe": 4, "foe": 8, "soe": 16, "voe": 32}
+_COE_DETAILS = {
+    "sdo": 1,
+    "sdo-information": 2,
+    "pdo-assignment": 4,
+    "pdo-configuration": 8,
+    "upload": 16,
+    "complete-access": 32,
+}
+WORDS = {kind: kind.name.lower().replace("_", "-") for kind in SmType}
+"""The types of sync managers as a file says them."""
+
+_SM_TYPES = {word: kind for kind, word in WORDS.items()}
+_FMMU_TYPES = {kind.name.lower().replace("_", "-"): kind for kind in FmmuType}
+_PORTS = {"none": (0, 0), "ebus": (2, 3), "mii": (3, 1)}  # in register 0x0007 and in the SII
+_MAX_PORTS = 4
+
+_BOUNDS: Bounds = {
+    "alias": (0, _U16),
+    "device_id": (0, _U16),
+    "pdi_control": (0, _U16),
+    "pdi_config": (0, _U16),
+    "physical_ports": (0, _U16),
+    "ebus_current": (-32768, 32767),
+    "file_limit": (0, 1 << 30),
+    "file_busy": (0, 1000),
+}
+_CHIP: Bounds = {
+    "type": (0, _U8),
+    "revision": (0, _U8),
+    "build": (0, _U16),
+    "fmmus": (0, 16),
+    "sync_managers": (0, 16),
+    "ram_kib": (1, 60),
+    "ports": (0, _U8),
+    "eeprom_read_us": (0, 10_000_000),
+    "eeprom_write_us": (0, 10_000_000),
+}
+_MAILBOX: Bounds = {
+    "receive": (0x1000, _U16),
+    "receive_size": (32, 1486),
+    "send": (0x1000, _U16),
+    "send_size": (32, 1486),
+}
+_MAX_MAPPED = 1486
+
+
+def attributes() -> dict[str, str]:
+    """The attributes that describe a device, and their types as they are written."""
+    found: dict[str, str] = {}
+    for kind in reversed(Device.__mro__):
+        found |= vars(kind).get("__annotations__", {})
+    return found
+
+
+def _scalars() -> dict[str, str]:
+    """Attributes that are numbers, texts or truth values, and which."""
+    simple = ("int", "str", "bool", "float")
+    plain = {name: kind.removesuffix(" | None") for name, kind in attributes().items()}
+    return {name: kind for name, kind in plain.items() if kind in simple}
+
+
+def keys() -> tuple[str, ...]:
+    """The keys that are read here."""
+    return (*_scalars(), *_READERS)
+
+
+def read(table: Table, known: dict[str, Any]) -> None:
+    """Reads attributes of a device.
+
+    Args:
+        table: Its table.
+        known: The attributes so far, to which those of the table are added.
+
+    Raises:
+        ConfigError: Something in it is wrong.
+    """
+    for key, kind in _scalars().items():
+        if key in table:
+            known[key] = _scalar(table, key, kind)
+    for key, reader in _READERS.items():
+        if key in table:
+            reader(table, key, known)
+
+
+def _scalar(table: Table, key: str, kind: str) -> int | float | str | bool:
+    if kind == "str":
+        return latin1(table, key, table.text(key))
+    if kind == "bool":
+        return table.boolean(key)
+    if kind == "float":
+        return table.number(key, low=0.0001 if key == "period" else 0.0, high=3600.0)
+    return table.integer(key, *_BOUNDS.get(key, (0, _U32)))
+
+
+def _numbers(table: Table, kind: type[T], bounds: Bounds, old: T) -> dict[str, Any]:
+    """The fields of a dataclass of numbers and truth values, some changed by a table."""
+    values = {field.name: getattr(old, field.name) for field in fields(kind)}  # type: ignore[arg-type]
+    table.only(values)
+    for key, value in values.items():
+        if key in table and isinstance(value, bool):
+            values[key] = table.boolean(key)
+        elif key in table and key in bounds:
+            values[key] = table.integer(key, *bounds[key])
+    return values
+
+
+def _chip(table: Table, key: str, known: dict[str, Any]) -> None:
+    old = known.get("chip", Device.chip)
+    known["chip"] = Chip(**_numbers(table.table(key), Chip, _CHIP, old))
+
+
+def _ports(table: Table, key: str, known: dict[str, Any]) -> None:
+    """The types of the ports, for register 0x0007 and for the SII."""
+    ports = table.choices(key, _PORTS)
+    if len(ports) > _MAX_PORTS:
+        table.fail(key, f"has {len(ports)} ports, but a slave has at most {_MAX_PORTS}")
+    chip = table.table("chip", None)
+    if chip is not None and "ports" in chip:
+        chip.fail("ports", "does not belong beside `ports` of the device: both are 0x0007")
+    old = known.get("chip", Device.chip)
+    values = {field.name: getattr(old, field.name) for field in fields(Chip)}
+    codes = sum(port[0] << 2 * i for i, port in enumerate(ports))
+    known["chip"] = Chip(**(values | {"ports": codes}))
+    if "physical_ports" not in table:
+        known["physical_ports"] = sum(port[1] << 4 * i for i, port in enumerate(ports))
+
+
+def _mailbox(table: Table, key: str, known: dict[str, Any]) -> None:
+    """`mailbox`, or `bootstrap`."""
+    inner = table.table(key)
+    old = known.get(key) or Mailbox()
+    values = _numbers(inner, Mailbox, _MAILBOX, old)
+    values["protocols"] = _bits(inner, "protocols", _PROTOCOLS, old.protocols)
+    values["coe_details"] = _bits(inner, "coe_details", _COE_DETAILS, old.coe_details)
+    box = Mailbox(**values)
+    if box.send < box.receive + box.receive_size and box.receive < box.send + box.send_size:
+        place = next((k for k in ("send", "receive", "receive_size") if k in inner), "")
+        inner.fail(
+            place,
+            f"the mailboxes overlap: the master writes 0x{box.receive:04X} to "
+            f"0x{box.receive + box.receive_size - 1:04X} and reads from 0x{box.send:04X}",
+        )
+    known[key] = box
+
+
+def _sync_managers(table: Table, key: str, known: dict[str, Any]) -> None:
+    managers = []
+    for row in table.tables(key):
+        row.only([field.name for field in fields(SyncManager)])
+        managers.append(
+            SyncManager(
+                row.choice("type", _SM_TYPES),
+                row.integer("start", 0, _U16),
+                row.integer("size", 0, _U16),
+                row.integer("control", 0, _U8),
+                row.integer("enable", 0, _U8, 1),
+            )
+        )
+    room = known.get("chip", Device.chip).sync_managers
+    if len(managers) > room:
+        table.fail(key, f"has {len(managers)} sync managers, but the chip has {room}")
+    known["sync_managers"] = tuple(managers)
+
+
+def _fmmus(table: Table, key: str, known: dict[str, Any]) -> None:
+    known[key] = tuple(table.choices(key, _FMMU_TYPES))
+
+
+def _variable_mapping(table: Table, key: str, known: dict[str, Any]) -> None:
+    if type(table.data[key]) is not list:
+        known[key] = table.boolean(key)
+        return
+    indices = table.array(key)
+    for index in indices:
+        if type(index) is not int or not (index in OUTPUTS or index in INPUTS):
+            table.fail(key, f"must be true, false or indices of PDOs, but has {show(index)} in it")
+    known[key] = tuple(indices)
+
+
+def _mapping_limits(table: Table, key: str, known: dict[str, Any]) -> None:
+    limits = table.array(key)
+    right = len(limits) == 2 and all(
+        type(limit) is int and 0 <= limit <= _MAX_MAPPED for limit in limits
+    )
+    if not right:
+        table.fail(key, f"must be two numbers of bytes, of outputs and inputs, 0 to {_MAX_MAPPED}")
+    known[key] = (limits[0], limits[1])
+
+
+def _firmware_files(table: Table, key: str, known: dict[str, Any]) -> None:
+    names = table.array(key)
+    for name in names:
+        if type(name) is not str:
+            table.fail(key, f"must be a list of file names, but has {show(name)} in it")
+    known[key] = tuple(names)
+
+
+def _files(table: Table, key: str, known: dict[str, Any]) -> None:
+    inner = table.table(key)
+    known[key] = {name: sources.content(inner, name) for name in inner.data}
+
+
+def _bits(table: Table, key: str, words: dict[str, int], old: int) -> int:
+    """Bits by their names, or as a number."""
+    if type(table.data.get(key)) is int:
+        return table.integer(key, 0, _U8)
+    return sum(set(table.choices(key, words))) if key in table else old
+
+
+# In this order: some need what others have read.
+_READERS = {
+    "chip": _chip,
+    "ports": _ports,
+    "mailbox": _mailbox,
+    "bootstrap": _mailbox,
+    "sync_manager": _sync_managers,
+    "fmmus": _fmmus,
+    "variable_mapping": _variable_mapping,
+    "mapping_limits": _mapping_limits,
+    "firmware_files": _firmware_files,
+    "files": _files,
+}

@@ -1,0 +1,243 @@
+"""Device files: a slave described in TOML (`docs/simulator.md`, "Rig and device files").
+
+Every attribute of `Device` has a key of the same name; what is left out follows from the rest. A
+description may also begin with an SII image or an ESI file and change or add to what that says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from ecatd.model.bus import Pdo
+from ecatd.model.errors import ConfigError, EcatError
+
+from ..slave import sync_managers
+from ..slave.device import Device
+from ..slave.objects import Dictionary, Variable
+from ..slave.sii import UNASSIGNED, SmType
+from . import device_attributes, device_objects, sources
+from .tables import Table
+from .tables import load as load_table
+
+_OTHERS = ("pdo", "object", "sii", "strict", "complete_dictionary")
+_U16, _U32 = 0xFFFF, 0xFFFFFFFF
+_RAM = 0x1000
+_LATE_OBJECTS = (0x1C00,)
+"""Objects that follow from all the others."""
+
+
+def keys() -> tuple[str, ...]:
+    """The keys of a device file."""
+    return (*device_attributes.keys(), *_OTHERS)
+
+
+def load(path: Path) -> Device:
+    """The device that a file describes.
+
+    Raises:
+        ConfigError: The file cannot be used; the message names file, line and key.
+    """
+    table = load_table(path)
+    table.only(keys())
+    return read(table, path.stem)
+
+
+def read(table: Table, name: str) -> Device:
+    """The device that a table describes; its keys have been checked against `keys`.
+
+    Args:
+        table: The table.
+        name: Order code and name if it says none.
+
+    Raises:
+        ConfigError: As `load`.
+    """
+    strict = table.boolean("strict", True)
+    if "strict" in table and "sii" not in table:
+        table.fail("strict", "belongs beside `sii`: whether an image with mistakes is refused")
+    base = sources.sii(table, "sii", strict=strict) if "sii" in table else None
+    return _Reader(table, base, name).device()
+
+
+class DescribedDevice(Device):
+    """A device made from a description instead of a class.
+
+    Args:
+        attributes: Attributes of `Device`.
+        describe: Adds objects to its dictionary.
+        image: Its SII image, or None to make it from the attributes.
+    """
+
+    def __init__(
+        self,
+        attributes: dict[str, Any],
+        describe: Callable[[Dictionary], None],
+        image: bytes | None = None,
+    ) -> None:
+        for name, value in attributes.items():
+            setattr(self, name, value)
+        self._image = image
+        self._describe = describe
+        self.loops: list[tuple[Variable, Variable]] = []
+        super().__init__()
+
+    def describe(self) -> None:
+        """Adds the objects of the description."""
+        self._describe(self.dictionary)
+
+    def keep(self, listed: set[tuple[int, int]]) -> None:
+        """Removes all objects but those that are listed, or may be mapped to process data."""
+        for pdo in (*self.rx_pdos, *self.tx_pdos):
+            listed = listed | {(entry.index, entry.subindex) for entry in pdo.entries}
+        for item in list(self.dictionary):
+            for subindex in list(item.entries):
+                if (item.index, subindex) not in listed:
+                    del item.entries[subindex]
+            if not item.entries:
+                self.dictionary.remove(item.index)
+
+    def sii_image(self) -> bytes:
+        """The image that the description began with, if it did."""
+        if self._image is None:
+            return super().sii_image()
+        return sources.patched(self._image, self.alias, self.serial)
+
+    def step(self, now: float) -> None:
+        """Inputs follow the outputs that they are connected with."""
+        del now
+        for output, entry in self.loops:
+            entry.value = output.value
+
+
+class _Reader:
+    """Makes one device."""
+
+    def __init__(self, table: Table, base: Device | None, name: str) -> None:
+        self._table = table
+        self._base = base
+        self._name = name
+        self._attributes: dict[str, Any] = {}
+        self._listed: dict[int, set[int]] = {}
+        if base is not None:
+            self._attributes = {key: getattr(base, key) for key in device_attributes.attributes()}
+
+    def device(self) -> Device:
+        table = self._table
+        if self._base is None:
+            for key in ("vendor", "product"):
+                table.integer(key, 0, _U32)  # these must be there
+        device_attributes.read(table, self._attributes)
+        self._read_name()
+        pdos = table.tables("pdo")
+        if "pdo" in table:
+            self._read_pdos(pdos)
+        if self._base is None:  # a real image may say what it wants
+            self._check_memory()
+        device = self._make()
+        self._apply_objects(device.dictionary, late=True)
+        if table.boolean("complete_dictionary", False):
+            device.keep({(index, sub) for index, subs in self._listed.items() for sub in subs})
+        device.loops = self._loops(device, pdos)
+        return device
+
+    def _make(self) -> DescribedDevice:
+        image = self._base.sii_image() if self._base else None
+        try:
+            device = DescribedDevice(self._attributes, self._describe, image)
+            device.sii_image()
+        except ConfigError:
+            raise
+        except EcatError as error:
+            self._table.fail("", str(error))
+        return device
+
+    def _read_name(self) -> None:
+        known = self._attributes
+        name = known.get("order") or known.get("name") or self._name
+        known.setdefault("order", device_objects.latin1(self._table, "order", name))
+
+    def _read_pdos(self, rows: list[Table]) -> None:
+        pdos: dict[int, Pdo] = {}
+        outputs = any(
+            row.data.get("index") in device_objects.OUTPUTS and row.data.get("assigned", True)
+            for row in rows
+            if isinstance(row.data.get("index"), int)
+        )
+        for row in rows:
+            pdo = device_objects.read_pdo(row, lambda at, out: self._channel(at, out, outputs))
+            if pdo.index in pdos:
+                row.fail("index", f"is 0x{pdo.index:04X} a second time")
+            pdos[pdo.index] = pdo
+        for key, indices in (
+            ("rx_pdos", device_objects.OUTPUTS),
+            ("tx_pdos", device_objects.INPUTS),
+        ):
+            self._attributes[key] = tuple(pdo for pdo in pdos.values() if pdo.index in indices)
+
+    def _channel(self, table: Table, output: bool, any_outputs: bool) -> int:
+        """The sync manager that carries a PDO."""
+        managers = self._attributes.get("sync_managers")
+        if managers is not None:
+            wanted = SmType.OUTPUTS if output else SmType.INPUTS
+            for number, manager in enumerate(managers):
+                if manager.type == wanted:
+                    return number
+            table.fail("", f"there is no sync manager for {wanted.name.lower()} to carry this PDO")
+        if self._attributes.get("mailbox"):
+            return 2 if output else 3
+        return 0 if output else int(any_outputs)
+
+    def _check_memory(self) -> None:
+        """Whether mailboxes and process data fit into the memory of the chip."""
+        known = self._attributes
+        managers = known.get("sync_managers")
+        if managers is None:
+            sizes = (_size(known.get(key, ())) for key in ("rx_pdos", "tx_pdos"))
+            managers = sync_managers.derive(known.get("mailbox"), *sizes)
+        end = _RAM + 1024 * known.get("chip", Device.chip).ram_kib
+        for manager in managers:
+            if manager.start + manager.size > end:
+                key = next(key for key in ("sync_manager", "pdo", "mailbox") if key in self._table)
+                word = device_attributes.WORDS[manager.type]
+                place = f"0x{manager.start:04X} to 0x{manager.start + manager.size - 1:04X}"
+                self._table.fail(
+                    key,
+                    f"the sync manager of type {word} would take {place}, but the memory of the "
+                    f"chip ends at 0x{end - 1:04X} (chip.ram_kib)",
+                )
+
+    def _describe(self, dictionary: Dictionary) -> None:
+        for row in self._table.tables("pdo"):
+            device_objects.initial_values(row, dictionary)
+        self._apply_objects(dictionary, late=False)
+
+    def _apply_objects(self, dictionary: Dictionary, *, late: bool) -> None:
+        """Adds or changes objects; late those that the device makes last."""
+        for row in self._table.tables("object"):
+            if (row.data.get("index") in _LATE_OBJECTS) == late:
+                found = device_objects.apply_object(dictionary, row)
+                if self._listed.keys() & found.keys():
+                    row.fail("index", f"is 0x{next(iter(found)):04X} a second time")
+                self._listed |= found
+
+    def _loops(self, device: Device, pdos: list[Table]) -> list[tuple[Variable, Variable]]:
+        outputs = {(e.index, e.subindex) for pdo in device.rx_pdos for e in pdo.entries}
+        loops = []
+        for row in (row for pdo in pdos for row in pdo.tables("entry")):
+            source = row.address("loopback", None)
+            if source is None:
+                continue
+            if source not in outputs:
+                row.fail("loopback", f"is {row.data['loopback']}, which no output PDO has")
+            target = device.dictionary[
+                row.integer("index", 1, _U16), row.integer("subindex", 0, 255, 0)
+            ]
+            loops.append((device.dictionary[source], target))
+        return loops
+
+
+def _size(pdos: Iterable[Pdo]) -> int:
+    """Bytes of the PDOs that are mapped by default."""
+    return (sum(pdo.bit_length for pdo in pdos if pdo.sync_manager != UNASSIGNED) + 7) // 8

@@ -1,0 +1,196 @@
+"""Rig files: slaves, and what connects them outside the bus, in TOML.
+
+See `docs/simulator.md`, "Rig and device files". Paths are relative to the folder of the file.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+from ecatd.model.errors import ConfigError
+
+from ..core import MAX_SLAVES
+from ..devices import library
+from ..plants.point import Terminal
+from ..rig import Rig
+from ..slave.device import Device
+from . import device_file, python_file, rig_signals
+from .tables import Table, show
+from .tables import load as load_table
+
+_KEYS = ("name", "slave", "wire", "signal", "plant")
+_PLACE = ("alias", "serial")
+_SOURCES = ("device", "esi")
+_U16, _U32 = 0xFFFF, 0xFFFFFFFF
+_SHOWN = 8
+
+
+def load(path: Path) -> Rig:
+    """The rig that a file describes.
+
+    Raises:
+        ConfigError: The file, or one that it names, cannot be used.
+    """
+    table = load_table(path)
+    table.only(_KEYS)
+    rig = Rig(table.text("name", path.stem))
+    rows = table.tables("slave")
+    if len(rows) > MAX_SLAVES:
+        table.fail("slave", f"has {len(rows)} slaves, but a segment has at most {MAX_SLAVES}")
+    rig.devices = [_slave(row, number) for number, row in enumerate(rows)]
+    driven: set[Terminal] = set()
+    for row in table.tables("wire"):
+        row.only(("from", "to", "scale", "offset"))
+        source = _terminal(row, "from", rig)
+        target = _driven(row, rig, driven)
+        rig.wire(source, target, row.number("scale", 1.0), row.number("offset", 0.0))
+    for row in table.tables("signal"):
+        rig.drive(_driven(row, rig, driven), rig_signals.read(row))
+    for row in table.tables("plant"):
+        _add_plant(row, rig)
+    return rig
+
+
+# --- slaves --------------------------------------------------------------------------------------
+
+
+def _slave(table: Table, number: int) -> Device:
+    if "device" in table:
+        device = _named_device(table)
+    elif "esi" in table:
+        device = _esi_device(table)
+    elif "sii" in table or "vendor" in table:
+        table.only((*device_file.keys(), *_PLACE))
+        return device_file.read(table, f"Slave {number}")
+    else:
+        known = (*_SOURCES, *device_file.keys(), *_PLACE)
+        table.only(dict.fromkeys(known))
+        table.fail(
+            "",
+            'says no device: it needs `device = "EL2004"` (see `ecatsim devices`) or the name of '
+            "a file, `sii`, `esi`, or `vendor` and `product`",
+        )
+    alias = table.integer("alias", 0, _U16, None)
+    serial = table.integer("serial", 0, _U32, None)
+    if alias is not None:
+        device.alias = alias
+    if serial is not None:
+        device.serial = serial
+        if 0x1018 in device.dictionary and 4 in device.dictionary.object(0x1018).entries:
+            device.dictionary[0x1018, 4].value = serial
+    return device
+
+
+def _named_device(table: Table) -> Device:
+    """A device of the library, of a device file, or of a class in a Python file."""
+    table.only(("device", "parameters", *_PLACE))
+    text = table.text("device")
+    name, colon, class_name = text.rpartition(":")
+    if text.endswith(".toml"):
+        if "parameters" in table:
+            table.fail("parameters", "belong to devices of the library or of Python files")
+        return device_file.load(_existing(table, "device", text))
+    parameters = _parameters(table)
+    if text.endswith(".py"):
+        table.fail("device", f'names no class: write "{text}:ClassName"')
+    if colon and name.endswith(".py"):
+        path = _existing(table, "device", name)
+        made = _call(path, python_file.get(path, class_name), parameters)
+        if not isinstance(made, Device):
+            table.fail("device", f"{class_name} in '{path}' makes no ecatsim.Device")
+        return made
+    return table.explain("device", lambda: library.make(text, **parameters))
+
+
+def _parameters(table: Table) -> dict[str, Any]:
+    parameters = table.table("parameters", None)
+    return parameters.data if parameters is not None else {}
+
+
+def _existing(table: Table, key: str, text: str) -> Path:
+    path = table.path_of(text)
+    try:
+        found = path.is_file()
+    except ValueError:  # a name with a NUL
+        found = False
+    if not found:
+        table.fail(key, f"there is no file '{path}'")
+    return path
+
+
+def _call(path: Path, function: Any, parameters: dict[str, Any], *arguments: object) -> object:
+    if not callable(function):
+        raise ConfigError(f"{path}: {show(function)} is neither a class nor a function")
+    made: object = python_file.explained(path, lambda: function(*arguments, **parameters))
+    return made
+
+
+def _esi_device(table: Table) -> Device:
+    table.only(("esi", "type", "product", "revision", *_PLACE))
+    path = _existing(table, "esi", table.text("esi"))
+    product = table.integer("product", 0, _U32, None)
+    revision = table.integer("revision", 0, _U32, None)
+    kind = table.text("type") if "type" in table else None
+    module = importlib.import_module("ecatsim.files.esi")
+    device: Device = table.explain(
+        "esi", lambda: module.device_from_esi(path, type=kind, product=product, revision=revision)
+    )
+    return device
+
+
+# --- what connects them --------------------------------------------------------------------------
+
+
+def _terminal(table: Table, key: str, rig: Rig) -> Terminal:
+    """What `from` (an output) or `to` (an input) means."""
+    where = table.table(key)
+    where.only(("slave", "entry"))
+    count = len(rig.devices)
+    if not count:
+        where.fail("slave", "there are no slaves to connect")
+    slave = where.integer("slave", 0, count - 1)
+    address = where.address("entry")
+    device = rig.devices[slave]
+    known = [
+        entry
+        for pdo in (device.rx_pdos if key == "from" else device.tx_pdos)
+        for entry in pdo.entries
+        if not entry.is_gap
+    ]
+    if address not in [(entry.index, entry.subindex) for entry in known]:
+        kind = "output" if key == "from" else "input"
+        names = ", ".join(entry.address for entry in known[:_SHOWN])
+        more = ", …" if len(known) > _SHOWN else ""
+        has = f"it has {names}{more}" if known else "it has none"
+        where.fail(
+            "entry",
+            f"slave {slave} ({device.order}) has no {kind} {where.data['entry']}; {has}",
+        )
+    return (device, *address)
+
+
+def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
+    """What `to` means, which only one wire or signal may drive."""
+    target = _terminal(table, "to", rig)
+    if target in driven:
+        table.document.fail(
+            (*table.path, "to", "entry"), "is driven by another wire or signal already"
+        )
+    driven.add(target)
+    return target
+
+
+def _add_plant(table: Table, rig: Rig) -> None:
+    """Adds what a function or class of a Python file makes of the rig."""
+    table.only(("python", "parameters", "period", "catch_up"))
+    name, colon, function = table.text("python").rpartition(":")
+    if not colon or not name.endswith(".py"):
+        table.fail("python", 'must be a file and a name in it, as in "motor.py:Motor"')
+    path = _existing(table, "python", name)
+    made = _call(path, python_file.get(path, function), _parameters(table), rig)
+    if not callable(made):
+        table.fail("python", f"{function} in '{path}' makes nothing that takes the time")
+    period = table.number("period", 0.001, low=1e-6, high=3600.0)
+    rig.add_plant(made, period, table.number("catch_up", 0.1, low=0.0))

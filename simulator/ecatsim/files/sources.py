@@ -1,0 +1,73 @@
+"""Bytes that rig and device files need: from files beside them, or in them as base64."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import struct
+
+from ecatd.model.sii_check import sii_checksum
+
+from ..slave.device import Device
+from .sii_image import device_from_sii
+from .tables import Table
+
+_PREFIX = "base64:"
+_MAX_IMAGE = 0x80000
+_MAX_FILE = 1 << 30
+_ALIAS, _CRC, _SERIAL = 8, 14, 28
+
+
+def content(table: Table, key: str, most: int = _MAX_FILE) -> bytes:
+    """The bytes of a file, or those that follow `base64:`.
+
+    Args:
+        table: The table with the key.
+        key: The key.
+        most: Bytes after which reading ends.
+
+    Raises:
+        ConfigError: There is no such file, or the text is no base64.
+    """
+    text = table.text(key)
+    if text.startswith(_PREFIX):
+        try:
+            return base64.b64decode("".join(text[len(_PREFIX) :].split()), validate=True)
+        except (binascii.Error, ValueError) as error:
+            table.fail(key, f"is no base64 text: {error}")
+    path = table.path_of(text)
+    try:
+        with path.open("rb") as file:
+            return file.read(most)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        table.fail(key, f"'{path}' cannot be read: {reason}")
+
+
+def sii(table: Table, key: str, *, strict: bool = True) -> Device:
+    """The device of an SII image.
+
+    Args:
+        table: The table with the key.
+        key: The key: a path, or `base64:` and the image.
+        strict: Refuse an image that is against ETG.2010.
+
+    Raises:
+        ConfigError: There is no such file, or the image makes no sense.
+    """
+    image = content(table, key, _MAX_IMAGE + 1)
+    inside = table.text(key).startswith(_PREFIX)
+    source = table.where(key) if inside else str(table.path_of(table.text(key)))
+    return device_from_sii(image, source, strict=strict)
+
+
+def patched(image: bytes, alias: int, serial: int) -> bytes:
+    """An SII image with another alias and serial number; its checksum is made to fit again."""
+    if len(image) < _SERIAL + 4:
+        return image  # wanted so: `strict = false`
+    data = bytearray(image)
+    if struct.unpack_from("<H", data, _ALIAS)[0] != alias:
+        struct.pack_into("<H", data, _ALIAS, alias)
+        struct.pack_into("<H", data, _CRC, sii_checksum(bytes(data[:_CRC])))
+    struct.pack_into("<I", data, _SERIAL, serial)
+    return bytes(data)

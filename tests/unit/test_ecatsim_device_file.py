@@ -1,0 +1,784 @@
+"""Device files: what they can say, and what is said of those that are wrong."""
+
+import base64
+import random
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import ConfigError, SdoAbortError
+from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
+from ecatsim.devices.beckhoff import EL3008
+from ecatsim.files import device_attributes, device_file
+from ecatsim.slave.objects import ObjectCode
+from ecatsim.slave.sii import FmmuType, SmType, SyncManager
+
+SMALL = """\
+vendor = 0xFFFF
+product = 1
+name = "Doubler"
+[[pdo]]
+index = 0x1600
+entry = [{ index = 0x7000, subindex = 1, name = "In", type = "int16" }]
+[[pdo]]
+index = 0x1A00
+entry = [{ index = 0x6000, subindex = 1, name = "Out", type = "int16", loopback = "0x7000:01" }]
+"""
+
+FULL = """\
+vendor = 0x9A
+product = 0x30924
+revision = 0x10420
+serial = 7
+alias = 3
+order = "GCON"
+name = "Gold"
+group = "Drives"
+group_name = "Elmo Drives"
+device_type = 0x00020192
+pdi_control = 0x0C08
+ebus_current = -2000
+variable_assignment = true
+period = 0.002
+ports = ["mii", "ebus"]
+fmmus = ["outputs", "inputs", "mailbox-state"]
+device_id = 12
+variable_mapping = [0x1600]
+mapping_limits = [32, 16]
+longest_watchdog = 2
+needs_eeprom = true
+answer_delay = 0.01
+firmware_files = ["firmware.efw"]
+files = { "log.txt" = "base64:aGVsbG8=" }
+
+[bootstrap]
+receive_size = 512
+send = 0x1400
+send_size = 512
+
+[chip]
+type = 0x12
+build = 3
+fmmus = 4
+sync_managers = 6
+ram_kib = 4
+
+[mailbox]
+receive = 0x1800
+receive_size = 140
+send = 0x1900
+send_size = 160
+protocols = ["coe", "foe"]
+coe_details = ["sdo", "sdo-information", "pdo-assignment", "complete-access"]
+
+[[sync_manager]]
+type = "mailbox-out"
+start = 0x1800
+size = 140
+control = 0x26
+
+[[sync_manager]]
+type = "mailbox-in"
+start = 0x1900
+size = 160
+control = 0x22
+
+[[sync_manager]]
+type = "outputs"
+start = 0x1100
+size = 4
+control = 0x64
+
+[[sync_manager]]
+type = "inputs"
+start = 0x1180
+size = 3
+control = 0x20
+enable = 9
+
+[[pdo]]
+index = 0x1600
+name = "Targets"
+[[pdo.entry]]
+index = 0x607A
+name = "Target position"
+type = "DINT"
+unit = "rad"
+scale = 0.001
+offset = -1
+value = -5
+
+[[pdo]]
+index = 0x1A00
+entry = [
+  { index = 0x6041, type = "uint16", value = 0x0250 },
+  { gap = 7, name = "Status__" },
+  { index = 0x6000, subindex = 3, type = "bool", value = true },
+]
+
+[[pdo]]
+index = 0x1A01
+assigned = false
+entry = [{ index = 0x6000, subindex = 4, type = "BIT3", bits = 3 }]
+
+[[object]]
+index = 0x2000
+name = "Gain"
+type = "REAL32"
+access = "rw"
+value = 1.5
+default = 1
+unit = "mV"
+min = -2.5
+
+[[object]]
+index = 0x2001
+name = "Speeds"
+type = "int32"
+access = "rw-preop"
+values = [1, -2, 3]
+names = ["slow", "back", "fast"]
+min = -100
+max = 1000
+
+[[object]]
+index = 0x2002
+name = "Settings"
+structure = 0x0800
+entry = [
+  { subindex = 1, name = "Text", type = "string", value = "Grüße", bits = 80, access = "rw" },
+  { subindex = 2, type = "octet_string", value = "01 02 ff" },
+  { subindex = 4, type = "unicode_string", value = "Ω" },
+  { subindex = 5, type = 0x0260, data = "01 02 03 04" },
+  { subindex = 6, type = "uint32", abort = 0x08000022 },
+  { subindex = 7, type = "uint8", access = 0x0047 },
+]
+
+[[object]]
+index = 0x6000
+name = "Status"
+entry = [{ subindex = 3, name = "Ready" }]
+"""
+
+
+def load(folder: Path, text: str) -> Device:
+    file = folder / "device.toml"
+    file.write_text(text, "utf-8")
+    return device_file.load(file)
+
+
+def test_nine_lines_make_a_device(tmp_path: Path) -> None:
+    device = load(tmp_path, SMALL)
+    assert (device.vendor, device.product, device.order) == (0xFFFF, 1, "Doubler")
+    simulation = Simulation(Rig("one", [device]))
+    try:
+        device[0x7000, 1] = -77
+        device.step(0.0)
+        assert device[0x6000, 1] == -77
+    finally:
+        simulation.close()
+
+
+def test_two_lines_make_a_device(tmp_path: Path) -> None:
+    assert load(tmp_path, "vendor = 1\nproduct = 2\n").order == "device"
+
+
+def test_identity_and_strings(tmp_path: Path) -> None:
+    device = load(tmp_path, FULL)
+    assert (device.vendor, device.product, device.revision) == (0x9A, 0x30924, 0x10420)
+    assert (device.serial, device.alias, device.device_type) == (7, 3, 0x20192)
+    assert (device.order, device.name) == ("GCON", "Gold")
+    assert (device.group, device.group_name) == ("Drives", "Elmo Drives")
+    assert (device.pdi_control, device.ebus_current, device.period) == (0x0C08, -2000, 0.002)
+    assert device.variable_assignment
+    assert (device.device_id, device.variable_mapping, device.mapping_limits) == (
+        12,
+        (0x1600,),
+        (32, 16),
+    )
+    assert (device.longest_watchdog, device.needs_eeprom, device.answer_delay) == (2, True, 0.01)
+    assert device.bootstrap == Mailbox(receive_size=512, send=0x1400, send_size=512)
+    assert (device.firmware_files, device.files) == (("firmware.efw",), {"log.txt": b"hello"})
+
+
+def test_chip_and_its_settings(tmp_path: Path) -> None:
+    device = load(tmp_path, FULL)
+    chip = Chip(type=0x12, build=3, fmmus=4, sync_managers=6, ram_kib=4, ports=0b1011)
+    assert device.chip == chip
+    assert device.physical_ports == 0x31
+    assert device.mailbox == Mailbox(0x1800, 140, 0x1900, 160, protocols=0x0C, coe_details=0x27)
+    assert device.sync_managers == (
+        SyncManager(SmType.MAILBOX_OUT, 0x1800, 140, 0x26),
+        SyncManager(SmType.MAILBOX_IN, 0x1900, 160, 0x22),
+        SyncManager(SmType.OUTPUTS, 0x1100, 4, 0x64),
+        SyncManager(SmType.INPUTS, 0x1180, 3, 0x20, 9),
+    )
+    assert device.fmmus == (FmmuType.OUTPUTS, FmmuType.INPUTS, FmmuType.MAILBOX_STATE)
+
+
+def test_process_data(tmp_path: Path) -> None:
+    device = load(tmp_path, FULL)
+    (target,) = device.rx_pdos
+    assert (target.index, target.name, target.sync_manager) == (0x1600, "Targets", 2)
+    (entry,) = target.entries
+    assert (entry.data_type, entry.bit_length) == (DataType.INTEGER32, 32)
+    assert (entry.unit, entry.scale, entry.offset) == ("rad", 0.001, -1.0)
+    first, second = device.tx_pdos
+    assert [entry.bit_length for entry in first.entries] == [16, 7, 1]
+    assert (first.sync_manager, second.sync_manager) == (3, 0xFF)
+    assert first.entries[1].is_gap
+    assert device.give() == bytes.fromhex("5002 80")
+    assert device[0x607A, 0] == -5
+
+
+def test_objects(tmp_path: Path) -> None:
+    objects = load(tmp_path, FULL).dictionary
+    gain = objects.entry(0x2000, 0)
+    assert (gain.type, gain.access, gain.encode().hex()) == (DataType.REAL32, Access.RW, "0000c03f")
+    assert (gain.default, gain.unit, gain.minimum) == (1.0, 0xFD260000, -2.5)
+    speeds = objects.object(0x2001)
+    assert (speeds.name, speeds.code, speeds.max_subindex) == ("Speeds", ObjectCode.ARRAY, 3)
+    assert [speeds.entries[i].name for i in (1, 2, 3)] == ["slow", "back", "fast"]
+    assert [speeds.entries[i].value for i in range(4)] == [3, 1, -2, 3]
+    assert speeds.entries[2].access == Access.READ | Access.WRITE_PREOP
+    with pytest.raises(SdoAbortError, match="too high"):
+        speeds.entries[1].write((1001).to_bytes(4, "little"))
+    record = objects.object(0x2002)
+    assert (record.code, record.type, record.max_subindex) == (ObjectCode.RECORD, 0x0800, 7)
+    assert sorted(record.entries) == [0, 1, 2, 4, 5, 6, 7]
+    assert [record.entries[i].encode() for i in (1, 2, 4, 5)] == [
+        "Grüße".encode("latin-1"),
+        b"\1\2\xff",
+        "Ω".encode("utf-16-le"),
+        b"\1\2\3\4",
+    ]
+    assert [record.entries[i].bits for i in (1, 2, 4, 5)] == [80, 24, 16, 32]
+    with pytest.raises(SdoAbortError) as abort:
+        record.entries[6].encode()
+    assert abort.value.code == 0x08000022
+    assert record.entries[7].access == 0x47
+
+
+def test_object_of_a_pdo_keeps_what_is_not_said_of_it(tmp_path: Path) -> None:
+    item = load(tmp_path, FULL).dictionary.object(0x6000)
+    assert (item.name, sorted(item.entries)) == ("Status", [0, 3, 4])
+    assert (item.entries[3].name, item.entries[3].value) == ("Ready", 1)
+    assert item.entries[3].access & Access.TX_PDO
+
+
+def test_only_the_listed_objects(tmp_path: Path) -> None:
+    text = (
+        SMALL.replace("[[pdo]]", "complete_dictionary = true\n[mailbox]\n[[pdo]]", 1)
+        + '[[object]]\nindex = 0x1000\n[[object]]\nindex = 0x2000\nname = "N"\ntype = "uint8"\n'
+    )
+    device = load(tmp_path, text)
+    assert [item.index for item in device.dictionary] == [0x1000, 0x2000, 0x6000, 0x7000]
+
+
+def image(**changes: int) -> bytes:
+    device = EL3008()
+    for name, value in changes.items():
+        setattr(device, name, value)
+    return device.sii_image()
+
+
+def inline(data: bytes) -> str:
+    return f'sii = "base64:{base64.b64encode(data).decode()}"\n'
+
+
+def test_an_image_beside_the_file_or_in_it(tmp_path: Path) -> None:
+    (tmp_path / "el3008.bin").write_bytes(image())
+    for text in ('sii = "el3008.bin"\n', inline(image())):
+        device = load(tmp_path, text)
+        assert (device.order, device.product) == ("EL3008", EL3008.product)
+        assert device.sii_image() == image()
+        assert device.dictionary[0x6000, 0x11].type == DataType.INTEGER16
+
+
+def test_what_is_added_to_an_image(tmp_path: Path) -> None:
+    text = inline(image()) + "alias = 300\nserial = 5\nchip = { fmmus = 3 }\n"
+    text += "[[object]]\nindex = 0x8000\nname = 'Gain'\ntype = 'uint8'\nvalue = 3\n"
+    device = load(tmp_path, text)
+    assert device.sii_image() == image(alias=300, serial=5)  # with the checksum of that
+    assert device.chip.fmmus == 3
+    assert device[0x8000, 0] == 3
+    assert len(device.tx_pdos) == 16
+
+
+def test_other_process_data_than_in_the_image(tmp_path: Path) -> None:
+    text = (
+        inline(image()) + "[[pdo]]\nindex = 0x1A02\nentry = [{ index = 0x6010, type = 'uint8' }]\n"
+    )
+    device = load(tmp_path, text)
+    assert device.sii_image() == image()
+    assert [(pdo.index, pdo.sync_manager) for pdo in device.tx_pdos] == [(0x1A02, 3)]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('sii = "nothing.bin"', "device.toml:1: sii: 'nothing.bin' cannot be read: No such file"),
+        ('sii = "base64:AAA"', "device.toml:1: sii: is no base64 text: Incorrect padding"),
+        ('sii = "base64:é"', "device.toml:1: sii: is no base64 text: string argument should"),
+        ('sii = "base64:AAAA"', "device.toml:1: sii: "),
+        ("sii = 5", "device.toml:1: sii: must be a text in quotes, not 5"),
+        ("vendor = 1\nproduct = 2\nstrict = true", "device.toml:3: strict: belongs beside `sii`"),
+    ],
+)
+def test_mistakes_in_images(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, text)
+    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
+
+
+def test_an_image_with_mistakes_only_if_that_is_wanted(tmp_path: Path) -> None:
+    wrong = bytearray(image())
+    wrong[14] ^= 1
+    with pytest.raises(ConfigError, match=r"device.toml:1: sii: .*checksum"):
+        load(tmp_path, inline(bytes(wrong)))
+    device = load(tmp_path, "strict = false\n" + inline(bytes(wrong)))
+    assert device.sii_image() == bytes(wrong)
+    assert load(tmp_path, "strict = false\n" + inline(b"")).sii_image() == b""
+
+
+def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
+    """Attributes of `Device` that no key of the same name sets are set by others."""
+    other = {"rx_pdos": "pdo", "tx_pdos": "pdo", "sync_managers": "sync_manager"}
+    names = {other.get(name, name) for name in device_attributes.attributes()}
+    assert names <= set(device_file.keys())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("vendor = 0xFFFF\n", "", "device.toml: vendor: is missing; it must be a whole number"),
+        ("product = 1", "", "device.toml: product: is missing; it must be a whole number"),
+        ("product = 1", "prodct = 1", "device.toml:2: prodct: is no key; did you mean 'product'?"),
+        ("product = 1", "product = '1'", "device.toml:2: product: must be a whole number, not '1'"),
+        (
+            "product = 1",
+            "product = true",
+            "device.toml:2: product: must be a whole number, not true",
+        ),
+        (
+            "product = 1",
+            "product = -1",
+            "device.toml:2: product: is -1, but must be from 0 to 0xFFFFFFFF",
+        ),
+        (
+            "product = 1",
+            "product = 0x100000000",
+            "device.toml:2: product: is 0x100000000, but must be from 0 to 0xFFFFFFFF",
+        ),
+        (
+            "product = 1",
+            "product = 1\nalias = 65536",
+            "device.toml:3: alias: is 0x10000, but must be from 0 to 65535",
+        ),
+        (
+            "product = 1",
+            "product = 1\nalias = 1979-05-27",
+            "device.toml:3: alias: must be a whole number, not 1979-05-27",
+        ),
+        ('"Doubler"', "7", "device.toml:3: name: must be a text in quotes, not 7"),
+        (
+            '"Doubler"',
+            '"日本"',
+            "device.toml:3: name: has the character '日', but slaves have Latin-1",
+        ),
+        (
+            '"Doubler"',
+            f'"{"x" * 256}"',
+            "device.toml:3: name: has 256 characters, but at most 255 are allowed",
+        ),
+        (
+            "product = 1",
+            "product = 1\nperiod = 0",
+            "device.toml:3: period: is 0, but must be from 0.0001 to 3600",
+        ),
+        (
+            "product = 1",
+            "product = 1\nperiod = nan",
+            "device.toml:3: period: must be a finite number, not nan",
+        ),
+        (
+            "product = 1",
+            "product = 1\nvariable_assignment = 1",
+            "device.toml:3: variable_assignment: must be true or false, not 1",
+        ),
+        (
+            "product = 1",
+            'product = 1\nports = "mii"',
+            'device.toml:3: ports: must be a list of "none", "ebus", "mii", not \'mii\'',
+        ),
+        (
+            "product = 1",
+            'product = 1\nports = ["rj45"]',
+            'device.toml:3: ports: is \'rj45\', but must be one of "none", "ebus", "mii"',
+        ),
+        (
+            "product = 1",
+            'product = 1\nports = ["mii", "mii", "mii", "mii", "mii"]',
+            "device.toml:3: ports: has 5 ports, but a slave has at most 4",
+        ),
+        (
+            "product = 1",
+            'product = 1\nports = ["mii"]\nchip.ports = 3',
+            "device.toml:4: chip.ports: does not belong beside `ports` of the device",
+        ),
+        ("product = 1", "product = 1\nchip = 3", "device.toml:3: chip: must be a table, not 3"),
+        (
+            "product = 1",
+            "product = 1\nchip.fmus = 3",
+            "device.toml:3: chip.fmus: is no key; did you mean 'fmmus'?",
+        ),
+        (
+            "product = 1",
+            "product = 1\nchip.fmmus = 17",
+            "device.toml:3: chip.fmmus: is 17, but must be from 0 to 16",
+        ),
+        (
+            "product = 1",
+            "product = 1\nmailbox.receive_size = 9",
+            "device.toml:3: mailbox.receive_size: is 9, but must be from 32 to 1486",
+        ),
+        (
+            "product = 1",
+            "product = 1\nmailbox.send = 0x1010",
+            "device.toml:3: mailbox.send: the mailboxes overlap: the master writes 0x1000 to "
+            "0x107F and reads from 0x1010",
+        ),
+        (
+            "product = 1",
+            'product = 1\nmailbox.protocols = ["http"]',
+            'device.toml:3: mailbox.protocols: is \'http\', but must be one of "aoe", "eoe", ',
+        ),
+        (
+            "product = 1",
+            "product = 1\nmailbox.protocols = 256",
+            "device.toml:3: mailbox.protocols: is 256, but must be from 0 to 255",
+        ),
+        (
+            "product = 1",
+            'product = 1\nfmmus = ["output"]',
+            'device.toml:3: fmmus: is \'output\', but must be one of "unused", "outputs", "inputs"',
+        ),
+        (
+            "product = 1",
+            "product = 1\nvariable_mapping = [7]",
+            "device.toml:3: variable_mapping: must be true, false or indices of PDOs, but has 7 in",
+        ),
+        (
+            "product = 1",
+            "product = 1\nmapping_limits = [7]",
+            "device.toml:3: mapping_limits: must be two numbers of bytes, of outputs and inputs",
+        ),
+        (
+            "product = 1",
+            "product = 1\nfirmware_files = [7]",
+            "device.toml:3: firmware_files: must be a list of file names, but has 7 in it",
+        ),
+        (
+            "product = 1",
+            'product = 1\nfiles = { log = "nothing.txt" }',
+            "device.toml:3: files.log: 'nothing.txt' cannot be read: No such file or directory",
+        ),
+        (
+            "[[pdo]]",
+            '[[sync_manager]]\ntype = "output"\n[[pdo]]',
+            "device.toml:5: sync_manager[0].type: is 'output', but must be one of \"unused\", ",
+        ),
+        (
+            "[[pdo]]",
+            '[[sync_manager]]\ntype = "outputs"\nstart = 0x1000\n[[pdo]]',
+            "device.toml:4: sync_manager[0].size: is missing; it must be a whole number",
+        ),
+        (
+            "[[pdo]]",
+            "sync_manager = []\n[[pdo]]",
+            "device.toml:5: pdo[0]: there is no sync manager for outputs to carry this PDO",
+        ),
+        (
+            "0x1600",
+            "0x1900",
+            "device.toml:5: pdo[0].index: is 0x1900, but PDOs have 0x1600 to 0x17FF",
+        ),
+        (
+            "0x1600",
+            "0x160000",
+            "device.toml:5: pdo[0].index: is 0x160000, but must be from 5632 to",
+        ),
+        (
+            "index = 0x1600",
+            "index = 0x1600\n[[pdo]]\nindex = 0x1600",
+            "device.toml:7: pdo[1].index: is 0x1600 a second time",
+        ),
+        (
+            "index = 0x1600",
+            'index = 0x1600\ndirection = "out"',
+            "device.toml:6: pdo[0].direction: is no key; valid are index, name, assigned, ",
+        ),
+        (
+            "index = 0x1600",
+            "index = 0x1600\nassigned = false\nsync_manager = 2",
+            "device.toml:7: pdo[0].sync_manager: belongs to an assigned PDO",
+        ),
+        (
+            '"int16", loop',
+            '"int17", loop',
+            "device.toml:9: pdo[1].entry[0].type: 'int17' is no data type; use one of bool, int8,",
+        ),
+        (
+            'type = "int16" }',
+            'typ = "int16" }',
+            "device.toml:6: pdo[0].entry[0].typ: is no key; did you mean 'type'?",
+        ),
+        (
+            ', type = "int16" }',
+            " }",
+            'device.toml:6: pdo[0].entry[0].type: must be a data type such as "uint16", which is '
+            "missing",
+        ),
+        (
+            'type = "int16" }',
+            'type = "int16", bits = 17 }',
+            "device.toml:6: pdo[0].entry[0].bits: is 17, but must be from 1 to 16",
+        ),
+        (
+            'type = "int16" }',
+            'type = "string" }',
+            "device.toml:6: pdo[0].entry[0].bits: is missing; it must be a whole number",
+        ),
+        (
+            'type = "int16" }',
+            'type = "float", bits = 16 }',
+            "device.toml:6: pdo[0].entry[0].bits: is 16, but REAL32 always has 32",
+        ),
+        (
+            'type = "int16" }',
+            'type = "int16", scale = 0 }',
+            "device.toml:6: pdo[0].entry[0].scale: is 0, but physical value = raw value * scale",
+        ),
+        (
+            'type = "int16" }',
+            'type = "int16", value = 40000 }',
+            "device.toml:6: pdo[0].entry[0].value: is 40000, but must be from -32768 to 32767",
+        ),
+        (
+            'type = "int16" }',
+            'type = "int16", loopback = "0x6000:01" }',
+            "device.toml:6: pdo[0].entry[0].loopback: belongs to an input",
+        ),
+        (
+            '"0x7000:01"',
+            '"0x7000:02"',
+            "device.toml:9: pdo[1].entry[0].loopback: is 0x7000:02, which no output PDO has",
+        ),
+        (
+            '"0x7000:01"',
+            '"7000.1"',
+            'device.toml:9: pdo[1].entry[0].loopback: must be an address such as "0x6000:01", not '
+            "'7000.1'",
+        ),
+        (
+            "entry = [{ index = 0x7000,",
+            "entry = [{ gap = 8 }, { gap = 8, index = 0x7000,",
+            "device.toml:6: pdo[0].entry[1].index: does not belong to a gap",
+        ),
+        (
+            "entry = [{ index = 0x7000",
+            "entry = [7, { index = 0x7000",
+            "device.toml:6: pdo[0].entry[0]: must be a table, not 7",
+        ),
+        (
+            "[[pdo]]",
+            "pdo.index = 0x1600\n[[object]]",
+            "device.toml:4: pdo: must be an array of tables, written as [[pdo]], not a table",
+        ),
+        (
+            "[[pdo]]",
+            "[[pdo]",
+            "device.toml:4: is no valid TOML: Expected ']]' at the end of an array",
+        ),
+        ("vendor = 0xFFFF", "vendor = ", "device.toml:1: is no valid TOML: Invalid value"),
+        ("product = 1", "vendor = 1", "device.toml:2: is no valid TOML: Cannot overwrite a value"),
+        ('"Doubler"', '"Doubler', "device.toml:3: is no valid TOML: Illegal character"),
+    ],
+)
+def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in SMALL
+    text = SMALL.replace(old, new, 1)
+    if "pdo.index" in new:
+        text = text.split("[[object]]")[0]
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, text)
+    said = str(error.value).replace(f"{tmp_path}/", "")
+    assert said.startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name = 'N'\ntype = 'uint8'", "index: is missing; it must be a whole number"),
+        ("index = 0x2000", 'type: must be a data type such as "uint16", which is missing'),
+        ("index = 0x2000\ntype = 'uint8'\nvalue = 256", "value: is 256, but must be from 0 to 255"),
+        ("index = 0x2000\ntype = 'uint8'\nvalue = 1.5", "value: must be a whole number, not 1.5"),
+        ("index = 0x2000\ntype = 'float'\nvalue = 1e39", "value: is 1e+39, which is too large"),
+        ("index = 0x2000\ntype = 'string'\nvalue = 7", "value: must be a text in quotes, not 7"),
+        ("index = 0x2000\ntype = 'string'\nvalue = '日'", "value: has characters that are not in"),
+        (
+            "index = 0x2000\ntype = 'string'\nbits = 16\nvalue = 'abc'",
+            "value: does not fit into 16 bits",
+        ),
+        (
+            "index = 0x2000\ntype = 'octet_string'\nvalue = 'xyz'",
+            "value: must be bytes in hexadecimal such as \"01 FF\", not 'xyz'",
+        ),
+        ("index = 0x2000\ntype = 0x0260\nvalue = 1", "value: has the type 0x0260: write its bytes"),
+        ("index = 0x2000\ntype = 'uint8'\nvalue = 1\ndata = '01'", "data: does not belong beside"),
+        (
+            "index = 0x2000\ntype = 'uint8'\naccess = 'r'",
+            "access: is 'r', but must be one of \"ro\"",
+        ),
+        ("index = 0x2000\ntype = 'uint8'\naccess = 65536", "access: is 0x10000, but must be from"),
+        ("index = 0x2000\ntype = 'uint8'\nmin = -1", "min: is -1, but must be from 0 to 255"),
+        ("index = 0x2000\ntype = 'string'\nmax = 1", "max: does not go with VISIBLE_STRING"),
+        (
+            "index = 0x2000\ntype = 'uint8'\nunit = 'furlong'",
+            "unit: 'furlong' is no unit with a code",
+        ),
+        ("index = 0x2000\ntype = 'uint8'\ndefault = 256", "default: is 256, but must be from 0"),
+        ("index = 0x2000\ntype = 'uint8'\nabort = 0", "abort: is 0, but must be from 1 to"),
+        ("index = 0x2000\ntype = 'uint8'\nnames = ['a']", "names: belongs to an object with"),
+        (
+            "index = 0x2000\ntype = 'uint8'\nvalues = [1, 256]",
+            "values[1]: is 256, but must be from",
+        ),
+        ("index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = []\nvalue = 3", "value: does not"),
+        ("index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = ['a', 'b']", "names: has 2 names"),
+        (
+            "index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = [2]",
+            "names[0]: must be a text in",
+        ),
+        ("index = 0x2000\nvalue = 3\nentry = []", "value: does not belong beside `entry`"),
+        ("index = 0x2000\nentry = [{ type = 'bool' }]", "entry[0].subindex: is missing"),
+        (
+            "index = 0x2000\nentry = [{ subindex = 1, type = 'bool' }, { subindex = 1 }]",
+            "entry[1].subindex: is 1 a second time",
+        ),
+        ("index = 0x1018\ntype = 'uint8'", "entry: is missing: this object has entries"),
+        ("index = 0x1018\ntype = 'uint8'\nvalues = [1]", "index: follows from PDOs or standards"),
+        ("index = 0x1000\nentry = [{ subindex = 1 }]", "entry: does not belong to a variable"),
+        ("index = 0x2000\ntype = 'bool'\ncode = 'var'", "code: is 'var', but must be one of"),
+        ("index = 0x2000\nindex2 = 1", "index2: is no key; did you mean 'index'?"),
+    ],
+)
+def test_mistakes_in_objects(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, f"vendor = 1\nproduct = 2\n[[object]]\n{text}\n")
+    key = re.match(r"\w+", message)
+    assert key
+    lines = [i for i, line in enumerate(text.splitlines(), 4) if line.startswith(key[0] + " =")]
+    said = str(error.value).replace(f"{tmp_path}/", "")
+    assert said.startswith(f"device.toml:{lines[0] if lines else 3}: object[0].{message}")
+
+
+def test_object_described_twice(tmp_path: Path) -> None:
+    text = "vendor = 1\nproduct = 2\n" + "[[object]]\nindex = 0x2000\ntype = 'bool'\n" * 2
+    with pytest.raises(ConfigError, match=r"toml:7: object\[1\].index: is 0x2000 a second time"):
+        load(tmp_path, text)
+
+
+def test_process_data_that_do_not_fit_into_the_chip(tmp_path: Path) -> None:
+    entry = "{ index = 0x7000, subindex = 1, type = 'uint64' },"
+    text = "vendor = 1\nproduct = 2\nchip.ram_kib = 1\n[[pdo]]\nindex = 0x1600\n[[pdo]]\n"
+    text = text.replace("[[pdo]]\n", f"[[pdo]]\nentry = [{entry * 200}]\n", 1)
+    with pytest.raises(ConfigError, match=r"toml:4: pdo: .* 0x1000 to 0x163F.* ends at 0x13FF"):
+        load(tmp_path, text.removesuffix("[[pdo]]\n"))
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nothing.toml: cannot be read: No such file"):
+        device_file.load(tmp_path / "nothing.toml")
+    with pytest.raises(ConfigError, match=r"cannot be read: Is a directory"):
+        device_file.load(tmp_path)
+    (tmp_path / "bytes.toml").write_bytes(b"name = '\xff'")
+    with pytest.raises(ConfigError, match=r"bytes.toml: is no UTF-8 text: invalid start byte"):
+        device_file.load(tmp_path / "bytes.toml")
+    with pytest.raises(ConfigError, match=r"device.toml: is nested too deeply"):
+        load(tmp_path, "a = " + "[" * 100_000)
+    with pytest.raises(ConfigError, match=r"device.toml: is no valid TOML"):
+        load(tmp_path, "product = " + "1" * 5000)
+
+
+VALUES = [
+    "-1",
+    "0",
+    "0xFFFF",
+    "1e400",
+    "nan",
+    "true",
+    "''",
+    "'bool'",
+    "[]",
+    "{}",
+    "[[1]]",
+    "9" * 30,
+]
+VALUES += [
+    "{ slave = 1 }",
+    "1979-05-27",
+    '"\\u0000"',
+    "'0x6000:01'",
+    "'base64:AAAA'",
+    "'日'",
+    "0b1",
+]
+
+
+def mutate(text: str, seed: int) -> str:
+    """A document with a few mistakes: in values, in keys, in lines or in characters."""
+    chance = random.Random(seed)
+    lines = text.splitlines()
+    for _ in range(chance.randint(1, 4)):
+        at = chance.randrange(len(lines))
+        way = chance.randrange(6)
+        if way == 0:
+            lines.insert(chance.randrange(len(lines)), lines[at])
+        elif way == 1 and len(lines) > 1:
+            del lines[at]
+        elif way == 2 and lines[at]:
+            place = chance.randrange(len(lines[at]))
+            lines[at] = (
+                lines[at][:place] + chance.choice("[]{}\"'=.,#0x\0é") + lines[at][place + 1 :]
+            )
+        elif way == 3:
+            lines[at] = re.sub(r"\b[a-z]\w* =", lambda m: m[0][1:], lines[at], count=1)
+        else:
+            values = list(re.finditer(r"(?<== )(\"[^\"]*\"|'[^']*'|[^\s,}\]]+)", lines[at]))
+            if values:
+                match = chance.choice(values)
+                new = chance.choice(VALUES)
+                lines[at] = lines[at][: match.start()] + new + lines[at][match.end() :]
+    return "\n".join(lines) + "\n"
+
+
+@settings(max_examples=600, deadline=None)
+@given(st.sampled_from([SMALL, FULL]), st.integers(0, 2**32))
+def test_mistakes_never_end_in_anything_but_a_message(
+    tmp_path_factory: pytest.TempPathFactory, text: str, seed: int
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    said = ""
+    try:
+        simulation = Simulation(Rig("one", [load(folder, mutate(text, seed))]))
+    except ConfigError as error:
+        said = str(error)
+    else:
+        simulation.step()
+        simulation.close()
+    assert re.fullmatch(rf"({re.escape(str(folder))}/device\.toml.*)?", said)

@@ -1,0 +1,484 @@
+"""Rig files: what they can say, and what is said of those that are wrong."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_ecatsim_device_file import SMALL, mutate
+
+from ecatd.model.errors import ConfigError, UsageError
+from ecatsim import Device, Rig, Simulation, rig
+
+RIG = """\
+name = "bench"
+
+[[slave]]
+device = "EK1100"
+
+[[slave]]
+device = "EL2008"
+alias = 5
+
+[[slave]]
+device = "EL1018"
+serial = 77
+
+[[slave]]
+device = "EL3008"
+
+[[slave]]
+device = "doubler.toml"
+
+[[slave]]
+device = "counter.py:Counter"
+parameters = { step = 3 }
+
+[[slave]]
+vendor = 0xFFFF
+product = 9
+alias = 6
+[[slave.pdo]]
+index = 0x1A00
+entry = [{ index = 0x6000, subindex = 1, type = "int16", scale = 0.5, offset = 1 }]
+
+[[wire]]
+from = { slave = 1, entry = "0x7000:01" }
+to = { slave = 2, entry = "0x6000:01" }
+
+[[signal]]
+to = { slave = 6, entry = "0x6000:01" }
+shape = "constant"
+value = 21.0
+
+[[signal]]
+to = { slave = 2, entry = "0x6010:01" }
+shape = "square"
+frequency = 0.5
+
+[[signal]]
+to = { slave = 3, entry = "0x6000:11" }
+shape = "sine"
+amplitude = 20
+frequency = 0.25
+
+[[plant]]
+python = "counter.py:plant"
+parameters = { slave = 5 }
+"""
+
+PYTHON = """\
+from ecatsim import DataType, Device, Entry, Pdo
+
+
+class Counter(Device):
+    vendor, product, order = 1, 2, "Counter"
+    tx_pdos = (Pdo(0x1A00, "In", 0, [Entry(0x6000, 1, "", DataType.UNSIGNED16, 16)]),)
+
+    def __init__(self, step=1):
+        super().__init__()
+        self.increment = int(step)
+
+    def step(self, now):
+        self[0x6000, 1] += self.increment
+
+
+def plant(rig, slave):
+    times = []
+    rig.devices[slave].times = times
+    return times.append
+
+
+def broken(rig):
+    raise KeyError("oops")
+
+
+def nothing(rig):
+    return None
+
+
+number = 5
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    (folder / "doubler.toml").write_text(SMALL, "utf-8")
+    (folder / "counter.py").write_text(PYTHON, "utf-8")
+    file = folder / "rig.toml"
+    file.write_text(text, "utf-8")
+    return file
+
+
+def load(folder: Path, text: str) -> Rig:
+    return rig.make(str(write(folder, text)))
+
+
+def test_slaves_of_every_kind(tmp_path: Path) -> None:
+    what = load(tmp_path, RIG)
+    assert what.name == "bench"
+    names = [device.order for device in what.devices]
+    assert names == ["EK1100", "EL2008", "EL1018", "EL3008", "Doubler", "Counter", "Slave 6"]
+    assert [device.alias for device in what.devices] == [0, 5, 0, 0, 0, 0, 6]
+    assert what.devices[2].serial == 77
+    simulation = Simulation(what)
+    try:
+        for position, word in ((1, 5), (2, 0), (6, 6)):
+            assert simulation.segment.sii(position)[8:10] == word.to_bytes(2, "little")
+        assert simulation.segment.sii(2)[28:32] == (77).to_bytes(4, "little")
+    finally:
+        simulation.close()
+
+
+def test_a_file_without_slaves_is_an_empty_segment(tmp_path: Path) -> None:
+    what = load(tmp_path, "")
+    assert (what.name, what.devices) == ("rig", [])
+
+
+def step(what: Rig, now: float) -> None:
+    for plant in what.plants:
+        plant(now)
+    for device in what.devices:
+        device.step(now)
+
+
+def test_wires_and_signals(tmp_path: Path) -> None:
+    what = load(tmp_path, RIG)
+    _, outputs, inputs, analog, _, counter, scaled = what.devices
+    outputs[0x7000, 1] = 1
+    step(what, 0.5)
+    assert inputs[0x6000, 1] == 1
+    assert inputs[0x6010, 1] == 1
+    assert scaled[0x6000, 1] == 40  # (21 - 1) / 0.5
+    assert analog[0x6000, 0x11] == 32767  # 14 V are more than ±10 V
+    assert counter[0x6000, 1] == 3
+    step(what, 1.0)
+    assert inputs[0x6010, 1] == 0
+    times = counter.times  # type: ignore[attr-defined]
+    assert (times[0], times[-1]) == (0.5, pytest.approx(1.0))
+    step(what, 4.1)
+    assert 0 < analog[0x6000, 0x11] < 32767
+
+
+SHAPES = {
+    "constant": "value = 2.5",
+    "sine": "amplitude = 5\nfrequency = 0.25\nphase = 0.5\noffset = -1",
+    "square": "frequency = 1\nlow = -3\nhigh = 3",
+    "ramp": "low = 0\nhigh = 5\nfrequency = 0.1",
+    "triangle": "low = 0\nhigh = 5\nfrequency = 0.1",
+    "noise": "deviation = 0.5\nmean = 2\nseed = 7",
+    "table": "file = 'table.csv'\ncolumn = 'volts'\ntime = 0\nrepeat = true",
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_shape_of_signal(tmp_path: Path, shape: str) -> None:
+    (tmp_path / "table.csv").write_text("seconds,volts\n0,1\n10,4\n")
+    point = 'to = { slave = 0, entry = "0x6000:11" }\n'
+    text = f"[[slave]]\ndevice = 'EL3008'\n[[signal]]\n{point}shape = '{shape}'\n{SHAPES[shape]}\n"
+    what = load(tmp_path, text)
+    what.plants[0](4.0)
+    what.plants[0](5.0)
+    assert what.devices[0].connection(0x6000, 0x11).value != 0
+
+
+def test_wires_convert_what_they_carry(tmp_path: Path) -> None:
+    what = load(
+        tmp_path, RIG.replace('entry = "0x6000:01" }\n', 'entry = "0x6000:01" }\noffset = 1\n', 1)
+    )
+    step(what, 0.0)
+    assert what.devices[2][0x6000, 1] == 1
+
+
+def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "rigs"
+    folder.mkdir()
+    write(folder, RIG)
+    monkeypatch.chdir(tmp_path)
+    assert len(rig.make("rigs/rig.toml").devices) == 7
+
+
+def test_every_slave_is_a_device_of_its_own(tmp_path: Path) -> None:
+    first, second = load(tmp_path, '[[slave]]\ndevice = "doubler.toml"\n' * 2).devices
+    first[0x7000, 1] = 4
+    assert second[0x7000, 1] == 0
+    assert isinstance(first, Device)
+
+
+SLAVE = '[[slave]]\ndevice = "EL1018"\n'
+WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x6000:01" }'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name = "bench"', "name = 3", "rig.toml:1: name: must be a text in quotes, not 3"),
+        ('name = "bench"', 'nam = ""', "rig.toml:1: nam: is no key; did you mean 'name'?"),
+        ('name = "bench"', "xyz = 1", "rig.toml:1: xyz: is no key; valid are name, "),
+        ('name = "bench"', "name =", "rig.toml:1: is no valid TOML: Invalid value"),
+        ('name = "bench"', "slave = 3", "rig.toml:3: is no valid TOML: Cannot "),
+        ('"EK1100"', "3", "rig.toml:4: slave[0].device: must be a text in quotes, not 3"),
+        (
+            '"EK1100"',
+            '"EK1101"',
+            "rig.toml:4: slave[0].device: there is no device 'EK1101': did you mean EK1100",
+        ),
+        ("device", "devise", "rig.toml:4: slave[0].devise: is no key; did you mean 'device'?"),
+        (
+            'device = "EK1100"',
+            "alias = 3",
+            'rig.toml:3: slave[0]: says no device: it needs `device = "EL2004"` (see `ecatsim ',
+        ),
+        (
+            "alias = 5",
+            "alias = -5",
+            "rig.toml:8: slave[1].alias: is -5, but must be from 0 to 65535",
+        ),
+        (
+            "alias = 5",
+            "alais = 5",
+            "rig.toml:8: slave[1].alais: is no key; did you mean 'alias'?",
+        ),
+        (
+            "alias = 5",
+            'sii = "x.bin"',
+            "rig.toml:8: slave[1].sii: is no key; valid are device, parameters, alias, serial",
+        ),
+        (
+            "serial = 77",
+            'serial = "77"',
+            "rig.toml:12: slave[2].serial: must be a whole number, not '77'",
+        ),
+        (
+            "alias = 5",
+            "parameters = { volts = 5 }",
+            "rig.toml:7: slave[1].device: EL2008 has no parameter 'volts'",
+        ),
+        (
+            "alias = 5",
+            "parameters = 5",
+            "rig.toml:8: slave[1].parameters: must be a table, not 5",
+        ),
+        (
+            '"doubler.toml"',
+            '"tripler.toml"',
+            "rig.toml:18: slave[4].device: there is no file 'tripler.toml'",
+        ),
+        (
+            '"doubler.toml"',
+            '"doubler.toml"\nparameters = {}',
+            "rig.toml:19: slave[4].parameters: belong to devices of the library",
+        ),
+        (
+            '"counter.py:Counter"',
+            '"counter.py"',
+            'rig.toml:21: slave[5].device: names no class: write "counter.py:ClassName"',
+        ),
+        (
+            '"counter.py:Counter"',
+            '"missing.py:Counter"',
+            "rig.toml:21: slave[5].device: there is no file 'missing.py'",
+        ),
+        (
+            '"counter.py:Counter"',
+            '"counter.py:Cuonter"',
+            "counter.py: the file does not define 'Cuonter'",
+        ),
+        (
+            '"counter.py:Counter"',
+            '"counter.py:number"',
+            "counter.py: 5 is neither a class nor a function",
+        ),
+        (
+            '"counter.py:Counter"',
+            '"counter.py:dict"',
+            "counter.py: the file does not define 'dict'",
+        ),
+        (
+            "step = 3",
+            "stop = 3",
+            "counter.py: TypeError: Counter.__init__() got an unexpected keyword argument 'stop'",
+        ),
+        (
+            "vendor = 0xFFFF",
+            "",
+            "rig.toml:24: slave[6]: says no device: it needs ",
+        ),
+        (
+            "product = 9",
+            "",
+            "rig.toml:24: slave[6].product: is missing; it must be a whole number",
+        ),
+        (
+            "index = 0x1A00",
+            "index = 0x1C00",
+            "rig.toml:29: slave[6].pdo[0].index: is 7168, but must be from 5632 to 7167",
+        ),
+        (
+            "scale = 0.5",
+            "scale = inf",
+            "rig.toml:30: slave[6].pdo[0].entry[0].scale: must be a finite number, not inf",
+        ),
+        (
+            "scale = 0.5",
+            "skale = 0.5",
+            "rig.toml:30: slave[6].pdo[0].entry[0].skale: is no key; did you mean 'scale'?",
+        ),
+        (
+            "[[wire]]",
+            "[wire]",
+            "rig.toml:32: wire: must be an array of tables, written as [[wire]]",
+        ),
+        ("[[wire]]", "[[slave.wire]]", "rig.toml:32: slave[6].wire: is no key; valid are "),
+        ("from =", "form =", "rig.toml:33: wire[0].form: is no key; did you mean 'from'?"),
+        (
+            'from = { slave = 1, entry = "0x7000:01" }\n',
+            "",
+            "rig.toml:32: wire[0].from: is missing; it must be a table",
+        ),
+        (
+            "{ slave = 1, entry",
+            "{ slave = 7, entry",
+            "rig.toml:33: wire[0].from.slave: is 7, but must be from 0 to 6",
+        ),
+        (
+            "{ slave = 1, entry",
+            "{ entry",
+            "rig.toml:33: wire[0].from.slave: is missing; it must be a whole number",
+        ),
+        (
+            '"0x7000:01"',
+            "0x7000",
+            'rig.toml:33: wire[0].from.entry: must be an address such as "0x6000:01", not 28672',
+        ),
+        (
+            '"0x7000:01"',
+            '"0x7000:02"',
+            "rig.toml:33: wire[0].from.entry: slave 1 (EL2008) has no output 0x7000:02; it has "
+            "0x7000:01, 0x7010:01, ",
+        ),
+        (
+            '{ slave = 1, entry = "0x7000:01" }',
+            '{ slave = 0, entry = "0x7000:01" }',
+            "rig.toml:33: wire[0].from.entry: slave 0 (EK1100) has no output 0x7000:01; it has",
+        ),
+        (
+            '{ slave = 2, entry = "0x6010:01" }',
+            '{ slave = 2, entry = "0x6000:01" }',
+            "rig.toml:42: signal[1].to.entry: is driven by another wire or signal already",
+        ),
+        (
+            '"constant"',
+            '"sinus"',
+            "rig.toml:38: signal[0].shape: is 'sinus', but must be one of \"constant\", ",
+        ),
+        (
+            "value = 21.0",
+            'value = "21"',
+            "rig.toml:39: signal[0].value: must be a number, not '21'",
+        ),
+        (
+            "value = 21.0",
+            "value = 21.0\nfrequency = 1",
+            "rig.toml:40: signal[0].frequency: is no key; valid are to, shape, value",
+        ),
+        (
+            "frequency = 0.5",
+            "frequency = -0.5",
+            "rig.toml:44: signal[1].frequency: is -0.5, but must be from 0 to 1e+09",
+        ),
+        (
+            "amplitude = 20\n",
+            "",
+            "rig.toml:46: signal[2].amplitude: is missing; it must be a number",
+        ),
+        (
+            '"counter.py:plant"',
+            '"counter.py"',
+            "rig.toml:53: plant[0].python: must be a file and a name in it",
+        ),
+        (
+            '"counter.py:plant"',
+            '"counter.py:broken"',
+            "counter.py: TypeError: broken() got an unexpected keyword argument 'slave'",
+        ),
+        (
+            '"counter.py:plant"\nparameters = { slave = 5 }',
+            '"counter.py:broken"',
+            "counter.py:23: KeyError: 'oops'",
+        ),
+        (
+            '"counter.py:plant"\nparameters = { slave = 5 }',
+            '"counter.py:nothing"',
+            "rig.toml:53: plant[0].python: nothing in 'counter.py' makes nothing that takes",
+        ),
+        ("python =", "pyton =", "rig.toml:53: plant[0].pyton: is no key; did you mean 'python'?"),
+    ],
+)
+def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in RIG
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, RIG.replace(old, new, 1))
+    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
+
+
+def test_mistakes_of_a_device_file_name_that_file(tmp_path: Path) -> None:
+    file = write(tmp_path, '[[slave]]\ndevice = "doubler.toml"\n')
+    (tmp_path / "doubler.toml").write_text("vendor = 1\nproduct = 'x'\n")
+    with pytest.raises(ConfigError) as error:
+        rig.make(str(file))
+    assert (
+        str(error.value) == f"{tmp_path}/doubler.toml:2: product: must be a whole number, not 'x'"
+    )
+
+
+def test_more_slaves_than_a_segment_has(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"toml:1: slave: has 1025 slaves, .* at most 1024"):
+        load(tmp_path, SLAVE * 1025)
+
+
+def test_wires_of_a_rig_without_slaves(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"toml:2: wire\[0\].from.slave: there are no slaves"):
+        load(tmp_path, f"[[wire]]\n{WIRE}\n")
+
+
+def test_names_of_rigs() -> None:
+    assert rig.make("empty").devices == []
+    with pytest.raises(UsageError, match="there is no rig 'nothing': use one of troll, "):
+        rig.make("nothing")
+    with pytest.raises(ConfigError, match=r"^nothing.toml: cannot be read: No such file"):
+        rig.make("nothing.toml")
+    with pytest.raises(ConfigError, match=r"^there is no rig file 'nothing.py'"):
+        rig.make("nothing.py")
+
+
+def test_python_rigs_say_where_they_fail(tmp_path: Path) -> None:
+    for number, (text, message) in enumerate(
+        (
+            ("def rig():\n    return 1 / 0\n", "{file}:2: ZeroDivisionError: division by zero"),
+            ("def rig(:\n", "{file}:1: SyntaxError: invalid syntax"),
+            ("def rigg(): ...\n", "{file}: the file must define a function rig()"),
+            ("def rig(): ...\n", "{file}: rig() must return an ecatsim.rig.Rig"),
+        )
+    ):
+        file = tmp_path / f"rig{number}.py"
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=re.escape(message.format(file=file))):
+            rig.make(str(file))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 2**32))
+def test_mistakes_never_end_in_anything_but_a_message(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    said = ""
+    try:
+        simulation = Simulation(load(folder, mutate(RIG, seed)))
+    except ConfigError as error:
+        said = str(error)
+    else:
+        simulation.step()
+        simulation.close()
+    assert re.fullmatch(rf"({re.escape(str(folder))}/(rig\.toml|counter\.py).*)?", said)
