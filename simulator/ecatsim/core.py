@@ -179,6 +179,7 @@ def _library() -> ctypes.CDLL:
         "esc_stop": (number, [segment]),
         "esc_wait": (number, [segment, ctypes.c_int64, ctypes.POINTER(_Event), number]),
         "esc_read": (number, [segment, number, address, ctypes.c_void_p, size]),
+        "esc_peek": (number, [segment, number, address, ctypes.c_void_p, size]),
         "esc_write": (number, [segment, number, address, data, size]),
         "esc_set_al_status": (number, [segment, number, address, address]),
         "esc_lock_sync_manager": (number, [segment, number, number, number]),
@@ -325,6 +326,12 @@ class Segment(Wire):
         """Reads memory of a slave as its device does, which acknowledges events."""
         buffer = ctypes.create_string_buffer(size)
         checked(self._lib.esc_read(self._handle, position, address, buffer, size))
+        return buffer.raw
+
+    def peek(self, position: int, address: int, size: int) -> bytes:
+        """Reads memory of a slave without any effect, for an observer."""
+        buffer = ctypes.create_string_buffer(size)
+        checked(self._lib.esc_peek(self._handle, position, address, buffer, size))
         return buffer.raw
 
     def write(self, position: int, address: int, data: bytes) -> None:

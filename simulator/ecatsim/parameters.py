@@ -36,6 +36,7 @@ class Is:
         minimum: Smallest value that is allowed.
         maximum: Largest value that is allowed; of bytes and text, the largest length.
         hexadecimal: Whether it is shown in base 16, as codes and addresses are.
+        positional: On the command line without its name, though it may be left out.
         file: A path, relative to the file or directory that names it, or another text.
     """
 
@@ -44,6 +45,7 @@ class Is:
     minimum: float | None = None
     maximum: float | None = None
     hexadecimal: bool = False
+    positional: bool = False
     file: bool = False
 
 
@@ -72,7 +74,7 @@ class Parameter:
         """The values that are allowed, in words."""
         low, high, unit = self.about.minimum, self.about.maximum, self.about.unit
         if self.choices:
-            return "one of " + ", ".join(self.choices)
+            return ", ".join(self.choices[:-1]) + " or " + self.choices[-1]
         if self.type is bool:
             return "true or false"
         if self.type is bytes:
@@ -80,7 +82,7 @@ class Parameter:
         if self.type is str:
             return "a text"
         text = "a number" if self.type is float else "an integer"
-        if low is not None and high is not None:
+        if low is not None and high is not None and low > -_LARGE:
             end = "on" if high >= _LARGE else f"to {self.show(high)}"
             text += f" from {self.show(low)} {end}"
         return f"{text} {unit}".rstrip()

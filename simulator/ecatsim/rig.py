@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ecatd.model.errors import ConfigError, UsageError
 
+from .faults import Fault
 from .plants.paced import Paced
 from .plants.point import Point, Terminal
 from .slave.device import Device
@@ -39,12 +40,14 @@ class Rig:
         devices: Devices in wire order.
         plants: What connects the devices outside the bus: wires, signal sources, mechanics.
         trace: What to record, or None.
+        faults: Faults on demand that it begins with.
     """
 
     name: str
     devices: list[Device] = field(default_factory=list)
     plants: list[Plant] = field(default_factory=list)
     trace: Trace | None = None
+    faults: list[Fault] = field(default_factory=list)
 
     def wire(
         self, source: Terminal, target: Terminal, scale: float = 1.0, offset: float = 0.0

@@ -5,17 +5,43 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from ecatd.model.errors import UsageError
+from ecatd.model.errors import StateError, UsageError
 
 from .core import Segment
 from .faults import Faults
 from .rig import Rig
+from .slave.device import Device
+from .slave.mailbox import MailboxMode
 
 _PERIOD = 0.001
 _MAX_LAG = 0.1
+
+
+@dataclass(slots=True)
+class _Place:
+    """A place on the wire.
+
+    Attributes:
+        original: The device that the rig has there.
+        at: Where its process data are in the output and input images of the segment.
+        room: Bytes that it has there.
+        due: When its device is next stepped.
+        on: Whether it has power.
+        eeprom: The first SII image, once a fault has changed it.
+        next_eeprom: The SII image that it finds at power-on.
+    """
+
+    original: Device
+    at: tuple[int, int] = (0, 0)
+    room: tuple[int, int] = (0, 0)
+    due: float = 0.0
+    on: bool = True
+    eeprom: bytes | None = None
+    next_eeprom: bytes | None = None
 
 
 class Simulation:
@@ -45,15 +71,14 @@ class Simulation:
         self.segment = Segment()
         self.lock = threading.RLock()
         self.after_step: list[Callable[[], None]] = []
-        self._due: list[float] = [0.0] * len(rig.devices)
         self._trace_file: IO[str] | None = None
-        outputs = inputs = 0
-        for device in rig.devices:
-            device.attach(self.segment, outputs, inputs)
-            outputs += device.room[0]
-            inputs += device.room[1]
-        self.segment.make_images(outputs, inputs)
+        self._places = [_Place(device) for device in rig.devices]
+        for device, place in zip(rig.devices, self._places, strict=True):
+            self._make_room(place, device)
+            device.attach(self.segment, *place.at)
         self.faults = Faults(self)
+        for fault in rig.faults:
+            self.faults.add(fault)
         if trace is not None:
             self._open_trace(trace)
 
@@ -84,7 +109,8 @@ class Simulation:
             events = self.segment.wait(max(0.0, due - now))
             with self.lock:
                 for position, event in events:
-                    self.rig.devices[position].handle(event, now)
+                    if self._places[position].on:
+                        self.rig.devices[position].handle(event, now)
             now = time.monotonic()
             if now >= due:
                 self.step()
@@ -104,15 +130,96 @@ class Simulation:
         now_ns = time.monotonic_ns()
         now = now_ns / 1e9
         self.segment.get_outputs(now_ns)
-        for device in self.rig.devices:
+        powered = [(d, p) for d, p in zip(self.rig.devices, self._places, strict=True) if p.on]
+        for device, _ in powered:
             device.take_outputs()
         for plant in self.rig.plants:
             plant(now)
-        for i, device in enumerate(self.rig.devices):
-            if now >= self._due[i]:
+        for device, place in powered:
+            if now >= place.due:
                 device.run(now)
-                self._due[i] = max(self._due[i] + device.period, now - device.period)
+                place.due = max(place.due + device.period, now - device.period)
         self.segment.put_inputs()
         if self._trace_file and self.rig.trace:
             values = ",".join(f"{value:.10g}" for value in self.rig.trace.values())
             self._trace_file.write(f"{now_ns},{values}\n")
+
+    # --- what faults do ------------------------------------------------------------------------
+
+    def is_on(self, position: int) -> bool:
+        """Whether a slave has power."""
+        return self._places[position].on
+
+    def powered(self, position: int) -> Device:
+        """The device of a slave that has power.
+
+        Raises:
+            StateError: It has none.
+        """
+        if not self.is_on(position):
+            raise StateError(f"slave {position} has no power: `power-on` comes first")
+        return self.rig.devices[position]
+
+    def conditions(self, position: int) -> list[str]:
+        """What is not as it should be with a slave, in words."""
+        place, device = self._places[position], self.rig.devices[position]
+        mode = device.mailbox_fault.mode
+        found = {
+            "no power": not place.on,
+            "swapped": device is not place.original,
+            f"mailbox {mode}": mode != MailboxMode.NONE,
+            "EEPROM changed": place.eeprom not in (None, self.segment.sii(position)),
+        }
+        return [text for text, applies in found.items() if applies]
+
+    def power(self, position: int, on: bool) -> None:
+        """Switches the power of a slave off or on; nothing happens if it is so already."""
+        place, device = self._places[position], self.rig.devices[position]
+        with self.lock:
+            if place.on == on:
+                return
+            if on and place.next_eeprom is not None:
+                self.segment.set_eeprom(position, place.next_eeprom)
+                place.next_eeprom = None
+            if not on:
+                device.reset()  # what hangs on its outputs stops now
+            self.segment.power(position, on)
+            if on:
+                device.reset()
+            place.on = on
+
+    def swap(self, position: int, device: Device | None) -> None:
+        """Puts another device in the place of a slave, or (None) the first one again.
+
+        It starts as at power-on. Wires, signals and plants stay with the first one.
+        """
+        place = self._places[position]
+        with self.lock:
+            self.rig.devices[position].detach()
+            new = place.original if device is None else device
+            self._make_room(place, new)
+            self.rig.devices[position] = new
+            new.attach(self.segment, *place.at, place=position)
+            place.eeprom = place.next_eeprom = None
+            place.on = True
+
+    def original_eeprom(self, position: int) -> bytes:
+        """The SII image of a slave as it was before a fault changed it for the first time."""
+        place = self._places[position]
+        if place.eeprom is None:
+            place.eeprom = self.segment.sii(position)
+        return place.eeprom
+
+    def eeprom_at_power_on(self, position: int, image: bytes) -> None:
+        """Gives a slave another SII image, to be found when its power is next switched on."""
+        self._places[position].next_eeprom = image
+
+    def _make_room(self, place: _Place, device: Device) -> None:
+        """Finds a place in the process images of the segment for those of a device."""
+        if device.room[0] <= place.room[0] and device.room[1] <= place.room[1]:
+            return
+        place.room = device.room
+        place.at = (len(self.segment.outputs), len(self.segment.inputs))
+        inputs = bytes(self.segment.inputs)
+        self.segment.make_images(place.at[0] + place.room[0], place.at[1] + place.room[1])
+        self.segment.inputs[: len(inputs)] = inputs

@@ -158,6 +158,9 @@ ESC_API int esc_read(struct esc_segment *segment, int position, uint16_t address
                      size_t size);
 ESC_API int esc_write(struct esc_segment *segment, int position, uint16_t address,
                       const uint8_t *data, size_t size);
+/* Reads memory without any effect, for an observer. */
+ESC_API int esc_peek(struct esc_segment *segment, int position, uint16_t address, uint8_t *data,
+                     size_t size);
 
 /* Sets AL status (0x0130) and AL status code (0x0134). */
 ESC_API int esc_set_al_status(struct esc_segment *segment, int position, uint16_t status,

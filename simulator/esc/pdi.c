@@ -105,6 +105,22 @@ int esc_read(struct esc_segment *segment, int position, uint16_t address, uint8_
     return result;
 }
 
+int esc_peek(struct esc_segment *segment, int position, uint16_t address, uint8_t *data,
+             size_t size)
+{
+    struct slave *slave = enter(segment, position);
+    if (slave == NULL)
+        return -ENODEV;
+    int result = -EINVAL;
+    if (size <= ESC_MEMORY - (size_t)address) {
+        live_refresh(slave, address, address + (uint32_t)size);
+        memcpy(data, slave->memory + address, size);
+        result = 0;
+    }
+    leave(segment);
+    return result;
+}
+
 int esc_write(struct esc_segment *segment, int position, uint16_t address, const uint8_t *data,
               size_t size)
 {

@@ -4,6 +4,7 @@ Masters run as commands inside `ecatsim run`. Functions named `master_…` are s
 return what is to be judged, as JSON. This file is a rig file as well; its devices are below.
 """
 
+import inspect
 import json
 import multiprocessing
 import shutil
@@ -74,9 +75,10 @@ def rig():
 
 
 def run(rig_name, master, *arguments):
-    """Runs a master beside a rig and returns what it found."""
+    """Runs a master of a test file beside a rig and returns what it found."""
+    file = Path(inspect.getfile(master))
     code = (
-        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
+        f"import sys, json; sys.path.insert(0, {str(file.parent)!r}); import {file.stem} as t; "
         f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
     )
     result = subprocess.run(

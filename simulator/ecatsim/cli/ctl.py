@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from ecatd.model.al import al_status_text
@@ -12,7 +13,7 @@ from ecatd.model.errors import EcatError
 
 from ..control.client import Simulator, running
 from ..control.requests import REQUESTS
-from ..faults import FAULTS
+from ..faults import FAULTS, Fault
 from ..parameters import Described, Parameter, parameters
 from .options import Commands, Parser
 
@@ -54,6 +55,10 @@ def _add_parameter(parser: Parser, parameter: Parameter) -> None:
     name = parameter.name.replace("_", "-")
     if parameter.required:
         parser.add_argument(parameter.name, metavar=name.upper(), help=about)
+    elif parameter.about.positional:
+        parser.add_argument(
+            parameter.name, metavar=name.upper(), nargs="?", default=argparse.SUPPRESS, help=about
+        )
     elif parameter.type is bool:
         parser.add_argument(f"--{name}", action="store_true", default=argparse.SUPPRESS, help=about)
     else:
@@ -100,7 +105,10 @@ def _list(options: argparse.Namespace) -> None:
 
 def _ask(options: argparse.Namespace, request: type[Described]) -> None:
     given = {p.name: getattr(options, p.name) for p in parameters(request) if p.name in options}
-    arguments = request.from_values(given).to_values()
+    made = request.from_values(given)
+    if isinstance(made, Fault):
+        made = made.relative_to(Path.cwd())
+    arguments = made.to_values()
     with Simulator(options.name) as simulator:
         result = simulator.request(request.kind, **arguments)
     if options.json:
@@ -131,8 +139,20 @@ def _print_status(status: dict[str, Any]) -> None:
     print("  ".join(f"{key} {value}" for key, value in status.items()))
     if slaves:
         print()
-        rows = [[s["position"], s["name"], s["state"], _code(s["code"])] for s in slaves]
-        _print_table(["position", "name", "state", "AL status code"], rows)
+        _print_table(
+            ["position", "name", "state", "AL status code", "links", "faults"],
+            [
+                [
+                    slave["position"],
+                    slave["name"],
+                    slave["state"],
+                    _code(slave["code"]),
+                    " ".join(map(str, slave["links"])) or "-",
+                    ", ".join(slave["faults"]) or "-",
+                ]
+                for slave in slaves
+            ],
+        )
 
 
 def _code(code: int) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -141,7 +142,8 @@ class RemoteFaults(FaultMethods):
 
     def add(self, fault: Fault) -> int:
         """Adds a fault; one without a cycle strikes at once. Returns its number."""
-        return int(self._simulator.request(fault.kind, **fault.to_values())["id"])
+        values = fault.relative_to(Path.cwd()).to_values()  # the simulator may be elsewhere
+        return int(self._simulator.request(fault.kind, **values)["id"])
 
     def clear(self, identifier: int | None = None) -> int:
         """Forgets a fault, or all: what was to strike does not. Returns how many there were."""

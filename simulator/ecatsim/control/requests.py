@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 from ecatd.model import abort_codes
@@ -17,7 +17,7 @@ from ..faults.fault import Slave
 from ..parameters import Described, Is
 from ..simulation import Simulation
 from ..slave.objects import Value, Variable
-from .status import Status, of_slave
+from .status import Status, of_slave, to_map
 
 _MEMORY = 0x10000
 _MAX_READ = 4096
@@ -71,12 +71,13 @@ class ShowStatus(Request):
             pid=os.getpid(),
             rig=simulation.rig.name,
             interface=session.interface,
+            cycles=counters.cycles,
             frames=counters.frames,
             malformed=counters.malformed,
             dropped=counters.dropped,
             slaves=tuple(of_slave(simulation, i) for i in range(len(simulation.rig.devices))),
         )
-        return asdict(status)
+        return to_map(status) | {"slaves": [to_map(slave) for slave in status.slaves]}
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Clear(Request):
     """Forget a fault, or all of them: what was to strike does not; what has struck stays."""
 
     kind: ClassVar[str] = "clear"
-    id: Annotated[int, Is("number of the fault; 0 = all", minimum=0)] = 0
+    id: Annotated[int, Is("number of the fault; 0 = all", minimum=0, positional=True)] = 0
 
     def answer(self, session: Session) -> dict[str, Any]:
         """How many there were."""
@@ -154,7 +155,7 @@ class Set(Request):
 
 @dataclass(frozen=True)
 class Registers(Request):
-    """Read registers or memory of a slave controller, as its device sees them."""
+    """Read registers or memory of a slave controller, which acknowledges nothing."""
 
     kind: ClassVar[str] = "registers"
     slave: Slave
@@ -168,7 +169,7 @@ class Registers(Request):
     def answer(self, session: Session) -> dict[str, Any]:
         """The bytes as hexadecimal digits."""
         _check_slave(session.simulation, self.slave)
-        data = session.simulation.segment.read(self.slave, self.address, self.count)
+        data = session.simulation.segment.peek(self.slave, self.address, self.count)
         return {"data": data.hex()}
 
 

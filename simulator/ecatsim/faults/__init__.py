@@ -6,8 +6,8 @@ of rig files and the messages of the control socket.
 """
 
 from .fault import Fault, SlaveFault
+from .frames import FrameFault
 from .schedule import Faults, FaultState
-from .slaves import AlError
 from .table import FAULTS, parse
 
-__all__ = ["FAULTS", "AlError", "Fault", "FaultState", "Faults", "SlaveFault", "parse"]
+__all__ = ["FAULTS", "Fault", "FaultState", "Faults", "FrameFault", "SlaveFault", "parse"]

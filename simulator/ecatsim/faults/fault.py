@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from ..core import MAX_SLAVES
-from ..parameters import Described, Is
+from ..parameters import Described, Is, parameters
+from . import source
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -41,8 +42,12 @@ class Fault(Described):
 
     def relative_to(self, folder: Path) -> Self:
         """The same fault with the paths of its files taken relative to a folder."""
-        del folder
-        return self
+        paths: dict[str, Any] = {
+            p.name: source.absolute(getattr(self, p.name), folder)
+            for p in parameters(type(self))
+            if p.about.file and getattr(self, p.name)
+        }
+        return replace(self, **paths) if paths else self
 
 
 @dataclass(frozen=True)

@@ -3,33 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, ParamSpec
+from typing import Generic, ParamSpec, Self, overload
 
+from . import frames, slaves
 from .fault import Fault
-from .slaves import AlError
 
 _P = ParamSpec("_P")
 
 
-class _Method(Generic[_P]):
-    """A method that adds a fault: its signature is that of the fault's class."""
+class Method(Generic[_P]):
+    """A method that adds a fault: its signature and documentation are those of the fault's class.
+
+    Attributes:
+        fault: The class.
+    """
 
     def __init__(self, fault: Callable[_P, Fault]) -> None:
-        self._fault = fault
+        self.fault = fault
         self.__doc__ = fault.__doc__
 
-    def __get__(self, target: FaultMethods, owner: type) -> Callable[_P, int]:
-        def add(*args: _P.args, **kwargs: _P.kwargs) -> int:
-            return target.add(self._fault(*args, **kwargs))
+    @overload
+    def __get__(self, target: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, target: FaultMethods, owner: type) -> Callable[_P, int]: ...
+    def __get__(self, target: FaultMethods | None, owner: type) -> Self | Callable[_P, int]:
+        if target is None:
+            return self
+        receiver = target
 
-        add.__doc__ = self._fault.__doc__
+        def add(*args: _P.args, **kwargs: _P.kwargs) -> int:
+            return receiver.add(self.fault(*args, **kwargs))
+
+        add.__doc__ = self.__doc__
         return add
 
 
 class FaultMethods:
     """Adds faults, to a simulation of this process or to one that runs elsewhere."""
 
-    al_error = _Method(AlError)
+    drop = Method(frames.Drop)
+    delay = Method(frames.Delay)
+    duplicate = Method(frames.Duplicate)
+    corrupt = Method(frames.Corrupt)
+    noise = Method(frames.Noise)
+    wkc = Method(frames.Wkc)
+    break_link = Method(slaves.BreakLink)
+    heal_link = Method(slaves.HealLink)
+    power_off = Method(slaves.PowerOff)
+    power_on = Method(slaves.PowerOn)
+    swap = Method(slaves.Swap)
+    al_error = Method(slaves.AlError)
+    emergency = Method(slaves.Emergency)
+    mailbox = Method(slaves.Mailbox)
+    eeprom = Method(slaves.Eeprom)
 
     def add(self, fault: Fault) -> int:
         """Adds a fault and returns its number."""

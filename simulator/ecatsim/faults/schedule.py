@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import random
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 from ecatd.model.errors import EcatError, StateError, UsageError
 
 from .fault import Fault, SlaveFault
+from .frames import FrameFault
 from .methods import FaultMethods
 
 if TYPE_CHECKING:
@@ -49,6 +51,7 @@ class _Entry:
     last_cycle: int = 0
     done: bool = False
     error: str = ""
+    on_segment: int | None = None
     random: random.Random = field(default_factory=random.Random)
 
 
@@ -88,6 +91,8 @@ class Faults(FaultMethods):
                 if not entry.done:
                     first = fault.at_cycle or now + fault.every
                     heapq.heappush(self._due, (first, entry.id))
+            elif isinstance(fault, FrameFault):
+                entry.on_segment = self._simulation.segment.inject(fault.on_segment(now))
             self._entries[entry.id] = entry
             return entry.id
 
@@ -105,12 +110,13 @@ class Faults(FaultMethods):
                 raise UsageError(f"there is no fault {identifier}; `faults` lists them")
             gone = list(self._entries) if identifier is None else [identifier]
             for key in gone:
-                del self._entries[key]
+                self._withdraw(self._entries.pop(key))
             return len(gone)
 
     def list(self) -> list[FaultState]:
         """All faults that strike or will strike, and the last ones that have, oldest first."""
         with self._simulation.lock:
+            self._look_at_segment()
             return [
                 FaultState(e.id, e.fault, e.struck, e.last_cycle, e.done, e.error)
                 for e in self._entries.values()
@@ -130,8 +136,23 @@ class Faults(FaultMethods):
             if not entry.done:
                 heapq.heappush(self._due, (cycle + entry.fault.every, identifier))
 
+    def _withdraw(self, entry: _Entry) -> None:
+        if entry.on_segment is not None:
+            with contextlib.suppress(UsageError):  # the segment has forgotten it: it is done
+                self._simulation.segment.clear(entry.on_segment)
+
+    def _look_at_segment(self) -> None:
+        """Takes over how often faults of frames have struck."""
+        known = {state.id: state for state in self._simulation.segment.faults()}
+        for entry in self._entries.values():
+            if entry.on_segment is not None:
+                # The segment forgets only what has struck as often as it should.
+                state = known.get(entry.on_segment)
+                entry.struck = entry.fault.count if state is None else state.struck
+                entry.done = 0 < entry.fault.count <= entry.struck
+
     def _cycle(self) -> int:
-        return getattr(self._simulation.segment.counters(), "cycles", 0)
+        return self._simulation.segment.counters().cycles
 
     def _check(self, fault: Fault, now: int) -> None:
         if 0 < fault.at_cycle < now:
@@ -139,13 +160,13 @@ class Faults(FaultMethods):
                 f"{fault.kind}: cycle {fault.at_cycle} is over, the bus is in cycle {now}; "
                 "leave at_cycle out to strike at once"
             )
-        if isinstance(fault, SlaveFault):
+        position = getattr(fault, "slave", None)
+        if position is not None:
             count = len(self._simulation.rig.devices)
-            if fault.slave >= count:
+            if position >= count:
                 there = f"slaves 0 to {count - 1}" if count else "no slaves"
-                raise UsageError(
-                    f"{fault.kind}: there is no slave {fault.slave}; the rig has {there}"
-                )
+                raise UsageError(f"{fault.kind}: there is no slave {position}; the rig has {there}")
+        if isinstance(fault, SlaveFault):
             fault.check(self._simulation)
 
     def _strike(self, entry: _Entry, cycle: int, *, at_once: bool = False) -> None:
@@ -166,9 +187,10 @@ class Faults(FaultMethods):
         entry.done = bool(entry.error) or 0 < fault.count <= entry.struck
 
     def _forget_finished(self) -> None:
+        self._look_at_segment()
         finished = [entry.id for entry in self._entries.values() if entry.done]
         for identifier in finished[: max(0, len(finished) - _FINISHED_KEPT)]:
-            del self._entries[identifier]
+            self._withdraw(self._entries.pop(identifier))
         if len(self._entries) >= MAX_FAULTS:
             raise StateError(
                 f"there are {len(self._entries)} faults already, and no more are kept: "

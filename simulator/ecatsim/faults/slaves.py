@@ -1,20 +1,104 @@
-"""Faults of slaves: state, emergency. The simulation loop carries them out."""
+"""Faults of slaves. The simulation loop carries them out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from ecatd.model.al import AlState
+from ecatd.model.errors import StateError, UsageError
 
 from ..parameters import Is
+from ..slave.mailbox import MailboxFault, MailboxMode
+from . import source
 from .fault import SlaveFault
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
 
 _MAX_16 = 0xFFFF
-Lower = Literal["INIT", "PREOP", "SAFEOP"]
+_CHECKSUM = 14  # byte of the SII image
+_HEADER = 128  # bytes of an SII image before its categories
+
+Port = Annotated[
+    int,
+    Is("port at the slave's end of the cable; 0 leads to the master", minimum=0, maximum=3),
+]
+
+
+@dataclass(frozen=True)
+class BreakLink(SlaveFault):
+    """A cable breaks: frames turn round at both ends, and what is behind it is not reached."""
+
+    kind: ClassVar[str] = "break-link"
+    port: Port = 0
+
+    def strike(self, simulation: Simulation) -> None:
+        """Breaks the link."""
+        simulation.segment.break_link(self.slave, self.port, True)
+
+
+@dataclass(frozen=True)
+class HealLink(SlaveFault):
+    """A broken cable is whole again; slaves keep state and address, as they kept their power."""
+
+    kind: ClassVar[str] = "heal-link"
+    port: Port = 0
+
+    def strike(self, simulation: Simulation) -> None:
+        """Heals the link."""
+        simulation.segment.break_link(self.slave, self.port, False)
+
+
+@dataclass(frozen=True)
+class PowerOff(SlaveFault):
+    """A slave loses its power: links at all its ports are lost, and its state and address."""
+
+    kind: ClassVar[str] = "power-off"
+
+    def strike(self, simulation: Simulation) -> None:
+        """Switches the power off."""
+        simulation.power(self.slave, False)
+
+
+@dataclass(frozen=True)
+class PowerOn(SlaveFault):
+    """A slave gets its power back and starts in INIT, with station address 0."""
+
+    kind: ClassVar[str] = "power-on"
+
+    def strike(self, simulation: Simulation) -> None:
+        """Switches the power on."""
+        simulation.power(self.slave, True)
+
+
+@dataclass(frozen=True)
+class Swap(SlaveFault):
+    """Another device takes the place of a slave, as at power-on.
+
+    Wires, signals and plants of the rig stay with the device that was there first; `original` puts
+    that one back.
+    """
+
+    kind: ClassVar[str] = "swap"
+    device: Annotated[
+        str,
+        Is(
+            "name of the library (`ecatsim devices`), SII image x.bin, or `original`",
+            file=True,
+        ),
+    ]
+
+    def check(self, simulation: Simulation) -> None:
+        """Checks that there is such a device."""
+        if self.device != "original":
+            source.make(self.device)
+
+    def strike(self, simulation: Simulation) -> None:
+        """Puts the other device in."""
+        other = None if self.device == "original" else source.make(self.device)
+        simulation.swap(self.slave, other)
 
 
 @dataclass(frozen=True)
@@ -28,8 +112,121 @@ class AlError(SlaveFault):
     code: Annotated[
         int, Is("AL status code, register 0x0134", minimum=1, maximum=_MAX_16, hexadecimal=True)
     ]
-    state: Annotated[Lower, Is("state that it falls back to")] = "SAFEOP"
+    state: Annotated[Literal["INIT", "PREOP", "SAFEOP"], Is("state that it falls back to")] = (
+        "SAFEOP"
+    )
 
     def strike(self, simulation: Simulation) -> None:
         """Sets AL status and AL status code."""
-        simulation.rig.devices[self.slave].fail(self.code, AlState[self.state])
+        simulation.powered(self.slave).fail(self.code, AlState[self.state])
+
+
+@dataclass(frozen=True)
+class Emergency(SlaveFault):
+    """A slave sends an emergency through its mailbox, which works from PREOP on."""
+
+    kind: ClassVar[str] = "emergency"
+    code: Annotated[
+        int,
+        Is("error code; 0 = the error is gone", minimum=0, maximum=_MAX_16, hexadecimal=True),
+    ]
+    register: Annotated[
+        int,
+        Is("error register, object 0x1001", minimum=0, maximum=0xFF, hexadecimal=True),
+    ] = 0
+    data: Annotated[bytes, Is("the device's own data", maximum=5)] = b""
+
+    def check(self, simulation: Simulation) -> None:
+        """Checks that the slave has a mailbox."""
+        _check_mailbox(self, simulation)
+
+    def strike(self, simulation: Simulation) -> None:
+        """Sends the emergency."""
+        device = simulation.powered(self.slave)
+        if device.machine.state < AlState.PREOP:
+            raise StateError(
+                f"slave {self.slave} is in {device.machine.state.name}: emergencies are sent from "
+                "PREOP on"
+            )
+        device.emergency(self.code, self.register, self.data)
+
+
+@dataclass(frozen=True)
+class Mailbox(SlaveFault):
+    """A mailbox answers late, never, or nonsense; or it takes no mail. `none` ends that."""
+
+    kind: ClassVar[str] = "mailbox"
+    mode: Annotated[
+        Literal["none", "slow", "stuck", "full", "garbage"],
+        Is("slow: late answers; stuck: no answers; full: takes no mail; garbage: random answers"),
+    ]
+    delay_s: Annotated[
+        float, Is("delay of answers when slow", unit="s", minimum=0.0, maximum=3600.0)
+    ] = 1.0
+
+    def check(self, simulation: Simulation) -> None:
+        """Checks that the slave has a mailbox."""
+        _check_mailbox(self, simulation)
+
+    def strike(self, simulation: Simulation) -> None:
+        """Sets what is wrong with the mailbox."""
+        fault = MailboxFault(MailboxMode(self.mode), self.delay_s if self.mode == "slow" else 0.0)
+        simulation.rig.devices[self.slave].mailbox_fault = fault
+
+
+@dataclass(frozen=True)
+class Eeprom(SlaveFault):
+    """The EEPROM of a slave holds something else; `restore` brings its first content back.
+
+    The master reads the new content at once. What the slave controller loads from it (alias, PDI
+    configuration, loaded bit) follows when it loads the EEPROM again.
+    """
+
+    kind: ClassVar[str] = "eeprom"
+    content: Annotated[
+        Literal["checksum", "ones", "truncated", "image", "restore"],
+        Is(
+            "checksum: a wrong one; ones: 0xFF throughout; truncated: nothing behind its first "
+            "128 bytes; image: a file"
+        ),
+    ]
+    file: Annotated[str, Is("SII image, with `image`", file=True)] = ""
+    at_power_on: Annotated[bool, Is("not now, but when the power is next switched on")] = False
+
+    def _validate(self) -> None:
+        if (self.content == "image") != bool(self.file):
+            raise UsageError(f"{self.kind}: content `image`, and no other, takes a file")
+
+    def check(self, simulation: Simulation) -> None:
+        """Checks that the file can be read."""
+        if self.file:
+            source.read_image(Path(self.file))
+
+    def strike(self, simulation: Simulation) -> None:
+        """Changes the content."""
+        original = simulation.original_eeprom(self.slave)
+        image = self._image(original)
+        if self.at_power_on:
+            simulation.eeprom_at_power_on(self.slave, image)
+        else:
+            simulation.segment.set_eeprom(self.slave, image)
+
+    def _image(self, original: bytes) -> bytes:
+        if self.content == "checksum":
+            wrong = bytes([original[_CHECKSUM] ^ 0xFF]) if len(original) > _CHECKSUM else b""
+            return original[:_CHECKSUM] + wrong + original[_CHECKSUM + 1 :]
+        if self.content == "ones":
+            return b"\xff" * len(original)
+        if self.content == "truncated":
+            return original[:_HEADER]
+        if self.content == "image":
+            return source.read_image(Path(self.file))
+        return original
+
+
+def _check_mailbox(fault: SlaveFault, simulation: Simulation) -> None:
+    device = simulation.rig.devices[fault.slave]
+    if device.mailbox is None:
+        raise UsageError(
+            f"{fault.kind}: slave {fault.slave} ({device.order or device.name}) has no mailbox"
+        )

@@ -8,9 +8,27 @@ from pathlib import Path
 from ecatd.model.errors import ConfigError, UsageError
 
 from .fault import Fault
-from .slaves import AlError
+from .frames import Corrupt, Delay, Drop, Duplicate, Noise, Wkc
+from .slaves import (
+    AlError,
+    BreakLink,
+    Eeprom,
+    Emergency,
+    HealLink,
+    Mailbox,
+    PowerOff,
+    PowerOn,
+    Swap,
+)
 
-FAULTS: dict[str, type[Fault]] = {cls.kind: cls for cls in (AlError,)}
+FAULTS: dict[str, type[Fault]] = {
+    cls.kind: cls
+    for cls in (
+        *(Drop, Delay, Duplicate, Corrupt, Noise, Wkc),
+        *(BreakLink, HealLink, PowerOff, PowerOn, Swap),
+        *(AlError, Emergency, Mailbox, Eeprom),
+    )
+}
 """Every fault by its name."""
 
 
@@ -27,11 +45,11 @@ def parse(table: Mapping[str, object], where: str, folder: Path | None = None) -
     """
     values = dict(table)
     kind = values.pop("kind", None)
-    if kind not in FAULTS:
+    if not isinstance(kind, str) or kind not in FAULTS:
         what = f"there is no fault '{kind}'" if kind is not None else "kind is missing"
         raise ConfigError(f"{where}: {what}; there are {', '.join(FAULTS)}")
     try:
-        fault = FAULTS[str(kind)].from_values(values)
+        fault = FAULTS[kind].from_values(values)
     except UsageError as error:
         raise ConfigError(f"{where}: {error}") from None
     return fault if folder is None else fault.relative_to(folder)

@@ -218,19 +218,26 @@ class Device(DeviceType):
         assert self._on_bus is not None, "the device is not attached to a segment"
         return self._on_bus
 
-    def attach(self, segment: Segment, outputs_at: int, inputs_at: int) -> None:
+    def attach(
+        self, segment: Segment, outputs_at: int, inputs_at: int, place: int | None = None
+    ) -> None:
         """Becomes a slave of a segment, as at power-on.
 
         Args:
             segment: The segment.
             outputs_at: Where its outputs begin in the output image of the segment.
             inputs_at: Where its inputs begin in the input image.
+            place: Position of the slave whose place it takes; None appends one.
         """
         if self.position < 0:
             self.dictionary.remember()
         else:
             self.reset()
-        self.position = segment.add(self.chip, self.sii_image())
+        if place is None:
+            place = segment.add(self.chip, self.sii_image())
+        else:
+            segment.replace(place, self.chip, self.sii_image())
+        self.position = place
         self._on_bus = segment
         self._process_data.at = (outputs_at, inputs_at)
         self._lock_process_data(True)

@@ -1,0 +1,59 @@
+"""The devices that a fault names: of the library, or in files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ecatd.model.errors import UsageError
+
+from ..slave.device import Device
+
+_IMAGES = (".bin", ".sii", ".eeprom")
+MAX_IMAGE = 1 << 19  # bytes: the largest EEPROM that a slave controller can have
+
+
+def absolute(device: str, folder: Path) -> str:
+    """The same device; if it is in a file, with the path from the root."""
+    return str((folder / device).absolute()) if _is_file(device) else device
+
+
+def make(device: str) -> Device:
+    """A new device.
+
+    Args:
+        device: A name of the library (`ecatsim devices`), or an SII image `x.bin`.
+
+    Raises:
+        UsageError: There is no such device, or its file cannot be used.
+    """
+    # Rig files bring faults along: what reads them must not be needed to read this.
+    from ..devices import library
+    from ..files import sii_image
+
+    path = Path(device)
+    if path.suffix in _IMAGES:
+        return sii_image.device_from_sii(read_image(path), device)
+    return library.make(device)
+
+
+def read_image(path: Path) -> bytes:
+    """An SII image.
+
+    Raises:
+        UsageError: The file cannot be read, or is too large.
+    """
+    try:
+        if not path.is_file():
+            raise UsageError(f"there is no file '{path}'")
+        with path.open("rb") as file:
+            image = file.read(MAX_IMAGE + 1)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UsageError(f"'{path}' cannot be read: {reason}") from error
+    if len(image) > MAX_IMAGE:
+        raise UsageError(f"'{path}' is too large: an SII image has at most {MAX_IMAGE >> 10} KiB")
+    return image
+
+
+def _is_file(device: str) -> bool:
+    return Path(device.partition(":")[0]).suffix in _IMAGES

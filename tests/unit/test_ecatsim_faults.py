@@ -1,0 +1,596 @@
+"""Faults on demand: one table, and what each fault does on the wire, frame by frame."""
+
+import inspect
+import struct
+import threading
+from pathlib import Path
+
+import pytest
+from test_ecatsim_frames import APRD, APWR, BRD, LRW, datagram, frame
+
+from ecatd.model.errors import ConfigError, StateError, UsageError
+from ecatsim import DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
+from ecatsim.faults import FAULTS, Faults, FrameFault, SlaveFault, parse
+from ecatsim.faults.schedule import MAX_FAULTS
+from ecatsim.parameters import parameters
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "simulator.md"
+SAMPLES = {
+    "drop": {"count": 3},
+    "delay": {"delay_us": 500},
+    "duplicate": {"all_frames": True},
+    "corrupt": {"bits": 2, "probability": 0.25, "seed": 7},
+    "noise": {"slave": 1},
+    "wkc": {"value": -1, "at_cycle": 100, "every": 10, "count": 0},
+    "break-link": {"slave": 1, "port": 1},
+    "heal-link": {"slave": 1},
+    "power-off": {"slave": 2},
+    "power-on": {"slave": 2},
+    "swap": {"slave": 0, "device": "EL2008"},
+    "al-error": {"slave": 1, "code": 0x1D, "state": "PREOP"},
+    "emergency": {"slave": 0, "code": 0x8130, "register": 0x10, "data": "0102030405"},
+    "mailbox": {"slave": 0, "mode": "slow", "delay_s": 0.5},
+    "eeprom": {"slave": 0, "content": "image", "file": "/tmp/x.bin", "at_power_on": True},
+}
+
+
+class Word(Device):
+    """A word out, a word in, with a mailbox."""
+
+    vendor, product, revision, order = 0x10, 0x20, 0x30, "Word"
+    mailbox = Mailbox()
+    rx_pdos = (Pdo(0x1600, "Out", 2, [Entry(0x7000, 1, "Out", DataType.UNSIGNED16, 16)]),)
+    tx_pdos = (Pdo(0x1A00, "In", 3, [Entry(0x6000, 1, "In", DataType.UNSIGNED16, 16)]),)
+
+
+class Simple(Device):
+    """Without a mailbox."""
+
+    vendor, product, revision, order = 0x10, 0x21, 0x30, "Simple"
+
+
+class Bench:
+    """A simulation that is driven frame by frame."""
+
+    def __init__(self, *devices, faults=()):
+        self.rig = Rig("bench", list(devices) or [Word(), Simple(), Word()])
+        self.rig.faults = list(faults)
+        self.simulation = Simulation(self.rig)
+        self.segment = self.simulation.segment
+        self.faults = self.simulation.faults
+
+    def send(self, command, position, address, data):
+        """One datagram; its data and working counter, None if the frame was lost."""
+        reply = self.segment.process(frame(datagram(command, position, address, data)))
+        if reply is None:
+            return None
+        end = 26 + len(data)
+        return reply[26:end], struct.unpack_from("<H", reply, end)[0]
+
+    def read(self, position, address, size):
+        return self.send(APRD, -position & 0xFFFF, address, bytes(size))
+
+    def word(self, position, address):
+        return int.from_bytes(self.read(position, address, 2)[0], "little")
+
+    def reached(self):
+        """How many slaves a broadcast reaches."""
+        return self.send(BRD, 0, 0, bytes(1))[1]
+
+    def cycles(self, count, *, each=1):
+        """Process data; the simulation makes a step after each so many cycles."""
+        answers = []
+        for number in range(1, count + 1):
+            answers.append(self.send(LRW, 0, 0, bytes(2)))
+            if number % each == 0:
+                self.simulation.step()
+        return answers
+
+    def request(self, position, state):
+        """Asks for an AL state; what AL status and code are then."""
+        self.send(APWR, -position & 0xFFFF, 0x0120, struct.pack("<H", state))
+        self.handle()
+        return self.status(position)
+
+    def handle(self):
+        for place, event in self.segment.wait(0):
+            self.rig.devices[place].handle(event, 0.0)
+
+    def status(self, position):
+        return struct.unpack("<HxxH", self.read(position, 0x0130, 6)[0])
+
+
+@pytest.fixture
+def bench():
+    made = []
+
+    def make(*devices, faults=()):
+        made.append(Bench(*devices, faults=faults))
+        return made[-1]
+
+    yield make
+    for item in made:
+        item.simulation.close()
+
+
+def sample(kind):
+    return FAULTS[kind].from_values(SAMPLES[kind])
+
+
+# --- the table -------------------------------------------------------------------------------
+
+
+def test_these_are_the_faults():
+    assert list(FAULTS) == list(SAMPLES)
+
+
+@pytest.mark.parametrize("kind", SAMPLES)
+def test_written_down_and_read_again(kind):
+    fault = sample(kind)
+    assert fault.to_values() == SAMPLES[kind]
+    assert FAULTS[kind].from_values(fault.to_values()) == fault
+    assert parse({"kind": kind, **SAMPLES[kind]}, "rig.toml: fault 1") == fault
+    as_texts = {name: str(value) for name, value in SAMPLES[kind].items() if value is not True}
+    typed = {name: True for name, value in SAMPLES[kind].items() if value is True}
+    assert FAULTS[kind].from_values(as_texts | typed) == fault, "as on the command line"
+
+
+@pytest.mark.parametrize("kind", SAMPLES)
+def test_a_method_of_the_same_name_and_signature(kind):
+    method = getattr(Faults, kind.replace("-", "_"))
+    assert method.fault is FAULTS[kind]
+
+
+def test_a_method_adds_its_fault(bench):
+    faults = bench().faults
+    number = faults.al_error(1, code=0x1D, at_cycle=100)
+    assert number == 1
+    (state,) = faults.list()
+    assert str(state.fault) == "al-error slave=1 code=0x001D at_cycle=100"
+    assert (state.id, state.struck, state.done) == (1, 0, False)
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        ({}, "kind is missing; there are drop, delay,"),
+        ({"kind": "fly"}, "there is no fault 'fly'; there are drop, delay,"),
+        ({"kind": ["drop"]}, "there is no fault '['drop']'; there are drop, delay,"),
+        ({"kind": "drop", "at": 5}, "drop: there is no parameter 'at'; there are "),
+        ({"kind": "break-link"}, "break-link: slave is missing: position of the slave, an inte"),
+        ({"kind": "drop", "count": -1}, "drop: count is -1; allowed is an integer from 0 on"),
+        ({"kind": "drop", "count": True}, "drop: count is True; allowed is an integer from 0 on"),
+        ({"kind": "drop", "count": 1.0}, "drop: count is 1; allowed is an integer from 0 on"),
+        ({"kind": "drop", "count": "many"}, "drop: count is 'many'; allowed is an integer from"),
+        ({"kind": "drop", "probability": 2}, "drop: probability is 2; allowed is a number from 0"),
+        ({"kind": "drop", "probability": float("nan")}, "drop: probability is nan; allowed is a"),
+        ({"kind": "drop", "all_frames": 1}, "drop: all_frames is 1; allowed is true or false"),
+        ({"kind": "delay", "delay_us": 0}, "delay: delay_us is 0; allowed is an integer from 1 "),
+        ({"kind": "wkc", "value": 0}, "wkc: a value of 0 changes nothing"),
+        ({"kind": "break-link", "slave": 0, "port": 4}, "break-link: port is 4; allowed is an "),
+        ({"kind": "mailbox", "slave": 0, "mode": "odd"}, "mailbox: mode is 'odd'; allowed is none"),
+        (
+            {"kind": "emergency", "slave": 0, "code": 1, "data": "0x"},
+            "emergency: data is '0x'; allowed is 0 to 5 bytes as hexadecimal digits",
+        ),
+        (
+            {"kind": "emergency", "slave": 0, "code": 1, "data": "112233445566"},
+            "emergency: data is b'\\x11\"3DUf'; allowed is 0 to 5 bytes",
+        ),
+        (
+            {"kind": "eeprom", "slave": 0, "content": "image"},
+            "eeprom: content `image`, and no other, takes a file",
+        ),
+    ],
+)
+def test_wrong_tables_are_one_sentence(table, sentence):
+    with pytest.raises(ConfigError) as caught:
+        parse(table, "rig.toml: fault 1")
+    text = str(caught.value)
+    assert text.startswith(f"rig.toml: fault 1: {sentence}"), text
+    assert "\n" not in text
+
+
+def test_paths_are_relative_to_the_rig_file():
+    table = {"kind": "swap", "slave": 0, "device": "EL2008"}
+    assert parse(table, "", Path("/rigs")).device == "EL2008"
+    table = {"kind": "eeprom", "slave": 0, "content": "image", "file": "x.bin"}
+    assert parse(table, "", Path("/rigs")).file == "/rigs/x.bin"
+
+
+def usage(kind):
+    """A fault as a row of the documentation."""
+    own = [p for p in parameters(FAULTS[kind]) if p.name not in COMMON]
+    words = [kind]
+    for p in own:
+        option = f"--{p.name.replace('_', '-')}"
+        if p.required:
+            words.append(p.name.replace("_", "-").upper())
+        else:
+            value = "" if p.type is bool else f" {p.name.rpartition('_')[2].upper()}"
+            words.append(f"[{option}{value}]")
+    meanings = [
+        f"{p.name}: {p.about.help}" + ("" if p.type in (bool, str) else f" ({p.allowed})")
+        for p in own
+        if p.name != "slave"
+    ]
+    return f"| `{' '.join(words)}` | {FAULTS[kind].summary()} | {'; '.join(meanings) or '–'} |"
+
+
+COMMON = [p.name for p in parameters(FrameFault)]
+
+
+def test_the_documentation_has_the_table():
+    text = DOCUMENT.read_text()
+    missing = [usage(kind) for kind in FAULTS if usage(kind) not in text]
+    assert not missing, "\n".join(missing)
+    for parameter in parameters(FrameFault):
+        assert f"`--{parameter.name.replace('_', '-')}`" in text
+
+
+# --- the schedule ----------------------------------------------------------------------------
+
+
+def test_a_slave_fault_strikes_at_its_cycle(bench):
+    b = bench()
+    b.faults.al_error(1, code=0x1D, at_cycle=5)
+    b.cycles(4)
+    assert b.status(1) == (1, 0)
+    b.cycles(1)
+    assert b.status(1) == (0x11, 0x1D)
+    (state,) = b.faults.list()
+    assert (state.struck, state.last_cycle, state.done) == (1, 5, True)
+
+
+def test_every_and_count(bench):
+    b = bench()
+    b.faults.al_error(1, code=0x1D, at_cycle=5, every=10, count=3)
+    struck = []
+    for _ in range(40):
+        b.cycles(1)
+        struck.append(b.faults.list()[0].struck)
+    assert [struck.index(number) + 1 for number in (1, 2, 3)] == [5, 15, 25]
+    assert b.faults.list()[0].done
+
+
+def test_without_a_cycle_it_strikes_at_once_and_then_every_so_many(bench):
+    b = bench()
+    b.cycles(3)
+    b.faults.al_error(1, code=0x1D, every=4, count=0)
+    assert b.status(1) == (0x11, 0x1D)
+    b.cycles(12)
+    (state,) = b.faults.list()
+    assert (state.struck, state.last_cycle, state.done) == (4, 15, False)
+
+
+def strikes(b, seed, each):
+    """Cycles in which a fault with probability strikes."""
+    number = b.faults.al_error(1, code=1, at_cycle=1, count=0, probability=0.3, seed=seed)
+    cycles = []
+    for _ in range(0, 200, each):
+        b.cycles(each, each=each)
+        (state,) = [state for state in b.faults.list() if state.id == number]
+        if state.last_cycle not in cycles[-1:]:
+            cycles.append(state.last_cycle)
+    return cycles, state.struck
+
+
+def test_the_same_seed_strikes_in_the_same_cycles(bench):
+    first, again, other = (strikes(bench(), seed, 1) for seed in (5, 5, 6))
+    assert first == again != other
+    assert 30 < first[1] < 90
+    late = strikes(bench(), 5, 20)
+    assert late[1] == first[1], "a simulation that is late leaves none out"
+    assert set(late[0]) <= set(first[0])
+
+
+def test_faults_keep_the_order_of_their_cycles(bench):
+    """Also when a step of the simulation finds several of them due."""
+    b = bench()
+    b.faults.break_link(1, at_cycle=4, every=10, count=2)
+    b.faults.heal_link(1, at_cycle=8, every=10, count=2)
+    b.cycles(16, each=16)
+    assert b.reached() == 1
+    b.cycles(2)
+    assert b.reached() == 3
+
+
+def test_a_cycle_that_is_over_is_refused(bench):
+    b = bench()
+    b.cycles(10)
+    with pytest.raises(UsageError, match="al-error: cycle 5 is over, the bus is in cycle 10"):
+        b.faults.al_error(0, code=1, at_cycle=5)
+
+
+@pytest.mark.parametrize("kind", [k for k, cls in FAULTS.items() if "slave" in SAMPLES[k]])
+def test_there_is_such_a_slave(bench, kind):
+    values = SAMPLES[kind] | {"slave": 3}
+    with pytest.raises(UsageError, match=f"{kind}: there is no slave 3; the rig has slaves 0 to 2"):
+        bench().faults.add(FAULTS[kind].from_values(values))
+
+
+def test_faults_of_the_rig(bench):
+    b = bench(faults=[parse({"kind": "al-error", "slave": 1, "code": 5, "at_cycle": 2}, "")])
+    b.cycles(1)
+    assert b.status(1) == (1, 0)
+    b.cycles(1)
+    assert b.status(1) == (0x11, 5)
+
+
+def test_cleared_faults_do_not_strike(bench):
+    b = bench()
+    b.faults.al_error(1, code=5, at_cycle=2)
+    b.faults.drop(at_cycle=2)
+    kept = b.faults.drop(at_cycle=5)
+    assert [b.faults.clear(number) for number in (1, 2)] == [1, 1]
+    assert [answer is None for answer in b.cycles(6)] == [False] * 4 + [True, False]
+    assert b.status(1) == (1, 0)
+    assert [state.id for state in b.faults.list()] == [kept]
+    with pytest.raises(UsageError, match="there is no fault 1"):
+        b.faults.clear(1)
+    b.faults.drop(count=0)
+    assert b.faults.clear() == 2
+    assert None not in b.cycles(3)
+
+
+def test_there_is_an_end_of_faults(bench):
+    faults = bench().faults
+    for _ in range(MAX_FAULTS):
+        faults.al_error(0, code=1, at_cycle=10)
+    with pytest.raises(StateError, match=f"there are {MAX_FAULTS} faults already"):
+        faults.al_error(0, code=1)
+    faults.clear()
+    for _ in range(2 * MAX_FAULTS):
+        faults.al_error(0, code=1)
+    assert len(faults.list()) < MAX_FAULTS, "those that are done are forgotten"
+
+
+def test_a_strike_that_fails_later_says_so(bench):
+    b = bench()
+    b.faults.power_off(1, at_cycle=2)
+    number = b.faults.al_error(1, code=1, at_cycle=4, every=2, count=2)
+    b.cycles(10)
+    (state,) = [state for state in b.faults.list() if state.id == number]
+    assert (state.struck, state.done) == (0, True)
+    assert state.error == "slave 1 has no power: `power-on` comes first"
+    with pytest.raises(StateError, match="slave 1 has no power"):
+        b.faults.al_error(1, code=1)
+
+
+# --- frames ----------------------------------------------------------------------------------
+
+
+def test_drop_loses_the_frames_of_its_cycles(bench):
+    b = bench()
+    b.faults.drop(at_cycle=3, every=2, count=3)
+    assert [n for n, answer in enumerate(b.cycles(12), 1) if answer is None] == [3, 5, 7]
+    (state,) = b.faults.list()
+    assert (state.struck, state.done) == (3, True)
+    assert b.segment.counters().dropped == 3
+
+
+def test_frames_without_process_data_are_spared(bench):
+    b = bench()
+    number = b.faults.drop(count=0)
+    assert b.reached() == 3
+    assert b.cycles(3) == [None] * 3
+    b.faults.clear(number)
+    b.faults.drop(count=2, all_frames=True)
+    assert [b.send(BRD, 0, 0, bytes(1)) for _ in range(3)] == [None, None, (b"\x11", 3)]
+
+
+def test_wkc_adds_to_the_working_counter(bench):
+    b = bench()
+    b.faults.wkc(5, at_cycle=2, count=2)
+    assert [answer[1] for answer in b.cycles(4)] == [0, 5, 5, 0]
+
+
+def test_probability_of_frame_faults_is_seeded(bench):
+    runs = []
+    for seed in (1, 1, 2):
+        b = bench()
+        b.faults.drop(count=0, probability=0.3, seed=seed)
+        runs.append([answer is None for answer in b.cycles(200)])
+    assert runs[0] == runs[1] != runs[2]
+    assert 30 < sum(runs[0]) < 90
+
+
+def test_corrupt_flips_bits(bench):
+    b = bench()
+    b.faults.corrupt(bits=3, at_cycle=2)
+    sent = frame(datagram(LRW, 0, 0, bytes(64)))
+    clean, wrong, after = (b.segment.process(sent) for _ in range(3))
+    assert clean == after
+    flipped = sum((x ^ y).bit_count() for x, y in zip(clean, wrong, strict=True))
+    assert flipped == 3
+
+
+def test_noise_counts_at_the_slave_and_loses_the_frame(bench):
+    b = bench()
+    b.faults.noise(1, at_cycle=1, count=2)
+    assert b.cycles(3) == [None, None, (bytes(2), 0)]
+    assert [b.read(i, 0x0300, 2)[0][1] for i in range(3)] == [0, 2, 0], "CRC errors, 0x0301"
+    assert b.read(2, 0x0308, 1)[0] == b"\x02", "forwarded errors behind it"
+
+
+# --- links, power, identity ------------------------------------------------------------------
+
+
+def test_break_and_heal_a_link(bench):
+    b = bench()
+    b.send(APWR, 0xFFFE, 0x0010, b"\x03\x10")
+    assert b.request(2, 1) == (1, 0)
+    b.faults.break_link(2)
+    assert b.reached() == 2
+    b.faults.heal_link(2)
+    assert b.reached() == 3
+    assert b.word(2, 0x0010) == 0x1003, "it kept its power, so it kept its station address"
+    b.faults.break_link(0, port=1)
+    assert b.reached() == 1
+    b.faults.heal_link(1)
+    assert b.reached() == 3, "both ends are the same cable"
+
+
+def test_power_cycle(bench):
+    b = bench(Simple(), Word(), Simple())
+    b.send(APWR, 0xFFFE, 0x0010, b"\x03\x10")
+    b.request(2, 2)
+    assert b.status(2) == (2, 0)
+    b.faults.power_off(2)
+    b.simulation.step()
+    assert b.reached() == 2
+    b.faults.power_off(2)
+    b.faults.power_on(2)
+    assert b.reached() == 3
+    assert b.status(2) == (1, 0)
+    assert b.word(2, 0x0010) == 0
+    assert b.request(2, 2) == (2, 0)
+
+
+def test_power_cycle_in_the_middle_of_the_line(bench):
+    b = bench()
+    b.faults.power_off(1)
+    assert b.reached() == 1
+    b.faults.power_on(1)
+    assert b.reached() == 3
+
+
+def test_swap(bench):
+    b = bench()
+    original = b.rig.devices[2]
+    b.send(APWR, 0xFFFE, 0x0010, b"\x03\x10")
+
+    def product():
+        b.send(APWR, 0xFFFE, 0x0502, struct.pack("<HI", 0x0100, 0x000A))
+        return b.read(2, 0x0508, 4)[0]
+
+    assert product() == struct.pack("<I", 0x20)
+    b.faults.swap(2, "EL2008")
+    b.simulation.step()
+    assert product() == struct.pack("<I", 0x07D83052)
+    assert b.word(2, 0x0010) == 0
+    assert b.request(2, 2) == (2, 0)
+    b.faults.swap(2, "original")
+    assert b.rig.devices[2] is original
+    assert product() == struct.pack("<I", 0x20)
+    assert b.status(2) == (1, 0)
+
+
+def test_swap_for_a_larger_device(bench):
+    b = bench()
+    b.faults.swap(0, "EL3008")
+    b.rig.devices[0][0x6000, 0x11] = 77
+    b.simulation.step()
+    assert len(b.segment.inputs) >= sum(device.room[1] for device in b.rig.devices)
+
+
+def test_swap_refuses_what_is_no_device(bench, tmp_path):
+    b = bench()
+    (tmp_path / "bad.bin").write_bytes(b"\x00" * 100)
+    for device, sentence in (
+        ("EL9999", "EL9999"),
+        (str(tmp_path / "none.bin"), "there is no file"),
+        (str(tmp_path / "bad.bin"), "bad.bin"),
+    ):
+        with pytest.raises(UsageError, match=sentence):
+            b.faults.swap(0, device)
+    assert b.rig.devices[0].order == "Word"
+
+
+# --- devices ---------------------------------------------------------------------------------
+
+
+def test_al_error(bench):
+    b = bench()
+    b.request(1, 2)
+    b.faults.al_error(1, 0x8001)
+    assert b.status(1) == (0x12, 0x8001), "already below SAFEOP"
+    assert b.request(1, 0x12) == (2, 0), "acknowledged"
+    b.faults.al_error(1, 0x8001, "INIT")
+    assert b.status(1) == (0x11, 0x8001)
+
+
+def test_a_mailbox_is_needed(bench):
+    faults = bench().faults
+    with pytest.raises(UsageError, match=r"emergency: slave 1 \(Simple\) has no mailbox"):
+        faults.emergency(1, 0x8130)
+    with pytest.raises(UsageError, match=r"mailbox: slave 1 \(Simple\) has no mailbox"):
+        faults.mailbox(1, "stuck")
+
+
+def eeprom(b, position, size=256):
+    """The SII image as a master reads it."""
+    image = b""
+    for word in range(0, size // 2, 2):
+        request = struct.pack("<HI", 0x0100, word)
+        b.send(APWR, -position & 0xFFFF, 0x0502, request)
+        image += b.read(position, 0x0508, 4)[0]
+    return image
+
+
+def test_eeprom(bench, tmp_path):
+    b = bench()
+    original = eeprom(b, 0)
+    b.faults.eeprom(0, "ones")
+    assert eeprom(b, 0) == b"\xff" * 256
+    b.faults.eeprom(0, "checksum")
+    changed = [i for i, (x, y) in enumerate(zip(original, eeprom(b, 0), strict=True)) if x != y]
+    assert changed == [14]
+    b.faults.eeprom(0, "truncated")
+    assert eeprom(b, 0)[:128] == original[:128]
+    assert eeprom(b, 0)[128:] != original[128:]
+    file = tmp_path / "other.bin"
+    file.write_bytes(bytes(range(256)))
+    b.faults.eeprom(0, "image", str(file))
+    assert eeprom(b, 0) == bytes(range(256))
+    b.faults.eeprom(0, "restore")
+    assert eeprom(b, 0) == original
+    with pytest.raises(UsageError, match="there is no file"):
+        b.faults.eeprom(0, "image", str(tmp_path / "none.bin"))
+
+
+def test_eeprom_at_power_on(bench):
+    b = bench()
+    original = eeprom(b, 2)
+    b.faults.eeprom(2, "checksum", at_power_on=True)
+    assert eeprom(b, 2) == original
+    assert b.read(2, 0x0503, 1)[0][0] & 0x08 == 0
+    b.faults.power_off(2)
+    b.faults.power_on(2)
+    assert eeprom(b, 2) != original
+    assert b.read(2, 0x0503, 1)[0][0] & 0x08, "the checksum is wrong"
+
+
+def test_a_slave_fault_names_its_slave_first():
+    for cls in FAULTS.values():
+        if issubclass(cls, SlaveFault):
+            assert next(iter(inspect.signature(cls).parameters)) == "slave"
+
+
+def test_to_look_at_a_slave_changes_nothing(bench):
+    b = bench()
+    b.send(APWR, 0, 0x0120, b"\x02\x00")
+    assert b.segment.peek(0, 0x0120, 2) == b"\x02\x00"
+    assert b.segment.peek(0, 0x0220, 1)[0] & 1, "AL event request: AL control, still pending"
+    assert b.segment.read(0, 0x0120, 2) == b"\x02\x00"
+    assert not b.segment.peek(0, 0x0220, 1)[0] & 1, "the device has acknowledged it"
+
+
+def test_faults_from_another_thread(bench):
+    """The methods wait for the step that is under way, and the loop for them."""
+    b = bench()
+    done = threading.Event()
+    loop = threading.Thread(target=b.simulation.run, args=(done.is_set,))
+    loop.start()
+    try:
+        for number in range(200):
+            b.faults.al_error(0, 0x8000 + number)
+            b.faults.power_off(2)
+            b.faults.swap(1, "EL1008")
+            b.faults.power_on(2)
+            b.faults.swap(1, "original")
+            assert b.status(0) == (0x11, 0x8000 + number)
+        assert b.reached() == 3
+    finally:
+        done.set()
+        loop.join()
