@@ -11,18 +11,24 @@ from .core import Chip
 from .rig import Rig
 from .simulation import Simulation
 from .slave.device import Device
+from .slave.foe import FoeCode, FoeError
+from .slave.mailbox import MailboxFault
 from .slave.objects import Access, Variable
 from .slave.sii import Mailbox
-from .slave.state_machine import RefusedError
+from .slave.state_machine import AlCode, RefusedError
 
 __all__ = [
     "Access",
+    "AlCode",
     "AlState",
     "Chip",
     "DataType",
     "Device",
     "Entry",
+    "FoeCode",
+    "FoeError",
     "Mailbox",
+    "MailboxFault",
     "Pdo",
     "RefusedError",
     "Rig",

@@ -145,15 +145,14 @@ int esc_set_al_status(struct esc_segment *segment, int position, uint16_t status
     struct slave *slave = enter(segment, position);
     if (slave == NULL)
         return -ENODEV;
-    bool changed = load16(slave->memory + REG_AL_STATUS) != status;
+    uint16_t before = load16(slave->memory + REG_AL_STATUS);
     store16(slave->memory + REG_AL_STATUS, status);
     store16(slave->memory + REG_AL_STATUS_CODE, code);
-    if (changed) {
+    if (status != before)
         registers_set_event(slave, ECAT_EVENT_AL, true);
-        if (status == AL_OP) { /* the time to the first output data counts from here */
-            slave->fed = true;
-            slave->expired = false;
-        }
+    if ((status & AL_STATE_MASK) == AL_OP && (before & AL_STATE_MASK) != AL_OP) {
+        slave->fed = true; /* the time to the first output data counts from here */
+        slave->expired = false;
     }
     leave(segment);
     return 0;
@@ -257,7 +256,7 @@ static int get_outputs(struct slave *slave, uint8_t *image, size_t size)
         return 0;
     if ((size_t)map->output_offset + map->output_size > size)
         return -EINVAL;
-    if (slave->memory[REG_AL_STATUS] == AL_OP && !slave->expired)
+    if ((slave->memory[REG_AL_STATUS] & AL_STATE_MASK) == AL_OP && !slave->expired)
         buffers_read(slave, from, from + map->output_size, image + map->output_offset);
     else
         memset(image + map->output_offset, 0, map->output_size);

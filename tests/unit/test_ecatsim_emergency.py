@@ -6,7 +6,7 @@ import pytest
 from slave_bench import COE, ERROR, INIT, PREOP, SAFEOP, Bench
 
 from ecatd.model.bus import Entry, Pdo
-from ecatsim import Device, Mailbox
+from ecatsim import Access, Device, Mailbox
 
 
 class Sample(Device):
@@ -38,6 +38,16 @@ def test_emergencies_wait_for_each_other_and_for_answers():
     for code in (0x1000, 0x2000, 0x3000):
         bench.device.emergency(code, 1)
     assert [emergency(bench.fetch())[0] for _ in range(3)] == [0x1000, 0x2000, 0x3000]
+    assert bench.fetch() is None
+
+
+def test_emergency_from_within_a_request_comes_behind_the_answer():
+    device = Sample()
+    trigger = device.dictionary.variable(0x2000, "Trigger", 6, 0, Access.RW)
+    trigger.on_write = lambda value: device.emergency(value, 1)
+    bench = Bench(device).preop()
+    bench.download(0x2000, 0, b"\x30\x81")
+    assert emergency(bench.fetch()) == (0x8130, 1, bytes(5))
     assert bench.fetch() is None
 
 

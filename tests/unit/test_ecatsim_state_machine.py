@@ -261,3 +261,57 @@ def test_reset_is_power_on():
     assert bench.run(0.01).al() == (INIT, 0)
     bench.safeop().op(b"\5\0").run()
     assert bench.device[0x7000, 1] == 5
+
+
+def test_reset_of_the_slave_controller_by_the_master():
+    bench = Bench(Sample()).safeop().op(b"\7\0").run(0.01)
+    for byte in b"RES":
+        bench.write(0x0040, bytes([byte]))
+    bench.pump()
+    assert bench.al() == (INIT, 0)
+    assert bench.device.stopped == 1
+    bench.safeop().op(b"\5\0").run()
+    assert bench.device[0x7000, 1] == 5
+
+
+def test_outputs_go_on_beside_a_device_identification_and_a_refused_request():
+    bench = Bench(Sample()).safeop().op(b"\7\0").run()
+    bench.device.device_id = 5
+    assert bench.request(OP | REQUEST_ID) == (OP | REQUEST_ID, 5)
+    assert bench.run().device[0x7000, 1] == 7
+    assert bench.request(BOOT) == (OP | ERROR, 0x11)
+    assert bench.run().device[0x7000, 1] == 7
+
+
+def test_another_device_takes_the_place():
+    class Other(Sample):
+        order, product = "Other", 2
+
+    neighbour = Sample()
+    bench = Bench(Sample(), neighbour).safeop().op(b"\7\0").run()
+    first, second = bench.device, Other()
+    first.detach()
+    assert (first.machine.state, first.stopped) == (INIT, 1)
+    second.attach(bench.segment, 0, 0, place=0)
+    bench.device = second
+    bench.devices = (second, neighbour)
+    assert bench.al() == (INIT, 0)
+    bench.safeop().op(b"\5\0").run()
+    assert (second[0x7000, 1], first[0x7000, 1]) == (5, 0)
+    second.detach()
+    first.attach(bench.segment, 0, 0, place=0)
+    bench.device, bench.devices = first, (first, neighbour)
+    bench.safeop().op(b"\4\0").run()
+    assert first[0x7000, 1] == 4
+
+
+def test_power_cycle():
+    bench = Bench(Sample()).safeop().op(b"\7\0").run()
+    bench.segment.power(0, False)
+    bench.device.reset()
+    bench.segment.power(0, True)
+    bench.device.reset()
+    bench.pump()
+    assert bench.al() == (INIT, 0)
+    bench.safeop().op(b"\5\0").run()
+    assert bench.device[0x7000, 1] == 5

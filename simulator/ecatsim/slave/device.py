@@ -258,6 +258,8 @@ class Device(DeviceType):
             event: What happened.
             now: CLOCK_MONOTONIC in seconds.
         """
+        if event & Event.RESET:
+            self.reset()
         if event & Event.AL_CONTROL:
             control = int.from_bytes(self._segment.read(self.position, _AL_CONTROL, 2), "little")
             self._deadline = now + _TIMEOUT

@@ -115,6 +115,7 @@ class MailboxServer:
         self._put = put
         self._queue: deque[tuple[float, bytes]] = deque()  # when it may be offered, and the mail
         self._offered: deque[bytes] = deque(maxlen=2)  # the last two, the newest last
+        self._later: list[tuple[Protocol, bytes]] | None = None  # while a handler runs
         self._random = random.Random(1)
         self.reset()
 
@@ -146,14 +147,25 @@ class MailboxServer:
         if counter and counter == self._last_request:
             return  # the master repeats a mail whose acknowledgement it lost
         self._last_request = counter
+        later: list[tuple[Protocol, bytes]] = []
+        self._later = later
         try:
-            for reply in self._answer(kind & 0x0F, mail[HEADER_SIZE:], length):
-                self.send(Protocol(kind & 0x0F), reply)
+            replies = self._answer(kind & 0x0F, mail[HEADER_SIZE:], length)
+            answers = [(Protocol(kind & 0x0F), reply) for reply in replies]
         except RefusedMailError as refusal:
-            self.send(Protocol.ERROR, struct.pack("<HH", 1, refusal.detail))
+            answers = [(Protocol.ERROR, struct.pack("<HH", 1, refusal.detail))]
+        self._later = None
+        for protocol, body in answers + later:
+            self.send(protocol, body)
 
     def send(self, protocol: Protocol, body: bytes) -> None:
-        """Queues a mail for the master; without room it is lost."""
+        """Queues a mail for the master; without room it is lost.
+
+        What a handler sends of its own accord (an emergency) comes behind its answer.
+        """
+        if self._later is not None:
+            self._later.append((protocol, body))
+            return
         if len(self._queue) >= 2 * _MAX_WAITING:
             return
         slow = self.fault.mode == MailboxMode.SLOW
