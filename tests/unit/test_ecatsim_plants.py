@@ -1,6 +1,8 @@
 """Wires, signal sources and plants at a fixed rate."""
 
+import re
 import statistics
+from pathlib import Path
 
 import pytest
 
@@ -178,3 +180,20 @@ def test_tables_that_cannot_be_read(tmp_path):
     with pytest.raises(UsageError, match="columns are counted from 0, not -1"):
         (tmp_path / "c.csv").write_text("0,0\n")
         signals.table(tmp_path / "c.csv", -1)
+
+
+def test_the_tank_of_the_documentation():
+    text = (Path(__file__).parents[2] / "docs/simulator.md").read_text()
+    (source,) = [part for part in re.findall(r"```python\n(.*?)```", text, re.S) if "tank" in part]
+    found = {}
+    exec(source, found)
+    rig = found["rig"]()
+    _, outputs, inputs, more = rig.devices
+    outputs.connection(0x7000, 1).value = outputs.connection(0x7010, 1).value = 32767.0  # 10 V
+    for i in range(1001):
+        for plant in rig.plants:
+            plant(i / 1000)
+    inputs.step(1.0)
+    assert inputs[0x6000, 0x11] / 32767 * 10 == pytest.approx(0.5, abs=0.01)
+    assert inputs[0x6010, 0x11] / 32767 * 10 == pytest.approx(5.0, abs=0.01)
+    assert more[0x6000, 1] / 32767 * 20 == pytest.approx(12.0, abs=0.1)
