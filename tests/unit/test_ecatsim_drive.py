@@ -2,6 +2,7 @@
 
 import itertools
 
+import hypothesis.strategies as st
 import pytest
 from drive_bench import (
     BIT_12,
@@ -14,8 +15,10 @@ from drive_bench import (
     TURN,
     Bench,
 )
+from hypothesis import given, settings
 
 from ecatd.model.errors import SdoAbortError
+from ecatsim.devices.positioning import Trapezoid
 from ecatsim.plants.motor import Control
 
 DISABLED, READY, ON, ENABLED = 0x40, 0x21, 0x23, 0x27
@@ -282,6 +285,43 @@ def test_limit_switches_hold_the_axis_and_show_in_the_digital_inputs():
     bench.set(speed=-TURN).run(5.0)
     assert bench[0x60FD] == 0x1
     assert bench.position == pytest.approx(-2 * TURN, abs=TURN / 10)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    target=st.floats(-1e5, 1e5),
+    speed=st.floats(-1e5, 1e5),
+    velocity=st.floats(1e4, 1e6),
+    acceleration=st.floats(1e4, 1e7),
+    deceleration=st.floats(1e4, 1e7),
+    dt=st.sampled_from((0.0005, 0.001, 0.003)),
+)
+def test_a_trapezoid_keeps_its_limits_and_ends_at_its_target(
+    target, speed, velocity, acceleration, deceleration, dt
+):
+    motion = Trapezoid(0.0, speed)
+    change = max(acceleration, deceleration) * dt * 1.001
+    for _ in range(int(60 / dt)):  # seconds
+        before = motion.speed
+        motion.step(target, velocity, acceleration, deceleration, dt)
+        if (motion.position, motion.speed) == (target, 0.0):
+            break
+        assert abs(motion.speed - before) <= change
+        assert abs(motion.speed) <= max(velocity, abs(before)) * 1.001
+    else:
+        raise AssertionError(f"at {motion.position} after 60 s")
+
+
+def test_disable_operation_taken_back_while_the_motor_slows_down():
+    bench = Bench()
+    bench[0x6083] = bench[0x6084] = 4 * SPEED
+    bench.enable(3).set(speed=SPEED).run(0.6)
+    bench.set(word=0x07).run(0.1)
+    slow = bench.speed
+    assert slow == pytest.approx(0.6 * SPEED, rel=0.1)
+    bench.set(word=0x0F).run(0.002)
+    assert bench[0x606B] == pytest.approx(slow, rel=0.1), "the ramp goes on from there"
+    assert bench.run(0.5).speed == pytest.approx(SPEED, rel=0.02)
 
 
 # --- faults ----------------------------------------------------------------------------------

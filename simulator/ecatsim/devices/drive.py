@@ -207,6 +207,7 @@ class Drive(Device):
         limit = self[0x6072, 0] / 1000 * motor.data.rated_current
         motor.current_limit = min(motor.data.peak_current, limit)
         if self.power.stopping:
+            self._halted = True  # if the master changes its mind, the mode resumes
             self._brake(self.power.stopping, elapsed)
             still = self.axis.demand == 0.0 and abs(motor.speed) < _STANDSTILL
             if self._still.reached(still, elapsed, _STANDSTILL_MS):

@@ -39,12 +39,14 @@ class Trapezoid:
         if dt <= 0:
             return
         rest = target - self.position
-        unit = deceleration * dt
-        if abs(rest) <= unit * dt and abs(self.speed) <= 2 * unit:
+        if abs(rest) <= deceleration * dt**2 and abs(self.speed) <= deceleration * dt:
             self.position, self.speed = target, 0.0
             return
-        # The largest speed from which whole steps of the deceleration end at the target.
-        braking = unit * (math.sqrt(0.25 + 2 * abs(rest) / (unit * dt)) - 0.5)
+        # The speed after this step from which the deceleration ends at the target.
+        after = abs(rest) - math.copysign(self.speed, self.speed * rest) * dt / 2
+        braking = deceleration * (
+            math.sqrt(dt**2 / 4 + 2 * max(after, 0.0) / deceleration) - dt / 2
+        )
         wanted = math.copysign(min(velocity, braking), rest)
         faster = wanted * self.speed >= 0 and abs(wanted) > abs(self.speed)
         most = (acceleration if faster else deceleration) * dt
@@ -109,19 +111,17 @@ class ProfilePosition(Operation):
 
     def _take(self, word: int) -> None:
         """A new set-point comes with the rising edge of bit 4."""
-        new = bool(word & NEW_SET_POINT)
-        if new and not self._acknowledged and not self._waiting:
+        new, immediately = bool(word & NEW_SET_POINT), bool(word & IMMEDIATELY)
+        if new and not self._acknowledged and (immediately or not self._waiting):
             target = float(self._objects[0x607A, 0])
             if word & RELATIVE:
                 target += self._target
             moving = self._motion.position != self._axis.within(self._target)
-            if moving and not word & IMMEDIATELY:
+            self._waiting.clear()
+            if moving and not immediately:
                 self._waiting.append(target)
             else:
                 self._target = target
-        elif new and not self._acknowledged and word & IMMEDIATELY:
-            self._waiting.clear()
-            self._target = float(self._objects[0x607A, 0])
         self._acknowledged = new
 
 
