@@ -413,4 +413,4 @@ def test_reset_is_a_power_cycle_and_the_motor_turns_on():
     assert bench.state == DISABLED
     assert (bench[0x6060], bench[0x6083] > 1) == (0, True)
     assert bench.speed > 0.8 * SPEED
-    assert bench.enable(1).run(1.0).speed == 0
+    assert abs(bench.enable(1).run(1.0).speed) < 200
