@@ -1,6 +1,7 @@
 """Faults on demand: one table, and what each fault does on the wire, frame by frame."""
 
 import inspect
+import re
 import struct
 import threading
 from pathlib import Path
@@ -12,6 +13,7 @@ from ecatd.model.errors import ConfigError, StateError, UsageError
 from ecatsim import DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
 from ecatsim.faults import FAULTS, Faults, FrameFault, SlaveFault, parse
 from ecatsim.faults.schedule import MAX_FAULTS
+from ecatsim.files import rig_file
 from ecatsim.parameters import parameters
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "simulator.md"
@@ -192,6 +194,10 @@ def test_wrong_tables_are_one_sentence(table, sentence):
 
 
 def test_paths_are_relative_to_the_rig_file():
+    table = {"kind": "swap", "slave": 0, "device": "valve.toml"}
+    assert parse(table, "", Path("/rigs")).device == "/rigs/valve.toml"
+    table = {"kind": "swap", "slave": 0, "device": "valve.py:Valve"}
+    assert parse(table, "", Path("/rigs")).device == "/rigs/valve.py:Valve"
     table = {"kind": "swap", "slave": 0, "device": "EL2008"}
     assert parse(table, "", Path("/rigs")).device == "EL2008"
     table = {"kind": "eeprom", "slave": 0, "content": "image", "file": "x.bin"}
@@ -226,6 +232,36 @@ def test_the_documentation_has_the_table():
     assert not missing, "\n".join(missing)
     for parameter in parameters(FrameFault):
         assert f"`--{parameter.name.replace('_', '-')}`" in text
+
+
+def test_rig_files_have_faults(bench, tmp_path):
+    slaves = '[[slave]]\ndevice = "Loopback32"\n' * 4
+    (example,) = re.findall(r"^```toml\n(\[\[fault.*?)^```", DOCUMENT.read_text(), re.M | re.S)
+    file = tmp_path / "rig.toml"
+    file.write_text(slaves + example)
+    (fault,) = rig_file.load(file).faults
+    assert str(fault) == "break-link slave=2 at_cycle=1000"
+    file.write_text(slaves + example.replace("slave = 2", "slave = 4"))
+    with pytest.raises(ConfigError) as caught:
+        rig_file.load(file)
+    assert str(caught.value) == (
+        f"{file}:9: fault[0]: break-link: there is no slave 4; the rig has slaves 0 to 3"
+    )
+
+
+def test_swap_for_devices_in_files(bench, tmp_path):
+    b = bench()
+    (tmp_path / "valve.toml").write_text('vendor = 1\nproduct = 2\norder = "Valve"\n')
+    (tmp_path / "pump.py").write_text(
+        "from ecatsim import Device\nclass Pump(Device):\n    order = 'Pump'\n"
+    )
+    (tmp_path / "image.bin").write_bytes(b.segment.sii(1))
+    found = []
+    for device in ("valve.toml", "pump.py:Pump", "image.bin"):
+        b.faults.swap(0, str(tmp_path / device))
+        found.append(b.rig.devices[0].order)
+        assert b.reached() == 3
+    assert found == ["Valve", "Pump", "Simple"]
 
 
 # --- the schedule ----------------------------------------------------------------------------
@@ -487,10 +523,16 @@ def test_swap_for_a_larger_device(bench):
 def test_swap_refuses_what_is_no_device(bench, tmp_path):
     b = bench()
     (tmp_path / "bad.bin").write_bytes(b"\x00" * 100)
+    (tmp_path / "bad.py").write_text("x = 1")
     for device, sentence in (
         ("EL9999", "EL9999"),
         (str(tmp_path / "none.bin"), "there is no file"),
+        (str(tmp_path / "none.toml"), "none.toml: cannot be read: No such file"),
+        (str(tmp_path / "none.py:X"), "there is no file"),
         (str(tmp_path / "bad.bin"), "bad.bin"),
+        (str(tmp_path / "bad.py:x"), "x is no class of a device"),
+        (str(tmp_path / "bad.py:y"), "the file does not define 'y'"),
+        (str(tmp_path / "bad.py"), "write bad.py:Class"),
     ):
         with pytest.raises(UsageError, match=sentence):
             b.faults.swap(0, device)

@@ -6,6 +6,8 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
+from ecatd.model.errors import UsageError
+
 from ..core import MAX_SLAVES
 from ..parameters import Described, Is, parameters
 from . import source
@@ -39,6 +41,17 @@ class Fault(Described):
     count: Annotated[int, Is("number of strikes; 0 = for ever", minimum=0, maximum=_MAX_32)] = 1
     probability: Annotated[float, Is("chance of each strike", minimum=0.0, maximum=1.0)] = 1.0
     seed: Annotated[int, Is("of the random numbers", minimum=0, maximum=_MAX_32)] = 1
+
+    def check_slave(self, count: int) -> None:
+        """Checks that its slave, if it has one, is among so many.
+
+        Raises:
+            UsageError: There is none.
+        """
+        position = getattr(self, "slave", None)
+        if position is not None and position >= count:
+            there = f"slaves 0 to {count - 1}" if count else "no slaves"
+            raise UsageError(f"{self.kind}: there is no slave {position}; the rig has {there}")
 
     def relative_to(self, folder: Path) -> Self:
         """The same fault with the paths of its files taken relative to a folder."""

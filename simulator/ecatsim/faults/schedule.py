@@ -160,12 +160,7 @@ class Faults(FaultMethods):
                 f"{fault.kind}: cycle {fault.at_cycle} is over, the bus is in cycle {now}; "
                 "leave at_cycle out to strike at once"
             )
-        position = getattr(fault, "slave", None)
-        if position is not None:
-            count = len(self._simulation.rig.devices)
-            if position >= count:
-                there = f"slaves 0 to {count - 1}" if count else "no slaves"
-                raise UsageError(f"{fault.kind}: there is no slave {position}; the rig has {there}")
+        fault.check_slave(len(self._simulation.rig.devices))
         if isinstance(fault, SlaveFault):
             fault.check(self._simulation)
 

@@ -85,7 +85,8 @@ class Swap(SlaveFault):
     device: Annotated[
         str,
         Is(
-            "name of the library (`ecatsim devices`), SII image x.bin, or `original`",
+            "name of the library (`ecatsim devices`), device file x.toml, class x.py:Class, "
+            "SII image x.bin, or `original`",
             file=True,
         ),
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ecatd.model.errors import UsageError
+from ecatd.model.errors import ConfigError, UsageError
 
 from ..slave.device import Device
 
@@ -21,18 +21,32 @@ def make(device: str) -> Device:
     """A new device.
 
     Args:
-        device: A name of the library (`ecatsim devices`), or an SII image `x.bin`.
+        device: A name of the library (`ecatsim devices`), or a file: a device file `x.toml`, a
+            class of a Python file `x.py:Class`, or an SII image `x.bin`.
 
     Raises:
         UsageError: There is no such device, or its file cannot be used.
     """
     # Rig files bring faults along: what reads them must not be needed to read this.
     from ..devices import library
-    from ..files import sii_image
+    from ..files import device_file, python_file, sii_image
 
     path = Path(device)
+    if path.suffix == ".toml":
+        return device_file.load(path)
     if path.suffix in _IMAGES:
         return sii_image.device_from_sii(read_image(path), device)
+    file, _, name = device.rpartition(":")
+    if path.suffix == ".py":
+        raise UsageError(f"'{device}' names no class: write {path.name}:Class")
+    if file.endswith(".py"):
+        kind = python_file.get(Path(file), name)
+        if not callable(kind):
+            raise ConfigError(f"{file}: {name} is no class of a device")
+        made = python_file.explained(Path(file), kind)
+        if not isinstance(made, Device):
+            raise ConfigError(f"{file}: {name} makes no ecatsim.Device")
+        return made
     return library.make(device)
 
 
@@ -56,4 +70,4 @@ def read_image(path: Path) -> bytes:
 
 
 def _is_file(device: str) -> bool:
-    return Path(device.partition(":")[0]).suffix in _IMAGES
+    return Path(device.partition(":")[0]).suffix in (".toml", ".py", *_IMAGES)

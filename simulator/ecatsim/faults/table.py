@@ -32,13 +32,19 @@ FAULTS: dict[str, type[Fault]] = {
 """Every fault by its name."""
 
 
-def parse(table: Mapping[str, object], where: str, folder: Path | None = None) -> Fault:
+def parse(
+    table: Mapping[str, object],
+    where: str,
+    folder: Path | None = None,
+    slaves: int | None = None,
+) -> Fault:
     """The fault that a table `[[fault]]` of a rig file describes.
 
     Args:
         table: The table; `kind` is the name of the fault, its other keys are parameters.
         where: What errors begin with: file and table.
         folder: What paths of files are relative to; None leaves them as they are.
+        slaves: Number of slaves of the rig, or None if it is not known yet.
 
     Raises:
         ConfigError: It describes none.
@@ -50,6 +56,8 @@ def parse(table: Mapping[str, object], where: str, folder: Path | None = None) -
         raise ConfigError(f"{where}: {what}; there are {', '.join(FAULTS)}")
     try:
         fault = FAULTS[kind].from_values(values)
+        if slaves is not None:
+            fault.check_slave(slaves)
     except UsageError as error:
         raise ConfigError(f"{where}: {error}") from None
     return fault if folder is None else fault.relative_to(folder)

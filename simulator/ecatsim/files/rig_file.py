@@ -11,6 +11,7 @@ from typing import Any
 
 from ecatd.model.errors import ConfigError
 
+from .. import faults
 from ..core import MAX_SLAVES
 from ..devices import library
 from ..plants.point import Terminal
@@ -20,7 +21,7 @@ from . import device_file, python_file, rig_signals
 from .tables import Table, show
 from .tables import load as load_table
 
-_KEYS = ("name", "slave", "wire", "signal", "plant")
+_KEYS = ("name", "slave", "wire", "signal", "plant", "fault")
 _PLACE = ("alias", "serial")
 _SOURCES = ("device", "esi")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
@@ -50,6 +51,9 @@ def load(path: Path) -> Rig:
         rig.drive(_driven(row, rig, driven), rig_signals.read(row))
     for row in table.tables("plant"):
         _add_plant(row, rig)
+    for row in table.tables("fault"):
+        where = table.document.where(row.path)
+        rig.faults.append(faults.parse(row.data, where, path.parent, len(rig.devices)))
     return rig
 
 
