@@ -17,6 +17,8 @@ from ecatd.model.errors import (
 )
 from ecatd.native import load
 
+from . import clocks, wire
+from .clocks import Clock, Clocks
 from .wire import (
     MAX_FAULTS,
     MAX_SLAVES,
@@ -26,13 +28,13 @@ from .wire import (
     Passage,
     Wire,
     checked,
-    signatures,
 )
 
 __all__ = [
     "MAX_FAULTS",
     "MAX_SLAVES",
     "Chip",
+    "Clock",
     "Counters",
     "Event",
     "FaultKind",
@@ -170,7 +172,8 @@ def _library() -> ctypes.CDLL:
     segment, number, size = ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t
     data, address = ctypes.c_char_p, ctypes.c_uint16
     functions: dict[str, tuple[type | None, list[type]]] = {
-        **signatures(),
+        **wire.signatures(),
+        **clocks.signatures(),
         "esc_add_slave": (number, [segment, ctypes.POINTER(_Config), data, size]),
         "esc_replace": (number, [segment, number, ctypes.POINTER(_Config), data, size]),
         "esc_create": (segment, []),
@@ -238,7 +241,7 @@ def _check(chip: Chip) -> None:
             raise UsageError(f"a slave controller with {name} = {value} does not exist: use {text}")
 
 
-class Segment(Wire):
+class Segment(Wire, Clocks):
     """Slave controllers behind one interface, or in a ring between two.
 
     The controllers run in C; this class is their process data interface (PDI). Its methods may be

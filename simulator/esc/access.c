@@ -16,7 +16,7 @@ const uint8_t *access_read(struct slave *slave, uint16_t address, size_t size)
     if (from < REG_RAM) {
         if (!registers_exist(slave, from, to))
             return NULL;
-        live_refresh(slave, from, to);
+        live_refresh(slave, from, to, false);
     }
     sm_begin(slave, from, to);
     sm_accessed(slave, from, to, false);

@@ -107,6 +107,17 @@ struct esc_fault {
     uint64_t struck;            /* frames so far */
 };
 
+/* The distributed clock of a slave, in ns. */
+struct esc_clock {
+    int64_t local_ns;      /* since power-on */
+    int64_t system_ns;     /* local copy of the system time: local time and offset */
+    int64_t offset_ns;     /* register 0x0920 */
+    uint32_t delay_ns;     /* register 0x0928 */
+    int64_t difference_ns; /* mean of what it was ahead of the reference clock, register 0x092C */
+    double drift_ppm;      /* of its oscillator */
+    double trim_ppm;       /* what its time control loop adds to the rate */
+};
+
 struct esc_segment;
 
 /* An empty segment, or NULL without memory. Slaves are added before `esc_start`. */
@@ -198,6 +209,17 @@ ESC_API int esc_sii(struct esc_segment *segment, int position, uint8_t *image, s
  * next reload, reset or power-on. */
 ESC_API int esc_set_sii(struct esc_segment *segment, int position, const uint8_t *image,
                         size_t size);
+
+/* Sets the error of a slave's oscillator (ppm, positive is fast) and the local time that it has at
+ * power-on; NULL leaves it. */
+ESC_API int esc_set_clock(struct esc_segment *segment, int position, const double *drift_ppm,
+                          const int64_t *offset_ns);
+/* Sets the local time forward, as a fault. */
+ESC_API int esc_step_clock(struct esc_segment *segment, int position, int64_t step_ns);
+/* The clocks of up to `capacity` slaves at one moment. Returns their number. */
+ESC_API int esc_clocks(struct esc_segment *segment, struct esc_clock *clocks, int capacity);
+/* An edge at the latch input 0 or 1 of a slave, now. */
+ESC_API int esc_latch(struct esc_segment *segment, int position, int unit, int rising);
 
 /* Adds a fault; `id` and `struck` of it are not used. Returns its identifier; -ENOSPC when there are
  * ESC_MAX_FAULTS that may still strike. */

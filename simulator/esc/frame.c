@@ -137,6 +137,7 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
 
     /* The events pass before the data, so they do not know yet what the data will do. */
     unsigned events = registers_event_word(segment);
+    segment->latches_ports = command == CMD_BWR || command == CMD_FPWR;
     switch (command) {
     case CMD_APRD:
     case CMD_APWR:

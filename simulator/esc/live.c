@@ -27,7 +27,7 @@ static unsigned ecat_events(const struct slave *slave)
 /* AL event request, likewise for the device. */
 static unsigned al_events(const struct slave *slave)
 {
-    unsigned events = slave->al_events;
+    unsigned events = slave->al_events | sync_al_events(slave);
     for (unsigned i = 0; i < slave->sync_managers; i++) {
         const struct sync_manager *sm = &slave->sm[i];
         if (sm->al_event && (sm->write ? sm->written : sm->read))
@@ -81,7 +81,7 @@ void registers_set_dl_status(struct slave *slave, unsigned bits, bool on)
 }
 
 /* Brings the registers in [from, to) up to date. */
-void live_refresh(struct slave *slave, uint32_t from, uint32_t to)
+void live_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
 {
     uint8_t *memory = slave->memory;
     if (touches(from, to, REG_DL_STATUS, 1) || touches(from, to, WATCHDOG_COUNTER_PDI, 1))
@@ -95,6 +95,8 @@ void live_refresh(struct slave *slave, uint32_t from, uint32_t to)
     if (touches(from, to, REG_SM, 8 * ESC_MAX_CHANNELS))
         for (unsigned i = 0; i < slave->sync_managers; i++)
             memory[REG_SM + 8 * i + SM_STATUS] = sm_status(&slave->sm[i]);
+    if (touches(from, to, REG_DC, REG_DC_END - REG_DC))
+        dc_refresh(slave, from, to, by_device);
 }
 
 static bool reads_activation(uint32_t from, uint32_t to)
@@ -108,6 +110,8 @@ static bool reads_activation(uint32_t from, uint32_t to)
 /* Called after a read of [from, to). */
 void live_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
 {
+    if (touches(from, to, REG_DC, REG_DC_END - REG_DC))
+        sync_was_read(slave, from, to, by_device);
     if (!by_device) {
         if (touches(from, to, REG_AL_STATUS, 2))
             registers_set_event(slave, ECAT_EVENT_AL, false);

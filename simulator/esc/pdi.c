@@ -39,14 +39,34 @@ void pdi_signal(struct esc_segment *segment)
     (void)written;
 }
 
+/* Reports SYNC pulses. Returns how long to wait at most, to report the next one in time. */
+static int64_t run_syncs(struct esc_segment *segment, int64_t timeout_ns)
+{
+    pthread_mutex_lock(&segment->lock);
+    segment->frame_ns = 0;
+    for (unsigned i = 0; i < segment->count && segment->syncs_running > 0; i++) {
+        int64_t next = sync_run(segment->slaves[i]);
+        if (next < timeout_ns || timeout_ns < 0)
+            timeout_ns = next == INT64_MAX ? timeout_ns : next;
+    }
+    bool due = pdi_signal_due(segment);
+    pthread_mutex_unlock(&segment->lock);
+    if (due)
+        pdi_signal(segment);
+    return timeout_ns;
+}
+
 int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *events,
              int capacity)
 {
     struct pollfd notify = {segment->notify, POLLIN, 0};
-    struct timespec timeout = {timeout_ns / 1000000000, timeout_ns % 1000000000};
+    int64_t wait_ns = run_syncs(segment, timeout_ns);
+    struct timespec timeout = {wait_ns / 1000000000, wait_ns % 1000000000};
     uint64_t signals;
-    if (ppoll(&notify, 1, timeout_ns < 0 ? NULL : &timeout, NULL) < 0)
+    if (ppoll(&notify, 1, wait_ns < 0 ? NULL : &timeout, NULL) < 0)
         return -errno;
+    if (wait_ns != timeout_ns)
+        run_syncs(segment, 0);
     if (read(segment->notify, &signals, sizeof signals) < 0)
         return 0;
     int count = 0;
@@ -96,7 +116,7 @@ int esc_read(struct esc_segment *segment, int position, uint16_t address, uint8_
     int result = -EINVAL;
     if (size <= ESC_MEMORY - (size_t)address) {
         uint32_t from = address, to = from + (uint32_t)size;
-        live_refresh(slave, from, to);
+        live_refresh(slave, from, to, true);
         buffers_read(slave, from, to, data);
         live_was_read(slave, from, to, true);
         result = 0;
@@ -113,7 +133,7 @@ int esc_peek(struct esc_segment *segment, int position, uint16_t address, uint8_
         return -ENODEV;
     int result = -EINVAL;
     if (size <= ESC_MEMORY - (size_t)address) {
-        live_refresh(slave, address, address + (uint32_t)size);
+        live_refresh(slave, address, address + (uint32_t)size, true);
         memcpy(data, slave->memory + address, size);
         result = 0;
     }
@@ -270,6 +290,8 @@ int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size, in
     int result = 0;
     int64_t time_ns = clock_now_ns();
     for (int position = 0; (slave = enter(segment, position)) != NULL; position++) {
+        segment->frame_ns = time_ns;
+        sync_run(slave);
         watchdog_feed_pdi(slave, time_ns);
         watchdog_run(slave, now_ns);
         int error = get_outputs(slave, image, size);
@@ -327,5 +349,51 @@ int esc_set_sii(struct esc_segment *segment, int position, const uint8_t *image,
     slave->eeprom.size = size;
     leave(segment);
     free(before);
+    return 0;
+}
+
+int esc_set_clock(struct esc_segment *segment, int position, const double *drift_ppm,
+                  const int64_t *offset_ns)
+{
+    struct slave *slave = enter(segment, position);
+    if (slave == NULL)
+        return -ENODEV;
+    double drift = drift_ppm == NULL ? 0 : *drift_ppm / 1e6;
+    dc_set_clock(slave, drift_ppm == NULL ? NULL : &drift, offset_ns);
+    leave(segment);
+    return 0;
+}
+
+int esc_step_clock(struct esc_segment *segment, int position, int64_t step_ns)
+{
+    struct slave *slave = enter(segment, position);
+    if (slave == NULL)
+        return -ENODEV;
+    slave->dc.clock.local_ns += step_ns;
+    leave(segment);
+    return 0;
+}
+
+int esc_clocks(struct esc_segment *segment, struct esc_clock *clocks, int capacity)
+{
+    int count = 0;
+    pthread_mutex_lock(&segment->lock);
+    int64_t now_ns = clock_now_ns();
+    for (; count < capacity && (unsigned)count < segment->count; count++)
+        dc_get_clock(segment->slaves[count], now_ns, &clocks[count]);
+    pthread_mutex_unlock(&segment->lock);
+    return count;
+}
+
+int esc_latch(struct esc_segment *segment, int position, int unit, int rising)
+{
+    if (unit < 0 || unit > 1)
+        return -EINVAL;
+    struct slave *slave = enter(segment, position);
+    if (slave == NULL)
+        return -ENODEV;
+    if (slave->config.dc_bits > 0)
+        sync_latch(slave, (unsigned)unit, rising != 0);
+    leave(segment);
     return 0;
 }

@@ -23,6 +23,14 @@ static const struct {
     {REG_EEPROM_CONTROL, REG_EEPROM_END},
     {REG_FMMU, REG_FMMU + 16 * ESC_MAX_CHANNELS},
     {REG_SM, REG_SM + 8 * ESC_MAX_CHANNELS},
+    {REG_DC, REG_DC + 4},           /* receive times */
+    {REG_DC + 0x10, REG_DC + 0x18}, /* system time */
+    {REG_DC + 0x20, REG_DC + 0x2C}, /* its offset and delay */
+    {REG_DC + 0x30, REG_DC + 0x32}, /* time control loop */
+    {REG_DC + 0x34, REG_DC + 0x36},
+    {REG_DC + 0x80, REG_DC + 0x82}, /* SYNC and latch units */
+    {REG_DC + 0x90, REG_DC + 0x98},
+    {REG_DC + 0xA0, REG_DC + 0xAA},
     {REG_DIGITAL_OUTPUT, 0x0F04},
     {0x0F10, 0x0F18}, /* general purpose outputs */
     {0x0F80, REG_RAM} /* user RAM */
@@ -34,6 +42,8 @@ enum {
     SM_REPEAT = 0x02,
     ECAT_EVENT_SM_MASK = 0x0FF0,
     AL_EVENT_MASK_DEFAULT = 0x00FFFF0F,
+    FEATURE_DC = 0x0104, /* distributed clocks with the newer registers of the SYNC unit */
+    FEATURE_DC_64_BITS = 0x0008,
     WATCHDOG_DIVIDER_DEFAULT = 2498, /* (2498 + 2) * 40 ns = 100 us */
     WATCHDOG_DEFAULT = 1000,         /* 100 ms */
     DL_ALIAS_ENABLE = 0x01,          /* of register 0x0103 */
@@ -60,6 +70,8 @@ static void power_on_identity(uint8_t *memory, const struct esc_config *config)
     memory[REG_SYNC_MANAGERS] = config->sync_managers;
     memory[REG_RAM_SIZE] = config->ram_kib;
     memory[REG_PORTS] = config->ports;
+    store16(memory + REG_FEATURES, (config->dc_bits > 0 ? FEATURE_DC : 0U) |
+                                       (config->dc_bits == 64 ? FEATURE_DC_64_BITS : 0U));
 }
 
 /* Everything in the controller is as after power-on, but for the links of the ports. */
@@ -88,6 +100,7 @@ void registers_power_on(struct slave *slave)
     slave->eeprom.busy_until_ns = 0;
     slave->eeprom.enabled = 0;
     slave->eeprom.taken = false;
+    dc_power_on(slave);
     eeprom_load(slave, true);
     update_station(slave);
     slave->ecat_events = slave->al_events = 0;
@@ -208,6 +221,10 @@ static void write_area(struct slave *slave, uint32_t from, uint32_t to, const ui
     }
     if (ports_clear_counters(slave, from, to))
         return;
+    if (from >= REG_DC && to <= REG_DC_END) {
+        dc_write(slave, from, to, data);
+        return;
+    }
     if (touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL) &&
         !eeprom_accepts(slave, false))
         return;
@@ -221,6 +238,10 @@ bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, con
     bool command = touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL);
     if (command && !eeprom_accepts(slave, true))
         return false;
+    if (from >= REG_DC && to <= REG_DC_END) {
+        sync_write(slave, from, to, data, true);
+        return true;
+    }
     memcpy(slave->memory + from, data, to - from);
     if (touches(from, to, REG_EEPROM_CONFIG + 1, 1))
         eeprom_assigned(slave);
@@ -231,22 +252,27 @@ bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, con
     return true;
 }
 
-/* Where a table of channels really ends; other areas end at `to`. */
-static uint32_t end_of_channels(const struct slave *slave, uint32_t from, uint32_t to)
-{
-    if (from == REG_FMMU)
-        return REG_FMMU + 16 * slave->fmmus;
-    return from == REG_SM ? REG_SM + 8 * slave->sync_managers : to;
-}
-
 static bool within(uint32_t from, uint32_t to, uint32_t start, uint32_t end)
 {
     return from < to && from >= start && to <= end;
 }
 
-/* Whether [from, to) has anything but FMMUs and sync managers that the chip lacks. */
+/* Where a writable area ends on this chip, which may lack channels or distributed clocks. */
+static uint32_t end_of_area(const struct slave *slave, uint32_t from, uint32_t to)
+{
+    if (from == REG_FMMU)
+        return REG_FMMU + 16 * slave->fmmus;
+    if (from == REG_SM)
+        return REG_SM + 8 * slave->sync_managers;
+    return within(from, to, REG_DC, REG_DC_END) && slave->config.dc_bits == 0 ? from : to;
+}
+
+/* Whether [from, to) has anything but FMMUs, sync managers or distributed clocks that the chip
+ * lacks. */
 bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to)
 {
+    if (slave->config.dc_bits == 0 && within(from, to, REG_DC, REG_DC_END))
+        return false;
     return !within(from, to, REG_FMMU + 16 * slave->fmmus, REG_FMMU + 16 * ESC_MAX_CHANNELS) &&
            !within(from, to, REG_SM + 8 * slave->sync_managers, REG_SM + 8 * ESC_MAX_CHANNELS);
 }
@@ -258,7 +284,7 @@ bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data,
     bool any = end > REG_RAM || size == 0;
     for (size_t i = 0; i < sizeof writable / sizeof writable[0]; i++) {
         uint32_t from = writable[i].from > address ? writable[i].from : address;
-        uint32_t last = end_of_channels(slave, writable[i].from, writable[i].to);
+        uint32_t last = end_of_area(slave, writable[i].from, writable[i].to);
         uint32_t to = last < end ? last : end;
         if (from >= to)
             continue;

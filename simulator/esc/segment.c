@@ -95,6 +95,7 @@ int esc_add_slave(struct esc_segment *segment, const struct esc_config *config, 
     }
     pthread_mutex_lock(&segment->lock);
     slave->segment = segment;
+    segment->frame_ns = 0;
     slave->position = segment->count;
     segment->slaves[segment->count++] = slave;
     configure(slave, config, image, sii_size);
@@ -109,6 +110,7 @@ static void switch_power(struct slave *slave, bool on)
 {
     if (slave->off != on)
         return;
+    sync_stop(slave);
     topology_refresh(slave->segment);
     slave->off = !on;
     slave->events = 0;
@@ -120,6 +122,7 @@ int esc_power(struct esc_segment *segment, int position, int on)
 {
     int result = -ENODEV;
     pthread_mutex_lock(&segment->lock);
+    segment->frame_ns = 0;
     if (position >= 0 && (unsigned)position < segment->count) {
         struct slave *slave = segment->slaves[position];
         if (slave->off && on != 0)
@@ -140,6 +143,7 @@ int esc_replace(struct esc_segment *segment, int position, const struct esc_conf
     if (image == NULL)
         return -ENOMEM;
     pthread_mutex_lock(&segment->lock);
+    segment->frame_ns = 0;
     if (position < 0 || (unsigned)position >= segment->count) {
         pthread_mutex_unlock(&segment->lock);
         free(image);

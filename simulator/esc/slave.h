@@ -2,6 +2,7 @@
 #ifndef ECAT_ESC_SLAVE_H
 #define ECAT_ESC_SLAVE_H
 
+#include "dc.h"
 #include "esc.h"
 
 #include <pthread.h>
@@ -50,7 +51,9 @@ enum esc_register {
     REG_EEPROM_END = 0x0510,
     REG_FMMU = 0x0600, /* 16 bytes a channel */
     REG_SM = 0x0800,   /* 8 bytes a channel */
+    REG_DC = 0x0900, /* to 0x09FF */
     REG_SYNC_PULSE = 0x0982,
+    REG_DC_END = 0x0A00,
     REG_DIGITAL_OUTPUT = 0x0F00,
     REG_RAM = 0x1000
 };
@@ -154,6 +157,7 @@ struct slave {
     struct esc_process_data map;
     struct esc_config config;
     struct eeprom eeprom;
+    struct dc dc;
     /* Buffers that are not in `memory`, at the addresses of their sync managers. Pages that are
      * not used cost nothing. */
     struct buffers {
@@ -212,6 +216,8 @@ struct esc_segment {
     struct route damaged; /* the part of a route on which the current frame is still whole */
     struct route *route;  /* of the current frame */
     int64_t frame_ns;     /* see frame_time_ns; 0 = not asked for yet */
+    bool latches_ports;     /* the datagram under way is a BWR or FPWR, see dc.c */
+    unsigned syncs_running; /* slaves whose SYNC unit runs */
     unsigned queue_head, queue_count;
     uint32_t queue[ESC_MAX_SLAVES]; /* positions of slaves with pending events */
     bool signal_due;                /* the queue became non-empty since the last signal */
@@ -330,7 +336,7 @@ bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to);
 bool registers_may_write(const struct slave *slave, uint32_t from, uint32_t to);
 
 /* live.c: registers that are computed when they are read, and what reading them acknowledges. */
-void live_refresh(struct slave *slave, uint32_t from, uint32_t to);
+void live_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
 void live_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
 void registers_set_event(struct slave *slave, unsigned bits, bool on);
 uint16_t registers_event_word(struct esc_segment *segment);
@@ -342,6 +348,27 @@ bool eeprom_accepts(struct slave *slave, bool by_device);
 void eeprom_assigned(struct slave *slave);
 void eeprom_command(struct slave *slave, bool by_device);
 void eeprom_refresh(struct slave *slave);
+
+/* dc.c */
+void dc_power_on(struct slave *slave);
+int64_t dc_local_time(const struct slave *slave, int64_t now_ns);
+int64_t dc_system_time(const struct slave *slave, int64_t now_ns);
+void dc_store_time(struct slave *slave, uint32_t reg, int64_t time);
+void dc_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
+void dc_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data);
+void dc_set_clock(struct slave *slave, const double *drift, const int64_t *offset_ns);
+void dc_get_clock(struct slave *slave, int64_t now_ns, struct esc_clock *clock);
+
+/* sync.c */
+void sync_stop(struct slave *slave);
+void sync_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data,
+                bool by_device);
+void sync_refresh(struct slave *slave, uint32_t from, uint32_t to, int64_t time);
+void sync_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
+void sync_latch(struct slave *slave, unsigned unit, bool rising);
+void sync_latch_events(struct slave *slave);
+unsigned sync_al_events(const struct slave *slave);
+int64_t sync_run(struct slave *slave);
 
 /* watchdog.c */
 void watchdog_run(struct slave *slave, int64_t now_ns);

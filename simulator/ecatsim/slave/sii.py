@@ -26,6 +26,7 @@ class Category(IntEnum):
     SYNC_MANAGER = 41
     TX_PDO = 50
     RX_PDO = 51
+    DC = 60
     END = 0xFFFF
 
 
@@ -89,6 +90,32 @@ class Mailbox:
     coe_details: int = 0x07
 
 
+@dataclass(frozen=True, slots=True)
+class DcMode:
+    """A way to use SYNC signals that a master may choose (category 60, ESI `Dc/OpMode`).
+
+    Attributes:
+        name: Its name; the first mode is the default.
+        assign_activate: Value for the registers 0x0980 and 0x0981: 0 free run, 0x0300 SYNC0,
+            0x0700 SYNC0 and SYNC1.
+        sync0_cycle_ns: Cycle time of SYNC0; 0 takes the bus cycle times `sync0_factor`.
+        sync0_factor: SYNC0 cycles in bus cycles; a negative one divides.
+        sync0_shift_ns: Shift of SYNC0 against the bus cycle.
+        sync1_cycle_factor: SYNC1 cycles in SYNC0 cycles; a negative one divides the bus cycle.
+        sync1_shift_ns: Shift of SYNC1 against SYNC0.
+        description: What the master may show.
+    """
+
+    name: str
+    assign_activate: int = 0x0300
+    sync0_cycle_ns: int = 0
+    sync0_factor: int = 1
+    sync0_shift_ns: int = 0
+    sync1_cycle_factor: int = 0
+    sync1_shift_ns: int = 0
+    description: str = ""
+
+
 @dataclass(slots=True)
 class Description:
     """Everything an SII image is made from.
@@ -104,7 +131,9 @@ class Description:
         group: Group type.
         group_name: Name of the group.
         pdi_control: Word 0, to register 0x0140.
-        pdi_config: Word 1, to register 0x0150.
+        pdi_config: Word 1, to register 0x0150; bits 11 and 15 tell the device of SYNC0 and SYNC1.
+        sync_pulse: Word 2, to register 0x0982: length of SYNC pulses in 10 ns; 0 lets them last
+            until the device acknowledges them.
         mailbox: The mailbox, or None.
         bootstrap: The mailbox in BOOT, or None.
         sync_managers: Sync managers by channel.
@@ -114,6 +143,7 @@ class Description:
         ebus_current: Current taken from the E-bus in mA; negative where it is fed.
         physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
         no_lrw: The slave cannot process LRW.
+        dc_modes: How it can use SYNC signals.
     """
 
     vendor: int
@@ -127,6 +157,7 @@ class Description:
     group_name: str = ""
     pdi_control: int = 0
     pdi_config: int = 0
+    sync_pulse: int = 0
     mailbox: Mailbox | None = None
     bootstrap: Mailbox | None = None
     sync_managers: Sequence[SyncManager] = ()
@@ -136,6 +167,7 @@ class Description:
     ebus_current: int = 0
     physical_ports: int = 0x11
     no_lrw: bool = False
+    dc_modes: Sequence[DcMode] = ()
 
 
 @dataclass(slots=True)
@@ -187,6 +219,27 @@ def _pdos(pdos: Iterable[Pdo], strings: _Strings) -> bytes:
     return b"".join(parts)
 
 
+def _dc_modes(modes: Iterable[DcMode], strings: _Strings) -> bytes:
+    parts = []
+    for mode in modes:
+        numbers = (
+            mode.sync0_cycle_ns,
+            mode.sync0_shift_ns,
+            mode.sync1_shift_ns,
+            mode.sync1_cycle_factor,
+            mode.assign_activate,
+            mode.sync0_factor,
+        )
+        texts = strings.number(mode.name), strings.number(mode.description)
+        try:
+            parts.append(struct.pack("<IiihHhBB4x", *numbers, *texts))
+        except struct.error as error:
+            raise UsageError(
+                f"DC mode '{mode.name}': a number does not fit into SII category 60: {error}"
+            ) from error
+    return b"".join(parts)
+
+
 def _general(info: Description, strings: _Strings) -> bytes:
     mailbox = info.mailbox
     group = strings.number(info.group)
@@ -211,7 +264,8 @@ def _general(info: Description, strings: _Strings) -> bytes:
 
 def _header(info: Description, size: int) -> bytes:
     header = bytearray(2 * _HEADER_WORDS)
-    struct.pack_into("<HH4xH", header, 0, info.pdi_control, info.pdi_config, info.alias)
+    words = (info.pdi_control, info.pdi_config, info.sync_pulse, 0, info.alias)
+    struct.pack_into("<5H", header, 0, *words)
     struct.pack_into("<H", header, 14, checksum(bytes(header[:14])))
     struct.pack_into("<IIII", header, 16, info.vendor, info.product, info.revision, info.serial)
     if info.bootstrap:
@@ -244,6 +298,7 @@ def build(info: Description) -> bytes:
     strings.number(info.order, force=True)
     general = _general(info, strings)
     tx_pdos, rx_pdos = _pdos(info.tx_pdos, strings), _pdos(info.rx_pdos, strings)
+    dc_modes = _dc_modes(info.dc_modes, strings)
     parts = [_category(Category.STRINGS, strings.encode()), _category(Category.GENERAL, general)]
     if info.fmmus:
         parts.append(_category(Category.FMMU, bytes(info.fmmus) + b"\xff" * (len(info.fmmus) % 2)))
@@ -257,6 +312,8 @@ def build(info: Description) -> bytes:
         parts.append(_category(Category.TX_PDO, tx_pdos))
     if rx_pdos:
         parts.append(_category(Category.RX_PDO, rx_pdos))
+    if dc_modes:
+        parts.append(_category(Category.DC, dc_modes))
     parts.append(struct.pack("<H", Category.END))
     body = b"".join(parts)
     size = 2048

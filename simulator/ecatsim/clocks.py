@@ -1,0 +1,94 @@
+"""The distributed clocks of a segment (see `Segment`)."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+
+from .wire import MAX_SLAVES, checked
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The distributed clock of a slave at one moment.
+
+    Attributes:
+        local_ns: Local time, since power-on.
+        system_ns: Local copy of the system time: local time plus offset.
+        offset_ns: System time offset, register 0x0920.
+        delay_ns: System time delay, register 0x0928.
+        difference_ns: How far it was ahead of the reference clock, mean value (0x092C).
+        drift_ppm: Error of its oscillator; positive is fast.
+        trim_ppm: What its time control loop adds to the rate.
+    """
+
+    local_ns: int
+    system_ns: int
+    offset_ns: int
+    delay_ns: int
+    difference_ns: int
+    drift_ppm: float
+    trim_ppm: float
+
+
+class _Clock(ctypes.Structure):
+    _fields_ = (
+        ("local_ns", ctypes.c_int64),
+        ("system_ns", ctypes.c_int64),
+        ("offset_ns", ctypes.c_int64),
+        ("delay_ns", ctypes.c_uint32),
+        ("difference_ns", ctypes.c_int64),
+        ("drift_ppm", ctypes.c_double),
+        ("trim_ppm", ctypes.c_double),
+    )
+
+
+def signatures() -> dict[str, tuple[type | None, list[type]]]:
+    """The C functions of this file: result and arguments."""
+    segment, number = ctypes.c_void_p, ctypes.c_int
+    return {
+        "esc_set_clock": (number, [segment, number, ctypes.c_void_p, ctypes.c_void_p]),
+        "esc_step_clock": (number, [segment, number, ctypes.c_int64]),
+        "esc_clocks": (number, [segment, ctypes.POINTER(_Clock), number]),
+        "esc_latch": (number, [segment, number, number, number]),
+    }
+
+
+class Clocks:
+    """The part of `Segment` that has to do with distributed clocks."""
+
+    _lib: ctypes.CDLL
+    _handle: int | None
+
+    def set_clock(
+        self, position: int, *, drift_ppm: float | None = None, offset_ns: int | None = None
+    ) -> None:
+        """Sets properties of the oscillator of a slave; None leaves one as it is.
+
+        Args:
+            position: Position of the slave.
+            drift_ppm: Its error from now on; positive is fast.
+            offset_ns: The local time that it has at power-on; the clock jumps accordingly.
+        """
+        drift = None if drift_ppm is None else ctypes.byref(ctypes.c_double(drift_ppm))
+        offset = None if offset_ns is None else ctypes.byref(ctypes.c_int64(offset_ns))
+        checked(self._lib.esc_set_clock(self._handle, position, drift, offset))
+
+    def step_clock(self, position: int, ns: int) -> None:
+        """Sets the local time of a slave forward, or back, by some nanoseconds, as a fault."""
+        checked(self._lib.esc_step_clock(self._handle, position, ns))
+
+    def clocks(self) -> list[Clock]:
+        """The distributed clocks of all slaves, at one moment."""
+        clocks = (_Clock * MAX_SLAVES)()
+        count = checked(self._lib.esc_clocks(self._handle, clocks, MAX_SLAVES))
+        names = [name for name, _ in _Clock._fields_]
+        return [Clock(*(getattr(clock, name) for name in names)) for clock in clocks[:count]]
+
+    def clock(self, position: int) -> Clock:
+        """The distributed clock of a slave now; see `clocks` to compare several."""
+        return self.clocks()[position]
+
+    def latch(self, position: int, unit: int, rising: bool) -> None:
+        """An edge at the latch input 0 or 1 of a slave, now (registers 0x09A8 to 0x09CF)."""
+        checked(self._lib.esc_latch(self._handle, position, unit, rising))

@@ -1,0 +1,270 @@
+/* Distributed clocks (registers 0x0900 to 0x093F): local time, receive times and system time.
+ *
+ * The clock runs without being driven: its time follows from CLOCK_MONOTONIC whenever somebody
+ * asks. A frame has one time, at which it entered the segment, and the topology says how much later
+ * it arrives at each port, so that what a master measures is exact however late the host is.
+ */
+#include "slave.h"
+
+#include <math.h>
+
+enum {
+    REG_SYSTEM_TIME = 0x0910,
+    REG_RECEIVED = 0x0918, /* receive time of the processing unit */
+    REG_OFFSET = 0x0920,
+    REG_DELAY = 0x0928,
+    REG_DIFFERENCE = 0x092C,
+    REG_SPEED_START = 0x0930,
+    REG_SPEED_DIFFERENCE = 0x0932,
+    REG_DIFFERENCE_DEPTH = 0x0934,
+    REG_SPEED_DEPTH = 0x0935,
+    REG_LOOP_END = 0x0936,
+    SPEED_MIN = 0x80,
+    SPEED_MAX = 0x3FFF,
+    SPEED_DEFAULT = 0x1000,
+    DIFFERENCE_DEPTH_DEFAULT = 4,
+    SPEED_DEPTH_DEFAULT = 12,
+    DEPTH_MASK = 0x0F,
+    DIFFERENCE_MASK = 0x7FFFFFFF,
+    MEAN_INTERVALS = 16
+};
+
+static const uint32_t DIFFERENCE_NOT_BEHIND = 0x80000000;
+/* An ESC counts its clock in steps of 10 ns and corrects it by 1 ns at a step, at most at every
+ * 0x7F-th one. */
+static const double TICK_NS = 10.0;
+static const double MAX_CORRECTION = 1.0 / (10.0 * 0x7F);
+/* Part of a difference that is corrected at once, with the default bandwidth. */
+static const double GAIN = 1.0 / 8, MAX_GAIN = 0.5;
+
+static double clamp(double value, double limit)
+{
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+/* Brings a clock to a time: what its rate was before is behind it. */
+static void advance(struct local_clock *clock, int64_t now_ns)
+{
+    double passed = (double)(now_ns - clock->at_ns);
+    double slewed = clamp(clock->slew_ns, fabs(passed) * MAX_CORRECTION);
+    double gained = clock->fraction + passed * (clock->drift + clock->trim) + slewed;
+    double whole = floor(gained);
+    clock->local_ns += now_ns - clock->at_ns + (int64_t)whole;
+    clock->fraction = gained - whole;
+    clock->slew_ns -= slewed;
+    clock->at_ns = now_ns;
+}
+
+int64_t dc_local_time(const struct slave *slave, int64_t now_ns)
+{
+    struct local_clock clock = slave->dc.clock;
+    advance(&clock, now_ns);
+    return clock.local_ns;
+}
+
+/* Local copy of the system time: what SYNC and latch units and the device work with. A clock of 32
+ * bits shows the lower half of it. */
+int64_t dc_system_time(const struct slave *slave, int64_t now_ns)
+{
+    uint64_t offset = load64(slave->memory + REG_OFFSET);
+    return (int64_t)((uint64_t)dc_local_time(slave, now_ns) + offset);
+}
+
+/* Puts a time into a register of the width of the clock. */
+void dc_store_time(struct slave *slave, uint32_t reg, int64_t time)
+{
+    uint64_t bits = (uint64_t)time;
+    store64(slave->memory + reg, slave->config.dc_bits == 32 ? bits & UINT32_MAX : bits);
+}
+
+/* When the current frame comes to the processing unit. */
+static int64_t arrival_time(const struct slave *slave)
+{
+    int64_t arrival = topology_arrival(slave, 0);
+    for (unsigned port = 1; arrival < 0 && port < PORTS; port++)
+        arrival = topology_arrival(slave, port);
+    return frame_time_ns(slave->segment) + (arrival < 0 ? 0 : arrival);
+}
+
+/* The system time that the reference clock had when the frame passed it, as this slave sees it. */
+static int64_t time_at_reference(const struct slave *slave)
+{
+    return dc_system_time(slave, arrival_time(slave)) - load32(slave->memory + REG_DELAY);
+}
+
+/* A master writes 0x0900. Ports that the frame does not come to keep their times; APWR and the
+ * like latch the processing unit alone. */
+static void latch_receive_times(struct slave *slave)
+{
+    uint8_t *memory = slave->memory;
+    dc_store_time(slave, REG_RECEIVED, dc_local_time(slave, arrival_time(slave)));
+    for (unsigned port = 0; port < PORTS && slave->segment->latches_ports; port++) {
+        int64_t arrival = topology_arrival(slave, port);
+        if (arrival >= 0) {
+            int64_t local = dc_local_time(slave, frame_time_ns(slave->segment) + arrival);
+            store32(memory + REG_DC + 4 * port, (uint32_t)((uint64_t)local & UINT32_MAX));
+        }
+    }
+}
+
+/* Adds a value to a mean value over the last 2^depth ones; fewer at first. */
+static void average(double *mean, unsigned *count, unsigned depth, double value)
+{
+    unsigned most = 1U << (depth & DEPTH_MASK);
+    *count = *count < most ? *count + 1 : most;
+    *mean += (value - *mean) / *count;
+}
+
+/* The rate in the terms of an ESC: its clock gains 1 ns every (start - x) steps and loses 1 ns
+ * every (start + x) steps. x is positive for a clock that would be too slow. */
+static double speed_difference(const struct slave *slave)
+{
+    double start = load16(slave->memory + REG_SPEED_START), rate = slave->dc.clock.trim * TICK_NS;
+    double limit = start - 0x7F;
+    return rate == 0 ? 0 : clamp((sqrt(1 + rate * rate * start * start) - 1) / rate, limit);
+}
+
+/* Corrects a clock that was `difference_ns` ahead at `now_ns`: a part of the difference over the
+ * time that follows, and the rate by a share of what the difference would have needed. Both
+ * together bring a constant drift to zero without overshoot. */
+static void correct(struct slave *slave, int64_t now_ns, double difference_ns)
+{
+    struct local_clock *clock = &slave->dc.clock;
+    struct time_loop *loop = &slave->dc.loop;
+    double gain = GAIN * SPEED_DEFAULT / load16(slave->memory + REG_SPEED_START);
+    gain = gain > MAX_GAIN ? MAX_GAIN : gain;
+    double passed = loop->corrected_ns == 0 ? 0 : (double)(now_ns - loop->corrected_ns);
+    advance(clock, now_ns);
+    clock->slew_ns = -gain * difference_ns;
+    if (passed > 0) {
+        loop->interval_ns += loop->interval_ns == 0
+                                 ? passed
+                                 : (passed - loop->interval_ns) / MEAN_INTERVALS;
+        double interval = passed > loop->interval_ns ? passed : loop->interval_ns;
+        /* What is too much to be corrected until the next time says nothing of the rate. */
+        if (fabs(clock->slew_ns) <= interval * MAX_CORRECTION)
+            clock->trim = clamp(clock->trim - gain * gain / 4 * difference_ns / interval,
+                                MAX_CORRECTION);
+    }
+    loop->corrected_ns = now_ns;
+    average(&loop->deviation, &loop->deviations, slave->memory[REG_SPEED_DEPTH],
+            speed_difference(slave));
+}
+
+/* A master writes the system time of the reference clock; its lower 32 bits are compared. */
+static void compare(struct slave *slave, uint32_t received)
+{
+    struct time_loop *loop = &slave->dc.loop;
+    uint32_t own = (uint32_t)((uint64_t)time_at_reference(slave) & UINT32_MAX);
+    double difference = (int32_t)(own - received);
+    average(&loop->difference_ns, &loop->differences, slave->memory[REG_DIFFERENCE_DEPTH],
+            difference);
+    correct(slave, arrival_time(slave), difference);
+}
+
+static void reset_loop(struct slave *slave)
+{
+    uint8_t *start = slave->memory + REG_SPEED_START;
+    unsigned value = load16(start) & 0x7FFF;
+    store16(start, value < SPEED_MIN ? SPEED_MIN : value > SPEED_MAX ? SPEED_MAX : value);
+    advance(&slave->dc.clock, frame_time_ns(slave->segment));
+    slave->dc.clock.trim = slave->dc.clock.slew_ns = 0;
+    slave->dc.loop = (struct time_loop){0};
+}
+
+/* Magnitude and, in bit 31, whether the own time was not behind that of the reference clock: so in
+ * the newer data sheets and in captures of real slaves; ETG.1000.4 has the bit the other way. */
+static uint32_t difference_register(const struct time_loop *loop)
+{
+    double mean = round(loop->difference_ns);
+    bool behind = mean < 0 || loop->differences == 0;
+    return (uint32_t)clamp(fabs(mean), DIFFERENCE_MASK) | (behind ? 0 : DIFFERENCE_NOT_BEHIND);
+}
+
+void dc_power_on(struct slave *slave)
+{
+    uint8_t *memory = slave->memory;
+    struct local_clock *clock = &slave->dc.clock;
+    sync_stop(slave);
+    *clock = (struct local_clock){.at_ns = frame_time_ns(slave->segment),
+                                  .local_ns = clock->offset_ns,
+                                  .drift = clock->drift,
+                                  .offset_ns = clock->offset_ns};
+    slave->dc.loop = (struct time_loop){0};
+    if (slave->config.dc_bits == 0)
+        return;
+    store16(memory + REG_SPEED_START, SPEED_DEFAULT);
+    memory[REG_DIFFERENCE_DEPTH] = DIFFERENCE_DEPTH_DEFAULT;
+    memory[REG_SPEED_DEPTH] = SPEED_DEPTH_DEFAULT;
+}
+
+/* Brings the registers in [from, to) up to date: for the device the time is now, for the master
+ * that of the frame. */
+void dc_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
+{
+    uint8_t *memory = slave->memory;
+    const struct time_loop *loop = &slave->dc.loop;
+    if (slave->config.dc_bits == 0)
+        return;
+    if (touches(from, to, REG_SYSTEM_TIME, 8))
+        dc_store_time(slave, REG_SYSTEM_TIME,
+                      by_device ? dc_system_time(slave, frame_time_ns(slave->segment))
+                                : time_at_reference(slave));
+    if (touches(from, to, REG_DIFFERENCE, 4))
+        store32(memory + REG_DIFFERENCE, difference_register(loop));
+    if (touches(from, to, REG_SPEED_DIFFERENCE, 2))
+        store16(memory + REG_SPEED_DIFFERENCE, (unsigned)(int)round(loop->deviation) & 0xFFFF);
+    int64_t now_ns = by_device ? frame_time_ns(slave->segment) : arrival_time(slave);
+    sync_refresh(slave, from, to, dc_system_time(slave, now_ns));
+}
+
+/* The master writes [from, to), which lies within one area of writable registers. */
+void dc_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data)
+{
+    if (touches(from, to, REG_DC, 1))
+        latch_receive_times(slave);
+    if (to <= REG_DC + 4)
+        return;
+    if (touches(from, to, REG_SYSTEM_TIME, 8)) {
+        if (from == REG_SYSTEM_TIME && to >= from + 4)
+            compare(slave, load32(data));
+        return;
+    }
+    if (from >= REG_LOOP_END) {
+        sync_write(slave, from, to, data, false);
+        return;
+    }
+    memcpy(slave->memory + from, data, to - from);
+    if (slave->config.dc_bits == 32)
+        memset(slave->memory + REG_OFFSET + 4, 0, 4);
+    if (touches(from, to, REG_SPEED_START, 2))
+        reset_loop(slave);
+    if (touches(from, to, REG_DIFFERENCE_DEPTH, 1))
+        slave->dc.loop.difference_ns = slave->dc.loop.differences = 0;
+    if (touches(from, to, REG_SPEED_DEPTH, 1))
+        slave->dc.loop.deviation = slave->dc.loop.deviations = 0;
+}
+
+void dc_set_clock(struct slave *slave, const double *drift, const int64_t *offset_ns)
+{
+    struct local_clock *clock = &slave->dc.clock;
+    advance(clock, frame_time_ns(slave->segment));
+    if (drift != NULL)
+        clock->drift = *drift;
+    if (offset_ns != NULL) {
+        clock->local_ns += *offset_ns - clock->offset_ns;
+        clock->offset_ns = *offset_ns;
+    }
+}
+
+void dc_get_clock(struct slave *slave, int64_t now_ns, struct esc_clock *clock)
+{
+    const struct local_clock *local = &slave->dc.clock;
+    *clock = (struct esc_clock){.local_ns = dc_local_time(slave, now_ns),
+                                .system_ns = dc_system_time(slave, now_ns),
+                                .offset_ns = (int64_t)load64(slave->memory + REG_OFFSET),
+                                .delay_ns = load32(slave->memory + REG_DELAY),
+                                .difference_ns = (int64_t)round(slave->dc.loop.difference_ns),
+                                .drift_ppm = 1e6 * local->drift,
+                                .trim_ppm = 1e6 * local->trim};
+}
