@@ -1,6 +1,7 @@
 """FMUs as plants: real FMUs of FMI 2.0 and 3.0, compiled here from a first-order motor in C."""
 
 import math
+import shutil
 
 import pytest
 
@@ -12,6 +13,7 @@ from ecatd.model.errors import ConfigError, StateError, UsageError
 from ecatsim import Rig
 from ecatsim.devices.library import make
 from ecatsim.plants.fmu import Connection, FmuPlant, add_fmu
+from ecatsim.rig import make as make_rig
 
 VERSIONS = ("2.0", "3.0")
 
@@ -131,3 +133,66 @@ def test_fmpy_is_asked_for_where_it_is_not_installed(fmus, monkeypatch):
     monkeypatch.setitem(sys.modules, "fmpy", None)
     with pytest.raises(UsageError, match=r"needs FMPy: pip install 'ecatd\[fmu\]'"):
         FmuPlant(fmus["2.0"], [])
+
+
+# --- rig files -------------------------------------------------------------------------------
+
+RIG = """
+name = "motor"
+[[slave]]
+device = "EL4004"
+[[slave]]
+device = "EL3102"
+[[plant]]
+fmu = "motor.fmu"
+period = 0.002
+start = { gain = 8.0, lag = 0.05 }
+[[plant.connect]]
+variable = "voltage"
+slave = 0
+entry = "0x7000:01"
+[[plant.connect]]
+variable = "speed"
+slave = 1
+entry = "0x6000:11"
+scale = 0.1
+"""
+
+
+def rig_from(folder, fmu, text):
+    shutil.copy(fmu, folder / "motor.fmu")
+    (folder / "rig.toml").write_text(text)
+    return make_rig(str(folder / "rig.toml"))
+
+
+def test_an_fmu_in_a_rig_file(fmus, tmp_path):
+    rig = rig_from(tmp_path, fmus["3.0"], RIG)
+    output, inputs = rig.devices
+    output.connection(0x7000, 1).value = 32767.0
+    for i in range(400):
+        for plant in rig.plants:
+            plant(i / 1000)
+    inputs.step(0.4)
+    assert inputs[0x6000, 0x11] / 32767 * 100 == pytest.approx(80.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('variable = "speed"', 'variable = "sped"', r"motor\.fmu: the FMU has no variable 'sped'"),
+        ("slave = 1", "slave = 2", r"rig\.toml:17: .*slave.* must be from 0 to 1"),
+        ("gain = 8.0", 'gain = "x"', r"rig\.toml:10: .*gain.*must be a number"),
+        ("scale = 0.1", "scal = 0.1", "is no key; did you mean 'scale'"),
+        ('"0x6000:11"', '"0x6000:55"', "EL3102 has no entry 0x6000:55"),
+        ('fmu = "motor.fmu"', 'fmu = "gone.fmu"', "there is no FMU '.*gone.fmu'"),
+    ],
+)
+def test_wrong_fmus_in_rig_files(fmus, tmp_path, old, new, message):
+    assert old in RIG
+    with pytest.raises(ConfigError, match=message):
+        rig_from(tmp_path, fmus["2.0"], RIG.replace(old, new))
+
+
+def test_an_fmu_without_connections(fmus, tmp_path):
+    with pytest.raises(ConfigError, match="without connections the FMU has no effect"):
+        rig_from(tmp_path, fmus["2.0"], RIG.split("[[plant.connect]]")[0])

@@ -17,7 +17,7 @@ from ..devices import library
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device
-from . import device_file, python_file, rig_signals
+from . import device_file, python_file, rig_fmu, rig_signals
 from .tables import Table, show
 from .tables import load as load_table
 
@@ -187,8 +187,11 @@ def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
 
 
 def _add_plant(table: Table, rig: Rig) -> None:
-    """Adds what a function or class of a Python file makes of the rig."""
-    table.only(("python", "parameters", "period", "catch_up"))
+    """Adds an FMU, or what a function or class of a Python file makes of the rig."""
+    if "fmu" in table:
+        rig_fmu.add(table, rig)
+        return
+    table.only(("python", "fmu", "parameters", "period", "catch_up"))
     name, colon, function = table.text("python").rpartition(":")
     if not colon or not name.endswith(".py"):
         table.fail("python", 'must be a file and a name in it, as in "motor.py:Motor"')
