@@ -1,0 +1,92 @@
+"""Every device of the library on one segment, in OP with two real masters: pysoem and kickcat.
+
+Masters run as commands inside `ecatsim run`; this file is the rig as well.
+"""
+
+import json
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from test_simulator_masters import cycle, master_kickcat, open_pysoem, to_op
+
+from ecatsim.devices.library import library, make
+from ecatsim.rig import Rig
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+HERE = Path(__file__)
+
+
+def rig():
+    """All devices; outputs are wired to inputs of the same kind."""
+    devices = {item.name: make(item.name) for item in library()}
+    result = Rig("library", list(devices.values()))
+    result.wire((devices["EL2004"], 0x7030, 1), (devices["EL1008"], 0x6020, 1))
+    result.wire((devices["EL4008"], 0x7070, 1), (devices["EL3102"], 0x6010, 0x11))
+    result.wire((devices["EL4004"], 0x7000, 1), (devices["AnalogIO"], 0x6000, 4), scale=-0.5)
+    result.wire((devices["DigitalIO"], 0x7000, 8), (devices["DigitalIO"], 0x6000, 1))
+    return result
+
+
+def run(master):
+    code = (
+        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
+        f"print('found', json.dumps(t.{master.__name__}()))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-m", "ecatsim", "run", str(HERE), "--", sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr + result.stdout
+    (found,) = [line for line in result.stdout.splitlines() if line.startswith("found ")]
+    return json.loads(found.removeprefix("found "))
+
+
+def master_all_in_op():
+    master = open_pysoem()
+    found = [
+        [slave.name, slave.man, slave.id, slave.rev, len(slave.output), len(slave.input)]
+        for slave in master.slaves
+    ]
+    to_op(master)
+    slaves = {slave.name: slave for slave in master.slaves}
+    slaves["EL2004"].output = b"\x08"
+    slaves["EL4004"].output = struct.pack("<4h", 32767, 0, 0, 0)
+    slaves["EL4008"].output = struct.pack("<8h", *[0] * 7, 16384)
+    slaves["DigitalIO"].output = b"\x80"
+    end = time.monotonic() + 10
+    while time.monotonic() < end:
+        cycle(master)
+        values = {
+            "EL1008": slaves["EL1008"].input[0],
+            "EL3102": struct.unpack_from("<h", slaves["EL3102"].input, 6)[0],
+            "AnalogIO": struct.unpack_from("<h", slaves["AnalogIO"].input, 6)[0],
+            "DigitalIO": slaves["DigitalIO"].input[0],
+        }
+        if all(values.values()):
+            break
+    return [found, values]
+
+
+def test_pysoem_finds_every_device_as_the_library_lists_it_and_reaches_op():
+    found, values = run(master_all_in_op)
+    assert [row[1:] for row in found] == [
+        [item.vendor, item.product, item.revision, item.output_size, item.input_size]
+        for item in library()
+    ]
+    assert [row[0] for row in found] == [make(item.name).order for item in library()]
+    assert values == {"EL1008": 4, "EL3102": 16384, "AnalogIO": -16384, "DigitalIO": 1}
+
+
+def test_kickcat_brings_every_device_to_op():
+    found = run(master_kickcat)
+    assert [(size, len(data) // 2) for size, data in found] == [
+        (item.output_size, item.input_size) for item in library()
+    ]
