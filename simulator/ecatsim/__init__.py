@@ -14,7 +14,7 @@ from .slave.device import Device
 from .slave.foe import FoeCode, FoeError
 from .slave.mailbox import MailboxFault
 from .slave.objects import Access, Variable
-from .slave.sii import Mailbox
+from .slave.sii import DcMode, Mailbox
 from .slave.state_machine import AlCode, RefusedError
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "AlState",
     "Chip",
     "DataType",
+    "DcMode",
     "Device",
     "Entry",
     "FoeCode",

@@ -28,6 +28,7 @@ from test_simulator_masters import (
 from ecatsim import (
     Access,
     DataType,
+    DcMode,
     Device,
     Entry,
     FoeCode,
@@ -55,6 +56,8 @@ class Sample(Device):
     bootstrap = Mailbox(0x1000, BOOT_MAIL, 0x1200, BOOT_MAIL, protocols=0x08)
     variable_assignment = variable_mapping = True
     device_id = 0x0042
+    dc_modes = (DcMode("Synchron", 0), DcMode("DC", 0x0300))
+    minimum_cycle_ns = 250_000
     firmware_files = ("firmware.efw",)
     rx_pdos = (Pdo(0x1600, "Out", 2, [Entry(0x7000, 1, "Word", DataType.UNSIGNED16, 16)]),)
     tx_pdos = (Pdo(0x1A00, "In", 3, [Entry(0x6000, 1, "Word", DataType.UNSIGNED16, 16)]),)
@@ -304,6 +307,41 @@ def master_lost_safeop():
 
 def test_a_refused_request_in_op_leaves_the_outputs_on():
     assert run(master_lost_safeop) == [[OP | ERROR, 0x11], "cbed", [OP, 0], [SAFEOP, 0]]
+
+
+# --- distributed clocks --------------------------------------------------------------------------
+
+
+def master_sync(cycle_ns):
+    """A start-up with SYNC0, which is then switched off."""
+
+    def configure(master):
+        assert master.config_dc()
+        master.slaves[0].dc_sync(True, cycle_ns)
+
+    master = open_pysoem(configure)
+    to_op(master)
+    slave = master.slaves[0]
+    kind = slave.sdo_read(0x1C32, 1)
+    sync0 = slave.sdo_read(0x1C32, 10)
+    slave.dc_sync(False, cycle_ns)
+    return [wait_state(slave, SAFEOP | ERROR), kind.hex(), int.from_bytes(sync0, "little")]
+
+
+def master_too_fast():
+    master, slave = open_preop()
+    master.config_dc()
+    slave.dc_sync(True, 100_000)
+    master.config_map()
+    return wait_state(slave, PREOP | ERROR)
+
+
+def test_sync0_that_is_too_fast():
+    assert run(master_too_fast) == [PREOP | ERROR, 0x36]
+
+
+def test_op_with_sync0():
+    assert run(master_sync, 1_000_000) == [[SAFEOP | ERROR, 0x2C], "0200", 1_000_000]
 
 
 # --- kickcat -------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
 from ecatsim.devices.beckhoff import EL3008
 from ecatsim.files import device_attributes, device_file
 from ecatsim.slave.objects import ObjectCode
-from ecatsim.slave.sii import FmmuType, SmType, SyncManager
+from ecatsim.slave.sii import DcMode, FmmuType, SmType, SyncManager
 
 SMALL = """\
 vendor = 0xFFFF
@@ -345,9 +345,35 @@ def test_an_image_with_mistakes_only_if_that_is_wanted(tmp_path: Path) -> None:
     assert load(tmp_path, "strict = false\n" + inline(b"")).sii_image() == b""
 
 
+def test_dc_modes(tmp_path: Path) -> None:
+    text = """\
+vendor = 1
+product = 1
+[[dc_mode]]
+name = "Synchron"
+assign_activate = 0
+[[dc_mode]]
+name = "DC"
+description = "with SYNC0"
+sync0_cycle_ns = 1000000
+sync0_shift_ns = -500
+"""
+    assert load(tmp_path, text).dc_modes == (
+        DcMode("Synchron", 0),
+        DcMode("DC", 0x0300, 1_000_000, sync0_shift_ns=-500, description="with SYNC0"),
+    )
+    with pytest.raises(ConfigError, match=r"device.toml:5: dc_mode\[0\].assign_activate"):
+        load(tmp_path, text.replace("assign_activate = 0", "assign_activate = 65536"))
+
+
 def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
     """Attributes of `Device` that no key of the same name sets are set by others."""
-    other = {"rx_pdos": "pdo", "tx_pdos": "pdo", "sync_managers": "sync_manager"}
+    other = {
+        "rx_pdos": "pdo",
+        "tx_pdos": "pdo",
+        "sync_managers": "sync_manager",
+        "dc_modes": "dc_mode",
+    }
     names = {other.get(name, name) for name in device_attributes.attributes()}
     assert names <= set(device_file.keys())
 

@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 from ..core import Chip
 from ..slave.device import Device
-from ..slave.sii import FmmuType, Mailbox, SmType, SyncManager
+from ..slave.sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from . import sources
 from .device_objects import INPUTS, OUTPUTS, latin1
-from .tables import Table, show
+from .tables import REQUIRED, Table, show
 
 T = TypeVar("T")
 Bounds = dict[str, tuple[int, int]]
@@ -59,6 +59,14 @@ _MAILBOX: Bounds = {
     "receive_size": (32, 1486),
     "send": (0x1000, _U16),
     "send_size": (32, 1486),
+}
+_DC_MODE: Bounds = {
+    "assign_activate": (0, _U16),
+    "sync0_cycle_ns": (0, _U32),
+    "sync0_factor": (-32768, 32767),
+    "sync0_shift_ns": (-(1 << 31), (1 << 31) - 1),
+    "sync1_cycle_factor": (-32768, 32767),
+    "sync1_shift_ns": (-(1 << 31), (1 << 31) - 1),
 }
 _MAX_MAPPED = 1486
 
@@ -181,6 +189,19 @@ def _sync_managers(table: Table, key: str, known: dict[str, Any]) -> None:
     known["sync_managers"] = tuple(managers)
 
 
+def _dc_modes(table: Table, key: str, known: dict[str, Any]) -> None:
+    modes = []
+    for row in table.tables(key):
+        row.only([field.name for field in fields(DcMode)])
+        values: dict[str, Any] = {
+            name: row.integer(name, *bounds) for name, bounds in _DC_MODE.items() if name in row
+        }
+        for name in ("name", "description"):
+            values[name] = latin1(row, name, row.text(name, "" if name != "name" else REQUIRED))
+        modes.append(DcMode(**values))
+    known["dc_modes"] = tuple(modes)
+
+
 def _fmmus(table: Table, key: str, known: dict[str, Any]) -> None:
     known[key] = tuple(table.choices(key, _FMMU_TYPES))
 
@@ -233,6 +254,7 @@ _READERS = {
     "mailbox": _mailbox,
     "bootstrap": _mailbox,
     "sync_manager": _sync_managers,
+    "dc_mode": _dc_modes,
     "fmmus": _fmmus,
     "variable_mapping": _variable_mapping,
     "mapping_limits": _mapping_limits,

@@ -28,8 +28,11 @@ from .process_data import ProcessData
 from .services import Services
 from .state_checks import StateChecks
 from .state_machine import AlCode, RefusedError, StateMachine
+from .synchronization import Synchronization
 
 _AL_CONTROL = 0x0120
+_EVENT_MASK = 0x0204  # what interrupts the device
+_EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # all but SYNC0 and SYNC1, which come in each cycle
 _TIMEOUT = 1.0  # for a change that waits for the master
 
 
@@ -61,6 +64,7 @@ class Device(DeviceType):
         self._awaited = Event(0)
         self._deadline = 0.0
         self._last_outputs = b""
+        self._sync = Synchronization(self.dc_modes, self.minimum_cycle_ns)
         self._add_objects()
         self.describe()
         self._process_data.rebuild()
@@ -156,9 +160,12 @@ class Device(DeviceType):
         self._process_data.rebuild()
         if self._services:
             self._services.close()
+        self._sync.stop()
+        self._awaited = Event(0)
         if self._on_bus:
             self._on_bus.map(self.position, None)
             self._lock_process_data(True)
+            self._mask_events(_EVENTS)
         self.machine.reset()
 
     @property
@@ -205,6 +212,8 @@ class Device(DeviceType):
             mapping=mapping,
             limits=self.mapping_limits,
         )
+        if self.mailbox and (self.dc_modes or self.sync_parameters):
+            self._sync.add_objects(self.dictionary, outputs=bool(self.rx_pdos))
 
     # --- on the segment ------------------------------------------------------------------------
 
@@ -241,6 +250,7 @@ class Device(DeviceType):
         self._on_bus = segment
         self._process_data.at = (outputs_at, inputs_at)
         self._lock_process_data(True)
+        self._mask_events(_EVENTS)
         if self._services:
             self._services.attach(segment, self.position)
 
@@ -261,7 +271,7 @@ class Device(DeviceType):
         if event & Event.RESET:
             self.reset()
         if event & Event.AL_CONTROL:
-            control = int.from_bytes(self._segment.read(self.position, _AL_CONTROL, 2), "little")
+            control = self._read(_AL_CONTROL, 2)
             self._deadline = now + _TIMEOUT
             if self.emulated:
                 self.machine.follow(control)
@@ -270,7 +280,7 @@ class Device(DeviceType):
         if event & Event.WATCHDOG and self.machine.state == AlState.OP and not self.emulated:
             self.fail(AlCode.WATCHDOG)
         if event & self._awaited:
-            self._awaited &= ~event
+            self._wait_for(self._awaited & ~event)
             if not self._awaited:
                 self.machine.finish()
         if self._services:
@@ -293,7 +303,10 @@ class Device(DeviceType):
             now: CLOCK_MONOTONIC in seconds.
         """
         if self.machine.pending is not None and now > self._deadline:
-            self.machine.refuse(AlCode.NO_OUTPUTS)
+            outputs = self._awaited & Event.OUTPUTS
+            self.machine.refuse(AlCode.NO_OUTPUTS if outputs else AlCode.NO_SYNC)
+        if self.machine.state == AlState.OP and self._sync.is_lost(self._read):
+            self.fail(AlCode.SYNC_STOPPED)
         if self._services:
             self._services.server.delay = self.answer_delay
             self._services.run(now)
@@ -303,6 +316,9 @@ class Device(DeviceType):
             at = self._process_data.at[1]
             self._segment.inputs[at : at + size] = self.give()
 
+    def _read(self, register: int, size: int) -> int:
+        return int.from_bytes(self._segment.read(self.position, register, size), "little")
+
     def _publish(self, status: int, code: int) -> None:
         if self._on_bus:
             self._on_bus.set_al_status(self.position, status, code)
@@ -311,7 +327,7 @@ class Device(DeviceType):
 
     def _enter(self, old: AlState, new: AlState) -> bool:
         """Carries out a state change; see `StateMachine`."""
-        self._awaited = Event(0)
+        self._wait_for(Event(0))
         if new > old and not self.emulated:
             self._check(old, new)
         if old == AlState.OP:
@@ -319,6 +335,7 @@ class Device(DeviceType):
         if new < AlState.SAFEOP <= old:
             self._segment.map(self.position, None)
             self._lock_process_data(True)
+            self._sync.stop()
         if new == AlState.SAFEOP and old == AlState.PREOP:
             self._process_data.start(self._segment, self.position)
             self._lock_process_data(False)
@@ -326,15 +343,28 @@ class Device(DeviceType):
             self._services.open(new)
         if self._services and new == AlState.INIT:
             self._services.close()
-        if new == AlState.OP and self.mailbox and self._process_data.outputs.size:
-            # A device with a processor enters OP with the first outputs.
-            self._awaited = Event.OUTPUTS
-            self._segment.await_outputs(self.position)
+        if new == AlState.OP and self.mailbox:
+            # A device with a processor enters OP with the first outputs, and with SYNC0.
+            outputs = Event.OUTPUTS if self._process_data.outputs.size else Event(0)
+            self._wait_for(outputs | (Event.SYNC0 if self._sync.is_watched else Event(0)))
         return not self._awaited
+
+    def _wait_for(self, events: Event) -> None:
+        """Notes what a change to OP still waits for, and has the slave controller tell of it."""
+        if events & ~self._awaited & Event.OUTPUTS:
+            self._segment.await_outputs(self.position)
+        if (events ^ self._awaited) & Event.SYNC0:
+            self._mask_events(_EVENTS | (_SYNC0_EVENT if events & Event.SYNC0 else 0))
+        self._awaited = events
+
+    def _mask_events(self, mask: int) -> None:
+        self._segment.write(self.position, _EVENT_MASK, mask.to_bytes(4, "little"))
 
     def _check(self, old: AlState, new: AlState) -> None:
         try:
             StateChecks(self, self._process_data, self._segment, self.position).check(new)
+            if new == AlState.SAFEOP:
+                self._sync.start(self._read)
             self.check(old, new)
         except RefusedError as refusal:
             code = emergency.refused(old, new)

@@ -8,7 +8,9 @@ from ecatd.model.bus import Pdo
 
 from ..core import Chip
 from . import sii
-from .sii import FmmuType, Mailbox, SmType, SyncManager
+from .sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
+
+_SYNC_TO_DEVICE = 0xCC00  # registers 0x0150 and 0x0151: SYNC0 and SYNC1 are outputs and AL events
 
 
 class DeviceType:
@@ -29,6 +31,7 @@ class DeviceType:
         device_type: Object 0x1000.
         chip: The slave controller.
         pdi_control: SII word 0.
+        pdi_config: SII word 1; None takes what the DC modes need.
         physical_ports: SII port types, nibbles from port 0: 0 none, 1 MII, 3 EBUS.
         ebus_current: Current taken from the E-bus in mA.
         mailbox: The mailbox with CoE, or None for a device without a processor.
@@ -41,6 +44,10 @@ class DeviceType:
         variable_mapping: Whether a master may write the PDO mapping 0x1600… and 0x1A00…: of all
             PDOs, or of those with the given indices.
         mapping_limits: Bytes of outputs and inputs that a variable mapping may reach.
+        dc_modes: How the device uses SYNC0 and SYNC1 (distributed clocks); without any it does
+            not care about them.
+        minimum_cycle_ns: Shortest cycle time of SYNC0 that it can follow.
+        sync_parameters: Whether it has the objects 0x1C32 and 0x1C33 even without DC modes.
         emulated: Whether the slave controller itself answers AL control (device emulation,
             register 0x0141 bit 0): every state is entered, unchecked.
         longest_watchdog: Longest process data watchdog in seconds with which the device goes to
@@ -72,6 +79,7 @@ class DeviceType:
     device_type: int = 0x00001389
     chip: Chip = Chip()
     pdi_control: int = 0x0C05
+    pdi_config: int | None = None
     physical_ports: int = 0x11
     ebus_current: int = 0
     mailbox: Mailbox | None = None
@@ -83,6 +91,9 @@ class DeviceType:
     variable_assignment: bool = False
     variable_mapping: bool | Collection[int] = False
     mapping_limits: tuple[int, int] = (64, 64)
+    dc_modes: Sequence[DcMode] = ()
+    minimum_cycle_ns: int = 0
+    sync_parameters: bool = False
     emulated: bool = False
     longest_watchdog: float | None = None
     needs_eeprom: bool = False
@@ -115,6 +126,7 @@ class DeviceType:
                 group=self.group,
                 group_name=self.group_name,
                 pdi_control=self.pdi_control,
+                pdi_config=self._pdi_configuration(),
                 mailbox=self.mailbox,
                 bootstrap=self.bootstrap,
                 sync_managers=settings,
@@ -123,5 +135,11 @@ class DeviceType:
                 rx_pdos=self.rx_pdos,
                 ebus_current=self.ebus_current,
                 physical_ports=self.physical_ports,
+                dc_modes=self.dc_modes,
             )
         )
+
+    def _pdi_configuration(self) -> int:
+        if self.pdi_config is not None:
+            return self.pdi_config
+        return _SYNC_TO_DEVICE if self.dc_modes else 0

@@ -1,0 +1,140 @@
+"""Synchronisation of a device: SYNC signals and the objects 0x1C32 and 0x1C33 (ETG.1020)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+
+from ecatd.model import abort_codes
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import SdoAbortError
+
+from .objects import Access, Dictionary, Value, Variable
+from .sii import DcMode
+from .state_machine import AlCode, RefusedError
+
+_STRUCTURE = 0x0029
+_PDI_CONFIGURATION, _SYNC0_TO_DEVICE = 0x0151, 0x08
+_ACTIVATION, _CYCLE_TIME = 0x0981, 0x09A0
+_RUN, _SYNC0, _SYNC1 = 0x01, 0x02, 0x04
+
+Read = Callable[[int, int], int]
+"""Reads a register of the slave: address and bytes."""
+
+
+class SyncType(IntEnum):
+    """Synchronisation type, subindex 1."""
+
+    FREE_RUN = 0x00
+    SM = 0x01  # with the sync manager of the same direction
+    SYNC0 = 0x02
+    SYNC1 = 0x03
+    SM2 = 0x22  # inputs with the outputs
+
+
+class Synchronization:
+    """What a device does with SYNC0 and SYNC1.
+
+    Args:
+        modes: What it supports; without any, registers of the SYNC unit do not concern it.
+        minimum_cycle_ns: Shortest cycle time that it can follow, 0 for any.
+
+    Attributes:
+        is_watched: Whether the device goes by SYNC0 and is told of its pulses.
+    """
+
+    def __init__(self, modes: Sequence[DcMode], minimum_cycle_ns: int) -> None:
+        self._modes = modes
+        self._minimum_ns = minimum_cycle_ns
+        self._activation = {mode.assign_activate >> 8 & 0x07: mode for mode in modes}
+        self._types: list[Variable] = []
+        self.stop()
+
+    def add_objects(self, objects: Dictionary, *, outputs: bool) -> None:
+        """Adds 0x1C32 and 0x1C33.
+
+        Args:
+            objects: The dictionary.
+            outputs: Whether the device has outputs, with which its inputs then go.
+        """
+        self._add(objects, 0x1C32, "SM output parameter", SyncType.SM)
+        self._add(objects, 0x1C33, "SM input parameter", SyncType.SM2 if outputs else SyncType.SM)
+
+    def stop(self) -> None:
+        """SYNC signals no longer matter, as below SAFEOP."""
+        self._active = self._cycle_ns = 0
+        self.is_watched = False
+
+    def start(self, read: Read) -> None:
+        """Checks what the master set on the way to SAFEOP, and goes by it.
+
+        Raises:
+            RefusedError: The device does not support it.
+        """
+        self.stop()
+        if not self._modes:
+            return
+        active = read(_ACTIVATION, 1) & (_RUN | _SYNC0 | _SYNC1)
+        cycle_ns = read(_CYCLE_TIME, 4)
+        wanted = {int(entry.value) for entry in self._types} & {SyncType.SYNC0, SyncType.SYNC1}
+        if active and active not in self._activation:
+            raise RefusedError(AlCode.DC_SETTINGS)
+        if wanted and not active & _RUN:
+            raise RefusedError(AlCode.DC_SETTINGS)
+        if active & _SYNC0:
+            fixed = self._activation[active].sync0_cycle_ns
+            if cycle_ns == 0 or (fixed and cycle_ns != fixed):
+                raise RefusedError(AlCode.DC_CYCLE_TIME)
+            if cycle_ns < self._minimum_ns:
+                raise RefusedError(AlCode.SYNC0_CYCLE_TIME)
+        self._active, self._cycle_ns = active, cycle_ns
+        self.is_watched = bool(active & _SYNC0 and read(_PDI_CONFIGURATION, 1) & _SYNC0_TO_DEVICE)
+
+    def is_lost(self, read: Read) -> bool:
+        """Whether SYNC0, by which the device goes, has been switched off."""
+        return self.is_watched and read(_ACTIVATION, 1) & (_RUN | _SYNC0) != _RUN | _SYNC0
+
+    # --- objects -------------------------------------------------------------------------------
+
+    def _add(self, objects: Dictionary, index: int, name: str, type_: SyncType) -> None:
+        u16, u32, configurable = (
+            DataType.UNSIGNED16,
+            DataType.UNSIGNED32,
+            Access.READ | Access.WRITE_PREOP,
+        )
+        supported = 0x03  # free run, with the sync manager
+        for active in self._activation:
+            supported |= (0x04 if active & _SYNC0 else 0) | (0x08 if active & _SYNC1 else 0)
+        entries = [
+            Variable(index, 1, "Synchronization type", u16, 0, configurable, type_),
+            Variable(index, 2, "Cycle time", u32, 0, configurable),
+            Variable(index, 3, "Shift time", u32, 0, configurable),
+            Variable(index, 4, "Synchronization types supported", u16, value=supported),
+            Variable(index, 5, "Minimum cycle time", u32, value=self._minimum_ns),
+            Variable(index, 6, "Calc and copy time", u32),
+            Variable(index, 9, "Delay time", u32),
+            Variable(index, 10, "Sync0 cycle time", u32, on_read=lambda: self._cycle_ns),
+            Variable(index, 11, "SM-event missed", u16),
+            Variable(index, 12, "Cycle time too small", u16),
+            Variable(index, 32, "Sync error", DataType.BOOLEAN),
+        ]
+        kind, cycle = entries[:2]
+        kind.on_read = lambda: self._type(kind)
+        kind.on_write = lambda value: self._check_type(value, type_, supported)
+        cycle.on_read = lambda: self._cycle_ns or cycle.value
+        self._types.append(kind)
+        objects.record(index, name, entries, type=_STRUCTURE)
+
+    def _type(self, entry: Variable) -> Value:
+        """What the SYNC unit says, once it runs; else what the master wrote."""
+        if self._active & _SYNC1:
+            return SyncType.SYNC1
+        return SyncType.SYNC0 if self._active & _SYNC0 else entry.value
+
+    @staticmethod
+    def _check_type(value: Value, usual: SyncType, supported: int) -> None:
+        allowed = {SyncType.FREE_RUN, SyncType.SM, usual}
+        allowed |= {SyncType.SYNC0} if supported & 0x04 else set()
+        allowed |= {SyncType.SYNC1} if supported & 0x08 else set()
+        if value not in allowed:
+            raise SdoAbortError(abort_codes.VALUE_RANGE)
