@@ -3,8 +3,12 @@
 import struct
 
 import pytest
-from slave_bench import COE, FOE, INIT, PREOP, Bench
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from slave_bench import COE, FOE, INIT, PREOP, SAFEOP, Bench
 
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
 from ecatsim import Device, Mailbox
 from ecatsim.slave.mailbox import MailboxError, MailboxFault, MailboxMode, MailboxServer, Protocol
@@ -209,3 +213,52 @@ def test_modes_are_those_of_the_documentation():
         MailboxFault("sleepy")
     with pytest.raises(UsageError, match="has no mailbox to disturb"):
         Device().mailbox_fault = MailboxFault("full")
+
+
+class Everything(Device):
+    """All services and everything variable."""
+
+    order = "Everything"
+    mailbox = Mailbox(protocols=0x0C, coe_details=0x3F)
+    variable_assignment = variable_mapping = sync_parameters = True
+    rx_pdos = (Pdo(0x1600, "Out", 2, [Entry(0x7000, 1, "Out", DataType.UNSIGNED16, 16)]),)
+    tx_pdos = (Pdo(0x1A00, "In", 3, [Entry(0x6000, 1, "In", DataType.REAL32, 32)]),)
+
+
+_INDICES = st.sampled_from([0x1600, 0x1A00, 0x1C12, 0x1C13, 0x1C32, 0x1001, 0x7000, 0x1008])
+_SDOS = st.builds(
+    lambda command, index, subindex, data: (
+        COE,
+        struct.pack("<HBHB", 2 << 12, command, index, subindex) + data.ljust(4, b"\0"),
+    ),
+    st.integers(0, 255),
+    _INDICES,
+    st.integers(0, 3),
+    st.binary(max_size=100)
+    | st.sampled_from([b"\0", b"\1", b"\2", bytes.fromhex("10000070"), bytes.fromhex("0016")]),
+)
+_FOES = st.builds(
+    lambda operation, number, data: (FOE, struct.pack("<BxI", operation, number) + data),
+    st.integers(0, 7),
+    st.integers(0, 3),
+    st.binary(max_size=116),
+)
+_ANYTHING = st.tuples(st.integers(0, 15), st.binary(max_size=122))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(_SDOS | _FOES | _ANYTHING, max_size=30))
+def test_no_row_of_mails_does_harm(mails):
+    bench = Bench(Everything()).preop()
+    for protocol, body in mails:
+        assert bench.post(protocol, body) == 1
+        bench.run()
+        while bench.fetch() is not None:
+            pass
+    bench.set_process_data()
+    bench.request(SAFEOP)
+    bench.run()
+    bench.device.reset()
+    bench.safeop().op(b"\5\0").run()
+    assert bench.device[0x7000, 1] == 5
+    assert bench.upload(0x1000) == struct.pack("<I", 0x1389)

@@ -6,7 +6,7 @@ import pytest
 from slave_bench import ACK, BOOT, ERROR, INIT, OP, PREOP, SAFEOP, Bench
 
 from ecatd.model.bus import Entry, Pdo
-from ecatsim import Device, Mailbox, RefusedError
+from ecatsim import AlState, Device, Mailbox, RefusedError
 
 REQUEST_ID = 0x20
 
@@ -52,6 +52,15 @@ def test_boot_is_entered_from_init_and_left_for_init():
     assert bench.request(INIT) == (INIT, 0)
     bench.preop()
     assert bench.request(BOOT) == (PREOP | ERROR, 0x11)
+
+
+@pytest.mark.parametrize(("state", "after"), [(SAFEOP, BOOT), (PREOP, BOOT), (INIT, INIT)])
+def test_failure_in_boot(state, after):
+    bench = Bench(Sample())
+    boot_mailboxes(bench)
+    bench.request(BOOT)
+    bench.device.fail(0x8001, AlState(state))
+    assert bench.al() == (after | ERROR, 0x8001)
 
 
 def test_boot_is_refused_without_bootstrap_and_with_a_wrong_mailbox():

@@ -127,8 +127,14 @@ class Device(DeviceType):
         return self.dictionary[index, subindex]
 
     def fail(self, code: int, state: AlState = AlState.SAFEOP) -> None:
-        """Falls back to a state, or stays in a lower one, with an AL status code."""
-        self.machine.fall_back(min(state, self.machine.state), code)
+        """Falls back to a state, or stays in a lower one, with an AL status code.
+
+        From BOOT there is only the way to INIT.
+        """
+        now = self.machine.state
+        if now == AlState.BOOT and state != AlState.INIT:
+            state = now
+        self.machine.fall_back(min(state, now), code)
 
     def emergency(self, code: int, register: int, data: bytes = b"") -> None:
         """Sets the error register 0x1001 and, from PREOP on, sends an emergency.
