@@ -250,8 +250,8 @@ class Segment(Wire, Clocks):
 
     def __init__(self) -> None:
         self._lib = _library()
-        self._handle = self._lib.esc_create()
-        if not self._handle:
+        self._pointer = self._lib.esc_create()
+        if not self._pointer:
             raise EcatError("not enough memory or file descriptors for a segment")
         self._events = (_Event * _MAX_EVENTS)()
         self._mail = ctypes.create_string_buffer(_MAX_MAIL)
@@ -261,9 +261,9 @@ class Segment(Wire, Clocks):
 
     def close(self) -> None:
         """Stops the segment and frees it."""
-        if self._handle:
-            self._lib.esc_destroy(self._handle)
-            self._handle = None
+        if self._pointer:
+            self._lib.esc_destroy(self._pointer)
+            self._pointer = None
 
     def add(self, chip: Chip, sii: bytes) -> int:
         """Appends a slave; returns its number.

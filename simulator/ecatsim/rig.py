@@ -13,6 +13,7 @@ from .faults import Fault
 from .plants.paced import Paced
 from .plants.point import Point, Terminal
 from .slave.device import Device
+from .topology import Topology, Wiring
 
 Plant = Callable[[float], None]
 """Called before each step of the devices, with CLOCK_MONOTONIC in seconds."""
@@ -37,10 +38,14 @@ class Rig:
 
     Attributes:
         name: Name.
-        devices: Devices in wire order.
+        devices: Devices in wire order, which is that of auto-increment addresses: a line, each at
+            the first port of the one before that fits (E-bus or Ethernet, else port 1), but for
+            those that `connect` plugs in elsewhere.
         plants: What connects the devices outside the bus: wires, signal sources, mechanics.
         trace: What to record, or None.
         faults: Faults on demand that it begins with.
+        ring: Whether a second interface closes a ring (cable redundancy): at the first free port of
+            the last device, or where `close_ring` puts it.
     """
 
     name: str
@@ -48,6 +53,46 @@ class Rig:
     plants: list[Plant] = field(default_factory=list)
     trace: Trace | None = None
     faults: list[Fault] = field(default_factory=list)
+    ring: bool = False
+    _topology: Topology = field(default_factory=Topology, repr=False)
+
+    def connect(self, device: Device, parent: Device, port: int) -> None:
+        """Plugs port 0 of a device into a port of another one: a branch at a coupler or junction.
+
+        `devices` is put into wire order: behind each device come those at its port 3, then 1,
+        then 2. The other devices keep their links, and what is behind `device` comes with it.
+
+            coupler, inputs, drive = EK1100(), EL1008(), Drive()
+            rig = Rig("branch", [coupler, inputs, drive])
+            rig.connect(drive, coupler, port=2)
+
+        Args:
+            device: A device of the rig, but not the first one.
+            parent: The device nearer to the master.
+            port: Port of the parent: 1, 2 or 3.
+
+        Raises:
+            UsageError: One of them is not in the rig, the parent does not have that port
+                (`Chip.ports`), something else is plugged in there, or it would be a loop.
+        """
+        self.devices[:] = self._topology.connect(self.devices, device, parent, port)
+
+    def close_ring(self, device: Device, port: int) -> None:
+        """Plugs the second interface of a ring into a port of a device.
+
+        Raises:
+            UsageError: It has no such port, or something else is plugged in there.
+        """
+        self._topology.close_ring(self.devices, device, port)
+        self.ring = True
+
+    def wiring(self) -> Wiring:
+        """The links of the devices.
+
+        Raises:
+            UsageError: A port that is needed is taken or does not exist.
+        """
+        return self._topology.wiring(self.devices, self.ring)
 
     def wire(
         self, source: Terminal, target: Terminal, scale: float = 1.0, offset: float = 0.0

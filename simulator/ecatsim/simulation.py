@@ -73,9 +73,14 @@ class Simulation:
         self.after_step: list[Callable[[], None]] = []
         self._trace_file: IO[str] | None = None
         self._places = [_Place(device) for device in rig.devices]
-        for device, place in zip(rig.devices, self._places, strict=True):
+        wiring = rig.wiring()
+        for device, place, parent in zip(rig.devices, self._places, wiring.parents, strict=True):
             self._make_room(place, device)
             device.attach(self.segment, *place.at)
+            if parent:
+                self.segment.connect(device.position, *parent)
+        if wiring.ring_end:
+            self.segment.close_ring(*wiring.ring_end)
         self.faults = Faults(self)
         for fault in rig.faults:
             self.faults.add(fault)

@@ -176,7 +176,13 @@ class Wire:
     """The part of `Segment` that has to do with cables, power and frames."""
 
     _lib: ctypes.CDLL
-    _handle: int | None
+    _pointer: int | None  # None once it is closed
+
+    @property
+    def _handle(self) -> int:
+        if not self._pointer:
+            raise StateError("the segment is closed")
+        return self._pointer
 
     # --- slaves and links ----------------------------------------------------------------------
 

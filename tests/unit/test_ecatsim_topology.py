@@ -17,7 +17,7 @@ from test_ecatsim_frames import (
     set_sm,
 )
 
-from ecatd.model.errors import UsageError
+from ecatd.model.errors import StateError, UsageError
 from ecatsim.core import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 
@@ -385,6 +385,13 @@ def test_another_slave_in_the_same_links(make):
     assert segment.order() == [0, 1, 2]
     with pytest.raises(UsageError, match="there is no slave 3"):
         segment.replace(3, EBUS2, SII)
+
+
+def test_a_closed_segment_says_so():
+    segment = Segment()
+    segment.close()
+    with pytest.raises(StateError, match="the segment is closed"):
+        segment.process(frame(datagram(BRD, 0, 0, b"")))
 
 
 # --- counters of errors ----------------------------------------------------------------------

@@ -24,6 +24,7 @@ from .options import Commands
 
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
+SECOND = "2"  # behind both names: the other end of a ring
 _CHILD_GRACE = 2.0
 
 
@@ -33,11 +34,14 @@ def add(commands: Commands) -> None:
         "run",
         help="simulate a rig",
         description="Simulates a rig until it is interrupted, or until COMMAND ends.",
-        epilog=f"Without --interface the segment is reachable on {MASTER_END} in a network "
-        "namespace of its own; COMMAND runs in there. The exit status is that of COMMAND.",
+        epilog=f"Without --interface the segment is reachable on {MASTER_END}, a ring also on "
+        f"{MASTER_END}{SECOND}, in a network namespace of its own; COMMAND runs in there. The exit "
+        "status is that of COMMAND.",
     )
     run.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or Python file")
     run.add_argument("--interface", metavar="IF", help="serve an existing interface")
+    run.add_argument("--ring", action="store_true", help="close a ring with a second interface")
+    run.add_argument("--second", metavar="IF", help="with --interface: the other end of a ring")
     run.add_argument("--trace", metavar="FILE", type=Path, help="record the plant as CSV")
     run.add_argument(
         "--name", metavar="NAME", help="name for `ecatsim ctl --name` (default: its process id)"
@@ -69,6 +73,8 @@ class _Runner:
         """Simulates; returns the exit status."""
         arguments = self._arguments
         what = rig.make(arguments.rig)
+        what.ring = what.ring or arguments.ring or arguments.second is not None
+        self._check_interfaces(what.ring)
         parent = os.getppid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
@@ -76,10 +82,10 @@ class _Runner:
         try:
             # The user's directory of sockets is found before a namespace makes a root of him.
             self._listen(simulation)
-            interface = self._open_interface()
+            interfaces = self._open_interfaces(what.ring)
             if arguments.die_with_parent:
                 die_with_parent(parent)
-            simulation.segment.start(interface)
+            simulation.segment.start(*interfaces)
             self._announce(what)
             if arguments.child:
                 self._start_child()
@@ -110,15 +116,28 @@ class _Runner:
         else:
             simulation.after_step.append(self._server.serve)
 
-    def _open_interface(self) -> str:
-        """Makes the private interface, or checks the one that was given."""
-        interface: str | None = self._arguments.interface
-        if interface is None:
-            self._user_namespace = namespace.enter_new()
-            netlink.create_veth(SIMULATOR_END, MASTER_END)
-            return SIMULATOR_END
-        netlink.check_up(interface)
-        return interface
+    def _check_interfaces(self, ring: bool) -> None:
+        first, second = self._arguments.interface, self._arguments.second
+        if second is not None and first is None:
+            raise UsageError("--second needs --interface IF for the first end of the ring")
+        if ring and first is not None and second is None:
+            raise UsageError(f"the rig is a ring: --interface {first} needs --second IF beside it")
+        if first is not None and first == second:
+            raise UsageError("--interface and --second are the same: a ring has two ends")
+
+    def _open_interfaces(self, ring: bool) -> list[str]:
+        """Makes the private interfaces, or checks those that were given."""
+        given = [self._arguments.interface, self._arguments.second]
+        interfaces = [name for name in given if name is not None]
+        for name in interfaces:
+            netlink.check_up(name)
+        if interfaces:
+            return interfaces
+        self._user_namespace = namespace.enter_new()
+        ends = ("", SECOND) if ring else ("",)
+        for end in ends:
+            netlink.create_veth(SIMULATOR_END + end, MASTER_END + end)
+        return [SIMULATOR_END + end for end in ends]
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         del frame
@@ -156,6 +175,10 @@ class _Runner:
             "slaves": len(what.devices),
             "name": self._server.name if self._server else None,
         }
+        where = f"on {interface}"
+        if what.ring:
+            facts["second"] = arguments.second or MASTER_END + SECOND
+            where = f"in a ring between {interface} and {facts['second']}"
         if arguments.ready_fd is not None:
             try:
                 with os.fdopen(arguments.ready_fd, "w") as ready:
@@ -163,7 +186,7 @@ class _Runner:
             except OSError as error:
                 raise UsageError(f"--ready-fd {arguments.ready_fd}: {error.strerror}") from error
         elif not arguments.child:
-            print(f"rig {what.name}: {len(what.devices)} slaves on {interface}")
+            print(f"rig {what.name}: {len(what.devices)} slaves {where}")
             if arguments.interface is None:
                 user = "--preserve-credentials -U " if self._user_namespace else ""
                 print(f"run a master beside it with: nsenter {user}-n -t {os.getpid()} COMMAND")

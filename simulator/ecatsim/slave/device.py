@@ -247,7 +247,7 @@ class Device(DeviceType):
         if self.position < 0:
             self.dictionary.remember()
         else:
-            self.reset()
+            self.detach()  # its last segment may be closed
         if place is None:
             place = segment.add(self.chip, self.sii_image())
         else:
