@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from dataclasses import dataclass
 
-from .wire import MAX_SLAVES, checked
+from .wire import MAX_SLAVES, Handle, checked
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +54,8 @@ def signatures() -> dict[str, tuple[type | None, list[type]]]:
     }
 
 
-class Clocks:
+class Clocks(Handle):
     """The part of `Segment` that has to do with distributed clocks."""
-
-    _lib: ctypes.CDLL
-    _handle: int | None
 
     def set_clock(
         self, position: int, *, drift_ppm: float | None = None, offset_ns: int | None = None

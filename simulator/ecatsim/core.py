@@ -18,6 +18,7 @@ from ecatd.model.errors import (
 from ecatd.native import load
 
 from . import clocks, wire
+from .chip import Chip, Config, config
 from .clocks import Clock, Clocks
 from .wire import (
     MAX_FAULTS,
@@ -65,39 +66,6 @@ class Event(IntFlag):
 
 
 @dataclass(frozen=True, slots=True)
-class Chip:
-    """The slave controller of a device, registers 0x0000 to 0x0009.
-
-    Attributes:
-        type: Type of the controller (0x11 = ET1100).
-        revision: Its revision.
-        build: Its build.
-        fmmus: Number of FMMUs, at most 16.
-        sync_managers: Number of sync managers, at most 16.
-        ram_kib: Process data RAM in KiB.
-        ports: Port descriptor, two bits a port from port 0: 0 none, 2 EBUS, 3 MII.
-        dc: Whether it has distributed clocks (register 0x0008, bits 2 and 3).
-        dc_bits: Width of its clock: 64 or 32.
-        eeprom_bytes: Bytes that one read of the EEPROM brings: 8 or 4.
-        eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs.
-        eeprom_write_us: How long it is busy writing a word, in µs.
-    """
-
-    type: int = 0x11
-    revision: int = 0
-    build: int = 0x0002
-    fmmus: int = 8
-    sync_managers: int = 8
-    ram_kib: int = 8
-    ports: int = 0x0F
-    dc: bool = True
-    dc_bits: int = 64
-    eeprom_bytes: int = 8
-    eeprom_read_us: int = 0
-    eeprom_write_us: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class ProcessDataMap:
     """Where a slave's process data lie: in its memory, and in the images of the segment."""
 
@@ -124,22 +92,6 @@ class Counters:
     malformed: int
     dropped: int
     cycles: int
-
-
-class _Config(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_uint8),
-        ("revision", ctypes.c_uint8),
-        ("build", ctypes.c_uint16),
-        ("fmmus", ctypes.c_uint8),
-        ("sync_managers", ctypes.c_uint8),
-        ("ram_kib", ctypes.c_uint8),
-        ("ports", ctypes.c_uint8),
-        ("dc_bits", ctypes.c_uint8),
-        ("eeprom_bytes", ctypes.c_uint8),
-        ("eeprom_read_us", ctypes.c_uint32),
-        ("eeprom_write_us", ctypes.c_uint32),
-    )
 
 
 class _Event(ctypes.Structure):
@@ -174,8 +126,8 @@ def _library() -> ctypes.CDLL:
     functions: dict[str, tuple[type | None, list[type]]] = {
         **wire.signatures(),
         **clocks.signatures(),
-        "esc_add_slave": (number, [segment, ctypes.POINTER(_Config), data, size]),
-        "esc_replace": (number, [segment, number, ctypes.POINTER(_Config), data, size]),
+        "esc_add_slave": (number, [segment, ctypes.POINTER(Config), data, size]),
+        "esc_replace": (number, [segment, number, ctypes.POINTER(Config), data, size]),
         "esc_create": (segment, []),
         "esc_destroy": (None, [segment]),
         "esc_start": (number, [segment, data, data]),
@@ -201,44 +153,6 @@ def _library() -> ctypes.CDLL:
         function.restype = result
         function.argtypes = arguments
     return lib
-
-
-def _config(chip: Chip) -> _Config:
-    _check(chip)
-    return _Config(
-        chip.type,
-        chip.revision,
-        chip.build,
-        chip.fmmus,
-        chip.sync_managers,
-        chip.ram_kib,
-        chip.ports,
-        chip.dc_bits if chip.dc else 0,
-        chip.eeprom_bytes,
-        chip.eeprom_read_us,
-        chip.eeprom_write_us,
-    )
-
-
-def _check(chip: Chip) -> None:
-    limits = (
-        ("fmmus", range(17)),
-        ("sync_managers", range(17)),
-        ("ram_kib", range(61)),
-        ("dc_bits", (32, 64)),
-        ("eeprom_bytes", (4, 8)),
-        ("eeprom_read_us", range(1 << 32)),
-        ("eeprom_write_us", range(1 << 32)),
-    )
-    for name, allowed in limits:
-        value = getattr(chip, name)
-        if value not in allowed:
-            text = (
-                f"0 to {allowed[-1]}"
-                if isinstance(allowed, range)
-                else f"{allowed[0]} or {allowed[1]}"
-            )
-            raise UsageError(f"a slave controller with {name} = {value} does not exist: use {text}")
 
 
 class Segment(Wire, Clocks):
@@ -274,7 +188,7 @@ class Segment(Wire, Clocks):
         Raises:
             UsageError: There is no such controller, or no room for another slave.
         """
-        result: int = self._lib.esc_add_slave(self._handle, _config(chip), sii, len(sii))
+        result: int = self._lib.esc_add_slave(self._handle, config(chip), sii, len(sii))
         if result == -errno.ENOSPC:
             raise UsageError(f"a segment has at most {MAX_SLAVES} slaves")
         return checked(result)
@@ -287,7 +201,7 @@ class Segment(Wire, Clocks):
         Raises:
             UsageError: There is no such slave or no such controller.
         """
-        result = self._lib.esc_replace(self._handle, slave, _config(chip), sii, len(sii))
+        result = self._lib.esc_replace(self._handle, slave, config(chip), sii, len(sii))
         self.check_slave(result, slave)
 
     def start(self, interface: str, second: str | None = None) -> None:

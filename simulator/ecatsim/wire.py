@@ -172,8 +172,8 @@ def _check_fault(fault: FrameFault) -> None:
             )
 
 
-class Wire:
-    """The part of `Segment` that has to do with cables, power and frames."""
+class Handle:
+    """The C library and the segment in it: what all parts of `Segment` share."""
 
     _lib: ctypes.CDLL
     _pointer: int | None  # None once it is closed
@@ -183,6 +183,10 @@ class Wire:
         if not self._pointer:
             raise StateError("the segment is closed")
         return self._pointer
+
+
+class Wire(Handle):
+    """The part of `Segment` that has to do with cables, power and frames."""
 
     # --- slaves and links ----------------------------------------------------------------------
 
