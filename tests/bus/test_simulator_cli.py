@@ -179,14 +179,18 @@ def test_raw_socket_forbidden():
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_it_and_nothing_is_left(number):
     with running() as (process, facts):
-        namespace = Path(f"/proc/{facts['pid']}/ns/net").readlink()
+        path = Path(f"/proc/{facts['pid']}/ns/net")
+        # Held open, for otherwise the kernel may give its number to the next namespace.
+        held = path.open("rb")
+        namespace = path.readlink()
         process.send_signal(number)
         assert process.wait(10) == 0
         assert process.stderr.read() == ""
     left = []
-    for path in Path("/proc").glob("[0-9]*/ns/net"):
-        with contextlib.suppress(OSError):
-            left.append(path.readlink())
+    with held:
+        for path in Path("/proc").glob("[0-9]*/ns/net"):
+            with contextlib.suppress(OSError):
+                left.append(path.readlink())
     assert namespace not in left
     assert "ecat-" not in Path("/proc/net/dev").read_text()
 
