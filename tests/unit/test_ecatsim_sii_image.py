@@ -92,7 +92,7 @@ def test_a_device_is_what_its_image_says() -> None:
     assert (device.group, device.group_name, device.ebus_current) == ("Drives", "All drives", 120)
     assert device.mailbox == Mailbox(coe_details=0x07)
     assert device.variable_assignment
-    assert not device.variable_mapping
+    assert device.variable_mapping == []
     assert device.bootstrap is None
     assert device.sync_managers == description().sync_managers
     assert [pdo.index for pdo in (*device.rx_pdos, *device.tx_pdos)] == [0x1600, 0x1A00, 0x1A01]
@@ -183,12 +183,13 @@ def test_texts_are_utf8_or_latin1(raw: bytes, text: str) -> None:
 
 
 def test_odd_types_of_entries_are_taken_by_their_size() -> None:
-    sizes = [(0x2C, 3), (0x99, 16), (0x08, 16), (0x01, 8), (0x00, 32), (0x09, 80), (0xFE, 100)]
+    sizes = [(0x2C, 3), (0x99, 16), (0x08, 16), (0x01, 8), (0x00, 32), (0x09, 80), (0xFE, 104)]
+    sizes += [(0xFE, 100)]
     entries = [Entry(0x6000, i, "", kind, bits) for i, (kind, bits) in enumerate(sizes, 1)]
     managers = [*description().sync_managers[:3], SyncManager(SmType.INPUTS, 0x1400, 0, 0x20)]
     pdos = [Pdo(0x1A00, "", 3, entries)]
     device = device_from_sii(build(description(sync_managers=managers, tx_pdos=pdos)), "x")
-    assert [device.dictionary[0x6000, i].type.name for i in range(1, 8)] == [
+    assert [device.dictionary[0x6000, i].type.name for i in range(1, 9)] == [
         "BIT3",
         "UNSIGNED16",
         "UNSIGNED16",
@@ -196,6 +197,7 @@ def test_odd_types_of_entries_are_taken_by_their_size() -> None:
         "UNSIGNED32",
         "VISIBLE_STRING",
         "OCTET_STRING",
+        "UNSIGNED64",
     ]
     assert len(device.give()) == (sum(bits for _, bits in sizes) + 7) // 8
 

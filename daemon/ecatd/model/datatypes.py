@@ -117,6 +117,22 @@ def bit_length(data_type: int) -> int:
     return 0
 
 
+def type_of_bits(bits: int) -> DataType:
+    """An unsigned type that holds `bits` bits, where nothing is said about them."""
+    if bits == 1:
+        return DataType.BOOLEAN
+    if bits <= 8:
+        return DataType(DataType.BIT1 + bits - 1)
+    for most, kind in (
+        (16, DataType.UNSIGNED16),
+        (32, DataType.UNSIGNED32),
+        (64, DataType.UNSIGNED64),
+    ):
+        if bits <= most:
+            return kind
+    return DataType.UNSIGNED64 if bits % 8 else DataType.OCTET_STRING
+
+
 def parse_type(text: str) -> DataType:
     """The type that a user means, in any of the common spellings.
 

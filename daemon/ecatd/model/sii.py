@@ -31,6 +31,7 @@ _WORDS_MAX = 0x8000
 _CATEGORIES_MAX = 256
 _DC_BYTES = 24
 _PADDING = 0xFF
+_FIXED = 0x10  # flag of a PDO
 
 
 class SiiError(StateError):
@@ -127,6 +128,7 @@ class Sii:
         physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
         fmmus: Purposes of the FMMUs: 1 outputs, 2 inputs, 3 mailbox state.
         dc: Operation modes of the distributed clocks.
+        fixed: Indices of PDOs whose entries cannot be changed.
     """
 
     alias: int = 0
@@ -152,6 +154,7 @@ class Sii:
     physical_ports: int = 0
     fmmus: list[int] = field(default_factory=list)
     dc: list[SiiDc] = field(default_factory=list)
+    fixed: set[int] = field(default_factory=set)
 
 
 def read_sii(read: Callable[[int], bytes]) -> Sii:
@@ -339,9 +342,7 @@ class SiiReader:
     def _pdos(self, at: int, data: bytes, pdos: list[Pdo], kind: str) -> None:
         here = 0
         while here + 8 <= len(data):
-            index, count, sync_manager, _dc, name, _flags = struct.unpack_from(
-                "<HBBBBH", data, here
-            )
+            index, count, sync_manager, _dc, name, flags = struct.unpack_from("<HBBBBH", data, here)
             start, end = here + 8, here + 8 + 8 * count
             if end > len(data):
                 self.stop(
@@ -357,6 +358,8 @@ class SiiReader:
             ]
             pdo = Pdo(index, self._string(at + here + 5, name), sync_manager, entries)
             pdos.append(pdo)
+            if flags & _FIXED:
+                self.sii.fixed.add(index)
             self.check_pdo(at + here, pdo, pdos)
             here = end
         self.whole_rows(at, data, 8)

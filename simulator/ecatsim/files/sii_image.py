@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ecatd.model.bus import Entry, Pdo
-from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real
+from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.sii import UNASSIGNED, Sii, SiiMailbox
 from ecatd.model.sii_check import MAILBOX_SIZES, check_sii, in_memory, is_description
@@ -19,11 +19,12 @@ _RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
 _MAX_BYTES = 0x80000
 _DEVICE_EMULATION = 0x0100  # of SII word 0
 _PDO_ASSIGN, _PDO_CONFIGURATION = 0x04, 0x08  # of the CoE details
+_PORT_0 = 0x03  # without it nothing would reach the slave
 _PORT_KINDS = {0: 0, 1: 3, 3: 2}  # SII: 1 MII, 3 EBUS; register 0x0007: 3 MII, 2 EBUS
 _LAST_DUMMY = 0x001F  # CiA 301: mapping a data type leaves a gap of its size
 
 
-class SiiDevice(Device):
+class DeviceFromSii(Device):
     """A device that is what its SII image says.
 
     The image is served byte for byte. Inputs keep the values they are given (0 at first), outputs
@@ -55,7 +56,9 @@ class SiiDevice(Device):
         self.tx_pdos = _pdos(sii.inputs, 0x1A00, self._area(SmType.INPUTS))
         self.emulated = bool(sii.pdi_control & _DEVICE_EMULATION) and self.mailbox is None
         self.variable_assignment = bool(sii.coe & _PDO_ASSIGN)
-        self.variable_mapping = bool(sii.coe & _PDO_CONFIGURATION)
+        configurable = bool(sii.coe & _PDO_CONFIGURATION)
+        indices = [pdo.index for pdo in (*self.rx_pdos, *self.tx_pdos)]
+        self.variable_mapping = [i for i in indices if configurable and i not in sii.fixed]
         self.chip = chip or _chip(sii)
         super().__init__()
 
@@ -96,7 +99,7 @@ def device_from_sii(
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise ConfigError(f"{source}: {problems[0]}{more}")
     try:
-        return SiiDevice(image, sii, chip)
+        return DeviceFromSii(image, sii, chip)
     except UsageError as error:
         raise ConfigError(f"{source}: {error}") from error
 
@@ -133,7 +136,7 @@ def _chip(sii: Sii) -> Chip:
         fmmus=min(16, max(channels, len(sii.fmmus))),
         sync_managers=min(16, max(channels, len(sii.sync_managers))),
         ram_kib=next((k for k in _RAM_SIZES if k >= smallest and 1024 * k >= needed), 60),
-        ports=ports or Chip().ports,
+        ports=ports if ports & _PORT_0 else Chip().ports,
     )
 
 
@@ -179,17 +182,6 @@ def _type(data_type: int, bits: int) -> DataType:
     except ValueError:
         known = DataType.PADDING
     size = bit_length(known)
-    if known in STRINGS or bits == size or (bits < size and not is_real(known)):
+    if (known in STRINGS and bits % 8 == 0) or bits == size or (bits < size and not is_real(known)):
         return known
-    if bits == 1:
-        return DataType.BOOLEAN
-    if bits <= 8:
-        return DataType(DataType.BIT1 + bits - 1)
-    for most, kind in (
-        (16, DataType.UNSIGNED16),
-        (32, DataType.UNSIGNED32),
-        (64, DataType.UNSIGNED64),
-    ):
-        if bits <= most:
-            return kind
-    return DataType.OCTET_STRING
+    return type_of_bits(bits)

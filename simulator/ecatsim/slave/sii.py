@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -144,6 +144,10 @@ class Description:
         physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
         no_lrw: The slave cannot process LRW.
         dc_modes: How it can use SYNC signals.
+        config_data: First bytes of the image, instead of what the above say; up to 14.
+        pdo_flags: Flags of PDOs by index: 0x01 mandatory, 0x10 fixed content.
+        categories: Further categories: type and data.
+        size: Smallest size of the image in bytes.
     """
 
     vendor: int
@@ -168,6 +172,10 @@ class Description:
     physical_ports: int = 0x11
     no_lrw: bool = False
     dc_modes: Sequence[DcMode] = ()
+    config_data: bytes = b""
+    pdo_flags: Mapping[int, int] = field(default_factory=dict)
+    categories: Sequence[tuple[int, bytes]] = ()
+    size: int = 2048
 
 
 @dataclass(slots=True)
@@ -191,19 +199,17 @@ class _Strings:
         return bytes([len(self.texts)]) + body
 
 
-def _category(kind: Category, body: bytes) -> bytes:
+def _category(kind: int, body: bytes) -> bytes:
     if len(body) % 2:
         body += b"\xff"
     return struct.pack("<HH", kind, len(body) // 2) + body
 
 
-def _pdos(pdos: Iterable[Pdo], strings: _Strings) -> bytes:
+def _pdos(pdos: Iterable[Pdo], strings: _Strings, flags: Mapping[int, int]) -> bytes:
     parts = []
     for pdo in pdos:
-        name = strings.number(pdo.name)
-        parts.append(
-            struct.pack("<HBBBBH", pdo.index, len(pdo.entries), pdo.sync_manager, 0, name, 0)
-        )
+        head = (pdo.index, len(pdo.entries), pdo.sync_manager, 0, strings.number(pdo.name))
+        parts.append(struct.pack("<HBBBBH", *head, flags.get(pdo.index, 0)))
         parts += [
             struct.pack(
                 "<HBBBBH",
@@ -266,6 +272,7 @@ def _header(info: Description, size: int) -> bytes:
     header = bytearray(2 * _HEADER_WORDS)
     words = (info.pdi_control, info.pdi_config, info.sync_pulse, 0, info.alias)
     struct.pack_into("<5H", header, 0, *words)
+    header[: len(info.config_data)] = info.config_data
     struct.pack_into("<H", header, 14, checksum(bytes(header[:14])))
     struct.pack_into("<IIII", header, 16, info.vendor, info.product, info.revision, info.serial)
     if info.bootstrap:
@@ -297,7 +304,8 @@ def build(info: Description) -> bytes:
     strings = _Strings()
     strings.number(info.order, force=True)
     general = _general(info, strings)
-    tx_pdos, rx_pdos = _pdos(info.tx_pdos, strings), _pdos(info.rx_pdos, strings)
+    tx_pdos = _pdos(info.tx_pdos, strings, info.pdo_flags)
+    rx_pdos = _pdos(info.rx_pdos, strings, info.pdo_flags)
     dc_modes = _dc_modes(info.dc_modes, strings)
     parts = [_category(Category.STRINGS, strings.encode()), _category(Category.GENERAL, general)]
     if info.fmmus:
@@ -314,9 +322,10 @@ def build(info: Description) -> bytes:
         parts.append(_category(Category.RX_PDO, rx_pdos))
     if dc_modes:
         parts.append(_category(Category.DC, dc_modes))
+    parts += [_category(kind, data) for kind, data in info.categories]
     parts.append(struct.pack("<H", Category.END))
     body = b"".join(parts)
-    size = 2048
+    size = info.size
     while size < 2 * _HEADER_WORDS + len(body):
         size *= 2
     if size > 0x20000:

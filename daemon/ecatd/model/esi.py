@@ -1,0 +1,145 @@
+"""What ESI files say: the XML that vendors give with a slave (ETG.2000).
+
+`esi_reader` reads them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .bus import Pdo
+from .esi_dictionary import EsiObject
+
+
+@dataclass(frozen=True, slots=True)
+class EsiChoice:
+    """One device of a file.
+
+    Attributes:
+        number: Its place in the file, 0 first.
+        type: Name of the type.
+        name: Name of the device.
+        product: Product code.
+        revision: Revision number.
+    """
+
+    number: int
+    type: str
+    name: str
+    product: int
+    revision: int
+
+    def __str__(self) -> str:
+        return f"{self.type} (product 0x{self.product:08X}, revision 0x{self.revision:08X})"
+
+
+@dataclass(slots=True)
+class EsiSyncManager:
+    """A sync manager.
+
+    Attributes:
+        usage: 0 none, 1 mailbox out, 2 mailbox in, 3 outputs, 4 inputs.
+        start: First byte in the memory of the slave.
+        size: Default size in bytes; 0 where the PDOs decide.
+        control: Control register (0x0804).
+        enable: Activate register (0x0806).
+        line: Line in the file.
+    """
+
+    usage: int
+    start: int
+    size: int
+    control: int
+    enable: int
+    line: int
+
+
+@dataclass(slots=True)
+class EsiPdo(Pdo):
+    """A PDO; its sync manager is 0xFF where it is not assigned by default.
+
+    Attributes:
+        fixed: Whether its entries cannot be changed.
+        mandatory: Whether it cannot be taken out of the assignment.
+        excludes: Indices of PDOs that cannot be assigned beside it.
+    """
+
+    fixed: bool = False
+    mandatory: bool = False
+    excludes: list[int] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class EsiDcMode:
+    """An operation mode of the distributed clocks; times in ns, see `sii.SiiDc`."""
+
+    name: str
+    description: str
+    assign_activate: int
+    cycle_time0: int
+    cycle_factor0: int
+    shift_time0: int
+    cycle_time1: int
+    cycle_factor1: int
+    shift_time1: int
+
+
+@dataclass(slots=True)
+class EsiDevice:
+    """A device as its ESI file describes it.
+
+    Attributes:
+        path: The file.
+        line: Line of the device in it.
+        vendor: Vendor ID.
+        vendor_name: Name of the vendor.
+        type: Name of the type.
+        name: Name of the device.
+        product: Product code.
+        revision: Revision number.
+        group: Group type.
+        group_name: Name of the group.
+        physics: Ports from port 0: Y and H Ethernet, K E-bus, blank none.
+        ebus_current: Current taken from the E-bus in mA.
+        fmmus: Purposes of the FMMUs: 0 none, 1 outputs, 2 inputs, 3 mailbox state.
+        sync_managers: Sync managers.
+        outputs: RxPDOs.
+        inputs: TxPDOs.
+        protocols: Mailbox protocols, as in SII word 0x1C; 0 without a mailbox.
+        coe_details: CoE details, as in SII category 30.
+        dc: Operation modes of the distributed clocks.
+        eeprom_size: Size of the EEPROM in bytes, 0 where it is not told.
+        config_data: First bytes of the EEPROM.
+        bootstrap: Words 0x14 to 0x17 of the EEPROM: the mailbox in BOOT.
+        categories: Further categories of the EEPROM: type and data.
+        objects: The object dictionary.
+        dictionary_file: Another file that has the dictionary, or empty.
+        slots: Number of slots for modules.
+    """
+
+    path: str
+    line: int
+    vendor: int
+    vendor_name: str
+    type: str
+    name: str
+    product: int
+    revision: int
+    group: str = ""
+    group_name: str = ""
+    physics: str = ""
+    ebus_current: int = 0
+    fmmus: list[int] = field(default_factory=list)
+    sync_managers: list[EsiSyncManager] = field(default_factory=list)
+    outputs: list[EsiPdo] = field(default_factory=list)
+    inputs: list[EsiPdo] = field(default_factory=list)
+    protocols: int = 0
+    coe_details: int = 0
+    dc: list[EsiDcMode] = field(default_factory=list)
+    eeprom_size: int = 0
+    config_data: bytes = b""
+    bootstrap: bytes = b""
+    categories: list[tuple[int, bytes]] = field(default_factory=list)
+    objects: list[EsiObject] = field(default_factory=list)
+    dictionary_file: str = ""
+    slots: int = 0

@@ -1,0 +1,312 @@
+"""Object dictionaries in ESI files: data types and objects (ETG.2000, "DictionaryType")."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from .datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
+from .esi_xml import Element
+
+_TYPES = {
+    "BIT": DataType.BOOLEAN,
+    "BOOL": DataType.BOOLEAN,
+    "SINT": DataType.INTEGER8,
+    "INT": DataType.INTEGER16,
+    "INT24": DataType.INTEGER24,
+    "DINT": DataType.INTEGER32,
+    "LINT": DataType.INTEGER64,
+    "USINT": DataType.UNSIGNED8,
+    "UINT": DataType.UNSIGNED16,
+    "UINT24": DataType.UNSIGNED24,
+    "UDINT": DataType.UNSIGNED32,
+    "ULINT": DataType.UNSIGNED64,
+    "REAL": DataType.REAL32,
+    "LREAL": DataType.REAL64,
+    "BYTE": DataType.BYTE,
+    "WORD": DataType.WORD,
+    "DWORD": DataType.DWORD,
+    "LWORD": DataType.UNSIGNED64,
+    "BITARR8": DataType.BYTE,
+    "BITARR16": DataType.WORD,
+    "BITARR32": DataType.DWORD,
+    **{f"BIT{n}": DataType(DataType.BIT1 + n - 1) for n in range(1, 9)},
+}
+_STRING = re.compile(r"(STRING|WSTRING|UNICODE_STRING|OCTET_STRING)\s*\(\s*(\d{1,5})\s*\)")
+_BYTES = re.compile(r"ARRAY\s*\[\s*(\d{1,5})\s*\.\.\s*(\d{1,5})\s*\]\s*OF\s*(BYTE|USINT|SINT)")
+_STATES = {"preop": 1, "safeop": 2, "op": 4}
+_ALL_STATES = 7
+_READS = {"ro": True, "rw": True, "wo": False}
+_WRITES = {"ro": False, "rw": True, "wo": True}
+_MAPPINGS = {"": 0, "r": 0x40, "t": 0x80, "rt": 0xC0, "tr": 0xC0}
+_BACKUP, _SETTING = 0x100, 0x200
+_MAX_NESTING = 8
+_MAX_BITS = 1 << 20
+_MAX_NUMBER = 64
+_MAX_ENTRIES = 200_000
+_READ_ONLY = 0x07
+
+VAR, ARRAY, RECORD = 7, 8, 9
+"""Object codes (CiA 301)."""
+
+
+@dataclass(slots=True)
+class EsiEntry:
+    """One entry of an object.
+
+    Attributes:
+        subindex: Subindex.
+        name: Name.
+        data_type: Its data type.
+        bits: Its size.
+        access: Access rights, coded as in the SDO information service: bits 0 to 2 reading and
+            3 to 5 writing in PREOP, SAFEOP and OP, 6 RxPDO, 7 TxPDO, 8 backup, 9 setting.
+        default: Default as SDO data, or None.
+        minimum: Smallest value as SDO data, or None.
+        maximum: Largest value as SDO data, or None.
+        unit: Unit code (ETG.1004), 0 for none.
+        line: Line in the file.
+    """
+
+    subindex: int
+    name: str
+    data_type: DataType
+    bits: int
+    access: int = _READ_ONLY
+    default: bytes | None = None
+    minimum: bytes | None = None
+    maximum: bytes | None = None
+    unit: int = 0
+    line: int = 0
+
+
+@dataclass(slots=True)
+class EsiObject:
+    """One object.
+
+    Attributes:
+        index: Index.
+        name: Name.
+        code: `VAR`, `ARRAY` or `RECORD`.
+        entries: Its entries in ascending order of their subindices.
+        line: Line in the file.
+    """
+
+    index: int
+    name: str
+    code: int
+    entries: list[EsiEntry] = field(default_factory=list)
+    line: int = 0
+
+
+def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
+    """Type and size of a type that needs no definition; None if it needs one.
+
+    Args:
+        name: Its name, as in `UINT`, `STRING(20)` or `ARRAY [0..3] OF BYTE`.
+        bits: The size that the file states, 0 if it does not.
+    """
+    text = " ".join(name.split()).upper()
+    if text in _TYPES:
+        kind = _TYPES[text]
+        size = bits or bit_length(kind)
+        return (kind if size == bit_length(kind) or not is_real(kind) else type_of_bits(size)), size
+    match = _STRING.fullmatch(text)
+    if match:
+        kind = {"STRING": DataType.VISIBLE_STRING, "OCTET_STRING": DataType.OCTET_STRING}.get(
+            match[1], DataType.UNICODE_STRING
+        )
+        return kind, int(match[2]) * (16 if kind == DataType.UNICODE_STRING else 8)
+    match = _BYTES.fullmatch(text)
+    if match:
+        return DataType.OCTET_STRING, 8 * max(0, int(match[2]) - int(match[1]) + 1)
+    return None
+
+
+def read_dictionary(dictionary: Element) -> list[EsiObject]:
+    """The objects of a <Dictionary>, in ascending order of their indices.
+
+    Raises:
+        ConfigError: Something makes no sense; the message begins with file and line.
+    """
+    types = dictionary.find("DataTypes")
+    known = {item.text_of("Name"): item for item in types.all("DataType")} if types else {}
+    reader = _Reader(known)
+    objects: dict[int, EsiObject] = {}
+    parent = dictionary.find("Objects")
+    for element in parent.all("Object") if parent else ():
+        item = reader.object(element)
+        if item.index in objects:
+            element.fail(
+                f"object 0x{item.index:04X} is defined a second time, "
+                f"first in line {objects[item.index].line}"
+            )
+        objects[item.index] = item
+    return [objects[index] for index in sorted(objects)]
+
+
+class _Reader:
+    """Reads objects with the types of a dictionary."""
+
+    def __init__(self, types: dict[str, Element]) -> None:
+        self._types = types
+        self._count = 0
+
+    def object(self, element: Element) -> EsiObject:
+        index = element.number_of("Index", high=0xFFFF)
+        name, type_name = element.name(), element.text_of("Type")
+        definition = self._types.get(type_name)
+        flags = element.find("Flags")
+        if definition is not None and definition.find("SubItem") is not None:
+            entries, code = self._members(definition, flags)
+        else:
+            size = element.number_of("BitSize", 0, high=_MAX_BITS)
+            kind, bits = self._resolve(type_name, size, element)
+            entries, code = [EsiEntry(0, name, kind, bits, _access(flags))], VAR
+            entries[0].line = element.line
+        info = element.find("Info")
+        if info is not None:
+            _read_info(info, entries, code)
+        self._count += len(entries)
+        if self._count > _MAX_ENTRIES:
+            element.fail(f"the dictionary has more than {_MAX_ENTRIES} entries")
+        return EsiObject(index, name, code, entries, element.line)
+
+    def _members(self, definition: Element, flags: Element | None) -> tuple[list[EsiEntry], int]:
+        found: dict[int, EsiEntry] = {}
+        code = RECORD
+        for item in definition.all("SubItem"):
+            own = item.find("Flags")
+            template = EsiEntry(0, item.name(), DataType.PADDING, 0, _access(own or flags))
+            template.line = item.line
+            array = self._types.get(item.text_of("Type"))
+            if array is not None and array.find("ArrayInfo") is not None:
+                code = ARRAY
+                entries = self._elements(item, array, template)
+            else:
+                size = item.number_of("BitSize", 0, high=_MAX_BITS)
+                kind, bits = self._resolve(item.text_of("Type"), size, item)
+                subindex = item.number_of("SubIdx", len(found), high=0xFF)
+                entries = iter((replace(template, subindex=subindex, data_type=kind, bits=bits),))
+            for entry in entries:
+                if entry.subindex in found:
+                    item.fail(f"subindex {entry.subindex} is defined a second time")
+                found[entry.subindex] = entry
+        return [found[subindex] for subindex in sorted(found)], code
+
+    def _elements(self, item: Element, array: Element, template: EsiEntry) -> Iterator[EsiEntry]:
+        """The elements of an array, from its first subindex on."""
+        info = array.need("ArrayInfo")
+        first = item.number_of("SubIdx", info.number_of("LBound", 1, high=0xFF), high=0xFF) or 1
+        count = info.number_of("Elements", high=0xFF)
+        total = array.number_of("BitSize", 0, high=_MAX_BITS)
+        kind, bits = self._resolve(array.text_of("BaseType"), total // max(1, count), array)
+        if first + count > 0x100:
+            item.fail(f"an array of {count} elements from subindex {first} ends beyond 255")
+        for number in range(first, first + count):
+            yield replace(
+                template,
+                subindex=number,
+                name=f"SubIndex {number:03d}",
+                data_type=kind,
+                bits=bits,
+            )
+
+    def _resolve(self, name: str, bits: int, where: Element) -> tuple[DataType, int]:
+        """Type and size of an entry; a type without a definition is known by its size."""
+        for _ in range(_MAX_NESTING):
+            simple = simple_type(name, bits)
+            if simple and simple[1]:
+                return simple
+            definition = self._types.get(name)
+            if definition is None:
+                break
+            bits = bits or definition.number_of("BitSize", 0, high=_MAX_BITS)
+            name = definition.text_of("BaseType")
+            if definition.find("ArrayInfo") is not None and simple_type(name, 0):
+                return (DataType.OCTET_STRING if bits % 8 == 0 else type_of_bits(bits)), bits
+        if not bits:
+            where.fail(f"the data type '{name}' is not defined, and there is no <BitSize>")
+        return type_of_bits(bits), bits
+
+
+def _access(flags: Element | None) -> int:
+    if flags is None:
+        return _READ_ONLY
+    access = flags.find("Access")
+    rights = _READ_ONLY
+    if access is not None:
+        text = access.text.lower() or "ro"
+        if text not in _READS:
+            access.fail(f"<Access> is '{access.text}': ro, rw and wo are allowed")
+        rights = _states(access, "ReadRestrictions") * _READS[text]
+        rights |= _states(access, "WriteRestrictions") * _WRITES[text] << 3
+    mapping = flags.find("PdoMapping")
+    if mapping is not None:
+        if mapping.text.lower() not in _MAPPINGS:
+            mapping.fail(f"<PdoMapping> is '{mapping.text}': R, T and RT are allowed")
+        rights |= _MAPPINGS[mapping.text.lower()]
+    for tag, bit in (("Backup", _BACKUP), ("Setting", _SETTING)):
+        rights |= bit * bool(flags.number_of(tag, 0))
+    return rights
+
+
+def _states(access: Element, name: str) -> int:
+    """States in which an access is allowed: bits 0 to 2 for PREOP, SAFEOP and OP."""
+    words = access.attributes.get(name, "").lower().replace("_", " ").split()
+    for word in words:
+        if word not in _STATES:
+            access.fail(
+                f"{name} is '{access.attributes[name]}': PreOP, SafeOP and OP are allowed, "
+                "with _ between them"
+            )
+    return sum(_STATES[word] for word in set(words)) or _ALL_STATES
+
+
+def _read_info(info: Element, entries: list[EsiEntry], code: int) -> None:
+    """Defaults and limits: of a variable directly, else by the names of the entries."""
+    if code == VAR:
+        _read_values(info, entries[0])
+        return
+    by_name = {entry.name: entry for entry in reversed(entries)}
+    for i, item in enumerate(info.all("SubItem")):
+        named = by_name.get(item.name())
+        entry = named if named else entries[i] if i < len(entries) else None
+        values = item.find("Info")
+        if entry is not None and values is not None:
+            _read_values(values, entry)
+
+
+def _read_values(info: Element, entry: EsiEntry) -> None:
+    entry.default = _value(info, "Default", entry)
+    entry.minimum = _value(info, "Min", entry)
+    entry.maximum = _value(info, "Max", entry)
+    entry.unit = info.number_of("Unit", 0)
+
+
+def _value(info: Element, kind: str, entry: EsiEntry) -> bytes | None:
+    """A value as SDO data."""
+    size = (entry.bits + 7) // 8
+    data, number, text = (info.find(kind + suffix) for suffix in ("Data", "Value", "String"))
+    if data is not None:
+        raw = data.octets()
+        if raw[size:].strip(b"\0"):
+            data.fail(f"<{data.tag}> has {len(raw)} bytes: the entry has {size}")
+        return raw[:size] if entry.data_type in STRINGS else raw[:size].ljust(size, b"\0")
+    if number is not None and number.text:
+        if is_real(entry.data_type):
+            try:
+                return struct.pack("<f" if size == 4 else "<d", float(number.text))
+            except (ValueError, OverflowError):
+                number.fail(f"<{number.tag}> is '{number.text}': a number is allowed")
+        if entry.bits > _MAX_NUMBER:
+            number.fail(f"<{number.tag}> cannot give a value of {entry.bits} bits")
+        limit = 1 << entry.bits
+        value = number.number(-(limit >> 1), limit - 1)
+        return (value % limit).to_bytes(size, "little")
+    if text is not None:
+        coding = "utf-16-le" if entry.data_type == DataType.UNICODE_STRING else "utf-8"
+        return text.text.encode(coding)[:size]
+    return None

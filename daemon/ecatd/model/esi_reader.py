@@ -1,0 +1,289 @@
+"""Reading ESI files (ETG.2000).
+
+    choice = choose(list_devices(path), path, type="EL1004", revision=0x00130000)
+    device = read_device(path, choice)
+
+A file may hold hundreds of devices; only the chosen one is read completely. Modules for slots and
+dictionaries in other files are not read; `EsiDevice.slots` and `dictionary_file` tell of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from .bus import Entry
+from .datatypes import DataType, type_of_bits
+from .errors import ConfigError
+from .esi import EsiChoice, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
+from .esi_dictionary import read_dictionary, simple_type
+from .esi_xml import Element, read_xml
+from .sii import UNASSIGNED
+
+_OUTLINE = (
+    {"EtherCATInfo"},
+    {"Vendor", "Descriptions"},
+    {"Id", "Name", "Groups", "Devices"},
+    {"Group", "Device"},
+    {"Type", "Name"},
+)
+_DEVICE_DEPTH = 3
+_LISTED = 12
+_SM_USAGES = {"MBoxOut": 1, "MBoxIn": 2, "Outputs": 3, "Inputs": 4}
+_FMMU_USAGES = {"Outputs": 1, "Inputs": 2, "MBoxState": 3}
+_PROTOCOLS = {"AoE": 1, "EoE": 2, "CoE": 4, "FoE": 8, "SoE": 16, "VoE": 32}
+_COE_DETAILS = {"SdoInfo": 2, "PdoAssign": 4, "PdoConfig": 8, "PdoUpload": 16, "CompleteAccess": 32}
+_SDO = 1
+_UNUSED = {"ImageData16x14", "ImageFile16x14", "VendorSpecific"}
+
+
+def list_devices(path: Path) -> list[EsiChoice]:
+    """The devices of a file.
+
+    Raises:
+        ConfigError: The file is no ESI file.
+    """
+
+    def wanted(element: Element, depth: int) -> bool:
+        return depth == 0 or (depth < len(_OUTLINE) and element.tag in _OUTLINE[depth])
+
+    root = _root(read_xml(path, wanted))
+    devices = root.find("Descriptions", "Devices")
+    return [
+        _choice(number, element)
+        for number, element in enumerate(devices.all("Device") if devices else ())
+    ]
+
+
+def choose(
+    choices: Sequence[EsiChoice],
+    path: Path,
+    *,
+    type: str | None = None,
+    product: int | None = None,
+    revision: int | None = None,
+) -> EsiChoice:
+    """The one device that is meant.
+
+    Args:
+        choices: The devices of the file.
+        path: The file, for messages.
+        type: Name of the type, or None.
+        product: Product code, or None.
+        revision: Revision number, or None.
+
+    Raises:
+        ConfigError: None or several are meant; with the choices.
+    """
+    fitting = [
+        item
+        for item in choices
+        if type in (None, item.type)
+        and product in (None, item.product)
+        and revision in (None, item.revision)
+    ]
+    if len(fitting) == 1:
+        return fitting[0]
+    if not choices:
+        raise ConfigError(f"{path}: the file describes no devices")
+    listed = ", ".join(str(item) for item in (fitting or choices)[:_LISTED])
+    left = len(fitting or choices) - _LISTED
+    listed += f" and {left} more" if left > 0 else ""
+    if fitting:
+        raise ConfigError(
+            f"{path}: {len(fitting)} devices fit: choose one by type, product and revision: "
+            f"{listed}"
+        )
+    wanted = [f"type '{type}'"] if type is not None else []
+    wanted += [f"product 0x{product:08X}"] if product is not None else []
+    wanted += [f"revision 0x{revision:08X}"] if revision is not None else []
+    raise ConfigError(f"{path}: no device has {' and '.join(wanted)}; there are {listed}")
+
+
+def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
+    """Reads one device of a file completely.
+
+    Raises:
+        ConfigError: Something in it makes no sense; the message begins with file and line.
+    """
+    seen = -1
+
+    def wanted(element: Element, depth: int) -> bool:
+        nonlocal seen
+        if depth == _DEVICE_DEPTH and element.tag == "Device":
+            seen += 1
+            return seen == choice.number
+        if depth == 1:
+            return element.tag in _OUTLINE[1]
+        return element.tag in _OUTLINE[2] if depth == 2 else element.tag not in _UNUSED
+
+    root = _root(read_xml(path, wanted))
+    vendor = root.need("Vendor")
+    element = root.find("Descriptions", "Devices", "Device")
+    if element is None:
+        raise ConfigError(f"{path}: the file changed while it was read")
+    groups = root.find("Descriptions", "Groups")
+    group = element.text_of("GroupType")
+    device = EsiDevice(
+        path=str(path),
+        line=element.line,
+        vendor=vendor.number_of("Id"),
+        vendor_name=vendor.name(),
+        type=choice.type,
+        name=choice.name,
+        product=choice.product,
+        revision=choice.revision,
+        group=group,
+        group_name=_group_name(groups, group),
+        physics=element.attributes.get("Physics", ""),
+        fmmus=[_FMMU_USAGES.get(item.text, 0) for item in element.all("Fmmu")],
+        sync_managers=[_sync_manager(item) for item in element.all("Sm")],
+    )
+    electrical = element.find("Info", "Electrical")
+    if electrical is not None:
+        device.ebus_current = electrical.number_of("EBusCurrent", 0, -0x8000, 0x7FFF)
+    device.outputs = _pdos(element.all("RxPdo"), device)
+    device.inputs = _pdos(element.all("TxPdo"), device)
+    _read_mailbox(element, device)
+    dc = element.find("Dc")
+    device.dc = [_dc_mode(item) for item in dc.all("OpMode")] if dc else []
+    _read_eeprom(element, device)
+    _read_profile(element, device)
+    slots = element.find("Slots")
+    device.slots = len(list(slots.all("Slot"))) if slots else 0
+    return device
+
+
+def _root(root: Element) -> Element:
+    if root.tag != "EtherCATInfo":
+        root.fail(f"the file begins with <{root.tag}>: an ESI file begins with <EtherCATInfo>")
+    return root
+
+
+def _choice(number: int, element: Element) -> EsiChoice:
+    kind = element.need("Type")
+    return EsiChoice(
+        number,
+        kind.text,
+        element.name(),
+        kind.attribute("ProductCode"),
+        kind.attribute("RevisionNo"),
+    )
+
+
+def _group_name(groups: Element | None, group: str) -> str:
+    for item in groups.all("Group") if groups else ():
+        if item.text_of("Type") == group:
+            return item.name()
+    return ""
+
+
+def _sync_manager(element: Element) -> EsiSyncManager:
+    return EsiSyncManager(
+        _SM_USAGES.get(element.text, 0),
+        element.attribute("StartAddress", high=0xFFFF),
+        element.attribute("DefaultSize", high=0xFFFF),
+        element.attribute("ControlByte", high=0xFF),
+        element.attribute("Enable", high=0xFF),
+        element.line,
+    )
+
+
+def _pdos(elements: Iterable[Element], device: EsiDevice) -> list[EsiPdo]:
+    result: dict[int, EsiPdo] = {}
+    for element in elements:
+        index = element.number_of("Index", high=0xFFFF)
+        manager = element.attribute("Sm", UNASSIGNED, high=0xFF)
+        if manager != UNASSIGNED and manager >= len(device.sync_managers):
+            element.fail(
+                f"Sm of <{element.tag}> is {manager}, but there are "
+                f"{len(device.sync_managers)} sync managers"
+            )
+        if index in result:
+            element.fail(f"<{element.tag}> 0x{index:04X} is defined a second time")
+        result[index] = EsiPdo(
+            index,
+            element.name(),
+            manager,
+            [_entry(item) for item in element.all("Entry")],
+            fixed=element.flag("Fixed"),
+            mandatory=element.flag("Mandatory"),
+            excludes=[item.number(high=0xFFFF) for item in element.all("Exclude")],
+        )
+    return list(result.values())
+
+
+def _entry(element: Element) -> Entry:
+    index = element.number_of("Index", high=0xFFFF)
+    bits = element.number_of("BitLen", low=1, high=0xFF)
+    if index == 0:
+        return Entry(0, 0, element.name(), DataType.PADDING, bits)
+    simple = simple_type(element.text_of("DataType"), bits)
+    kind = simple[0] if simple and simple[1] == bits else type_of_bits(bits)
+    subindex = element.number_of("SubIndex", 0, high=0xFF)
+    return Entry(index, subindex, element.name(), kind, bits)
+
+
+def _read_mailbox(element: Element, device: EsiDevice) -> None:
+    mailbox = element.find("Mailbox")
+    if mailbox is None:
+        return
+    for tag, bit in _PROTOCOLS.items():
+        if mailbox.find(tag) is not None:
+            device.protocols |= bit
+    coe = mailbox.find("CoE")
+    if coe is not None:
+        device.coe_details = _SDO
+        for name, bit in _COE_DETAILS.items():
+            device.coe_details |= bit * coe.flag(name)
+
+
+def _signed(value: int, bits: int) -> int:
+    return value - (1 << bits) if value >> (bits - 1) == 1 else value
+
+
+def _dc_mode(element: Element) -> EsiDcMode:
+    times, factors = {}, {}
+    for tag in ("CycleTimeSync0", "CycleTimeSync1", "ShiftTimeSync0", "ShiftTimeSync1"):
+        item = element.find(tag)
+        # Negative numbers come with a sign, or as hexadecimal digits of their bits.
+        times[tag] = _signed(element.number_of(tag, 0, -(1 << 31)), 32)
+        factors[tag] = _signed(item.attribute("Factor", 0, -0x8000, 0xFFFF), 16) if item else 0
+    return EsiDcMode(
+        element.name(),
+        element.text_of("Desc"),
+        element.number_of("AssignActivate", 0, high=0xFFFF),
+        times["CycleTimeSync0"],
+        factors["CycleTimeSync0"],
+        times["ShiftTimeSync0"],
+        times["CycleTimeSync1"],
+        factors["CycleTimeSync1"],
+        times["ShiftTimeSync1"],
+    )
+
+
+def _read_eeprom(element: Element, device: EsiDevice) -> None:
+    eeprom = element.find("Eeprom")
+    if eeprom is None:
+        return
+    device.eeprom_size = eeprom.number_of("ByteSize", 0, high=0x80000)
+    for tag, most in (("ConfigData", 14), ("BootStrap", 8)):
+        found = eeprom.find(tag)
+        data = found.octets(most + 2)[:most] if found else b""  # some state the checksum as well
+        if tag == "ConfigData":
+            device.config_data = data
+        else:
+            device.bootstrap = data
+    for item in eeprom.all("Category"):
+        octets = item.find("Data")
+        content = octets.octets(0x10000) if octets else item.text_of("DataString").encode()
+        device.categories.append((item.number_of("CatNo", high=0xFFFE), content))
+
+
+def _read_profile(element: Element, device: EsiDevice) -> None:
+    for profile in element.all("Profile"):
+        dictionary = profile.find("Dictionary")
+        if dictionary is not None:
+            device.objects = read_dictionary(dictionary)
+            return
+        device.dictionary_file = device.dictionary_file or profile.text_of("DictionaryFile")

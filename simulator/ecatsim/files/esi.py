@@ -1,0 +1,239 @@
+"""A device from an ESI file (ETG.2000): its SII image (ETG.2010) and its object dictionary."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ecatd.model import abort_codes
+from ecatd.model.datatypes import STRINGS, DataType
+from ecatd.model.errors import ConfigError, SdoAbortError, UsageError
+from ecatd.model.esi import EsiDevice, EsiPdo
+from ecatd.model.esi_dictionary import EsiEntry, EsiObject
+from ecatd.model.esi_reader import choose, list_devices, read_device
+from ecatd.model.sii_check import check_sii, in_memory, is_description
+
+from ..slave import sii
+from ..slave.device import Device
+from ..slave.objects import Access, ObjectCode, Value, Variable
+from .sii_image import DeviceFromSii
+
+_PORTS = {" ": 0, "Y": 1, "H": 1, "K": 3}
+_IDENTITY = 0x1018
+_MANDATORY, _FIXED = 0x01, 0x10  # flags of a PDO in the SII
+_SMALLEST_EEPROM = 128
+_MAPPABLE = Access.RX_PDO | Access.TX_PDO
+
+
+def device_from_esi(
+    path: Path | str,
+    type: str | None = None,
+    product: int | None = None,
+    revision: int | None = None,
+) -> Device:
+    """A device described by an ESI file.
+
+    Args:
+        path: The file.
+        type: Name of the type (the text of <Type>), or None for any.
+        product: Product code, or None for any.
+        revision: Revision number, or None for any.
+
+    Raises:
+        ConfigError: The file makes no sense, or not exactly one of its devices fits.
+    """
+    path = Path(path)
+    choices = list_devices(path)
+    chosen = choose(choices, path, type=type, product=product, revision=revision)
+    esi = read_device(path, chosen)
+    where = f"{path}:{esi.line}"
+    if esi.slots:
+        raise ConfigError(
+            f"{where}: {chosen} takes modules in slots, which cannot be simulated from an "
+            "ESI file: describe the device with its modules in TOML or Python"
+        )
+    try:
+        return DeviceFromEsi(esi)
+    except ConfigError:
+        raise
+    except UsageError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def image_from_esi(esi: EsiDevice) -> bytes:
+    """The SII image that belongs to a device: what a configuration tool writes to its EEPROM.
+
+    Raises:
+        ConfigError: The description contradicts itself.
+    """
+    sync_managers = [_sync_manager(esi, number) for number in range(len(esi.sync_managers))]
+    flags = {
+        pdo.index: _FIXED * pdo.fixed | _MANDATORY * pdo.mandatory
+        for pdo in (*esi.outputs, *esi.inputs)
+    }
+    description = sii.Description(
+        vendor=esi.vendor,
+        product=esi.product,
+        revision=esi.revision,
+        order=esi.type,
+        name=esi.name,
+        group=esi.group,
+        group_name=esi.group_name,
+        mailbox=_mailbox(esi),
+        bootstrap=_bootstrap(esi),
+        sync_managers=sync_managers,
+        fmmus=[sii.FmmuType(usage) for usage in esi.fmmus],
+        rx_pdos=esi.outputs,
+        tx_pdos=esi.inputs,
+        ebus_current=esi.ebus_current,
+        physical_ports=sum(_PORTS.get(kind, 0) << 4 * i for i, kind in enumerate(esi.physics[:4])),
+        dc_modes=[
+            sii.DcMode(
+                mode.name,
+                mode.assign_activate,
+                mode.cycle_time0 % (1 << 32),
+                mode.cycle_factor0,
+                mode.shift_time0,
+                mode.cycle_factor1,
+                mode.shift_time1,
+                mode.description,
+            )
+            for mode in esi.dc
+        ],
+        config_data=esi.config_data,
+        pdo_flags=flags,
+        categories=esi.categories,
+        size=max(esi.eeprom_size, _SMALLEST_EEPROM),
+    )
+    return sii.build(description)
+
+
+def _sync_manager(esi: EsiDevice, number: int) -> sii.SyncManager:
+    item = esi.sync_managers[number]
+    if item.usage and not in_memory(item.start, item.size):
+        raise ConfigError(
+            f"{esi.path}:{item.line}: sync manager {number} takes {item.size} bytes from "
+            f"0x{item.start:04X}: memory is from 0x1000 to 0xFFFF, and digital outputs from "
+            "0x0F00 to 0x0F03"
+        )
+    return sii.SyncManager(sii.SmType(item.usage), item.start, item.size, item.control, item.enable)
+
+
+def _mailbox(esi: EsiDevice) -> sii.Mailbox | None:
+    if not esi.protocols:
+        return None
+    areas = {item.usage: item for item in esi.sync_managers}
+    out, back = areas.get(sii.SmType.MAILBOX_OUT), areas.get(sii.SmType.MAILBOX_IN)
+    if out is None or back is None:
+        raise ConfigError(
+            f"{esi.path}:{esi.line}: {esi.type} has a <Mailbox>, but no <Sm> MBoxOut and MBoxIn"
+        )
+    return sii.Mailbox(out.start, out.size, back.start, back.size, esi.protocols, esi.coe_details)
+
+
+def _bootstrap(esi: EsiDevice) -> sii.Mailbox | None:
+    if len(esi.bootstrap) < 8:
+        return None
+    receive, receive_size, send, send_size = struct.unpack("<HHHH", esi.bootstrap)
+    return sii.Mailbox(receive, receive_size, send, send_size, esi.protocols, esi.coe_details)
+
+
+class DeviceFromEsi(DeviceFromSii):
+    """A device that is what its ESI file says.
+
+    Args:
+        esi: The description.
+    """
+
+    def __init__(self, esi: EsiDevice) -> None:
+        self._esi = esi
+        image = image_from_esi(esi)
+        content, problems = check_sii(image)
+        if problems:
+            raise ConfigError(
+                f"{esi.path}:{esi.line}: the SII image of {esi.type} would be wrong: "
+                f"{problems[0].text}"
+            )
+        super().__init__(image, content)
+
+    def describe(self) -> None:
+        """Takes the object dictionary over, and the rules for PDOs."""
+        if self.mailbox and self.mailbox.protocols & 0x04:
+            for item in self._esi.objects:
+                self._add_object(item)
+        for index, pdos in ((0x1C12, self._esi.outputs), (0x1C13, self._esi.inputs)):
+            count = self.dictionary[index, 0]
+            if count.on_write is not None:
+                members = self.dictionary.object(index).entries
+                count.on_write = _with_rules(pdos, count.on_write, members)
+
+    def _add_object(self, item: EsiObject) -> None:
+        objects = self.dictionary
+        if is_description(item.index):
+            if item.index in objects:
+                objects.object(item.index).name = item.name
+            return
+        before = objects.object(item.index).entries if item.index in objects else {}
+        entries = dict(before)
+        for entry in item.entries:
+            variable = _variable(item.index, entry)
+            if entry.subindex in before:
+                variable.access |= before[entry.subindex].access & _MAPPABLE
+                if item.index == _IDENTITY:
+                    variable.value = before[entry.subindex].value
+            entries[entry.subindex] = variable
+        code = ObjectCode(item.code)
+        kind = item.entries[-1].data_type if item.entries and code != ObjectCode.RECORD else 0
+        made = objects.record(item.index, item.name, [], code=code, type=kind)
+        made.entries |= entries
+        if code != ObjectCode.VAR and made.entries[0].value == 0:
+            made.entries[0].value = made.max_subindex
+
+
+def _variable(index: int, entry: EsiEntry) -> Variable:
+    variable = Variable(
+        index,
+        entry.subindex,
+        entry.name,
+        entry.data_type,
+        entry.bits,
+        Access(entry.access),
+        value=_nothing(entry.data_type),
+        unit=entry.unit,
+    )
+    if entry.default is not None:
+        variable.value = variable.decode(entry.default)
+    if entry.data_type not in STRINGS:
+        variable.minimum = _limit(variable, entry.minimum)
+        variable.maximum = _limit(variable, entry.maximum)
+    return variable
+
+
+def _nothing(kind: DataType) -> Value:
+    if kind in STRINGS:
+        return "" if kind == DataType.VISIBLE_STRING else b""
+    return 0
+
+
+def _limit(variable: Variable, data: bytes | None) -> float | None:
+    value = variable.decode(data) if data is not None else None
+    return value if isinstance(value, int | float) else None
+
+
+def _with_rules(
+    pdos: Sequence[EsiPdo], check: Callable[[Value], None], members: dict[int, Variable]
+) -> Callable[[Value], None]:
+    """Adds to the check of a PDO assignment which PDOs must be in it and which exclude others."""
+    mandatory = {pdo.index for pdo in pdos if pdo.mandatory}
+    excludes = {pdo.index: set(pdo.excludes) for pdo in pdos}
+
+    def write_count(count: Value) -> None:
+        check(count)
+        assert isinstance(count, int)
+        assigned = {int(members[i].value) for i in range(1, count + 1)}
+        excluded = any(excludes[index] & assigned for index in assigned)
+        if excluded or (assigned and not mandatory <= assigned):
+            raise SdoAbortError(abort_codes.VALUE_RANGE)
+
+    return write_count

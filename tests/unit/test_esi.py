@@ -1,0 +1,292 @@
+"""The ESI reader: what it finds in a file, and what it says about wrong ones."""
+
+from pathlib import Path
+
+import pytest
+from esi_sample import SAMPLE
+
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import ConfigError
+from ecatd.model.esi import EsiDevice
+from ecatd.model.esi_dictionary import ARRAY, RECORD, VAR, EsiEntry
+from ecatd.model.esi_reader import choose, list_devices, read_device
+
+R, W, W_UP_TO_SAFEOP = 0x07, 0x38, 0x18
+
+
+def file(folder: Path, text: str | bytes) -> Path:
+    path = folder / "x.xml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def axis(folder: Path, text: str = SAMPLE) -> EsiDevice:
+    path = file(folder, text)
+    return read_device(path, choose(list_devices(path), path, type="AX2", revision=0x00020001))
+
+
+def test_devices_of_a_file(tmp_path: Path) -> None:
+    choices = list_devices(file(tmp_path, SAMPLE))
+    assert [str(item) for item in choices] == [
+        "AX2 (product 0x00001234, revision 0x00020001)",
+        "AX2 (product 0x00001234, revision 0x00010000)",
+        "DI4 (product 0x00005678, revision 0x00000001)",
+    ]
+    assert choices[0].name == "Axis µ", "the English name"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "number"),
+    [
+        ({"type": "DI4"}, 2),
+        ({"product": 0x5678}, 2),
+        ({"revision": 0x00010000}, 1),
+        ({"type": "AX2", "revision": 0x00020001}, 0),
+        ({"type": "AX2", "product": 0x1234, "revision": 0x00020001}, 0),
+    ],
+)
+def test_choice(tmp_path: Path, wanted: dict[str, int], number: int) -> None:
+    path = file(tmp_path, SAMPLE)
+    assert choose(list_devices(path), path, **wanted).number == number  # type: ignore[arg-type]
+
+
+def test_ambiguous_and_unknown_choices_list_what_there_is(tmp_path: Path) -> None:
+    path = file(tmp_path, SAMPLE)
+    choices = list_devices(path)
+    with pytest.raises(ConfigError) as error:
+        choose(choices, path, type="AX2")
+    assert str(error.value) == (
+        f"{path}: 2 devices fit: choose one by type, product and revision: "
+        "AX2 (product 0x00001234, revision 0x00020001), "
+        "AX2 (product 0x00001234, revision 0x00010000)"
+    )
+    with pytest.raises(ConfigError) as error:
+        choose(choices[2:], path, type="DI5", product=1, revision=2)
+    assert str(error.value) == (
+        f"{path}: no device has type 'DI5' and product 0x00000001 and revision 0x00000002; "
+        "there are DI4 (product 0x00005678, revision 0x00000001)"
+    )
+    with pytest.raises(ConfigError, match=r"the file describes no devices$"):
+        choose([], path)
+    with pytest.raises(ConfigError, match=r" and 8 more$"):
+        choose(choices[:1] * 20, path)
+
+
+def test_identity_and_hardware(tmp_path: Path) -> None:
+    device = axis(tmp_path)
+    assert (device.vendor, device.vendor_name) == (0xFFFF, "Example")
+    assert (device.type, device.name) == ("AX2", "Axis µ")
+    assert (device.product, device.revision) == (0x1234, 0x00020001)
+    assert (device.group, device.group_name) == ("Drives", "All drives")
+    assert (device.physics, device.ebus_current) == ("YKY", -150)
+    assert device.fmmus == [1, 2, 3]
+    assert [(s.usage, s.start, s.size, s.control, s.enable) for s in device.sync_managers] == [
+        (1, 0x1000, 128, 0x26, 1),
+        (2, 0x1080, 128, 0x22, 1),
+        (3, 0x1100, 6, 0x64, 1),
+        (4, 0x1180, 4, 0x20, 1),
+    ]
+    assert (device.protocols, device.coe_details) == (0x0C, 0x0F)
+    assert device.eeprom_size == 1024
+    assert device.config_data == bytes.fromhex("080C00000A000000")
+    assert device.bootstrap == bytes.fromhex("0010000100120001")
+    assert device.categories == [(0x0801, b"\1\2\3\4\5")]
+
+
+def test_clock_modes(tmp_path: Path) -> None:
+    free, dc = axis(tmp_path).dc
+    assert (free.name, free.description, free.assign_activate) == ("Synchron", "SM", 0)
+    assert (dc.name, dc.assign_activate) == ("DC", 0x0700)
+    assert (dc.cycle_time0, dc.cycle_factor0, dc.shift_time0) == (0, 1, -125000)
+    assert (dc.cycle_time1, dc.cycle_factor1, dc.shift_time1) == (0, -2, 500)
+
+
+def test_pdos(tmp_path: Path) -> None:
+    device = axis(tmp_path)
+    assert [
+        (p.index, p.name, p.sync_manager, p.fixed, p.mandatory, p.excludes) for p in device.outputs
+    ] == [
+        (0x1600, "Control", 2, True, True, [0x1602]),
+        (0x1601, "Target", 2, False, False, []),
+        (0x1602, "Other control", 0xFF, False, False, [0x1600]),
+    ]
+    assert [(e.address, e.name, e.data_type, e.bit_length) for e in device.inputs[0].entries] == [
+        ("0x6041:00", "Statusword", DataType.UNSIGNED16, 16),
+        ("0x0000:00", "", DataType.PADDING, 5),
+        ("0x2100:01", "Bits", DataType.BIT3, 3),
+        ("0x2100:02", "More", DataType.INTEGER8, 8),
+    ]
+
+
+def test_objects(tmp_path: Path) -> None:
+    objects = {item.index: item for item in axis(tmp_path).objects}
+    assert list(objects) == [0x1000, 0x1008, 0x2000, 0x2001, 0x2002, 0x6040, 0x6041]
+    assert [(o.code, len(o.entries)) for o in objects.values()] == [
+        (VAR, 1),
+        (VAR, 1),
+        (RECORD, 4),
+        (ARRAY, 4),
+        (VAR, 1),
+        (VAR, 1),
+        (VAR, 1),
+    ]
+    (name,) = objects[0x1008].entries
+    assert (name.data_type, name.bits, name.default) == (DataType.VISIBLE_STRING, 48, b"Axis 2")
+    (key,) = objects[0x2002].entries
+    assert (key.data_type, key.bits, key.default) == (DataType.OCTET_STRING, 32, b"\1\2\3\4")
+    assert objects[0x6040].entries[0].access == R | W | 0x40
+    assert objects[0x6041].entries[0].access == R | 0x80
+
+
+def test_record(tmp_path: Path) -> None:
+    record = next(item for item in axis(tmp_path).objects if item.index == 0x2000)
+    assert record.name == "Settings"
+    assert record.entries == [
+        EsiEntry(0, "SubIndex 000", DataType.UNSIGNED8, 8, R, b"\4", line=record.entries[0].line),
+        EsiEntry(
+            1,
+            "Mode",
+            DataType.UNSIGNED8,
+            8,
+            R | W_UP_TO_SAFEOP | 0x300,
+            line=record.entries[1].line,
+        ),
+        EsiEntry(
+            3,
+            "Limit",
+            DataType.INTEGER16,
+            16,
+            R | W,
+            default=b"\xfe\xff",
+            minimum=b"\xf6\xff",
+            maximum=b"\x64\x00",
+            unit=0xFD440000,
+            line=record.entries[2].line,
+        ),
+        EsiEntry(
+            4, "Gain", DataType.REAL32, 32, W, b"\x00\x00\xc0\x3f", line=record.entries[3].line
+        ),
+    ]
+
+
+def test_array(tmp_path: Path) -> None:
+    array = next(item for item in axis(tmp_path).objects if item.index == 0x2001)
+    assert [(e.subindex, e.name, e.data_type, e.bits, e.default) for e in array.entries] == [
+        (0, "SubIndex 000", DataType.UNSIGNED8, 8, b"\3"),
+        (1, "SubIndex 001", DataType.UNSIGNED16, 16, b"\1\0"),
+        (2, "SubIndex 002", DataType.UNSIGNED16, 16, None),
+        (3, "SubIndex 003", DataType.UNSIGNED16, 16, b"\0\3"),
+    ]
+
+
+def test_defaults_without_matching_names_go_by_their_order(tmp_path: Path) -> None:
+    text = SAMPLE.replace("<SubItem><Name>Limit</Name>", "<SubItem><Name>Grenze</Name>")
+    record = next(item for item in axis(tmp_path, text).objects if item.index == 0x2000)
+    assert record.entries[1].default == b"\xfe", "the second one"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "iso-8859-1", "windows-1252"])
+def test_encodings(tmp_path: Path, encoding: str) -> None:
+    data = SAMPLE.replace('encoding="utf-8"', f'encoding="{encoding}"').encode(encoding)
+    assert list_devices(file(tmp_path, data))[0].name == "Axis µ"
+
+
+def test_slots_and_dictionaries_elsewhere_are_told(tmp_path: Path) -> None:
+    text = SAMPLE.replace("<Fmmu>Outputs</Fmmu>", "<Slots><Slot/><Slot/></Slots>")
+    assert axis(tmp_path, text).slots == 2
+    start, end = text.index("<Dictionary>"), text.index("</Dictionary>")
+    text = text[:start] + "<DictionaryFile>od.xml</DictionaryFile>" + text[end + 13 :]
+    device = axis(tmp_path, text)
+    assert (device.dictionary_file, device.objects) == ("od.xml", [])
+
+
+WRONG = [
+    ("<Id>#x0000FFFF</Id>", "<Id>0xGG</Id>", "<Id> is '0xGG': a number such as 10 or #x0A"),
+    ("<Id>#x0000FFFF</Id>", "<Id>#x100000000</Id>", "<Id> is #x100000000: 0 to 4294967295 are"),
+    ("<Id>#x0000FFFF</Id>", "", "<Vendor> has no <Id>"),
+    ('ProductCode="#x00001234" RevisionNo="#x00020001"', 'ProductCode="a"', "ProductCode of <Ty"),
+    ("<Index>#x1600</Index>", "<Index>#x16000</Index>", "<Index> is #x16000: 0 to 65535 are"),
+    ("<Index>#x1601</Index>", "<Index>#x1600</Index>", "<RxPdo> 0x1600 is defined a second time"),
+    ('<RxPdo Sm="2">', '<RxPdo Sm="4">', "Sm of <RxPdo> is 4, but there are 4 sync managers"),
+    ('Mandatory="true"', 'Mandatory="yes"', "Mandatory of <RxPdo> is 'yes': true, false, 1 and 0"),
+    ("<BitLen>32</BitLen>", "<BitLen>0</BitLen>", "<BitLen> is 0: 1 to 255 are allowed"),
+    ("<BitLen>32</BitLen>", "", "<Entry> has no <BitLen>"),
+    ("080C0000", "080C000", "<ConfigData> is '080C0000A000000': pairs of hexadecimal digits"),
+    ("0010000100120001", "00" * 11, "<BootStrap> has 11 bytes: at most 10 are allowed"),
+    ("0102030405", "x", "<Data> is 'x': pairs of hexadecimal digits are allowed"),
+    ("<Access>wo</Access>", "<Access>w</Access>", "<Access> is 'w': ro, rw and wo are allowed"),
+    ("PreOP_SafeOP", "Boot", "WriteRestrictions is 'Boot': PreOP, SafeOP and OP are allowed"),
+    (">R</PdoMapping>", ">X</PdoMapping>", "<PdoMapping> is 'X': R, T and RT are allowed"),
+    ("<Index>#x2001</Index>", "<Index>#x2000</Index>", "object 0x2000 is defined a second time"),
+    ("<SubIdx>4</SubIdx>", "<SubIdx>3</SubIdx>", "subindex 3 is defined a second time"),
+    ("<DefaultData>0600</DefaultData>", "<DefaultData>060001</DefaultData>", "has 3 bytes: the"),
+    ("<DefaultValue>-2<", "<DefaultValue>-99999<", "<DefaultValue> is -99999: -32768 to 65535"),
+    ("<DefaultValue>1.5<", "<DefaultValue>a<", "<DefaultValue> is 'a': a number is allowed"),
+    ("<LBound>1</LBound><Elements>3<", "<LBound>9</LBound><Elements>255<", "ends beyond 255"),
+    ("<Type>UINT</Type>\n                <BitSize>16</BitSize><Info>", "<Type>DT9</Type><Info>",
+     "the data type 'DT9' is not defined, and there is no <BitSize>"),
+    ("<EtherCATInfo ", "<EtherCATInfo><EtherCATInfo ", "this is no XML: no element found"),
+    ("</Descriptions>", "</Description>", "this is no XML: mismatched tag"),
+    ("Axis, first", "A & B", "this is no XML: not well-formed"),
+    ('"utf-8"', '"utf-99"', "this is no XML: unknown encoding"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "message"), WRONG)
+def test_wrong_files_are_named_with_their_lines(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in SAMPLE
+    text = SAMPLE.replace(old, new, 1)
+    with pytest.raises(ConfigError) as error:
+        axis(tmp_path, text)
+    path, line, said = str(error.value).split(":", 2)
+    assert path == str(tmp_path / "x.xml")
+    assert message in said
+    assert 1 <= int(line) <= text.count("\n") + 1
+
+
+def test_the_line_is_that_of_the_element(tmp_path: Path) -> None:
+    text = SAMPLE.replace("<BitLen>32</BitLen>", "<BitLen>\n-1\n</BitLen>")
+    line = 1 + text[: text.index("<BitLen>\n")].count("\n")
+    with pytest.raises(ConfigError, match=f"^[^:]*x.xml:{line}: <BitLen> is -1: 1 to 255 are"):
+        axis(tmp_path, text)
+
+
+LAUGHS = (
+    '<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
+    "<EtherCATInfo><Vendor><Name>&b;</Name></Vendor></EtherCATInfo>"
+)
+OUTSIDE = '<!DOCTYPE x [<!ENTITY f SYSTEM "/etc/passwd">]><EtherCATInfo>&f;</EtherCATInfo>'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LAUGHS, r":1: a document type \(<!DOCTYPE>\) is not allowed: ESI files have none$"),
+        (OUTSIDE, ":1: a document type "),
+        ("<a>" * 100, ":1: elements lie more than 64 deep in each other$"),
+        ("<EtherCATInfo>&f;</EtherCATInfo>", ":1: this is no XML: undefined entity$"),
+        ("<Other/>", ":1: the file begins with <Other>: an ESI file begins with <EtherCATInfo>$"),
+        ("", ":1: this is no XML: no element found$"),
+        (b"\x7fELF\0\0", ":1: this is no XML: not well-formed"),
+        ("<EtherCATInfo/>", "x.xml: the file describes no devices$"),
+    ],
+)
+def test_files_that_are_none(tmp_path: Path, text: str | bytes, message: str) -> None:
+    path = file(tmp_path, text)
+    with pytest.raises(ConfigError, match=message):
+        choose(list_devices(path), path)
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"^cannot read '.*no.xml': No such file or directory$"):
+        list_devices(tmp_path / "no.xml")
+
+
+def test_a_file_that_is_too_large(tmp_path: Path) -> None:
+    path = tmp_path / "x.xml"
+    with path.open("wb") as hole:
+        hole.truncate((128 << 20) + 1)
+    with pytest.raises(ConfigError, match=r"x.xml: the file has more than 128 MiB$"):
+        list_devices(path)
