@@ -14,11 +14,13 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
 import pysoem
 
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
+from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import (
     NoAnswerError,
     NotPermittedError,
@@ -251,6 +253,21 @@ class Master:
             return names
         return names
 
+    def objects(self, position: int) -> Iterator[DictionaryObject]:
+        """The object dictionary as the SDO information service describes it.
+
+        pysoem keeps 40 characters of a name, and 1024 objects.
+
+        Raises:
+            StateError: The slave has no such service, or does not describe an object.
+        """
+        self._clean_up()
+        try:
+            for item in _persist(pysoem.SdoInfoError, lambda: self._master.slaves[position].od):
+                yield _persist(pysoem.SdoInfoError, partial(_describe, item))
+        except (pysoem.SdoInfoError, pysoem.SdoError, pysoem.WkcError, pysoem.PacketError) as error:
+            raise StateError(f"slave {position}: no answer to SDO information: {error}") from error
+
     def _request(self, state: int, positions: Sequence[int] | None) -> None:
         """Writes AL control, of all slaves by one broadcast if `positions` is None."""
         if positions is None:
@@ -263,7 +280,11 @@ class Master:
             slave.write_state()
 
     def _acknowledge(self, positions: Sequence[int] | None) -> None:
-        """Acknowledges errors (AL control bit 4), and gives the slaves time to follow."""
+        """Acknowledges errors (AL control bit 4), and gives the slaves time to follow.
+
+        A controller that emulates its device repeats AL control in AL status, acknowledgement
+        included, which looks like an error without a code: it wants the state without it.
+        """
         deadline = time.monotonic() + _ACKNOWLEDGE_TIMEOUT
         while time.monotonic() < deadline:
             flagged = [
@@ -275,7 +296,8 @@ class Master:
             if not flagged:
                 return
             for item in flagged:
-                self._request((item.al_state & 0x0F) | AL_ERROR_FLAG, [item.position])
+                bit = AL_ERROR_FLAG if item.al_code else 0
+                self._request((item.al_state & 0x0F) | bit, [item.position])
             time.sleep(_POLL)
 
     def states(self) -> list[SlaveState]:
@@ -318,7 +340,7 @@ class Master:
             ]
             if not wrong:
                 return
-            refused = [item for item in wrong if item.al_state & AL_ERROR_FLAG]
+            refused = [item for item in wrong if item.al_state & AL_ERROR_FLAG and item.al_code]
             if refused or now > deadline:
                 raise StateError("; ".join(self._missed(item, state) for item in refused or wrong))
             if self._cancelled():
@@ -347,6 +369,22 @@ def _persist(error: type[Exception], call: Callable[[], T]) -> T:
         except error:
             continue
     return call()
+
+
+def _describe(item: Any) -> DictionaryObject:
+    """An object of `CdefSlave.od`, whose properties ask the slave."""
+    entries = {
+        subindex: DictionaryEntry(
+            _text(entry.name), int(entry.data_type), int(entry.bit_length), int(entry.obj_access)
+        )
+        for subindex, entry in enumerate(item.entries)
+    }
+    name, kind = _text(item.name), int(item.data_type)
+    if not entries:  # a variable
+        entries[0] = DictionaryEntry(name, kind, int(item.bit_length), int(item.obj_access))
+    # A record may leave subindices out; SOEM has zeros for them.
+    known = {i: entry for i, entry in entries.items() if entry != DictionaryEntry("", 0, 0, 0)}
+    return DictionaryObject(int(item.index), name, int(item.object_code), kind, known)
 
 
 def _text(name: bytes | str) -> str:

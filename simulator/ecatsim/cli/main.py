@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.version import VERSION
 
-from . import check, ctl, run, show
+from . import capture, check, ctl, run, show
 from .options import Parser
 
 _BROKEN_PIPE = 128 + signal.SIGPIPE
@@ -23,7 +23,7 @@ def _parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"ecatsim {VERSION}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for group in (run, check, ctl, show):
+    for group in (run, capture, check, ctl, show):
         group.add(commands)
     return parser
 

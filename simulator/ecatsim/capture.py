@@ -1,0 +1,250 @@
+"""Captures a real segment: everything a rig file needs to simulate it.
+
+The only module of ecatsim that is a master: it uses the project's own.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from ecatd.bus.master import Master
+from ecatd.model.al import AlState
+from ecatd.model.dictionary import DictionaryObject
+from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+
+Progress = Callable[[str], None]
+"""Takes a line that says what is being done."""
+
+PORTS_IN_ORDER = (3, 1, 2)
+"""The ports behind the processing unit, in the order in which a frame leaves by them."""
+
+_TIMEOUT = 5.0
+_CHIP, _DL_STATUS, _EEPROM_OWNER = 0x0000, 0x0110, 0x0500
+_CHIP_SIZE = 10
+_COE = 0x04
+_ETHERTYPE = 0x88A4
+_BRD, _AL_STATUS, _INDEX = 7, 0x0130, 0x40
+_SIZE_WORD, _FIRST_CATEGORY, _END = 0x3E, 0x40, 0xFFFF
+_MAX_WORDS = 0x40000  # 4 MBit, the largest EEPROM of ETG.1000.6
+_MAX_CATEGORIES = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """What a slave answered to an upload.
+
+    Attributes:
+        data: The data, or None.
+        abort: The abort code if it refused.
+        problem: What went wrong, if it neither sent data nor refused.
+    """
+
+    data: bytes | None = None
+    abort: int = 0
+    problem: str = ""
+
+
+@dataclass(slots=True)
+class CapturedSlave:
+    """One slave.
+
+    Attributes:
+        position: Its position.
+        name: Its name.
+        sii: The whole content of its EEPROM.
+        chip: Registers 0x0000 to 0x0009.
+        dl_status: Register 0x0110.
+        coe: Whether it answers SDO requests.
+        objects: Its dictionary, or None if it does not describe it.
+        values: The answers to uploads by index and subindex.
+        notes: What could not be captured.
+    """
+
+    position: int
+    name: str
+    sii: bytes
+    chip: bytes
+    dl_status: int
+    coe: bool
+    objects: list[DictionaryObject] | None = None
+    values: dict[tuple[int, int], Upload] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def capture(interface: str, progress: Progress, *, objects: bool = True) -> list[CapturedSlave]:
+    """Reads all slaves of a segment, which is left in the state it was found in.
+
+    Args:
+        interface: Network interface.
+        progress: Told what is being done.
+        objects: Whether to read the object dictionaries.
+
+    Raises:
+        StateError: A master is using the slaves, or some do not reach PREOP.
+        EcatError: As `Master`.
+    """
+    master = Master(interface)
+    try:
+        before = _states(interface)
+        if before & (AlState.SAFEOP | AlState.OP):
+            raise StateError(
+                f"slaves on '{interface}' are in SAFEOP or OP: a master is using them, and would "
+                f"lose them by the scan; stop it first"
+            )
+        count = master.scan()
+        try:
+            master.reach(AlState.PREOP, _TIMEOUT)
+            slaves = [_slave(master, i, count, progress, objects) for i in range(count)]
+        finally:
+            if before != AlState.PREOP:
+                master.reach(AlState.INIT, _TIMEOUT)
+    finally:
+        master.close()
+    return slaves
+
+
+def _states(interface: str) -> int:
+    """The AL states of all slaves, as bits; 0 if none answers.
+
+    SOEM has no way to ask before its scan, which resets the slaves.
+    """
+    datagram = struct.pack("<BBHHHH", _BRD, _INDEX, 0, _AL_STATUS, 2, 0) + bytes(4)
+    frame = b"\xff" * 6 + b"\x02" + bytes(5) + struct.pack(">H", _ETHERTYPE)
+    frame += struct.pack("<H", 0x1000 | len(datagram)) + datagram
+    with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_ETHERTYPE)) as raw:
+        raw.bind((interface, _ETHERTYPE))
+        for _ in range(3):  # one frame may be lost
+            raw.send(frame.ljust(60, b"\0"))
+            deadline = time.monotonic() + 0.1
+            while (left := deadline - time.monotonic()) > 0:
+                raw.settimeout(left)
+                try:
+                    answer, address = raw.recvfrom(2048)
+                except TimeoutError:
+                    break
+                if address[2] != socket.PACKET_OUTGOING and answer[17:18] == bytes([_INDEX]):
+                    state, counter = struct.unpack_from("<HH", answer, 26)
+                    return state & 0x0F if counter else 0
+    return 0
+
+
+def _slave(
+    master: Master, position: int, count: int, progress: Progress, objects: bool
+) -> CapturedSlave:
+    name = master.identity(position)[0]
+    here = f"slave {position + 1} of {count}: {name}"
+    progress(f"{here}: EEPROM")
+    sii = _read_sii(master, position)
+    master.register_write(position, _EEPROM_OWNER, b"\x01")  # as it is after the scan
+    (protocols,) = struct.unpack_from("<H", sii.ljust(0x40, b"\0"), 2 * 0x1C)
+    slave = CapturedSlave(
+        position,
+        name,
+        sii,
+        master.register_read(position, _CHIP, _CHIP_SIZE),
+        struct.unpack("<H", master.register_read(position, _DL_STATUS, 2))[0],
+        bool(protocols & _COE),
+    )
+    if slave.coe and objects:
+        progress(f"{here}: object dictionary")
+        with _noted(slave, "object dictionary"):
+            slave.objects = list(master.objects(position))
+        total = len(slave.objects or ())
+        for number, item in enumerate(slave.objects or (), 1):
+            if number % 25 == 0:
+                progress(f"{here}: object {number} of {total}")
+            for subindex in item.entries:
+                slave.values[item.index, subindex] = _upload(master, position, item.index, subindex)
+    if slave.coe:
+        _read_pdos(master, slave)
+    return slave
+
+
+@contextmanager
+def _noted(slave: CapturedSlave, what: str) -> Iterator[None]:
+    """What a slave does not tell is noted; the rest can be simulated."""
+    try:
+        yield
+    except EcatError as error:
+        slave.notes.append(f"{what}: {error}")
+
+
+def _read_sii(master: Master, position: int) -> bytes:
+    """The whole EEPROM: as many bytes as word 0x3E says, and at least all categories."""
+    words: dict[int, bytes] = {}
+
+    def word(address: int) -> int:
+        even = address & ~1
+        if even not in words:
+            words[even] = master.eeprom_read(position, even)[:4]
+        return int.from_bytes(words[even][2 * (address & 1) :][:2], "little")
+
+    size = 64 * (word(_SIZE_WORD) + 1)  # word 0x3E: KiBit - 1
+    at = _FIRST_CATEGORY
+    for _ in range(_MAX_CATEGORIES):
+        if at >= _MAX_WORDS - 1 or word(at) == _END:
+            break
+        at += 2 + word(at + 1)
+    end = min(at + 1, _MAX_WORDS)
+    if size > _MAX_WORDS or size < end:
+        size = 1 << (end - 1).bit_length()
+    for address in range(0, size, 2):
+        word(address)
+    return b"".join(words[address] for address in range(0, size, 2))
+
+
+def _upload(master: Master, position: int, index: int, subindex: int) -> Upload:
+    try:
+        return Upload(master.sdo_read(position, index, subindex))
+    except SdoAbortError as error:
+        return Upload(abort=error.code)
+    except (NoAnswerError, StateError) as error:
+        return Upload(problem=str(error))
+
+
+def _read_pdos(master: Master, slave: CapturedSlave) -> None:
+    """Uploads assignment and mapping of the PDOs, where the dictionary has not had them."""
+
+    def value(index: int, subindex: int) -> int:
+        key = (index, subindex)
+        if key not in slave.values:
+            slave.values[key] = _upload(master, slave.position, index, subindex)
+        return number(slave.values[key])
+
+    for index in (0x1C12, 0x1C13):
+        for i in range(1, value(index, 0) + 1):
+            pdo = value(index, i)
+            for subindex in range(1, value(pdo, 0) + 1 if pdo else 0):
+                value(pdo, subindex)
+
+
+def number(upload: Upload | None) -> int:
+    """The unsigned integer of an upload, 0 if there is none."""
+    return int.from_bytes(upload.data or b"", "little") if upload else 0
+
+
+def topology(dl_status: list[int]) -> list[tuple[int, int]]:
+    """Where each slave is plugged in, from the DL status of all in the order of processing.
+
+    Args:
+        dl_status: Register 0x0110: bits 9, 11, 13, 15 say at which ports there is communication.
+
+    Returns:
+        For each slave the slave before it and the port there; (-1, 0) for the first one.
+    """
+    free = [[p for p in PORTS_IN_ORDER if status >> 9 + 2 * p & 1] for status in dl_status]
+    places: list[tuple[int, int]] = []
+    for slave in range(len(dl_status)):
+        parent = slave - 1
+        while parent >= 0 and not free[parent]:
+            parent = places[parent][0]
+        if parent >= 0:
+            places.append((parent, free[parent].pop(0)))
+        else:  # the first slave, or a status that contradicts the order
+            places.append((slave - 1, 1) if slave else (-1, 0))
+    return places

@@ -1,0 +1,94 @@
+"""`ecatsim capture`: reads a real segment and writes a rig file that simulates it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from ecatd.model.errors import UsageError
+
+from .options import Commands
+
+_INTERRUPTED = 130
+
+
+def add(commands: Commands) -> None:
+    """Adds the command."""
+    capture = commands.add_parser(
+        "capture",
+        help="write a rig file from a real segment",
+        description="Scans a real segment and writes a rig file that simulates it: EEPROM images, "
+        "slave controllers, topology, PDOs and object dictionaries. The slaves go to PREOP, and "
+        "afterwards to the state they were in.",
+    )
+    capture.add_argument("--interface", metavar="IF", required=True, help="where the slaves are")
+    capture.add_argument("-o", metavar="FILE", dest="output", type=Path, required=True)
+    capture.add_argument("--force", action="store_true", help="overwrite FILE")
+    capture.add_argument(
+        "--no-objects", action="store_true", help="leave out object dictionaries (much faster)"
+    )
+    capture.set_defaults(execute=_capture)
+
+
+def _capture(options: argparse.Namespace) -> int:
+    # Only here: it brings a master along, which no other command needs.
+    from ..capture import capture
+    from ..files.rig_writer import rig_text
+
+    output: Path = options.output
+    _check(output, options.force)
+    try:
+        slaves = capture(options.interface, _progress, objects=not options.no_objects)
+        _write(output, rig_text(output.stem, slaves), options.force)
+    except KeyboardInterrupt:
+        print("ecatsim: interrupted; nothing was written", file=sys.stderr)
+        return _INTERRUPTED
+    notes = sum(len(slave.notes) for slave in slaves)
+    hint = f"; what could not be captured is noted in it ({notes})" if notes else ""
+    print(f"{output}: {len(slaves)} slaves{hint}; `ecatsim run {output}` simulates them")
+    return 0
+
+
+def _progress(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _check(output: Path, force: bool) -> None:
+    """Finds out before the scan what would stop the file from being written after it."""
+    if output.suffix != ".toml":
+        raise UsageError(f"'{output}' must end in .toml, by which a rig file is known")
+    if output.exists() and not force:
+        raise UsageError(f"'{output}' exists already; --force overwrites it")
+    if not output.parent.is_dir():
+        raise UsageError(f"cannot write '{output}': there is no folder '{output.parent}'")
+    if not os.access(output.parent, os.W_OK):
+        raise UsageError(f"cannot write '{output}': no right to write in '{output.parent}'")
+
+
+def _write(output: Path, text: str, force: bool) -> None:
+    """Writes the file as a whole or not at all."""
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=output.parent, prefix=f".{output.name}.", delete=False
+        ) as file:
+            temporary = Path(file.name)
+            file.write(text)
+        try:
+            mask = os.umask(0)
+            os.umask(mask)
+            temporary.chmod(0o666 & ~mask)
+            if force:
+                temporary.replace(output)
+            else:
+                output.hardlink_to(temporary)  # fails if somebody else was faster
+        finally:
+            with contextlib.suppress(FileNotFoundError):
+                temporary.unlink()
+    except FileExistsError as error:
+        raise UsageError(f"'{output}' exists already; --force overwrites it") from error
+    except OSError as error:
+        raise UsageError(f"cannot write '{output}': {error.strerror}") from error

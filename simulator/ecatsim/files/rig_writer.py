@@ -1,0 +1,225 @@
+"""Writes what was captured of a segment as a rig file."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+from ecatd.model.abort_codes import WRITE_ONLY, abort_text
+from ecatd.model.bus import Entry, Pdo
+from ecatd.model.datatypes import DataType, bit_length, is_real, is_signed, value_range
+from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
+from ecatd.model.errors import ConfigError
+
+from ..capture import CapturedSlave, Upload, topology
+from ..slave.device import Device
+from ..slave.objects import Access, Variable
+from ..slave.sii import UNASSIGNED
+from .captured_pdos import captured_pdos
+from .device_objects import ACCESS_WORDS, CODES, INPUTS, OUTPUTS
+from .sii_image import device_from_sii
+
+_BASE64_LINE = 76
+_CHIP_KEYS = ("type", "revision", "build", "fmmus", "sync_managers", "ram_kib", "ports", "dc")
+
+
+def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
+    """The rig file of a captured segment.
+
+    Args:
+        name: Name of the rig.
+        slaves: Its slaves.
+    """
+    places = topology([slave.dl_status for slave in slaves])
+    lines = ["# Written by `ecatsim capture`.", f"name = {_text(name)}"]
+    for slave, (parent, port) in zip(slaves, places, strict=True):
+        lines += ["", "[[slave]]", f"# {slave.position}: {_comment(slave.name)}"]
+        if slave.position and (parent, port) != (slave.position - 1, 1):
+            lines.append(f"at = {{ slave = {parent}, port = {port} }}")
+        lines += _slave(slave)
+    return "\n".join(lines) + "\n"
+
+
+def _slave(slave: CapturedSlave) -> Iterator[str]:
+    yield from (f"# not captured: {_comment(note)}" for note in slave.notes)
+    source = f"slave {slave.position}"
+    try:
+        base = device_from_sii(slave.sii, source)
+    except ConfigError as error:
+        yield f"# {_comment(error)}"
+        yield "strict = false"
+        base = device_from_sii(slave.sii, source, strict=False)
+    encoded = base64.b64encode(slave.sii).decode()
+    yield 'sii = """base64:'
+    yield from (encoded[i : i + _BASE64_LINE] for i in range(0, len(encoded), _BASE64_LINE))
+    yield '"""'
+    yield from _chip(slave.chip)
+    yield from _rights(slave, base)
+    if slave.objects is not None:
+        yield "complete_dictionary = true"
+    pdos = captured_pdos(slave, base)
+    for pdo in pdos or ():
+        yield from _pdo(pdo)
+    for item in slave.objects or ():
+        yield from _object(item, slave)
+
+
+def _chip(registers: bytes) -> Iterator[str]:
+    """Registers 0x0000 to 0x0009."""
+    kind, revision, low, high, fmmus, managers, ram, ports, features, _ = registers
+    values: tuple[object, ...] = (kind, revision, low | high << 8)
+    values += (fmmus, managers, ram, ports, "true" if features & 0x04 else "false")
+    pairs = ", ".join(f"{k} = {v}" for k, v in zip(_CHIP_KEYS, values, strict=True))
+    yield f"chip = {{ {pairs} }}"
+
+
+def _rights(slave: CapturedSlave, base: Device) -> Iterator[str]:
+    """What a master may change of the PDOs, where the dictionary says otherwise than the SII."""
+    rights = {item.index: item.entries for item in slave.objects or ()}
+
+    def writable(index: int) -> bool:
+        return any(entry.access & Access.WRITE_PREOP for entry in rights[index].values())
+
+    known = [index for index in (0x1C12, 0x1C13) if index in rights]
+    assignment = any(writable(index) for index in known)
+    if known and assignment != base.variable_assignment:
+        yield f"variable_assignment = {'true' if assignment else 'false'}"
+    mappings = [index for index in rights if index in OUTPUTS or index in INPUTS]
+    changeable = [f"0x{index:04X}" for index in mappings if writable(index)]
+    if changeable:
+        yield f"variable_mapping = [{', '.join(changeable)}]"
+
+
+def _pdo(pdo: Pdo) -> Iterator[str]:
+    yield ""
+    yield "[[slave.pdo]]"
+    yield f"index = 0x{pdo.index:04X}"
+    yield f"name = {_text(pdo.name)}"
+    if pdo.sync_manager == UNASSIGNED:
+        yield "assigned = false"
+    else:
+        yield f"sync_manager = {pdo.sync_manager}"
+    yield from _list("entry", map(_pdo_entry, pdo.entries))
+
+
+def _pdo_entry(entry: Entry) -> str:
+    if entry.is_gap:
+        return f"{{ gap = {entry.bit_length}, name = {_text(entry.name)} }}"
+    place = f"index = 0x{entry.index:04X}, subindex = {entry.subindex}"
+    kind = f"type = {_type(entry.data_type)}, bits = {entry.bit_length}"
+    return f"{{ {place}, name = {_text(entry.name)}, {kind} }}"
+
+
+def _object(item: DictionaryObject, slave: CapturedSlave) -> Iterator[str]:
+    yield ""
+    yield "[[slave.object]]"
+    yield f"index = 0x{item.index:04X}"
+    yield f"name = {_text(item.name)}"
+    codes = {int(code): word for word, code in CODES.items()}
+    rows = {
+        subindex: _members(entry, slave.values.get((item.index, subindex), Upload()))
+        for subindex, entry in item.entries.items()
+    }
+    for subindex, entry in item.entries.items():
+        yield from _unreadable(item, subindex, entry, slave)
+    if item.code == CODES["variable"] and list(rows) == [0]:
+        yield from rows[0]
+        return
+    if item.code in codes:
+        yield f'code = "{codes[item.code]}"'
+    yield f"structure = 0x{item.data_type:04X}"
+    names = {subindex: entry.name for subindex, entry in item.entries.items()}
+    yield from _list(
+        "entry",
+        (
+            f"{{ subindex = {subindex}, name = {_text(names[subindex])}, {', '.join(row)} }}"
+            for subindex, row in rows.items()
+        ),
+    )
+
+
+def _unreadable(
+    item: DictionaryObject, subindex: int, entry: DictionaryEntry, slave: CapturedSlave
+) -> Iterator[str]:
+    """A comment on an entry without a value."""
+    upload = slave.values.get((item.index, subindex), Upload())
+    reason = upload.problem
+    if upload.abort and not (upload.abort == WRITE_ONLY and not entry.access & Access.READ):
+        reason = f"0x{upload.abort:08X}, {abort_text(upload.abort)}"
+    if reason:
+        yield f"# 0x{item.index:04X}:{subindex:02X} cannot be read: {_comment(reason)}"
+
+
+def _members(entry: DictionaryEntry, upload: Upload) -> list[str]:
+    """What is said of an entry beside its subindex and its name."""
+    row = [f"type = {_type(entry.data_type)}"]
+    if entry.bit_length != bit_length(entry.data_type):
+        row.append(f"bits = {entry.bit_length}")
+    row.append(f"access = {_access(entry.access)}")
+    if upload.data is not None:
+        row.append(_value(entry, upload.data))
+    elif upload.abort and not (upload.abort == WRITE_ONLY and not entry.access & Access.READ):
+        row.append(f"abort = 0x{upload.abort:08X}")
+    return row
+
+
+def _value(entry: DictionaryEntry, data: bytes) -> str:
+    """`value`, or `data` where no value of the type makes just these bytes."""
+    kind, bits = entry.data_type, entry.bit_length
+    raw = f'data = "{data.hex(" ")}"'
+    if kind not in tuple(DataType):
+        return raw
+    try:
+        variable = Variable(1, 0, "", DataType(kind), bits, value=data)
+        value = variable.decode(data)
+        variable.value = value
+        same = variable.encode() == data
+    except Exception:  # a length that does not fit the type
+        return raw
+    if kind == DataType.VISIBLE_STRING and 8 * len(data) <= bits:
+        return f"value = {_text(data.decode('latin-1'))}"
+    if kind == DataType.OCTET_STRING and 8 * len(data) <= bits:
+        return f'value = "{data.hex(" ")}"'
+    if not same or not bit_length(kind):
+        return raw
+    if is_real(kind):
+        return f"value = {value!r}" if math.isfinite(float(value)) else raw
+    low, high = value_range(kind, bits)
+    if not isinstance(value, int) or not low <= value <= high:
+        return raw
+    wide = value > 0xFFFF and not is_signed(kind)
+    return f"value = 0x{value:08X}" if wide else f"value = {value}"
+
+
+def _type(number: int) -> str:
+    return f'"{DataType(number).name.lower()}"' if number in _NAMED else f"0x{number:04X}"
+
+
+_NAMED = tuple(kind for kind in DataType if kind != DataType.PADDING)
+
+
+def _access(rights: int) -> str:
+    """Access rights in words if there are words for all of them."""
+    mapping = {Access.RX_PDO: "rxpdo", Access.TX_PDO: "txpdo"}
+    words = {int(bits): word for word, bits in ACCESS_WORDS.items() if bits not in mapping}
+    plain = rights & 0x3F
+    if plain not in words or rights & ~0xFF:
+        return f"0x{rights:04X}"
+    return f'"{" ".join([words[plain], *(w for bit, w in mapping.items() if rights & bit)])}"'
+
+
+def _list(key: str, rows: Iterable[str]) -> Iterator[str]:
+    yield f"{key} = ["
+    yield from (f"  {row}," for row in rows)
+    yield "]"
+
+
+def _text(text: str) -> str:
+    """A TOML string."""
+    quoted = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04X}" for c in quoted) + '"'
+
+
+def _comment(text: object) -> str:
+    return "".join(c if c.isprintable() else " " for c in str(text))
