@@ -66,6 +66,12 @@ frequency = 0.25
 [[plant]]
 python = "counter.py:plant"
 parameters = { slave = 5 }
+
+[[fault]]
+kind = "al-error"
+slave = 1
+code = 0x001D
+at_cycle = 100
 """
 
 PYTHON = """\
@@ -126,6 +132,15 @@ def test_slaves_of_every_kind(tmp_path: Path) -> None:
         for position, word in ((1, 5), (2, 0), (6, 6)):
             assert simulation.segment.sii(position)[8:10] == word.to_bytes(2, "little")
         assert simulation.segment.sii(2)[28:32] == (77).to_bytes(4, "little")
+    finally:
+        simulation.close()
+
+
+def test_faults_it_begins_with(tmp_path: Path) -> None:
+    simulation = Simulation(load(tmp_path, RIG))
+    try:
+        (state,) = simulation.faults.list()
+        assert str(state.fault) == "al-error slave=1 code=0x001D at_cycle=100"
     finally:
         simulation.close()
 
@@ -412,6 +427,28 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             '"counter.py:nothing"',
             "rig.toml:53: plant[0].python: nothing in 'counter.py' makes nothing that takes",
         ),
+        ("python =", "# ", 'rig.toml:52: plant[0]: needs `python = "motor.py:Motor"` or `fmu = '),
+        (
+            'python = "counter.py:plant"\nparameters',
+            'fmu = "tank.fmu"\nparameters',
+            "rig.toml:54: plant[0].parameters: is no key; valid are fmu, period, start, connect",
+        ),
+        (
+            'python = "counter.py:plant"\nparameters = { slave = 5 }',
+            "period = 0",
+            "rig.toml:52: plant[0]: needs `python",
+        ),
+        (
+            '"al-error"',
+            '"al-erorr"',
+            "rig.toml:56: fault[0]: there is no fault 'al-erorr'; there are",
+        ),
+        ('kind = "al-error"', "", "rig.toml:56: fault[0]: kind is missing; there are drop, "),
+        ("slave = 1\n", "slave = 7\n", "rig.toml:56: fault[0]: al-error: there is no slave 7; "),
+        ("slave = 1\n", "", "rig.toml:56: fault[0]: al-error: slave is missing"),
+        ("at_cycle = 100", "at_cycle = -1", "rig.toml:56: fault[0]: al-error: at_cycle is -1; "),
+        ("at_cycle", "atcycle", "rig.toml:56: fault[0]: al-error: there is no parameter 'atcycle'"),
+        ("[[fault]]", "[fault]", "rig.toml:56: fault: must be an array of tables, written as [[fa"),
         ("python =", "pyton =", "rig.toml:53: plant[0].pyton: is no key; did you mean 'python'?"),
     ],
 )

@@ -192,6 +192,8 @@ def _add_plant(table: Table, rig: Rig) -> None:
         rig_fmu.add(table, rig)
         return
     table.only(("python", "fmu", "parameters", "period", "catch_up"))
+    if "python" not in table:
+        table.fail("", 'needs `python = "motor.py:Motor"` or `fmu = "motor.fmu"`')
     name, colon, function = table.text("python").rpartition(":")
     if not colon or not name.endswith(".py"):
         table.fail("python", 'must be a file and a name in it, as in "motor.py:Motor"')

@@ -119,8 +119,8 @@ class Table:
         self.document.fail((*self.path, key) if key else self.path, message)
 
     def where(self, key: str) -> str:
-        """File, line and key."""
-        return self.document.where((*self.path, key))
+        """File, line and key; "" means the table itself."""
+        return self.document.where((*self.path, key) if key else self.path)
 
     def _get(self, key: str, default: Any, kind: type, words: str) -> Any:
         """The value, which is of a type, or None if there is none and the default is to be used."""
