@@ -264,14 +264,14 @@ static uint32_t end_of_area(const struct slave *slave, uint32_t from, uint32_t t
         return REG_FMMU + 16 * slave->fmmus;
     if (from == REG_SM)
         return REG_SM + 8 * slave->sync_managers;
-    return within(from, to, REG_DC, REG_DC_END) && slave->config.dc_bits == 0 ? from : to;
+    return within(from, to, REG_CLOCK, REG_DC_END) && slave->config.dc_bits == 0 ? from : to;
 }
 
-/* Whether [from, to) has anything but FMMUs, sync managers or distributed clocks that the chip
- * lacks. */
+/* Whether [from, to) has anything but FMMUs, sync managers or a distributed clock that the chip
+ * lacks. Without the clock there are still the receive times of the ports. */
 bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to)
 {
-    if (slave->config.dc_bits == 0 && within(from, to, REG_DC, REG_DC_END))
+    if (slave->config.dc_bits == 0 && within(from, to, REG_CLOCK, REG_DC_END))
         return false;
     return !within(from, to, REG_FMMU + 16 * slave->fmmus, REG_FMMU + 16 * ESC_MAX_CHANNELS) &&
            !within(from, to, REG_SM + 8 * slave->sync_managers, REG_SM + 8 * ESC_MAX_CHANNELS);

@@ -51,7 +51,8 @@ enum esc_register {
     REG_EEPROM_END = 0x0510,
     REG_FMMU = 0x0600, /* 16 bytes a channel */
     REG_SM = 0x0800,   /* 8 bytes a channel */
-    REG_DC = 0x0900, /* to 0x09FF */
+    REG_DC = 0x0900, /* to 0x09FF; receive times of the ports */
+    REG_CLOCK = 0x0910, /* from here on only with distributed clocks */
     REG_SYNC_PULSE = 0x0982,
     REG_DC_END = 0x0A00,
     REG_DIGITAL_OUTPUT = 0x0F00,

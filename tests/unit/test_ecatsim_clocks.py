@@ -62,8 +62,10 @@ def test_register_0x0008_says_what_there_is(chip, features):
     segment = Segment()
     segment.add(chip, IMAGE)
     assert number(segment, 0, 0x0008, 2) == features
-    for command, address in ((BWR, 0x0900), (APRD, 0x0910), (APWR, 0x0981), (APRD, 0x0990)):
+    for command, address in ((APRD, 0x0910), (APRD, 0x0918), (APWR, 0x0981), (APRD, 0x0990)):
         assert send(segment, command, 0, address, bytes(4))[1] == int(chip.dc)
+    assert send(segment, BWR, 0, 0x0900, bytes(4))[1] == 1, "every chip latches receive times"
+    assert number(segment, 0, 0x0900, 4) > 0
     segment.close()
 
 
