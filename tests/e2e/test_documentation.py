@@ -84,3 +84,27 @@ def test_the_readme_commands(start_daemon: Callable[..., Daemon], tmp_path: Path
     for command in commands:
         command = [str(tmp_path / part) if part == "models" else part for part in command]
         daemon.ctl(*command)
+
+
+def test_the_rig_and_device_files(tmp_path: Path) -> None:
+    for block in blocks("docs/simulator.md", "toml"):
+        name = re.match(r"# (\w+\.toml)$", block, re.MULTILINE)
+        if name:
+            (tmp_path / name[1]).write_text(block)
+    rig = tmp_path / "press.toml"
+    checked = run_module("ecatsim", "check", str(rig))
+    assert (checked.returncode, checked.stderr) == (0, "")
+    assert re.search(r"2 0000ffff:00000020:00000000 +1 +4 +Valve\n$", checked.stdout)
+    master = (
+        "import sys, time, pysoem; m = pysoem.Master(); m.open('ecat-master'); m.config_init(); "
+        "m.config_map(); valve = m.slaves[2]; m.state_check(4, 2_000_000); m.state = 8; "
+        "m.send_processdata(); m.write_state(); "
+        "wait = lambda: (m.send_processdata(), m.receive_processdata(10_000), time.sleep(0.001)); "
+        "[wait() for _ in range(2000) if m.state_check(8, 1000) != 8]; "
+        "m.slaves[1].output = valve.output = b'\\x01'; [wait() for _ in range(100)]; "
+        "pressure = int.from_bytes(valve.input[2:], 'little'); "
+        "print(valve.input[0], 4000 <= pressure <= 8000, valve.sdo_read(0x8000, 0).hex()); "
+        "m.state = 1; m.write_state(); m.close()"
+    )
+    result = run_module("ecatsim", "run", str(rig), "--", sys.executable, "-c", master)
+    assert (result.returncode, result.stdout) == (0, "3 True fa00\n"), result.stderr

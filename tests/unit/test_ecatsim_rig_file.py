@@ -383,6 +383,11 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             "rig.toml:42: signal[1].to.entry: is driven by another wire or signal already",
         ),
         (
+            '{ slave = 2, entry = "0x6010:01" }',
+            '{ slave = 4, entry = "0x6000:01" }',
+            "rig.toml:42: signal[1].to.entry: is driven by its `loopback` already",
+        ),
+        (
             '"constant"',
             '"sinus"',
             "rig.toml:38: signal[0].shape: is 'sinus', but must be one of \"constant\", ",

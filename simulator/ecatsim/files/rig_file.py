@@ -178,10 +178,12 @@ def _terminal(table: Table, key: str, rig: Rig) -> Terminal:
 def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
     """What `to` means, which only one wire or signal may drive."""
     target = _terminal(table, "to", rig)
-    if target in driven:
-        table.document.fail(
-            (*table.path, "to", "entry"), "is driven by another wire or signal already"
-        )
+    device, index, subindex = target
+    loops = device.loops if isinstance(device, device_file.DescribedDevice) else ()
+    followers = [(entry.index, entry.subindex) for _, entry in loops]
+    other = "another wire or signal" if target in driven else "its `loopback`"
+    if target in driven or (index, subindex) in followers:
+        table.document.fail((*table.path, "to", "entry"), f"is driven by {other} already")
     driven.add(target)
     return target
 
