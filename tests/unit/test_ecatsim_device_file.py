@@ -469,6 +469,11 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         ),
         (
             "product = 1",
+            "product = 1\nchip.dc_bits = 48",
+            "device.toml:3: chip.dc_bits: is 48, but must be 32 or 64",
+        ),
+        (
+            "product = 1",
             "product = 1\nmailbox.receive_size = 9",
             "device.toml:3: mailbox.receive_size: is 9, but must be from 32 to 1486",
         ),

@@ -38,6 +38,7 @@ _BOUNDS: Bounds = {
     "device_id": (0, _U16),
     "pdi_control": (0, _U16),
     "pdi_config": (0, _U16),
+    "sync_pulse": (0, _U16),
     "physical_ports": (0, _U16),
     "ebus_current": (-32768, 32767),
     "file_limit": (0, 1 << 30),
@@ -54,6 +55,8 @@ _CHIP: Bounds = {
     "eeprom_read_us": (0, 10_000_000),
     "eeprom_write_us": (0, 10_000_000),
 }
+_WORDED = ("protocols", "coe_details")  # read by `_bits`
+_EITHER = {"dc_bits": (32, 64), "eeprom_bytes": (4, 8)}
 _MAILBOX: Bounds = {
     "receive": (0x1000, _U16),
     "receive_size": (32, 1486),
@@ -126,14 +129,19 @@ def _numbers(table: Table, kind: type[T], bounds: Bounds, old: T) -> dict[str, A
     for key, value in values.items():
         if key in table and isinstance(value, bool):
             values[key] = table.boolean(key)
-        elif key in table and key in bounds:
-            values[key] = table.integer(key, *bounds[key])
+        elif key in table and isinstance(value, int) and key not in _WORDED:
+            values[key] = table.integer(key, *bounds.get(key, (0, _U32)))
     return values
 
 
 def _chip(table: Table, key: str, known: dict[str, Any]) -> None:
     old = known.get("chip", Device.chip)
-    known["chip"] = Chip(**_numbers(table.table(key), Chip, _CHIP, old))
+    inner = table.table(key)
+    values = _numbers(inner, Chip, _CHIP, old)
+    for name, (one, other) in _EITHER.items():
+        if values.get(name, one) not in (one, other):
+            inner.fail(name, f"is {values[name]}, but must be {one} or {other}")
+    known["chip"] = Chip(**values)
 
 
 def _ports(table: Table, key: str, known: dict[str, Any]) -> None:
