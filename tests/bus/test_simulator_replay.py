@@ -7,7 +7,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from test_simulator_masters import master_recorded, run
+from masters import run
+from test_simulator_tshark import master_recorded
 
 from ecatsim import rig
 from replay import Exchange, Replay, datagrams, pair, read_capture
