@@ -1,5 +1,5 @@
 /* What masters send, at random: commands, addresses and data that lead deep into the ESC. */
-#include "frames.h"
+#include "fuzz.h"
 
 #include <string.h>
 
@@ -189,7 +189,7 @@ static unsigned any_address(struct source *source, unsigned *size)
 }
 
 /* One datagram, if there is room for it before `end`; returns where it ends. */
-static uint8_t *any_datagram(struct source *source, unsigned slaves, uint8_t *at,
+static uint8_t *any_datagram(struct source *source, uint8_t *at,
                              const uint8_t *end)
 {
     unsigned command = one_in(source, 64) ? draw(source) & 0xFF : below(source, COMMANDS);
@@ -216,7 +216,7 @@ static uint8_t *any_datagram(struct source *source, unsigned slaves, uint8_t *at
 }
 
 /* The sequence that resets a slave. */
-static size_t reset_frame(struct source *source, unsigned slaves, uint8_t *frame)
+static size_t reset_frame(struct source *source, uint8_t *frame)
 {
     unsigned key = 0x10000U - below(source, slaves);
     uint8_t *at = begin(frame);
@@ -231,7 +231,7 @@ static size_t reset_frame(struct source *source, unsigned slaves, uint8_t *frame
 }
 
 /* A whole mailbox, or all outputs, or all inputs. */
-static size_t channel_frame(struct source *source, unsigned slaves, uint8_t *frame)
+static size_t channel_frame(struct source *source, uint8_t *frame)
 {
     static const struct {
         uint8_t command;
@@ -248,13 +248,13 @@ static size_t channel_frame(struct source *source, unsigned slaves, uint8_t *fra
     return finish(frame, data + size + 2);
 }
 
-static size_t valid_frame(struct source *source, unsigned slaves, uint8_t *frame)
+static size_t valid_frame(struct source *source, uint8_t *frame)
 {
     unsigned count = 1 + below(source, one_in(source, 4) ? 15 : 3);
     uint8_t *at = begin(frame), *last = NULL;
     const uint8_t *end = frame + (one_in(source, 16) ? MAX_FRAME : 1514);
     for (unsigned i = 0; i < count; i++) {
-        uint8_t *next = any_datagram(source, slaves, at, end);
+        uint8_t *next = any_datagram(source, at, end);
         if (next == at)
             continue;
         if (last != NULL)
@@ -288,7 +288,7 @@ static size_t mutate(struct source *source, uint8_t *frame, size_t size)
     }
 }
 
-size_t random_frame(struct source *source, unsigned slaves, uint8_t *frame)
+size_t random_frame(struct source *source, uint8_t *frame)
 {
     if (one_in(source, 16)) {
         size_t size = below(source, 1600);
@@ -297,8 +297,8 @@ size_t random_frame(struct source *source, unsigned slaves, uint8_t *frame)
             begin(frame);
         return size;
     }
-    size_t size = one_in(source, 512)  ? reset_frame(source, slaves, frame)
-                  : one_in(source, 16) ? channel_frame(source, slaves, frame)
-                                       : valid_frame(source, slaves, frame);
+    size_t size = one_in(source, 512)  ? reset_frame(source, frame)
+                  : one_in(source, 16) ? channel_frame(source, frame)
+                                       : valid_frame(source, frame);
     return one_in(source, 8) ? mutate(source, frame, size) : size;
 }

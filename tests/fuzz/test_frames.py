@@ -63,26 +63,25 @@ def run(program, seed, frames, slaves, *mode):
     return json.loads(result.stdout)
 
 
-def check_depth(found, frames=FRAMES):
+def check_depth(found, frames, share):
     """The frames did not bounce off the surface: they reached what is behind every command."""
     assert found["answered"] + found["refused"] >= frames
-    assert found["counted"] > frames / 2, "datagrams that slaves processed"
-    assert found["mails_taken"] > 100
-    assert found["mails_put"] > 100
+    assert found["answered"] > frames * share
+    assert found["counted"] > frames * share, "datagrams that slaves processed"
+    for what in ("mails_taken", "mails_put", "rewired", "faults"):
+        assert found[what] > 100, what
     assert found["event_bits"] == ALL_EVENTS, "each event came at least once"
 
 
 @pytest.mark.parametrize(("seed", "slaves"), [(1, 1), (2, 5), (3, 32)])
 def test_memory(driver, seed, slaves):
-    check_depth(run(driver("memory"), seed, FRAMES, slaves))
+    check_depth(run(driver("memory"), seed, FRAMES, slaves), FRAMES, 0.3)
 
 
-def test_memory_with_a_device_side_of_its_own(driver):
-    check_depth(run(driver("memory"), 4, FRAMES, 5, "threads"))
-
-
-def test_races(driver):
-    check_depth(run(driver("races"), 5, FRAMES, 5, "threads"))
+@pytest.mark.parametrize("kind", SANITIZERS)
+def test_device_side_in_a_thread(driver, kind):
+    """How far the threads get beside each other is up to the machine."""
+    check_depth(run(driver(kind), 4, FRAMES, 5, "threads"), FRAMES, 0.01)
 
 
 def test_a_run_depends_on_its_seed_only(driver):
