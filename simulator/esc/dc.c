@@ -49,7 +49,7 @@ static void advance(struct local_clock *clock, int64_t now_ns)
     double slewed = clamp(clock->slew_ns, fabs(passed) * MAX_CORRECTION);
     double gained = clock->fraction + passed * (clock->drift + clock->trim) + slewed;
     double whole = floor(gained);
-    clock->local_ns += now_ns - clock->at_ns + (int64_t)whole;
+    clock->local_ns = time_after(clock->local_ns, now_ns - clock->at_ns + (int64_t)whole);
     clock->fraction = gained - whole;
     clock->slew_ns -= slewed;
     clock->at_ns = now_ns;
@@ -89,7 +89,8 @@ static int64_t arrival_time(const struct slave *slave)
 /* The system time that the reference clock had when the frame passed it, as this slave sees it. */
 static int64_t time_at_reference(const struct slave *slave)
 {
-    return dc_system_time(slave, arrival_time(slave)) - load32(slave->memory + REG_DELAY);
+    int64_t delay = load32(slave->memory + REG_DELAY);
+    return time_between(delay, dc_system_time(slave, arrival_time(slave)));
 }
 
 /* A master writes 0x0900. Ports that the frame does not come to keep their times; APWR and the
@@ -252,7 +253,8 @@ void dc_set_clock(struct slave *slave, const double *drift, const int64_t *offse
     if (drift != NULL)
         clock->drift = *drift;
     if (offset_ns != NULL) {
-        clock->local_ns += *offset_ns - clock->offset_ns;
+        int64_t change = time_between(clock->offset_ns, *offset_ns);
+        clock->local_ns = time_after(clock->local_ns, change);
         clock->offset_ns = *offset_ns;
     }
 }

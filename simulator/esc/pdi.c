@@ -369,7 +369,7 @@ int esc_step_clock(struct esc_segment *segment, int position, int64_t step_ns)
     struct slave *slave = enter(segment, position);
     if (slave == NULL)
         return -ENODEV;
-    slave->dc.clock.local_ns += step_ns;
+    slave->dc.clock.local_ns = time_after(slave->dc.clock.local_ns, step_ns);
     leave(segment);
     return 0;
 }

@@ -284,6 +284,18 @@ void topology_wake(struct esc_segment *segment, const struct route *route);
 /* When the current frame arrives at a port, in ns after it entered; -1 where it does not. */
 int64_t topology_arrival(const struct slave *slave, unsigned port);
 
+/* Times of clocks are counters that wrap, as in the chip: whatever a master writes, sums and
+ * differences are taken modulo 2^64. */
+static inline int64_t time_after(int64_t time, int64_t ns)
+{
+    return (int64_t)((uint64_t)time + (uint64_t)ns);
+}
+
+static inline int64_t time_between(int64_t from, int64_t to)
+{
+    return (int64_t)((uint64_t)to - (uint64_t)from);
+}
+
 static inline uint64_t load64(const uint8_t *p)
 {
     return load32(p) | (uint64_t)load32(p + 4) << 32;

@@ -46,15 +46,21 @@ static int64_t now(const struct slave *slave)
 static int64_t pulses(const struct slave *slave, const struct sync_signal *signal, int64_t time)
 {
     const struct sync_unit *sync = &slave->dc.sync;
-    if (!sync->running || sync->never || time < signal->first)
+    int64_t passed = time_between(signal->first, time);
+    if (!sync->running || sync->never || passed < 0)
         return 0;
-    return signal->period == 0 ? 1 : (time - signal->first) / signal->period + 1;
+    return signal->period == 0 ? 1 : passed / signal->period + 1;
+}
+
+static int64_t time_of_pulse(const struct sync_signal *signal, int64_t number)
+{
+    return (int64_t)((uint64_t)signal->first + (uint64_t)number * (uint64_t)signal->period);
 }
 
 /* Time of the next pulse, or of the last one if there are no more. */
 static int64_t next_pulse(const struct slave *slave, const struct sync_signal *signal, int64_t time)
 {
-    return signal->first + pulses(slave, signal, time) * signal->period;
+    return time_of_pulse(signal, pulses(slave, signal, time));
 }
 
 /* Level of a signal; with a pulse length of 0 it stays until the device acknowledges it. */
@@ -66,7 +72,7 @@ static bool level(const struct slave *slave, const struct sync_signal *signal, i
         return false;
     if (length == 0)
         return count > signal->acknowledged;
-    return time - (signal->first + (count - 1) * signal->period) < length;
+    return time_between(time_of_pulse(signal, count - 1), time) < length;
 }
 
 /* The time until the start; far in the future, or negative, if it has passed. */
@@ -90,10 +96,10 @@ static void start(struct slave *slave)
         sync->never = false;
         wait = 0;
     }
-    sync->signals[0] = (struct sync_signal){.first = time + wait, .period = cycle0};
+    sync->signals[0] = (struct sync_signal){.first = time_after(time, wait), .period = cycle0};
     sync->signals[1] = sync->signals[0];
     if (cycle1 > 0) { /* else SYNC1 is SYNC0 */
-        sync->signals[1].first += cycle1;
+        sync->signals[1].first = time_after(sync->signals[1].first, cycle1);
         sync->signals[1].period = cycle0 == 0 ? 0 : (cycle1 / cycle0 + 1) * cycle0;
     }
     if (!sync->running)
@@ -262,7 +268,8 @@ int64_t sync_run(struct slave *slave)
         struct sync_signal *signal = &slave->dc.sync.signals[i];
         if (!reaches_device(slave, i) || (mask & (unsigned)AL_EVENT_SYNC0 << i) == 0)
             continue;
-        int64_t count = pulses(slave, signal, time), wait = next_pulse(slave, signal, time) - time;
+        int64_t count = pulses(slave, signal, time);
+        int64_t wait = time_between(time, next_pulse(slave, signal, time));
         if (count > signal->passed)
             pdi_event(slave, (uint32_t)ESC_SYNC0 << i);
         signal->passed = count;

@@ -11,11 +11,12 @@ from masters import run
 from test_simulator_tshark import master_recorded
 
 from ecatsim import rig
-from replay import Exchange, Replay, datagrams, pair, read_capture
+from replay import Datagram, Exchange, Replay, datagrams, pair, read_capture
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 EEPROM, MEMORY = 0x0500, 0x1000
+CLOCKS = range(0x0900, 0x0A00)
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +34,14 @@ def answers(exchanges: list[Exchange]) -> list[bytes]:
         replay.close()
 
 
+def timeless(frames: list[bytes]) -> list[list[Datagram]]:
+    """All datagrams but those that read clocks, which go on."""
+    return [[d for d in datagrams(f) if d.offset not in CLOCKS] for f in frames]
+
+
 def test_a_replay_is_repeatable(start_up: list[Exchange]) -> None:
     assert len(start_up) > 500
-    assert answers(start_up) == answers(start_up)
+    assert timeless(answers(start_up)) == timeless(answers(start_up))
 
 
 def test_a_replay_answers_as_recorded(start_up: list[Exchange]) -> None:

@@ -120,6 +120,23 @@ static void look(struct source *source)
     (void)esc_order(segment, (int)below(source, 2), order, 1 + (int)below(source, MAX_ORDER));
 }
 
+static void tell_time(struct source *source)
+{
+    struct esc_clock clocks[8];
+    static const uint8_t all[4] = {0xFF, 0xFF, 0xFF, 0xFF};
+    int slave = any_slave(source);
+    (void)esc_write(segment, slave, 0x0204, all, sizeof all); /* every event interrupts */
+    double drift = (double)below(source, 2000) - 1000;
+    int64_t offset = (int64_t)((uint64_t)draw(source) << below(source, 33));
+    if (one_in(source, 4))
+        (void)esc_set_clock(segment, slave, one_in(source, 2) ? &drift : NULL,
+                            one_in(source, 2) ? &offset : NULL);
+    if (one_in(source, 4))
+        (void)esc_step_clock(segment, slave, offset);
+    (void)esc_clocks(segment, clocks, (int)below(source, 9));
+    (void)esc_latch(segment, slave, (int)below(source, 3), (int)below(source, 2));
+}
+
 /* Links, rings and power; most of it is put right again, or little would be left to test. */
 static void rewire(struct source *source)
 {
@@ -180,6 +197,7 @@ void act(struct source *source)
         wait_for_events, wait_for_events, take_mail, take_mail,    put_mail, put_mail,
         exchange_images, map,             set_state, touch_memory, look,     look,
         look,            wait_for_events, rewire,    inject,
+        tell_time,
     };
     actions[below(source, sizeof actions / sizeof actions[0])](source);
 }

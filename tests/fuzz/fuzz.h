@@ -34,7 +34,7 @@ void replace_slave(struct source *source, int slave);
 size_t random_frame(struct source *source, uint8_t *frame);
 
 /* A frame that sets a slave up as masters do; `step` counts to SET_UP_STEPS. */
-enum { SET_UP_STEPS = 8 };
+enum { SET_UP_STEPS = 10 };
 size_t set_up_frame(unsigned step, unsigned slave, uint8_t *frame);
 
 #endif

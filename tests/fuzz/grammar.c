@@ -122,6 +122,17 @@ size_t set_up_frame(unsigned step, unsigned slave, uint8_t *frame)
         data = head(at, LRW, logical & 0xFFFF, logical >> 16, 2 * DATA_SIZE);
         return finish(frame, data + 2 * DATA_SIZE + 2);
     }
+    if (step == 8) { /* SYNC0 every 1000 ns, SYNC1 500 ns behind it, at once */
+        data = head(at, APWR, key, 0x09A0, 8);
+        put32(data, 1000);
+        put32(data + 4, 500);
+        return finish(frame, data + 8 + 2);
+    }
+    if (step == 9) {
+        data = head(at, APWR, key, 0x0980, 2);
+        data[1] = 0x27;
+        return finish(frame, data + 2 + 2);
+    }
     data = head(at, APWR, key, 0x0120, 2);
     data[0] = states[step / 2];
     return finish(frame, data + 2 + 2);

@@ -10,7 +10,8 @@ enum { MAX_IMAGE = 4096 };
 static size_t random_chip(struct source *source, unsigned number, struct esc_config *config,
                           uint8_t image[MAX_IMAGE])
 {
-    static const uint8_t good[16] = {0x0C, 0x05, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x5A, 0};
+    /* Word 1: SYNC0 and SYNC1 interrupt the device. */
+    static const uint8_t good[16] = {0x0C, 0x05, 0, 0x88, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0F, 0};
     size_t size = number % 4 == 3 ? below(source, 32) : 64 + below(source, MAX_IMAGE - 64);
     fill(source, image, MAX_IMAGE);
     if (number % 4 < 2)

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 ESC = ROOT / "simulator" / "esc"
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
-ALL_EVENTS = 0xFF
+ALL_EVENTS = 0x3FF
 FRAMES = 100_000
 
 
@@ -84,7 +84,7 @@ def test_device_side_in_a_thread(driver, kind):
     check_depth(run(driver(kind), 4, FRAMES, 5, "threads"), FRAMES, 0.01)
 
 
-def test_a_run_depends_on_its_seed_only(driver):
-    first, again, other = (run(driver("memory"), seed, 20_000, 5) for seed in (6, 6, 7))
-    assert first == again
-    assert first != other
+def test_frames_depend_on_the_seed_only(driver):
+    """So a seed that fails can be tried again; clocks go on, and what they say differs."""
+    digests = [run(driver("memory"), seed, 20_000, 5)["digest"] for seed in (6, 6, 7)]
+    assert digests[0] == digests[1] != digests[2]
