@@ -11,7 +11,8 @@ import time
 from pathlib import Path
 
 import pytest
-from test_simulator_masters import cycle, master_kickcat, open_pysoem, to_op
+from masters import cycle, open_pysoem, to_op
+from test_simulator_kickcat import master_kickcat
 
 from ecatsim.devices.library import library, make
 from ecatsim.rig import Rig
@@ -86,7 +87,7 @@ def test_pysoem_finds_every_device_as_the_library_lists_it_and_reaches_op():
 
 
 def test_kickcat_brings_every_device_to_op():
-    found = run(master_kickcat)
+    found = run(master_kickcat)["data"]
     assert [(size, len(data) // 2) for size, data in found] == [
         (item.output_size, item.input_size) for item in library()
     ]
