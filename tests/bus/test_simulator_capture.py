@@ -76,6 +76,13 @@ entry = [{ index = 0x6010, subindex = 0x11, type = "int16" }]
 [[slave]]
 device = "EK1100"
 alias = 9
+[[slave]]
+device = "EL2008"
+[[slave]]
+device = "Loopback32"
+at = { slave = 2, port = 2 }
+[[slave]]
+device = "EL1018"
 """
 
 
@@ -212,6 +219,7 @@ def test_what_is_rare_is_captured_as_well(tmp_path, odd):
     text = files[0].read_text()
     assert "# 0x2001:00 cannot be read: 0x08000022, Data cannot be transferred" in text
     assert text.count("[[slave.pdo]]") == 1  # of the second slave
+    assert "at = { slave = 2, port = 2 }" in text
     assert files[1].read_text() == text
 
 

@@ -94,7 +94,7 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
     rig = tmp_path / "press.toml"
     checked = run_module("ecatsim", "check", str(rig))
     assert (checked.returncode, checked.stderr) == (0, "")
-    assert re.search(r"2 0000ffff:00000020:00000000 +1 +4 +Valve\n$", checked.stdout)
+    assert re.search(r"2 0000ffff:00000020:00000000 +1 +4 +1:1 +Valve\n$", checked.stdout)
     master = (
         "import sys, time, pysoem; m = pysoem.Master(); m.open('ecat-master'); m.config_init(); "
         "m.config_map(); valve = m.slaves[2]; m.state_check(4, 2_000_000); m.state = 8; "

@@ -136,6 +136,84 @@ def test_slaves_of_every_kind(tmp_path: Path) -> None:
         simulation.close()
 
 
+LINKS = """\
+[[slave]]
+device = "EK1100"
+[[slave]]
+device = "EL1018"
+[[slave]]
+device = "Loopback32"
+at = { slave = 0, port = 2 }
+[[slave]]
+device = "Loopback32"
+"""
+
+
+def test_branches(tmp_path: Path) -> None:
+    what = load(tmp_path, LINKS)
+    assert what.wiring().parents == [None, (0, 1), (0, 2), (2, 1)]
+    assert what.wiring().ring_end is None
+
+
+@pytest.mark.parametrize(
+    ("ring", "end"), [("true", (3, 1)), ("{ slave = 3, port = 1 }", (3, 1)), ("false", None)]
+)
+def test_rings(tmp_path: Path, ring: str, end: tuple[int, int] | None) -> None:
+    assert load(tmp_path, f"ring = {ring}\n{LINKS}").wiring().ring_end == end
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("port = 2", "port = 4", "rig.toml:7: slave[2].at.port: is 4, but must be from 1 to 3"),
+        ("port = 2", "prot = 2", "rig.toml:7: slave[2].at.prot: is no key; did you mean 'port'?"),
+        ("port = 2", "port = 3", "rig.toml:7: slave[2].at: EK1100 (position 0) has no port 3: "),
+        ("port = 2", "port = 1", "rig.toml:7: slave[2].at: port 1 of EK1100 (position 0) is taken"),
+        ("slave = 0", "slave = 2", "rig.toml:7: slave[2].at.slave: is 2, but must be from 0 to 1"),
+        ("{ slave = 0, port = 2 }", "2", "rig.toml:7: slave[2].at: must be a table, not 2"),
+        (
+            '"EK1100"',
+            '"EK1100"\nat = { slave = 0, port = 1 }',
+            "rig.toml:3: slave[0].at: does not belong to slave 0, which is at the interface",
+        ),
+        (
+            '"EL1018"\n',
+            '"EL1018"\nat = { slave = 0, port = 2 }\n',
+            "rig.toml:8: slave[2].at: port 2 of EK1100 (position 0) is taken by EL1018",
+        ),
+        ("[[slave]]", "ring = 1\n[[slave]]", "rig.toml:1: ring: must be true or false, not 1"),
+        (
+            "[[slave]]",
+            "ring = { slave = 9, port = 1 }\n[[slave]]",
+            "rig.toml:1: ring.slave: is 9, but must be from 0 to 3",
+        ),
+        (
+            "[[slave]]",
+            "ring = { slave = 0, port = 1 }\n[[slave]]",
+            "rig.toml:1: ring: port 1 of EK1100 (position 0) is taken by EL1018",
+        ),
+        ("[[slave]]", "ring = { slave = 0 }\n[[slave]]", "rig.toml:1: ring.port: is missing; it"),
+    ],
+)
+def test_mistakes_in_links(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, LINKS.replace(old, new, 1))
+    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
+
+
+def test_slaves_that_are_not_in_the_order_of_the_frames(tmp_path: Path) -> None:
+    slaves = ("EK1100", "Loopback32", "EL1018")
+    text = "".join(f'[[slave]]\ndevice = "{name}"\n' for name in slaves)
+    text = text.replace('"Loopback32"', '"Loopback32"\nat = { slave = 0, port = 2 }')
+    text += "at = { slave = 0, port = 1 }\n"
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, text)
+    assert str(error.value).replace(f"{tmp_path}/", "") == (
+        "rig.toml:5: slave[1].at: is not in the order of the frames: behind a slave come those at "
+        "its port 3, then at port 1, then at port 2, by which this is slave 2"
+    )
+
+
 def test_faults_it_begins_with(tmp_path: Path) -> None:
     simulation = Simulation(load(tmp_path, RIG))
     try:
@@ -257,7 +335,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             "alias = 5",
             'sii = "x.bin"',
-            "rig.toml:8: slave[1].sii: is no key; valid are device, parameters, alias, serial",
+            "rig.toml:8: slave[1].sii: is no key; valid are device, parameters, at, alias, serial",
         ),
         (
             "serial = 77",

@@ -96,6 +96,8 @@ def test_the_chip_is_that_of_the_slave(tmp_path: Path) -> None:
     assert (chip.type, chip.revision, chip.build) == (0x12, 3, 7)
     assert (chip.fmmus, chip.sync_managers, chip.ram_kib, chip.ports) == (4, 6, 2, 0x3B)
     assert not chip.dc
+    (device,) = read_back(tmp_path, slave(chip=registers[:8] + b"\x04\x00"))
+    assert (device.chip.dc, device.chip.dc_bits) == (True, 32)
 
 
 def test_notes_stay_within_their_comment(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from .options import Commands
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """What is shown of a slave."""
+    """What is shown of a slave; it is plugged into a port of its parent."""
 
     position: int
     name: str
@@ -28,6 +28,8 @@ class _Row:
     alias: int
     output_bytes: int
     input_bytes: int
+    parent: int | None
+    port: int | None
 
 
 def add(commands: Commands) -> None:
@@ -48,6 +50,7 @@ def _check(options: argparse.Namespace) -> int:
         Simulation(what).close()
     except EcatError as error:
         raise type(error)(f"rig {what.name}: {error}") from error
+    links = what.wiring()
     rows = [
         _Row(
             position,
@@ -58,21 +61,26 @@ def _check(options: argparse.Namespace) -> int:
             device.alias,
             _size(device.rx_pdos),
             _size(device.tx_pdos),
+            *(links.parents[position] or (None, None)),
         )
         for position, device in enumerate(what.devices)
     ]
     if options.json:
         slaves = [asdict(row) for row in rows]
-        print(json.dumps({"schema": 1, "rig": what.name, "slaves": slaves}, indent=2))
+        ring = links.ring_end and {"slave": links.ring_end[0], "port": links.ring_end[1]}
+        facts = {"schema": 1, "rig": what.name, "ring": ring, "slaves": slaves}
+        print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
-    print(f"rig {what.name}: {len(rows)} slaves")
+    end = ", a ring that ends at slave {} port {}".format(*links.ring_end) if links.ring_end else ""
+    print(f"rig {what.name}: {len(rows)} slaves{end}")
     if rows:
-        print(f"{'':4} {'vendor:product:revision':26}  {'out':>5} {'in':>5}  name")
+        print(f"{'':4} {'vendor:product:revision':26}  {'out':>5} {'in':>5}  {'behind':6}  name")
     for row in rows:
         identity = f"{row.vendor:08x}:{row.product:08x}:{row.revision:08x}"
         alias = f" (alias {row.alias})" if row.alias else ""
         sizes = f"{row.output_bytes:5} {row.input_bytes:5}"
-        print(f"{row.position:4} {identity}  {sizes}  {row.name}{alias}")
+        behind = "" if row.parent is None else f"{row.parent}:{row.port}"
+        print(f"{row.position:4} {identity}  {sizes}  {behind:6}  {row.name}{alias}")
     return 0
 
 

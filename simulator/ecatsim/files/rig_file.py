@@ -17,12 +17,12 @@ from ..devices import library
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device
-from . import device_file, python_file, rig_fmu, rig_signals
+from . import device_file, python_file, rig_fmu, rig_links, rig_signals
 from .tables import Table, show
 from .tables import load as load_table
 
-_KEYS = ("name", "slave", "wire", "signal", "plant", "fault")
-_PLACE = ("alias", "serial")
+_KEYS = ("name", "ring", "slave", "wire", "signal", "plant", "fault")
+_PLACE = ("at", "alias", "serial")
 _SOURCES = ("device", "esi")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 _SHOWN = 8
@@ -41,6 +41,7 @@ def load(path: Path) -> Rig:
     if len(rows) > MAX_SLAVES:
         table.fail("slave", f"has {len(rows)} slaves, but a segment has at most {MAX_SLAVES}")
     rig.devices = [_slave(row, number) for number, row in enumerate(rows)]
+    rig_links.connect(table, rows, rig)
     driven: set[Terminal] = set()
     for row in table.tables("wire"):
         row.only(("from", "to", "scale", "offset"))

@@ -21,7 +21,20 @@ from .device_objects import ACCESS_WORDS, CODES, INPUTS, OUTPUTS
 from .sii_image import device_from_sii
 
 _BASE64_LINE = 76
-_CHIP_KEYS = ("type", "revision", "build", "fmmus", "sync_managers", "ram_kib", "ports", "dc")
+_PORT_DESCRIPTOR = 7
+_DC, _DC_64_BITS = 0x04, 0x08  # features, register 0x0008
+_EBUS = 2  # lower values say that there is no port
+_CHIP_KEYS = (
+    "type",
+    "revision",
+    "build",
+    "fmmus",
+    "sync_managers",
+    "ram_kib",
+    "ports",
+    "dc",
+    "dc_bits",
+)
 
 
 def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
@@ -35,8 +48,11 @@ def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
     lines = ["# Written by `ecatsim capture`.", f"name = {_text(name)}"]
     for slave, (parent, port) in zip(slaves, places, strict=True):
         lines += ["", "[[slave]]", f"# {slave.position}: {_comment(slave.name)}"]
-        if slave.position and (parent, port) != (slave.position - 1, 1):
-            lines.append(f"at = {{ slave = {parent}, port = {port} }}")
+        if slave.position:
+            ports = slaves[parent].chip[_PORT_DESCRIPTOR]
+            known = slave.chip[_PORT_DESCRIPTOR] & 3 >= _EBUS and ports >> 2 * port & 3 >= _EBUS
+            hidden = "" if known else "# against the port descriptors: "
+            lines.append(f"{hidden}at = {{ slave = {parent}, port = {port} }}")
         lines += _slave(slave)
     return "\n".join(lines) + "\n"
 
@@ -69,8 +85,9 @@ def _chip(registers: bytes) -> Iterator[str]:
     """Registers 0x0000 to 0x0009."""
     kind, revision, low, high, fmmus, managers, ram, ports, features, _ = registers
     values: tuple[object, ...] = (kind, revision, low | high << 8)
-    values += (fmmus, managers, ram, ports, "true" if features & 0x04 else "false")
-    pairs = ", ".join(f"{k} = {v}" for k, v in zip(_CHIP_KEYS, values, strict=True))
+    values += (fmmus, managers, ram, ports, "true" if features & _DC else "false")
+    values += ((64 if features & _DC_64_BITS else 32),) if features & _DC else ()
+    pairs = ", ".join(f"{k} = {v}" for k, v in zip(_CHIP_KEYS, values, strict=False))
     yield f"chip = {{ {pairs} }}"
 
 

@@ -1,0 +1,54 @@
+"""`at` and `ring` of a rig file: which slave is plugged in where."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from ..rig import Rig
+from .tables import Table
+
+
+def connect(table: Table, rows: list[Table], rig: Rig) -> None:
+    """Plugs slaves in elsewhere than behind the one before.
+
+    Args:
+        table: The outermost table.
+        rows: The tables of the slaves.
+        rig: The rig with its devices.
+
+    Raises:
+        ConfigError: There is no such port, or it is taken.
+    """
+    slaves = list(rig.devices)
+    for number, row in enumerate(rows):
+        if "at" not in row:
+            continue
+        place = row.table("at")
+        place.only(("slave", "port"))
+        if number == 0:
+            row.fail("at", "does not belong to slave 0, which is at the interface")
+        parent = slaves[place.integer("slave", 0, number - 1)]
+        port = place.integer("port", 1, 3)
+        row.explain("at", partial(rig.connect, slaves[number], parent, port))
+    for number, (row, device) in enumerate(zip(rows, slaves, strict=True)):
+        if rig.devices[number] is not device:
+            row.fail(
+                "at",
+                "is not in the order of the frames: behind a slave come those at its port 3, then "
+                f"at port 1, then at port 2, by which this is slave {rig.devices.index(device)}",
+            )
+    _close_ring(table, rig)
+    table.explain("ring" if rig.ring else "slave", rig.wiring)
+
+
+def _close_ring(table: Table, rig: Rig) -> None:
+    """`ring`: true, or the slave and the port at the second interface."""
+    if isinstance(table.data.get("ring"), dict):
+        place = table.table("ring")
+        place.only(("slave", "port"))
+        slave = place.integer("slave", 0, max(0, len(rig.devices) - 1))
+        port = place.integer("port", 0, 3)
+        if rig.devices:
+            table.explain("ring", partial(rig.close_ring, rig.devices[slave], port))
+    else:
+        rig.ring = table.boolean("ring", False)
