@@ -51,6 +51,22 @@ SAMPLE = """<?xml version="1.0" encoding="utf-8"?>
                 </SubItem>
               </DataType>
               <DataType>
+                <Name>ARRAY [0..511] OF BYTE</Name><BaseType>BYTE</BaseType>
+                <BitSize>4096</BitSize>
+                <ArrayInfo><LBound>0</LBound><Elements>512</Elements></ArrayInfo>
+              </DataType>
+              <DataType>
+                <Name>DT2003</Name><BitSize>4112</BitSize>
+                <SubItem>
+                  <SubIdx>0</SubIdx><Name>SubIndex 000</Name><Type>USINT</Type>
+                  <BitSize>8</BitSize><BitOffs>0</BitOffs>
+                </SubItem>
+                <SubItem>
+                  <SubIdx>1</SubIdx><Name>Buffer</Name><Type>ARRAY [0..511] OF BYTE</Type>
+                  <BitSize>4096</BitSize><BitOffs>16</BitOffs>
+                </SubItem>
+              </DataType>
+              <DataType>
                 <Name>DT2001ARR</Name><BaseType>UINT</BaseType><BitSize>48</BitSize>
                 <ArrayInfo><LBound>1</LBound><Elements>3</Elements></ArrayInfo>
               </DataType>
@@ -75,6 +91,10 @@ SAMPLE = """<?xml version="1.0" encoding="utf-8"?>
               <Object>
                 <Index>#x1008</Index><Name>Device name</Name><Type>STRING(6)</Type>
                 <BitSize>48</BitSize><Info><DefaultString>Axis 2</DefaultString></Info>
+              </Object>
+              <Object>
+                <Index>#x1009</Index><Name>Hardware</Name><Type>STRING(0)</Type>
+                <BitSize>0</BitSize><Info><DefaultString>1.0</DefaultString></Info>
               </Object>
               <Object>
                 <Index>#x2000</Index><Name>Settings</Name><Type>DT2000</Type>
@@ -103,6 +123,10 @@ SAMPLE = """<?xml version="1.0" encoding="utf-8"?>
               <Object>
                 <Index>#x2002</Index><Name>Key</Name><Type>ARRAY [0..3] OF BYTE</Type>
                 <BitSize>32</BitSize><Info><DefaultData>01020304</DefaultData></Info>
+              </Object>
+              <Object>
+                <Index>#x2003</Index><Name>Buffers</Name><Type>DT2003</Type>
+                <BitSize>4112</BitSize>
               </Object>
               <Object>
                 <Index>#x6040</Index><Name>Controlword</Name><Type>UINT</Type>

@@ -186,10 +186,11 @@ def test_a_device_attaches(tmp_path: Path) -> None:
             "24 to 1486 are allowed, or no protocols (word 0x1C)",
         ),
         (
-            "<BitLen>32</BitLen>",
-            "<BitLen>40</BitLen>",
+            'DefaultSize="6" StartAddress="#x1100"',
+            'StartAddress="#x0F00"',
             "the SII image of AX2 would be wrong: up to RxPDO 0x1601, the PDOs of sync manager 2 "
-            "take 7 bytes: it has 6",
+            "take 6 bytes from 0x0F00: memory is from 0x1000 to 0xFFFF, and digital outputs from "
+            "0x0F00 to 0x0F03",
         ),
         (
             '<RxPdo Sm="2">',

@@ -310,8 +310,9 @@ WRONG = {
         + "TxPDO 0x1A00: entry 0x1C12:01 describes process data and cannot be part of it",
     ),
     "too many bits": (
-        changed(IMAGE, TX + 21, b"\xff"),
-        at(TX) + "up to TxPDO 0x1A00, the PDOs of sync manager 3 take 34 bytes: it has 4",
+        changed(changed(IMAGE, TX + 21, b"\xff"), SM + 24, b"\xfc\xff"),
+        at(TX) + "up to TxPDO 0x1A00, the PDOs of sync manager 3 take 34 bytes from 0xFFFC: "
+        "memory is from 0x1000 to 0xFFFF, and digital outputs from 0x0F00 to 0x0F03",
     ),
 }
 

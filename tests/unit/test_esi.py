@@ -120,18 +120,27 @@ def test_pdos(tmp_path: Path) -> None:
 
 def test_objects(tmp_path: Path) -> None:
     objects = {item.index: item for item in axis(tmp_path).objects}
-    assert list(objects) == [0x1000, 0x1008, 0x2000, 0x2001, 0x2002, 0x6040, 0x6041]
+    assert list(objects) == [
+        *(0x1000, 0x1008, 0x1009, 0x2000, 0x2001, 0x2002, 0x2003),
+        *(0x6040, 0x6041),
+    ]
     assert [(o.code, len(o.entries)) for o in objects.values()] == [
+        (VAR, 1),
         (VAR, 1),
         (VAR, 1),
         (RECORD, 4),
         (ARRAY, 4),
         (VAR, 1),
+        (RECORD, 2),
         (VAR, 1),
         (VAR, 1),
     ]
     (name,) = objects[0x1008].entries
     assert (name.data_type, name.bits, name.default) == (DataType.VISIBLE_STRING, 48, b"Axis 2")
+    (version,) = objects[0x1009].entries
+    assert (version.bits, version.default) == (24, b"1.0"), "STRING(0) is as long as its default"
+    buffer = objects[0x2003].entries[1]
+    assert (buffer.data_type, buffer.bits) == (DataType.OCTET_STRING, 4096), "one entry"
     (key,) = objects[0x2002].entries
     assert (key.data_type, key.bits, key.default) == (DataType.OCTET_STRING, 32, b"\1\2\3\4")
     assert objects[0x6040].entries[0].access == R | W | 0x40

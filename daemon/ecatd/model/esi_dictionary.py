@@ -169,6 +169,8 @@ class _Reader:
         info = element.find("Info")
         if info is not None:
             _read_info(info, entries, code)
+        for entry in entries:  # STRING(0) is as long as its default
+            entry.bits = entry.bits or 8 * max(1, len(entry.default or b""))
         self._count += len(entries)
         if self._count > _MAX_ENTRIES:
             element.fail(f"the dictionary has more than {_MAX_ENTRIES} entries")
@@ -182,7 +184,7 @@ class _Reader:
             template = EsiEntry(0, item.name(), DataType.PADDING, 0, _access(own or flags))
             template.line = item.line
             array = self._types.get(item.text_of("Type"))
-            if array is not None and array.find("ArrayInfo") is not None:
+            if array is not None and _is_array(item, array):
                 code = ARRAY
                 entries = self._elements(item, array, template)
             else:
@@ -218,7 +220,7 @@ class _Reader:
         """Type and size of an entry; a type without a definition is known by its size."""
         for _ in range(_MAX_NESTING):
             simple = simple_type(name, bits)
-            if simple and simple[1]:
+            if simple and (simple[1] or simple[0] in STRINGS):
                 return simple
             definition = self._types.get(name)
             if definition is None:
@@ -230,6 +232,12 @@ class _Reader:
         if not bits:
             where.fail(f"the data type '{name}' is not defined, and there is no <BitSize>")
         return type_of_bits(bits), bits
+
+
+def _is_array(item: Element, array: Element) -> bool:
+    """Whether a member stands for several entries; bytes at one subindex are one entry."""
+    octets = array.text_of("BaseType").upper() in ("BYTE", "USINT") and item.find("SubIdx")
+    return array.find("ArrayInfo") is not None and not octets
 
 
 def _access(flags: Element | None) -> int:
@@ -308,5 +316,5 @@ def _value(info: Element, kind: str, entry: EsiEntry) -> bytes | None:
         return (value % limit).to_bytes(size, "little")
     if text is not None:
         coding = "utf-16-le" if entry.data_type == DataType.UNICODE_STRING else "utf-8"
-        return text.text.encode(coding)[:size]
+        return text.text.encode(coding)[: size or _MAX_BITS // 8]
     return None

@@ -225,9 +225,10 @@ class _ImageReader(SiiReader):
             )
         self._bits[number] += pdo.bit_length
         size = (self._bits[number] + 7) // 8
-        if manager.length and size > manager.length:
+        if in_memory(manager.start, 1) and not in_memory(manager.start, size):
             self.note(
                 at,
-                f"up to {label}, the PDOs of sync manager {number} take {size} bytes: it has "
-                f"{manager.length}",
+                f"up to {label}, the PDOs of sync manager {number} take {size} bytes from "
+                f"0x{manager.start:04X}: memory is from 0x1000 to 0xFFFF, and digital outputs "
+                "from 0x0F00 to 0x0F03",
             )

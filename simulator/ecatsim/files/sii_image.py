@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
 from ecatd.model.errors import ConfigError, UsageError
@@ -128,6 +130,12 @@ def _chip(sii: Sii) -> Chip:
     if sii.mailbox_protocols:
         ends += [sii.mailbox.send + sii.mailbox.send_size]
         ends += [sii.mailbox.receive + sii.mailbox.receive_size]
+    mapped: Counter[int] = Counter()
+    for pdo in (*sii.outputs, *sii.inputs):
+        mapped[pdo.sync_manager] += pdo.bit_length
+    for number, sm in enumerate(sii.sync_managers):
+        if in_memory(sm.start, size := (mapped[number] + 7) // 8):
+            ends.append(sm.start + size)
     needed = max(ends, default=_RAM) - _RAM
     smallest = 8 if sii.mailbox_protocols else 1
     ports = sum(_PORT_KINDS.get(sii.physical_ports >> 4 * i & 0x0F, 0) << 2 * i for i in range(4))
