@@ -14,7 +14,6 @@
 #include <sys/socket.h>
 #include <sys/syscall.h>
 #include <sys/time.h>
-#include <time.h>
 #include <unistd.h>
 
 enum {
@@ -24,7 +23,7 @@ enum {
 };
 
 struct late_frame {
-    int64_t due_ns; /* CLOCK_MONOTONIC; 0 = free */
+    int64_t due_ns; /* CLOCK_MONOTONIC; 0 = this place is free */
     size_t size;
     int exit, copies;
     uint8_t data[MAX_FRAME];
@@ -57,13 +56,6 @@ static void ask_for_real_time(void)
     (void)prctl(PR_SET_TIMERSLACK, 1);
 }
 
-static int64_t now_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
-}
-
 /* A frame that finds no room is lost, as on a wire. */
 static void send_out(const struct server *server, const uint8_t *frame, size_t size, int exit,
                      int copies)
@@ -75,11 +67,12 @@ static void send_out(const struct server *server, const uint8_t *frame, size_t s
 static void keep(struct server *server, const uint8_t *frame, size_t size,
                  const struct esc_passage *passage)
 {
+    struct esc_segment *segment = server->segment;
     for (unsigned i = 0; i < MAX_LATE; i++) {
         struct late_frame *late = &server->late[i];
         if (late->due_ns != 0)
             continue;
-        late->due_ns = now_ns() + passage->delay_ns;
+        late->due_ns = clock_now_ns() + passage->delay_ns;
         late->size = size;
         late->exit = passage->exit;
         late->copies = passage->copies;
@@ -87,23 +80,35 @@ static void keep(struct server *server, const uint8_t *frame, size_t size,
         server->late_count++;
         return;
     }
+    pthread_mutex_lock(&segment->lock); /* no room: it is lost */
+    segment->counters.frames--;
+    segment->counters.dropped++;
+    pthread_mutex_unlock(&segment->lock);
+}
+
+static struct late_frame *earliest(struct server *server)
+{
+    struct late_frame *found = NULL;
+    for (unsigned i = 0; i < MAX_LATE; i++) {
+        struct late_frame *late = &server->late[i];
+        if (late->due_ns != 0 && (found == NULL || late->due_ns < found->due_ns))
+            found = late;
+    }
+    return found;
 }
 
 /* Sends the frames that are due. Returns when the next one is, 0 if there is none. */
 static int64_t send_due(struct server *server)
 {
-    int64_t now = server->late_count > 0 ? now_ns() : 0, next = 0;
-    for (unsigned i = 0; i < MAX_LATE && server->late_count > 0; i++) {
-        struct late_frame *late = &server->late[i];
-        if (late->due_ns != 0 && late->due_ns <= now) {
-            send_out(server, late->data, late->size, late->exit, late->copies);
-            late->due_ns = 0;
-            server->late_count--;
-        } else if (late->due_ns != 0 && (next == 0 || late->due_ns < next)) {
-            next = late->due_ns;
-        }
+    while (server->late_count > 0) {
+        struct late_frame *late = earliest(server);
+        if (late->due_ns > clock_now_ns())
+            return late->due_ns;
+        send_out(server, late->data, late->size, late->exit, late->copies);
+        late->due_ns = 0;
+        server->late_count--;
     }
-    return next;
+    return 0;
 }
 
 /* Receives one frame and answers it. An interface that has vanished is left alone. */
@@ -146,7 +151,7 @@ static void wait_and_serve(struct server *server)
     struct timespec timeout = {0, STOP_POLL_US * 1000L};
     int64_t next = send_due(server);
     if (next != 0) {
-        int64_t left = next - now_ns();
+        int64_t left = next - clock_now_ns();
         left = left < 0 ? 0 : left;
         if (left < timeout.tv_nsec)
             timeout.tv_nsec = (long)left;

@@ -24,9 +24,10 @@ PREOP, SAFEOP, OP = 2, 4, 8
 
 
 def run(rig, master, *arguments, options=()):
-    """Runs a function of this file beside a rig and returns what it found."""
+    """Runs a function of a file of this folder beside a rig and returns what it found."""
     code = (
-        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
+        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); "
+        f"import {master.__module__} as t; "
         f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
     )
     command = [sys.executable, "-m", "ecatsim", "run", str(rig), *options]
