@@ -20,8 +20,9 @@ class Chip:
         sync_managers: Number of sync managers, at most 16.
         ram_kib: Process data RAM in KiB.
         ports: Port descriptor, two bits a port from port 0: 0 none, 2 EBUS, 3 MII.
-        dc: Whether it has a distributed clock (register 0x0008, bits 2 and 3); without one there
-            are only the receive times of the ports.
+        dc: Whether it has a distributed clock (register 0x0008, bits 2 and 3). Without one, or if
+            SII word 0 switches its units off (bits 10 and 11), there are only the receive times of
+            the ports.
         dc_bits: Width of its clock: 64 or 32.
         eeprom_bytes: Bytes that one read of the EEPROM brings: 8 or 4.
         eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs.

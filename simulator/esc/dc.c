@@ -9,7 +9,6 @@
 #include <math.h>
 
 enum {
-    REG_SYSTEM_TIME = 0x0910,
     REG_RECEIVED = 0x0918, /* receive time of the processing unit */
     REG_OFFSET = 0x0920,
     REG_DELAY = 0x0928,
@@ -207,8 +206,8 @@ void dc_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
     const struct time_loop *loop = &slave->dc.loop;
     if (slave->config.dc_bits == 0)
         return;
-    if (touches(from, to, REG_SYSTEM_TIME, 8))
-        dc_store_time(slave, REG_SYSTEM_TIME,
+    if (touches(from, to, REG_CLOCK, 8))
+        dc_store_time(slave, REG_CLOCK,
                       by_device ? dc_system_time(slave, frame_time_ns(slave->segment))
                                 : time_at_reference(slave));
     if (touches(from, to, REG_DIFFERENCE, 4))
@@ -226,8 +225,8 @@ void dc_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *da
         latch_receive_times(slave);
     if (to <= REG_DC + 4)
         return;
-    if (touches(from, to, REG_SYSTEM_TIME, 8)) {
-        if (from == REG_SYSTEM_TIME && to >= from + 4)
+    if (touches(from, to, REG_CLOCK, 8)) {
+        if (from == REG_CLOCK && to >= from + 4)
             compare(slave, load32(data));
         return;
     }

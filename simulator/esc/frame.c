@@ -47,12 +47,18 @@ static unsigned write_slave(struct slave *slave, uint16_t address, const uint8_t
     return access_write(slave, address, data, size) ? 1 : 0;
 }
 
+/* Where a command that reads and writes writes: register 0x0108 is added to the address. */
+static uint16_t write_address(const struct slave *slave, uint16_t address)
+{
+    return (uint16_t)(address + load16(slave->memory + REG_RW_OFFSET));
+}
+
 /* Reads into the datagram what was there before the datagram's data are written. */
 static unsigned swap_slave(struct slave *slave, uint16_t address, uint8_t *data, unsigned size)
 {
     uint8_t before[MAX_DATA];
     unsigned count = read_slave(slave, address, before, size);
-    unsigned written = write_slave(slave, address, data, size);
+    unsigned written = write_slave(slave, write_address(slave, address), data, size);
     if (count > 0)
         memcpy(data, before, size);
     return count + 2 * written;
@@ -85,8 +91,10 @@ static unsigned broadcast(struct esc_segment *segment, uint16_t address, uint8_t
                 count++;
             }
         }
-        if (write)
-            count += write_slave(slave, address, written, size) * (read ? 2 : 1);
+        if (write) {
+            uint16_t to = read ? write_address(slave, address) : address;
+            count += write_slave(slave, to, written, size) * (read ? 2 : 1);
+        }
     }
     return count;
 }

@@ -10,7 +10,7 @@ static const struct {
     {REG_ESC_WRITE_ENABLE, REG_ESC_WRITE_ENABLE + 2},
     {REG_RESET, REG_RESET + 1},
     {REG_DL_CONTROL, REG_DL_CONTROL + 4},
-    {0x0108, 0x010A},
+    {REG_RW_OFFSET, REG_RW_OFFSET + 2},
     {REG_AL_CONTROL, REG_AL_CONTROL + 2},
     {REG_ECAT_EVENT_MASK, REG_ECAT_EVENT_MASK + 2},
     {REG_RX_ERRORS, REG_PDI_ERRORS + 1},
@@ -24,13 +24,15 @@ static const struct {
     {REG_FMMU, REG_FMMU + 16 * ESC_MAX_CHANNELS},
     {REG_SM, REG_SM + 8 * ESC_MAX_CHANNELS},
     {REG_DC, REG_DC + 4},           /* receive times */
-    {REG_DC + 0x10, REG_DC + 0x18}, /* system time */
+    {REG_CLOCK, REG_CLOCK + 8},
     {REG_DC + 0x20, REG_DC + 0x2C}, /* its offset and delay */
     {REG_DC + 0x30, REG_DC + 0x32}, /* time control loop */
     {REG_DC + 0x34, REG_DC + 0x36},
-    {REG_DC + 0x80, REG_DC + 0x82}, /* SYNC and latch units */
+    {REG_DC + 0x80, REG_SYNC},      /* SYNC and latch units */
+    {REG_SYNC, REG_SYNC + 1},
     {REG_DC + 0x90, REG_DC + 0x98},
-    {REG_DC + 0xA0, REG_DC + 0xAA},
+    {REG_DC + 0xA0, REG_LATCH},
+    {REG_LATCH, REG_LATCH + 2},
     {REG_DIGITAL_OUTPUT, 0x0F04},
     {0x0F10, 0x0F18}, /* general purpose outputs */
     {0x0F80, REG_RAM} /* user RAM */
@@ -42,8 +44,11 @@ enum {
     SM_REPEAT = 0x02,
     ECAT_EVENT_SM_MASK = 0x0FF0,
     AL_EVENT_MASK_DEFAULT = 0x00FFFF0F,
-    FEATURE_DC = 0x0104, /* distributed clocks with the newer registers of the SYNC unit */
+    FEATURES = 0x00E0,   /* enhanced link detection, separate counters of forwarded errors */
+    FEATURE_DC = 0x0114, /* distributed clocks with the newer registers of the SYNC unit */
     FEATURE_DC_64_BITS = 0x0008,
+    PDI_SYNC_UNIT = 0x04, /* of register 0x0141 */
+    PDI_LATCH_UNIT = 0x08,
     WATCHDOG_DIVIDER_DEFAULT = 2498, /* (2498 + 2) * 40 ns = 100 us */
     WATCHDOG_DEFAULT = 1000,         /* 100 ms */
     DL_ALIAS_ENABLE = 0x01,          /* of register 0x0103 */
@@ -70,7 +75,7 @@ static void power_on_identity(uint8_t *memory, const struct esc_config *config)
     memory[REG_SYNC_MANAGERS] = config->sync_managers;
     memory[REG_RAM_SIZE] = config->ram_kib;
     memory[REG_PORTS] = config->ports;
-    store16(memory + REG_FEATURES, (config->dc_bits > 0 ? FEATURE_DC : 0U) |
+    store16(memory + REG_FEATURES, FEATURES | (config->dc_bits > 0 ? FEATURE_DC : 0U) |
                                        (config->dc_bits == 64 ? FEATURE_DC_64_BITS : 0U));
 }
 
@@ -257,6 +262,17 @@ static bool within(uint32_t from, uint32_t to, uint32_t start, uint32_t end)
     return from < to && from >= start && to <= end;
 }
 
+/* A chip without distributed clocks has but the receive times, and so has one whose SII switches both
+ * the SYNC and the latch unit off to save power; with one of them there is the system time as well. */
+static bool lacks_clock(const struct slave *slave, uint32_t from, uint32_t to)
+{
+    unsigned units = slave->memory[REG_PDI_CONTROL + 1] & (PDI_SYNC_UNIT | PDI_LATCH_UNIT);
+    if (slave->config.dc_bits == 0 || units == 0)
+        return within(from, to, REG_CLOCK, REG_DC_END);
+    return ((units & PDI_SYNC_UNIT) == 0 && within(from, to, REG_SYNC, REG_LATCH)) ||
+           ((units & PDI_LATCH_UNIT) == 0 && within(from, to, REG_LATCH, REG_DC_END));
+}
+
 /* Where a writable area ends on this chip, which may lack channels or distributed clocks. */
 static uint32_t end_of_area(const struct slave *slave, uint32_t from, uint32_t to)
 {
@@ -264,16 +280,15 @@ static uint32_t end_of_area(const struct slave *slave, uint32_t from, uint32_t t
         return REG_FMMU + 16 * slave->fmmus;
     if (from == REG_SM)
         return REG_SM + 8 * slave->sync_managers;
-    return within(from, to, REG_CLOCK, REG_DC_END) && slave->config.dc_bits == 0 ? from : to;
+    return lacks_clock(slave, from, to) ? from : to;
 }
 
 /* Whether [from, to) has anything but FMMUs, sync managers or a distributed clock that the chip
  * lacks. Without the clock there are still the receive times of the ports. */
 bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to)
 {
-    if (slave->config.dc_bits == 0 && within(from, to, REG_CLOCK, REG_DC_END))
-        return false;
-    return !within(from, to, REG_FMMU + 16 * slave->fmmus, REG_FMMU + 16 * ESC_MAX_CHANNELS) &&
+    return !lacks_clock(slave, from, to) &&
+           !within(from, to, REG_FMMU + 16 * slave->fmmus, REG_FMMU + 16 * ESC_MAX_CHANNELS) &&
            !within(from, to, REG_SM + 8 * slave->sync_managers, REG_SM + 8 * ESC_MAX_CHANNELS);
 }
 

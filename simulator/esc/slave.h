@@ -24,6 +24,7 @@ enum esc_register {
     REG_ESC_WRITE_ENABLE = 0x0030, /* then 0x0031: write protection of the whole ESC */
     REG_RESET = 0x0040,            /* by the master; 0x0041: by the device */
     REG_DL_CONTROL = 0x0100,
+    REG_RW_OFFSET = 0x0108,
     REG_DL_STATUS = 0x0110,
     REG_AL_CONTROL = 0x0120,
     REG_AL_STATUS = 0x0130,
@@ -52,8 +53,10 @@ enum esc_register {
     REG_FMMU = 0x0600, /* 16 bytes a channel */
     REG_SM = 0x0800,   /* 8 bytes a channel */
     REG_DC = 0x0900, /* to 0x09FF; receive times of the ports */
-    REG_CLOCK = 0x0910, /* from here on only with distributed clocks */
+    REG_CLOCK = 0x0910, /* system time; from here on only with distributed clocks */
+    REG_SYNC = 0x0981,
     REG_SYNC_PULSE = 0x0982,
+    REG_LATCH = 0x09A8,
     REG_DC_END = 0x0A00,
     REG_DIGITAL_OUTPUT = 0x0F00,
     REG_RAM = 0x1000

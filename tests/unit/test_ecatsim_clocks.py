@@ -16,7 +16,7 @@ from ecatsim.slave.sii import Description, build
 SLAVES = 3
 HOP = 400
 SECOND = 1_000_000_000
-IMAGE = build(Description(1, 2, 3))
+IMAGE = build(Description(1, 2, 3, pdi_control=0x0C00))
 NOT_BEHIND = 0x80000000
 
 
@@ -55,16 +55,32 @@ def align(segment):
         set_ahead(segment, position, 0)
 
 
-@pytest.mark.parametrize(("chip", "features"), [
-    (Chip(), 0x010C), (Chip(dc_bits=32), 0x0104), (Chip(dc=False), 0x0000)
-])  # fmt: skip
-def test_register_0x0008_says_what_there_is(chip, features):
+@pytest.mark.parametrize(
+    ("chip", "units", "features", "answers"),
+    [
+        (Chip(), 0x0C00, 0x01FC, (1, 1, 1, 1)),
+        (Chip(dc_bits=32), 0x0C00, 0x01F4, (1, 1, 1, 1)),
+        (Chip(), 0x0400, 0x01FC, (1, 1, 1, 0)),
+        (Chip(), 0x0800, 0x01FC, (1, 1, 0, 1)),
+        (Chip(), 0x0104, 0x01FC, (1, 0, 0, 0)),
+        (Chip(dc=False), 0x0C00, 0x00E0, (1, 0, 0, 0)),
+    ],
+)
+def test_what_clocks_a_chip_has(chip, units, features, answers):
+    """SII word 0 switches the SYNC unit (bit 10) and the latch unit (bit 11) on; registers of what
+    is off do not answer. The row before the last is an EL1004, as it was recorded."""
     segment = Segment()
-    segment.add(chip, IMAGE)
+    segment.add(chip, build(Description(1, 2, 3, pdi_control=units)))
     assert number(segment, 0, 0x0008, 2) == features
-    for command, address in ((APRD, 0x0910), (APRD, 0x0918), (APWR, 0x0981), (APRD, 0x0990)):
-        assert send(segment, command, 0, address, bytes(4))[1] == int(chip.dc)
-    assert send(segment, BWR, 0, 0x0900, bytes(4))[1] == 1, "every chip latches receive times"
+    groups = (
+        ((BWR, 0x0900), (APRD, 0x0904)),
+        ((APRD, 0x0918), (BWR, 0x0910), (BWR, 0x0930), (APWR, 0x0980)),
+        ((APWR, 0x0981), (APRD, 0x0990), (APWR, 0x09A0)),
+        ((APRD, 0x09B0), (APWR, 0x09A8)),
+    )
+    for group, answer in zip(groups, answers, strict=True):
+        for command, address in group:
+            assert send(segment, command, 0, address, bytes(2))[1] == answer, hex(address)
     assert number(segment, 0, 0x0900, 4) > 0
     segment.close()
 

@@ -139,7 +139,7 @@ def test_beyond_the_end_nothing_acknowledges_a_write(segment):
 
 def test_reload_takes_the_configuration_but_not_the_alias(segment):
     changed = bytearray(IMAGE)
-    struct.pack_into("<HHHHH", changed, 0, 0x0004, 0xCC66, 0x1234, 0x5678, 99)
+    struct.pack_into("<HHHHH", changed, 0, 0x0404, 0xCC66, 0x1234, 0x5678, 99)
     changed[14] = checksum(bytes(changed[:14]))
     segment.set_eeprom(0, bytes(changed))
     command(segment, READ, 4)
@@ -147,7 +147,7 @@ def test_reload_takes_the_configuration_but_not_the_alias(segment):
     assert register(segment, 0x0140, 2) == 0x0C05
     command(segment, RELOAD)
     assert [register(segment, at, 2) for at in (0x0140, 0x0150, 0x0982, 0x0152, 0x0012)] == [
-        0x0004,
+        0x0404,
         0xCC66,
         0x1234,
         0x5678,

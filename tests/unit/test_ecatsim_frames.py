@@ -101,6 +101,17 @@ def test_read_write_swaps(segment):
     assert send(segment, APRD, 0, 0x1000, bytes(3))[0] == b"new"
 
 
+def test_reading_and_writing_may_go_to_two_addresses(segment):
+    """Register 0x0108 is added to where APRW, FPRW and BRW write."""
+    send(segment, BWR, 0, 0x0108, b"\x10\x00")
+    send(segment, BWR, 0, 0x1000, b"old")
+    assert send(segment, APRW, 0, 0x1000, b"new")[:2] == (b"old", 3)
+    assert send(segment, APRD, 0, 0x1000, bytes(3))[0] == b"old"
+    assert send(segment, APRD, 0, 0x1010, bytes(3))[0] == b"new"
+    assert send(segment, BRW, 0, 0x1000, b"\1\2\3")[1] == 3 * SLAVES
+    assert [segment.read(i, 0x1010, 3) for i in range(SLAVES)] == [b"\1\2\3"] * SLAVES
+
+
 def test_read_multiple_write_distributes(segment):
     send(segment, APWR, -1, 0x0010, b"\x02\x10")
     send(segment, APWR, -1, 0x1000, b"time")

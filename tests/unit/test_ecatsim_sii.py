@@ -4,6 +4,7 @@ import pytest
 
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
+from ecatd.model.errors import UsageError
 from ecatsim import rig
 from ecatsim.slave import sii
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, checksum
@@ -104,6 +105,34 @@ def test_image_says_everything_that_the_description_says():
     entries = [(0x6000, 1, text, 3, 16), (0, 0, 0, 0, 8)]
     assert found[50] == [(0x1A00, 3, "In", entries)]
     assert found[51] == [(0x1600, 0xFF, "Out", [])]
+
+
+def test_dc_modes_are_category_60():
+    """24 bytes a mode, in the order of the standard; texts are strings of the image."""
+    modes = (
+        sii.DcMode("Free run", 0x0000),
+        sii.DcMode("DC", 0x0700, 250_000, 2, -1000, -4, 2000, "SYNC0 and SYNC1"),
+    )
+    image = sii.build(
+        Description(1, 2, 3, order="D", pdi_config=0xEE03, sync_pulse=7, dc_modes=modes)
+    )
+    found = parse(image)
+    assert found["categories"] == [10, 30, 60]
+    assert struct.unpack_from("<HH", image, 2) == (0xEE03, 7)
+    body = image[image.index(struct.pack("<HH", 60, 24)) + 4 :]
+    name, description = found["strings"].index("DC"), found["strings"].index("SYNC0 and SYNC1")
+    assert struct.unpack_from("<IiihHhBB4s", body, 24) == (
+        *(250_000, -1000, 2000, -4, 0x0700, 2),
+        *(name, description, bytes(4)),
+    )
+    first = struct.unpack_from("<IiihHhBB4s", body)
+    assert first == (0, 0, 0, 0, 0, 1, found["strings"].index("Free run"), 0, bytes(4))
+
+
+def test_a_dc_mode_that_does_not_fit_is_refused():
+    mode = sii.DcMode("Slow", sync0_cycle_ns=1 << 32)
+    with pytest.raises(UsageError, match=r"DC mode 'Slow'.*category 60"):
+        sii.build(Description(1, 2, 3, dc_modes=[mode]))
 
 
 def test_long_image_grows_and_too_long_texts_are_cut():
