@@ -154,6 +154,13 @@ def _troll(argument: str) -> Rig:
     return rig()
 
 
+def _branches(argument: str) -> Rig:
+    del argument
+    from .rigs.branches import rig
+
+    return rig()
+
+
 def _line(argument: str) -> Rig:
     from .rigs.line import rig
 
@@ -182,6 +189,12 @@ _LIBRARY = (
         "line:N",
         "N slaves of 32 bytes in and 32 bytes out; each returns its outputs as inputs",
         _line,
+    ),
+    _Named(
+        re.compile(r"branches()"),
+        "branches",
+        "couplers and terminals in two branches at a junction",
+        _branches,
     ),
     _Named(
         re.compile(r"empty()"),

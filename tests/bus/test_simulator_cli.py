@@ -111,13 +111,22 @@ def test_help_version_and_rigs():
     assert "--ready-fd" in ecatsim("run", "--help").stdout
     listed = ecatsim("rigs")
     assert listed.returncode == 0
-    assert [line.split()[0] for line in listed.stdout.splitlines()] == ["troll", "line:N", "empty"]
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == [
+        "troll",
+        "line:N",
+        "branches",
+        "empty",
+    ]
 
 
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (["run", "nonsense"], 2, "there is no rig 'nonsense': use one of troll, line:N, empty"),
+        (
+            ["run", "nonsense"],
+            2,
+            "there is no rig 'nonsense': use one of troll, line:N, branches, empty",
+        ),
         (["run", "line:9999"], 2, "line:9999: a line has 1 to 1024 slaves"),
         (["run", "missing.py"], 2, "there is no rig file 'missing.py'"),
         (["run", "troll", "--interface", "nope0"], 3, "there is no network interface 'nope0'"),

@@ -33,13 +33,13 @@ def rig():
     return result
 
 
-def run(master):
+def run(master, rig_name=HERE):
     code = (
         f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
         f"print('found', json.dumps(t.{master.__name__}()))"
     )
     result = subprocess.run(
-        [sys.executable, "-m", "ecatsim", "run", str(HERE), "--", sys.executable, "-c", code],
+        [sys.executable, "-m", "ecatsim", "run", str(rig_name), "--", sys.executable, "-c", code],
         capture_output=True,
         text=True,
         timeout=60,
@@ -91,3 +91,36 @@ def test_kickcat_brings_every_device_to_op():
     assert [(size, len(data) // 2) for size, data in found] == [
         (item.output_size, item.input_size) for item in library()
     ]
+
+
+def master_branches():
+    master = open_pysoem()
+    links = []
+    for slave in master.slaves:
+        (status,) = struct.unpack("<H", slave._fprd(0x0110, 2))
+        links.append([port for port in range(4) if status >> 4 + port & 1])
+    to_op(master)
+    slaves = master.slaves
+    slaves[5].output = b"\x0a"
+    slaves[8].output = struct.pack("<4h", 16384, 0, 0, 0)
+    end = time.monotonic() + 10
+    while time.monotonic() < end:
+        cycle(master)
+        values = [slaves[6].input[0], struct.unpack_from("<h", slaves[9].input, 2)[0]]
+        if all(values):
+            break
+    return [[slave.name for slave in slaves], links, values]
+
+
+def test_the_rig_branches():
+    """Frames visit the branch at port 3 of the junction, then that at port 1, then the E-bus."""
+    names, links, values = run(master_branches, "branches")
+    assert names == [
+        *("EK1100", "EL2008", "EL1008", "EK1122"),
+        *("EK1100", "EL2004", "EL1018"),
+        *("EK1100", "EL4004", "EL3102"),
+        "EL2008",
+    ]
+    line, end = [0, 1], [0]
+    assert links == [line, line, line, [0, 1, 2, 3], line, line, end, line, line, end, end]
+    assert values == [0x0A, 16384]

@@ -395,12 +395,12 @@ def test_wires_and_blinking_inputs_of_troll():
 def test_rig_names():
     assert len(rig.make("line:3").devices) == 3
     assert rig.make("empty").devices == []
-    assert [name for name, _ in rig.library()] == ["troll", "line:N", "empty"]
+    assert [name for name, _ in rig.library()] == ["troll", "line:N", "branches", "empty"]
     for wrong in ("line:", "line:x", "line:100000"):
         with pytest.raises(UsageError, match="a line has 1 to 1024 slaves"):
             rig.make(wrong)
     for wrong in ("trol", ""):
-        with pytest.raises(UsageError, match=r"use one of troll, line:N, empty"):
+        with pytest.raises(UsageError, match=r"use one of troll, line:N, branches, empty"):
             rig.make(wrong)
     for wrong in ("line:0", "line:1025"):
         with pytest.raises(UsageError, match="1 to 1024 slaves"):

@@ -12,6 +12,7 @@ FMPy loads and calls the FMU; it is installed with `pip install ecatd[fmu]`.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import shutil
 import sys
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import ConfigError, StateError, UsageError
+from ecatd.model.errors import ConfigError, EcatError, StateError, UsageError
 
 from ..rig import Rig
 from .point import Point, Terminal
@@ -128,16 +129,16 @@ class FmuPlant:
         plan = [(self._variable(item.variable), item) for item in connections]
         values = [(self._variable(name), value) for name, value in (start or {}).items()]
         points = [Point(item.terminal) for _, item in plan]
+        self._inputs: dict[str, _Group] = {}
+        self._outputs: dict[str, _Group] = {}
         try:
             self._load(fmpy)
+            for (variable, item), point in zip(plan, points, strict=True):
+                self._connect(variable, item, point)
             self._begin(values)
         except Exception as error:
             self.close()
             raise self._failed("it could not be started", error) from error
-        self._inputs: dict[str, _Group] = {}
-        self._outputs: dict[str, _Group] = {}
-        for (variable, item), point in zip(plan, points, strict=True):
-            self._connect(variable, item, point)
 
     def __call__(self, now: float) -> None:
         """Makes a step: inputs from the devices, the FMU, outputs to the devices.
@@ -159,10 +160,8 @@ class FmuPlant:
         fmu, self._fmu = self._fmu, None
         if fmu is not None:
             for end in (fmu.terminate, fmu.freeInstance):
-                try:
+                with contextlib.suppress(Exception):  # it is over anyway
                     end()
-                except Exception as error:  # it is over anyway
-                    self._said = str(error)
         if self._folder:
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
@@ -205,7 +204,7 @@ class FmuPlant:
         self._said = (text.decode("utf-8", "replace") if isinstance(text, bytes) else "").strip()
 
     def _failed(self, what: str, error: Exception) -> Exception:
-        if isinstance(error, UsageError | StateError):
+        if isinstance(error, EcatError):
             return error
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         said = f"; it says: {' '.join(self._said.split())}" if self._said else ""
@@ -272,7 +271,9 @@ class FmuPlant:
                 group.references,
                 [group.convert(p.get() * scale + offset) for p, scale, offset in group.links],
             )
-        self._fmu.doStep(self._number * self._period, self._period)
+        result = self._fmu.doStep(self._number * self._period, self._period)
+        if isinstance(result, tuple) and result[1]:  # FMI 3.0: terminateSimulation
+            raise StateError(f"{self._path}: the FMU asks to end the simulation")
         for group in self._outputs.values():
             values = group.access(group.references)
             for value, (point, scale, offset) in zip(values, group.links, strict=True):
