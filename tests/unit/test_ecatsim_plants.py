@@ -2,6 +2,7 @@
 
 import re
 import statistics
+import time
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,23 @@ def test_a_plant_catches_up_within_bounds():
     assert times[-1] == pytest.approx(10.0)
     assert plant.steps == 151
     assert plant.steps + plant.left_out == 10001
+
+
+def test_a_plant_that_cannot_keep_up_gives_way():
+    """Steps of 2 ms of computing that last 1 ms: at most three at one go, the rest later."""
+
+    def slow(now):
+        end = time.thread_time() + 0.002
+        while time.thread_time() < end:
+            pass
+
+    plant = Paced(slow, 0.001)
+    plant(0.0)
+    for i in range(1, 11):
+        before = plant.steps
+        plant(i * 0.05)
+        assert 1 <= plant.steps - before <= 3
+    assert plant.left_out > 300
 
 
 def test_the_same_period_as_the_simulation_means_one_step_each_time():

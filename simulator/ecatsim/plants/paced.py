@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 
 from ecatd.model.errors import UsageError
 
+_BUDGET = 0.005  # seconds of processor time at one go; the slaves must be served in between
+
 
 class Paced:
     """A plant with a fixed step.
+
+    A plant that is behind catches up, but never for more than a few milliseconds at one go, so that
+    one that needs longer for a step than the step lasts slows itself down and not the bus.
 
     Args:
         plant: Called with the time of each step.
@@ -18,7 +24,7 @@ class Paced:
 
     Attributes:
         steps: Steps made.
-        left_out: Steps left out after pauses.
+        left_out: Steps left out: after pauses, or because the plant cannot keep up.
 
     Raises:
         UsageError: `period` is not positive.
@@ -46,7 +52,10 @@ class Paced:
             self.left_out += due - self._most
             self._number += due - self._most
             due = self._most
-        for _ in range(due):
+        begin = time.thread_time()
+        for number in range(due):
+            if number and time.thread_time() - begin > _BUDGET:
+                return
             self._plant(self._start + self._number * self._period)
             self._number += 1
             self.steps += 1
