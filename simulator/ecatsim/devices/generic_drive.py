@@ -6,7 +6,7 @@ from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 
 from ..plants.motor import Motor, MotorData
-from ..slave.sii import Mailbox
+from ..slave.sii import DcMode, Mailbox
 from .axis import Switches
 from .drive import Drive
 from .parameters import Parameter
@@ -52,6 +52,11 @@ class CiA402Drive(Drive):
     mailbox = Mailbox(coe_details=0x0F)
     variable_assignment = True
     variable_mapping = True
+    dc_modes = (
+        DcMode("DC", 0x0300, description="Synchronous with SYNC0"),
+        DcMode("SM", 0x0000, description="Synchronous with the process data"),
+    )
+    minimum_cycle_ns = 250_000
     rx_pdos = (
         Pdo(0x1600, "All targets", 2, _ALL_TARGETS),
         Pdo(0x1601, "Cyclic position", 0xFF, [_CONTROL, _TARGET_POSITION]),

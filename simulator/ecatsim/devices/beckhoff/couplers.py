@@ -46,5 +46,6 @@ class EK1122(Device):
     chip = Chip(fmmus=2, sync_managers=4, ram_kib=1, ports=0xEE)
     pdi_control = _COUPLER
     physical_ports = 0x1313
+    emulated = True
     ebus_current = 220
     fmmus = ()

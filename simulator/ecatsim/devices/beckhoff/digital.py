@@ -1,4 +1,8 @@
-"""Digital terminals: a chip without a processor, one bit a channel."""
+"""Digital terminals: a chip without a processor, one bit a channel.
+
+Their chip answers AL control itself (device emulation). EL1018 and EL2008 check what they are asked
+for nevertheless, so that the rig `troll` shows what a master gets wrong.
+"""
 
 from __future__ import annotations
 
@@ -53,6 +57,7 @@ class EL1008(_Inputs):
     revision = 0x00120000
     order = "EL1008"
     name = "EL1008 8K. Dig. Eingang 24V, 3ms"
+    emulated = True
 
 
 class EL1018(_Inputs):
@@ -71,6 +76,7 @@ class EL2004(_Outputs):
     revision = 0x00100000
     order = "EL2004"
     name = "EL2004 4K. Dig. Ausgang 24V, 0.5A"
+    emulated = True
     group_name = "Digitale Ausgangklemmen (EL2xxx)"  # spelled so in its SII
     ebus_current = 100
     # Its SII leaves the size to the master, which sums up the PDOs.
