@@ -63,7 +63,7 @@ def run(master, *arguments):
 class Axis:
     """A drive as a master sees it: the process data, and conditions to wait for."""
 
-    def __init__(self, configure=None):
+    def __init__(self, configure=None, cycle_ns=0):
         import pysoem
 
         self.master = pysoem.Master()
@@ -74,6 +74,9 @@ class Axis:
         if configure:
             configure(self)
         self.master.config_map()
+        if cycle_ns:
+            assert self.master.config_dc()
+            self.slave.dc_sync(True, cycle_ns)
         assert self.master.state_check(SAFEOP, 2_000_000) == SAFEOP
         self.word = self.mode = self.position = self.speed = self.torque = 0
         self.cycle()
@@ -333,6 +336,21 @@ def test_an_encoder_fault_stays_as_long_as_its_cause():
     error, *states = run(master_encoder_fault)
     assert error == 0x7305
     assert set(states) == {FAULT}
+
+
+def master_with_sync0():
+    axis = Axis(cycle_ns=2_000_000)
+    axis.enable(9)
+    axis.speed = TURN
+    axis.until(lambda: abs(axis.velocity - TURN) < 0.02 * TURN)
+    return [
+        struct.unpack("<I", axis.slave.sdo_read(0x1C32, i, 4).ljust(4, b"\0"))[0] for i in (1, 10)
+    ]
+
+
+def test_a_drive_that_goes_by_sync0():
+    """0x1C32: synchronization type 2 (SYNC0) and its cycle time, as set in the SYNC unit."""
+    assert run(master_with_sync0) == [2, 2_000_000]
 
 
 class OwnMapping(Axis):
