@@ -73,10 +73,10 @@ class Axis:
         self.slave._fpwr(0x0420, b"\x00\x00")  # a busy machine must not let it expire
         if configure:
             configure(self)
-        self.master.config_map()
-        if cycle_ns:
+        if cycle_ns:  # before config_map, which asks for SAFEOP
             assert self.master.config_dc()
             self.slave.dc_sync(True, cycle_ns)
+        self.master.config_map()
         assert self.master.state_check(SAFEOP, 2_000_000) == SAFEOP
         self.word = self.mode = self.position = self.speed = self.torque = 0
         self.cycle()
