@@ -110,8 +110,8 @@ class Simulation:
         """Simulates until `stop` returns true; it is asked every millisecond."""
         due = time.monotonic()
         while not stop():
+            events = self.segment.wait(max(0.0, due - time.monotonic()))
             now = time.monotonic()
-            events = self.segment.wait(max(0.0, due - now))
             with self.lock:
                 for position, event in events:
                     if self._places[position].on:

@@ -311,7 +311,8 @@ class Device(DeviceType):
         if self.machine.pending is not None and now > self._deadline:
             outputs = self._awaited & Event.OUTPUTS
             self.machine.refuse(AlCode.NO_OUTPUTS if outputs else AlCode.NO_SYNC)
-        if self.machine.state == AlState.OP and self._sync.is_lost(self._read):
+        in_op = self.machine.state == AlState.OP
+        if self._sync.is_watched and in_op and self._sync.is_lost(self._read):
             self.fail(AlCode.SYNC_STOPPED)
         if self._services:
             self._services.server.delay = self.answer_delay
