@@ -351,7 +351,7 @@ def master_kickcat():
     import kickcat
 
     link = kickcat.create_link(INTERFACE, "")
-    link.set_timeout(0.008)  # seconds; for a busy machine
+    link.set_timeout(0.1)  # seconds; it gives up at the first late frame of a scan
     bus = kickcat.Bus(link)
     bus.init(0.1)
     (slave,) = bus.slaves()
