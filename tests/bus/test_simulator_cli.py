@@ -119,9 +119,37 @@ def test_help_version_and_rigs():
     ]
 
 
+def test_check_lists_what_is_in_a_rig(tmp_path):
+    file = tmp_path / "small.toml"
+    file.write_text('[[slave]]\ndevice = "EK1100"\n[[slave]]\ndevice = "EL2008"\nalias = 7\n')
+    result = ecatsim("check", file)
+    assert (result.returncode, result.stderr) == (0, "")
+    first, _, *rows = result.stdout.splitlines()
+    assert first == "rig small: 2 slaves"
+    assert [row.split() for row in rows] == [
+        ["0", "00000002:044c2c52:00120000", "0", "0", "EK1100"],
+        ["1", "00000002:07d83052:00100000", "1", "0", "0:1", "EL2008", "(alias", "7)"],
+    ]
+    facts = json.loads(ecatsim("check", "--json", file).stdout)
+    assert (facts["schema"], facts["rig"], facts["ring"]) == (1, "small", None)
+    assert facts["slaves"][1] == {
+        "position": 1,
+        "name": "EL2008",
+        "vendor": 2,
+        "product": 0x07D83052,
+        "revision": 0x00100000,
+        "alias": 7,
+        "output_bytes": 1,
+        "input_bytes": 0,
+        "parent": 0,
+        "port": 1,
+    }
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
+        (["check", "missing.toml"], 2, "missing.toml: cannot be read: No such file or directory"),
         (
             ["run", "nonsense"],
             2,

@@ -4,11 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
+from esi_sample import SAMPLE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_ecatsim_device_file import SMALL, mutate
 
 from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.sii_check import check_sii
 from ecatsim import Device, Rig, Simulation, rig
 
 RIG = """\
@@ -134,6 +136,50 @@ def test_slaves_of_every_kind(tmp_path: Path) -> None:
         assert simulation.segment.sii(2)[28:32] == (77).to_bytes(4, "little")
     finally:
         simulation.close()
+
+
+ESI = """\
+[[slave]]
+esi = "axis.xml"
+type = "AX2"
+revision = 0x00020001
+alias = 77
+"""
+
+
+def test_a_slave_from_an_esi_file(tmp_path: Path) -> None:
+    (tmp_path / "axis.xml").write_text(SAMPLE, "utf-8")
+    what = load(tmp_path, ESI)
+    assert (what.devices[0].order, what.devices[0].product) == ("AX2", 0x1234)
+    simulation = Simulation(what)
+    try:
+        image = simulation.segment.sii(0)
+    finally:
+        simulation.close()
+    assert image[8:10] == (77).to_bytes(2, "little")
+    assert not check_sii(image)[1]  # its checksum is that of the alias
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("axis.xml", "none.xml", "rig.toml:2: slave[0].esi: there is no file 'none.xml'"),
+        ('type = "AX2"', "type = 2", "rig.toml:3: slave[0].type: must be a text in quotes, not 2"),
+        ("type =", "typ =", "rig.toml:3: slave[0].typ: is no key; did you mean 'type'?"),
+        ('"AX2"', '"AX9"', "axis.xml: "),
+        ("axis.xml", "rig.toml", "rig.toml:1: this is no XML"),
+        (
+            "alias = 77",
+            "alias = 1.5",
+            "rig.toml:5: slave[0].alias: must be a whole number, not 1.5",
+        ),
+    ],
+)
+def test_mistakes_with_esi_files(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "axis.xml").write_text(SAMPLE, "utf-8")
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, ESI.replace(old, new, 1))
+    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
 
 
 LINKS = """\

@@ -5,7 +5,6 @@ See `docs/simulator.md`, "Rig and device files". Paths are relative to the folde
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,8 @@ from ..devices import library
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device
-from . import device_file, python_file, rig_fmu, rig_links, rig_signals
+from . import device_file, python_file, rig_fmu, rig_links, rig_signals, sources
+from .esi import device_from_esi
 from .tables import Table, show
 from .tables import load as load_table
 
@@ -77,15 +77,24 @@ def _slave(table: Table, number: int) -> Device:
             'says no device: it needs `device = "EL2004"` (see `ecatsim devices`) or the name of '
             "a file, `sii`, `esi`, or `vendor` and `product`",
         )
-    alias = table.integer("alias", 0, _U16, None)
-    serial = table.integer("serial", 0, _U32, None)
-    if alias is not None:
-        device.alias = alias
-    if serial is not None:
-        device.serial = serial
-        if 0x1018 in device.dictionary and 4 in device.dictionary.object(0x1018).entries:
-            device.dictionary[0x1018, 4].value = serial
+    _identify(table, device)
     return device
+
+
+def _identify(table: Table, device: Device) -> None:
+    """`alias` and `serial`, also of a device whose SII image is that of a file."""
+    if "alias" not in table and "serial" not in table:
+        return
+    device.alias = table.integer("alias", 0, _U16, device.alias)
+    device.serial = table.integer("serial", 0, _U32, device.serial)
+    if "serial" in table and 0x1018 in device.dictionary:
+        entries = device.dictionary.object(0x1018).entries
+        if 4 in entries:
+            entries[4].value = device.serial
+    image = table.explain("", device.sii_image)
+    wanted = sources.patched(image, device.alias, device.serial)
+    if image != wanted:
+        vars(device)["sii_image"] = lambda: wanted
 
 
 def _named_device(table: Table) -> Device:
@@ -138,9 +147,8 @@ def _esi_device(table: Table) -> Device:
     product = table.integer("product", 0, _U32, None)
     revision = table.integer("revision", 0, _U32, None)
     kind = table.text("type") if "type" in table else None
-    module = importlib.import_module("ecatsim.files.esi")
     device: Device = table.explain(
-        "esi", lambda: module.device_from_esi(path, type=kind, product=product, revision=revision)
+        "esi", lambda: device_from_esi(path, type=kind, product=product, revision=revision)
     )
     return device
 
