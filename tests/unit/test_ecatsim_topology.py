@@ -210,6 +210,34 @@ def test_events_are_those_of_the_slaves_on_the_way(ring):
     assert irq == [b"\x00\x00", b"\x08\x00"]
 
 
+# --- time on the way -------------------------------------------------------------------------
+
+
+def port_times(segment, position, ports):
+    """When a broadcast to 0x0900 came to ports of a slave, in ns after port 0."""
+    send(segment, BWR, 0, 0x0900, bytes(4))
+    times = struct.unpack("<4I", send(segment, APRD, -position, 0x0900, bytes(16))[0])
+    return [(times[port] - times[0]) & 0xFFFFFFFF for port in ports]
+
+
+def test_arrival_in_a_line(make):
+    segment = make(*[EBUS2] * 3)
+    there_and_back = 2 * (FORWARD + LINK)
+    assert port_times(segment, 1, [1]) == [there_and_back]
+    assert port_times(segment, 0, [1]) == [2 * there_and_back]
+
+
+def test_arrival_at_branches(make):
+    segment = make(EBUS4, EBUS2, EBUS2, EBUS2)
+    for slave, port in ((1, 3), (2, 1), (3, 2)):
+        segment.connect(slave, 0, port)
+    there_and_back = 2 * (FORWARD + LINK)
+    expected = [there_and_back, 2 * there_and_back, 3 * there_and_back]
+    assert port_times(segment, 0, [3, 1, 2]) == expected
+    segment.break_link(0, 3, True)
+    assert port_times(segment, 0, [1, 2]) == expected[:2]
+
+
 # --- loops -----------------------------------------------------------------------------------
 
 
@@ -337,6 +365,13 @@ def test_without_power_everything_is_lost_and_neighbours_see_it(make):
     assert send(segment, LRW, 0, 0, bytes(2))[1] == 0
     send(segment, APWR, -1, 0x0120, b"\x02\x00")
     assert segment.wait(0) == [(1, Event.AL_CONTROL)]
+
+
+def test_a_slave_without_power_breaks_the_ring_on_both_sides(ring):
+    ring.power(1, False)
+    assert (ring.order(0), ring.order(1)) == ([0], [2, 3])
+    ring.power(1, True)
+    assert count(ring, 0) == (4, 1)
 
 
 def test_the_sii_is_loaded_at_power_on(make):
