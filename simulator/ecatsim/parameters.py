@@ -89,7 +89,7 @@ class Parameter:
 
     def show(self, value: Any) -> str:
         """A value as people read it."""
-        if self.about.hexadecimal and isinstance(value, int | float):
+        if self.about.hexadecimal and isinstance(value, int | float) and value == value // 1:
             return f"0x{int(value):04X}"
         if isinstance(value, bytes):
             return value.hex()

@@ -6,6 +6,7 @@ Masters run as commands inside `ecatsim run`; functions named `master_…` are s
 import base64
 import fcntl
 import json
+import signal
 import socket
 import struct
 import subprocess
@@ -306,6 +307,24 @@ def master_capture_in(state):
     except StateError as error:
         slaves, said = 0, str(error)
     return before, states(), slaves, said
+
+
+def master_interrupt(file):
+    """Interrupts a capture while it reads objects; its status, what it says last, and the state."""
+    command = [sys.executable, "-m", "ecatsim", "capture", "--interface", INTERFACE, "-o", file]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    for line in process.stderr:
+        if "object 25 of" in line:
+            process.send_signal(signal.SIGINT)
+            break
+    *_, last = process.stderr.read().splitlines()
+    return process.wait(), last, states()[0]
+
+
+def test_an_interrupted_capture_leaves_nothing(tmp_path):
+    status, said, state = seen("troll", master_interrupt, str(tmp_path / "captured.toml"))
+    assert (status, said, state) == (130, "ecatsim: interrupted; nothing was written", 1)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("state", [1, PREOP])

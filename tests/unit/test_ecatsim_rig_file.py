@@ -575,6 +575,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         ('kind = "al-error"', "", "rig.toml:56: fault[0]: kind is missing; there are drop, "),
         ("slave = 1\n", "slave = 7\n", "rig.toml:56: fault[0]: al-error: there is no slave 7; "),
         ("slave = 1\n", "", "rig.toml:56: fault[0]: al-error: slave is missing"),
+        ("code = 0x001D", "code = inf", "rig.toml:56: fault[0]: al-error: code is inf; allowed is"),
         ("at_cycle = 100", "at_cycle = -1", "rig.toml:56: fault[0]: al-error: at_cycle is -1; "),
         ("at_cycle", "atcycle", "rig.toml:56: fault[0]: al-error: there is no parameter 'atcycle'"),
         ("[[fault]]", "[fault]", "rig.toml:56: fault: must be an array of tables, written as [[fa"),
