@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from pathlib import Path
+from typing import Any
 
 from ecatd.model.errors import EcatError, UsageError
 
@@ -34,12 +36,18 @@ def main() -> int:
                     lambda text: print(f"  {text} ...", file=sys.stderr, flush=True),
                 ),
             }
-            (folder / f"{simulator.NAME}.json").write_text(json.dumps(result, indent=1) + "\n")
+            (folder / f"{simulator.NAME}.json").write_text(_as_json(result))
         print(report.write(options.out))
         return 0
     except EcatError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_code
+
+
+def _as_json(result: dict[str, Any]) -> str:
+    """JSON that can be read and compared: an item a line, but lists of numbers in one."""
+    text = json.dumps(result, indent=1)
+    return re.sub(r"\[[\s\d.,eE+-]+\]", lambda match: " ".join(match[0].split()), text) + "\n"
 
 
 def _prepare(folder: Path) -> None:

@@ -86,6 +86,7 @@ def test_soem(tmp_path, rig_name, least):
     run(rig_name, master_recorded, str(file))
     check(file, least)
     assert commands(file)[12] > 50, "LRW"
+    assert commands(file)[14] > 50, "FRMW, by which clocks are kept together"
     if rig_name == "troll":
         assert len(tshark(file, "-Y", "ecat_mailbox.coe.sdoreq")) > 50, "mailboxes are understood"
         assert tshark(file, "-Y", "ecat_mailbox.coe.sdoinfoopcode"), "and SDO information"
