@@ -140,6 +140,28 @@ static bool access_channel(const struct fmmu *fmmu, uint32_t address, uint8_t *d
     return clip(fmmu, from, to, address, &span) && access_bits(fmmu, &span, data, write);
 }
 
+/* Finds the first and the last channel that a datagram concerns. The device side, on another
+ * processor, has touched what these channels need; asking for all of it before any of it is used
+ * makes the frame wait once instead of once for each slave. */
+static void find(const struct route *route, uint32_t address, uint32_t end,
+                 const struct fmmu **first, const struct fmmu **last)
+{
+    const struct fmmu *stop = route->active + route->active_count;
+    *first = *last = stop;
+    for (const struct fmmu *fmmu = route->active; fmmu < stop; fmmu++) {
+        if (fmmu->start >= end || address >= fmmu->end)
+            continue;
+        if (*first == stop)
+            *first = fmmu;
+        *last = fmmu + 1;
+        if (fmmu->fast != NULL) {
+            __builtin_prefetch(fmmu->slave->memory + fmmu->address, 1);
+            __builtin_prefetch(fmmu->fast, 1);
+            __builtin_prefetch(&fmmu->slave->fed, 1);
+        }
+    }
+}
+
 /* A slave first writes what the master sent, then puts what the master reads: the two windows of a
  * slave may lie on the same logical bytes. Its working counter counts once for each direction. */
 unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *data, unsigned size,
@@ -155,7 +177,8 @@ unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *dat
     }
     if (!route->collected)
         collect(segment, route);
-    const struct fmmu *fmmu = route->active, *last = fmmu + route->active_count;
+    const struct fmmu *fmmu, *last;
+    find(route, address, end, &fmmu, &last);
     while (fmmu < last) {
         const struct slave *slave = fmmu->slave;
         const struct fmmu *first = fmmu;
