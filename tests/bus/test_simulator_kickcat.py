@@ -50,7 +50,7 @@ def master_kickcat():
     import kickcat
 
     link = kickcat.create_link(INTERFACE, "")
-    link.set_timeout(0.1)  # seconds; it gives up at the first late frame of a scan
+    link.set_timeout(0.02)  # seconds; each scan waits some hundred times this long
     bus = kickcat.Bus(link)
     bus.init(0.0)  # no watchdogs, for the same reason
     bus.create_mapping()
