@@ -172,6 +172,14 @@ def test_a_method_adds_its_fault(bench):
         ({"kind": "break-link", "slave": 0, "port": 4}, "break-link: port is 4; allowed is an "),
         ({"kind": "mailbox", "slave": 0, "mode": "odd"}, "mailbox: mode is 'odd'; allowed is none"),
         (
+            {"kind": "al-error", "slave": 0, "code": float("nan")},
+            "al-error: code is nan; allowed is an integer from 0x0001 to 0xFFFF",
+        ),
+        (
+            {"kind": "al-error", "slave": 0, "code": float("inf")},
+            "al-error: code is inf; allowed is an integer from 0x0001 to 0xFFFF",
+        ),
+        (
             {"kind": "emergency", "slave": 0, "code": 1, "data": "0x"},
             "emergency: data is '0x'; allowed is 0 to 5 bytes as hexadecimal digits",
         ),
