@@ -15,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 
+SO_RCVBUFFORCE, SOL_PACKET, PACKET_STATISTICS = 33, 263, 6
 INTERFACE = "ecat-master"
 INIT, PREOP, SAFEOP, OP, ERROR, ACK = 1, 2, 4, 8, 0x10, 0x10
 LOST = -1
@@ -100,6 +101,10 @@ def request(slave, state, *expected):
 def record(file, ready, stop):
     """Writes every frame to a pcap file until `stop` is set."""
     wire = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x0003))
+    # Room for a whole start-up: on a busy machine this process gets its turn late.
+    wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 24)
+    with contextlib.suppress(PermissionError):
+        wire.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 1 << 24)
     wire.bind((INTERFACE, 0x0003))
     wire.settimeout(0.2)
     ready.set()
@@ -109,9 +114,11 @@ def record(file, ready, stop):
             try:
                 frame = wire.recv(2048)
             except TimeoutError:
-                if stop.is_set():
-                    return
-                continue
+                if not stop.is_set():
+                    continue
+                _, lost = struct.unpack("II", wire.getsockopt(SOL_PACKET, PACKET_STATISTICS, 8))
+                assert lost == 0, "the recorder was too slow for the frames"
+                return
             seconds, rest = divmod(time.time_ns(), 10**9)
             output.write(struct.pack("<IIII", seconds, rest // 1000, len(frame), len(frame)))
             output.write(frame)
@@ -128,3 +135,4 @@ def recording(file):
     yield
     stop.set()
     recorder.join()
+    assert recorder.exitcode == 0, "the recording is not complete"
