@@ -14,11 +14,11 @@ import time
 from pathlib import Path
 
 import pytest
-from test_simulator_cli import ECATSIM
-from test_simulator_masters import (
+from masters import (
     ERROR,
     INIT,
     INTERFACE,
+    LOST,
     OP,
     SAFEOP,
     open_pysoem,
@@ -26,6 +26,7 @@ from test_simulator_masters import (
     to_op,
     wait_state,
 )
+from test_simulator_cli import ECATSIM
 
 from ecatsim import Rig
 from ecatsim.control import Simulator
@@ -37,8 +38,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 HERE = Path(__file__)
 DOCUMENT = HERE.parents[2] / "docs" / "simulator.md"
-APRD, BRD = 1, 7
-LOST = -1
+APRD, BRD, FRMW = 1, 7, 14
 
 
 def rig():
@@ -435,11 +435,36 @@ def test_eeprom_of_ones():
     assert restored == [2, 0x03FA3052, "EL1018"]
 
 
+def master_clock():
+    master = open_pysoem()
+    assert master.config_dc()
+    to_op(master)
+    wire = Wire()
+
+    def difference():
+        """System time difference of slave 1: bit 31 is its sign, the rest its size."""
+        counters(master, 1)
+        wire.ask(FRMW, 0x1001, 0x0910, 8)
+        raw = struct.unpack("<I", wire.ask(APRD, -1, 0x092C, 4)[0])[0]
+        return raw & 0x7FFFFFFF
+
+    with Simulator() as simulator:
+        before = difference()
+        simulator.faults.clock(1, step_ns=50_000_000)
+        return [before, difference()]
+
+
+def test_clock_step():
+    before, after = run("line:2", master_clock)
+    assert before < 5_000_000
+    assert after > 5_000_000 + before
+
+
 # --- the documentation -----------------------------------------------------------------------
 
 CONTROLLER = """
 import sys, time
-import test_simulator_masters as t
+import masters as t
 master = t.open_pysoem()
 t.to_op(master)
 while t.cycle(master) == master.expected_wkc:
@@ -452,7 +477,7 @@ def test_the_script_of_the_documentation(tmp_path):
     (script,) = re.findall(r"^```sh\n(ecatsim run .*?break-link.*?)^```", text(), re.M | re.S)
     for name, code in (("ecatsim", "-m ecatsim"), ("controller", f"-c '{CONTROLLER}'")):
         file = tmp_path / name
-        file.write_text(f'#!/bin/sh\nexec {sys.executable} {code} "$@"\n')
+        file.write_text(f'#!/bin/sh\nexec "{sys.executable}" {code} "$@"\n')
         file.chmod(0o755)
     path = f"{tmp_path}:{os.environ['PATH']}"
     libraries = f"{HERE.parent}:{os.environ.get('PYTHONPATH', '')}"

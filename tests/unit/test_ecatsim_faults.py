@@ -1,39 +1,15 @@
-"""Faults on demand: one table, and what each fault does on the wire, frame by frame."""
+"""Faults on demand: when they strike, and what each does on the wire, frame by frame."""
 
-import inspect
-import re
 import struct
 import threading
-from pathlib import Path
 
 import pytest
 from test_ecatsim_frames import APRD, APWR, BRD, LRW, datagram, frame
 
-from ecatd.model.errors import ConfigError, StateError, UsageError
-from ecatsim import DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
-from ecatsim.faults import FAULTS, Faults, FrameFault, SlaveFault, parse
+from ecatd.model.errors import StateError, UsageError
+from ecatsim import Chip, DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
+from ecatsim.faults import parse
 from ecatsim.faults.schedule import MAX_FAULTS
-from ecatsim.files import rig_file
-from ecatsim.parameters import parameters
-
-DOCUMENT = Path(__file__).parents[2] / "docs" / "simulator.md"
-SAMPLES = {
-    "drop": {"count": 3},
-    "delay": {"delay_us": 500},
-    "duplicate": {"all_frames": True},
-    "corrupt": {"bits": 2, "probability": 0.25, "seed": 7},
-    "noise": {"slave": 1},
-    "wkc": {"value": -1, "at_cycle": 100, "every": 10, "count": 0},
-    "break-link": {"slave": 1, "port": 1},
-    "heal-link": {"slave": 1},
-    "power-off": {"slave": 2},
-    "power-on": {"slave": 2},
-    "swap": {"slave": 0, "device": "EL2008"},
-    "al-error": {"slave": 1, "code": 0x1D, "state": "PREOP"},
-    "emergency": {"slave": 0, "code": 0x8130, "register": 0x10, "data": "0102030405"},
-    "mailbox": {"slave": 0, "mode": "slow", "delay_s": 0.5},
-    "eeprom": {"slave": 0, "content": "image", "file": "/tmp/x.bin", "at_power_on": True},
-}
 
 
 class Word(Device):
@@ -115,163 +91,6 @@ def bench():
         item.simulation.close()
 
 
-def sample(kind):
-    return FAULTS[kind].from_values(SAMPLES[kind])
-
-
-# --- the table -------------------------------------------------------------------------------
-
-
-def test_these_are_the_faults():
-    assert list(FAULTS) == list(SAMPLES)
-
-
-@pytest.mark.parametrize("kind", SAMPLES)
-def test_written_down_and_read_again(kind):
-    fault = sample(kind)
-    assert fault.to_values() == SAMPLES[kind]
-    assert FAULTS[kind].from_values(fault.to_values()) == fault
-    assert parse({"kind": kind, **SAMPLES[kind]}, "rig.toml: fault 1") == fault
-    as_texts = {name: str(value) for name, value in SAMPLES[kind].items() if value is not True}
-    typed = {name: True for name, value in SAMPLES[kind].items() if value is True}
-    assert FAULTS[kind].from_values(as_texts | typed) == fault, "as on the command line"
-
-
-@pytest.mark.parametrize("kind", SAMPLES)
-def test_a_method_of_the_same_name_and_signature(kind):
-    method = getattr(Faults, kind.replace("-", "_"))
-    assert method.fault is FAULTS[kind]
-
-
-def test_a_method_adds_its_fault(bench):
-    faults = bench().faults
-    number = faults.al_error(1, code=0x1D, at_cycle=100)
-    assert number == 1
-    (state,) = faults.list()
-    assert str(state.fault) == "al-error slave=1 code=0x001D at_cycle=100"
-    assert (state.id, state.struck, state.done) == (1, 0, False)
-
-
-@pytest.mark.parametrize(
-    ("table", "sentence"),
-    [
-        ({}, "kind is missing; there are drop, delay,"),
-        ({"kind": "fly"}, "there is no fault 'fly'; there are drop, delay,"),
-        ({"kind": ["drop"]}, "there is no fault '['drop']'; there are drop, delay,"),
-        ({"kind": "drop", "at": 5}, "drop: there is no parameter 'at'; there are "),
-        ({"kind": "break-link"}, "break-link: slave is missing: position of the slave, an inte"),
-        ({"kind": "drop", "count": -1}, "drop: count is -1; allowed is an integer from 0 on"),
-        ({"kind": "drop", "count": True}, "drop: count is True; allowed is an integer from 0 on"),
-        ({"kind": "drop", "count": 1.0}, "drop: count is 1; allowed is an integer from 0 on"),
-        ({"kind": "drop", "count": "many"}, "drop: count is 'many'; allowed is an integer from"),
-        ({"kind": "drop", "probability": 2}, "drop: probability is 2; allowed is a number from 0"),
-        ({"kind": "drop", "probability": float("nan")}, "drop: probability is nan; allowed is a"),
-        ({"kind": "drop", "all_frames": 1}, "drop: all_frames is 1; allowed is true or false"),
-        ({"kind": "delay", "delay_us": 0}, "delay: delay_us is 0; allowed is an integer from 1 "),
-        ({"kind": "wkc", "value": 0}, "wkc: a value of 0 changes nothing"),
-        ({"kind": "break-link", "slave": 0, "port": 4}, "break-link: port is 4; allowed is an "),
-        ({"kind": "mailbox", "slave": 0, "mode": "odd"}, "mailbox: mode is 'odd'; allowed is none"),
-        (
-            {"kind": "al-error", "slave": 0, "code": float("nan")},
-            "al-error: code is nan; allowed is an integer from 0x0001 to 0xFFFF",
-        ),
-        (
-            {"kind": "al-error", "slave": 0, "code": float("inf")},
-            "al-error: code is inf; allowed is an integer from 0x0001 to 0xFFFF",
-        ),
-        (
-            {"kind": "emergency", "slave": 0, "code": 1, "data": "0x"},
-            "emergency: data is '0x'; allowed is 0 to 5 bytes as hexadecimal digits",
-        ),
-        (
-            {"kind": "emergency", "slave": 0, "code": 1, "data": "112233445566"},
-            "emergency: data is b'\\x11\"3DUf'; allowed is 0 to 5 bytes",
-        ),
-        (
-            {"kind": "eeprom", "slave": 0, "content": "image"},
-            "eeprom: content `image`, and no other, takes a file",
-        ),
-    ],
-)
-def test_wrong_tables_are_one_sentence(table, sentence):
-    with pytest.raises(ConfigError) as caught:
-        parse(table, "rig.toml: fault 1")
-    text = str(caught.value)
-    assert text.startswith(f"rig.toml: fault 1: {sentence}"), text
-    assert "\n" not in text
-
-
-def test_paths_are_relative_to_the_rig_file():
-    table = {"kind": "swap", "slave": 0, "device": "valve.toml"}
-    assert parse(table, "", Path("/rigs")).device == "/rigs/valve.toml"
-    table = {"kind": "swap", "slave": 0, "device": "valve.py:Valve"}
-    assert parse(table, "", Path("/rigs")).device == "/rigs/valve.py:Valve"
-    table = {"kind": "swap", "slave": 0, "device": "EL2008"}
-    assert parse(table, "", Path("/rigs")).device == "EL2008"
-    table = {"kind": "eeprom", "slave": 0, "content": "image", "file": "x.bin"}
-    assert parse(table, "", Path("/rigs")).file == "/rigs/x.bin"
-
-
-def usage(kind):
-    """A fault as a row of the documentation."""
-    own = [p for p in parameters(FAULTS[kind]) if p.name not in COMMON]
-    words = [kind]
-    for p in own:
-        option = f"--{p.name.replace('_', '-')}"
-        if p.required:
-            words.append(p.name.replace("_", "-").upper())
-        else:
-            value = "" if p.type is bool else f" {p.name.rpartition('_')[2].upper()}"
-            words.append(f"[{option}{value}]")
-    meanings = [
-        f"{p.name}: {p.about.help}" + ("" if p.type in (bool, str) else f" ({p.allowed})")
-        for p in own
-        if p.name != "slave"
-    ]
-    return f"| `{' '.join(words)}` | {FAULTS[kind].summary()} | {'; '.join(meanings) or '–'} |"
-
-
-COMMON = [p.name for p in parameters(FrameFault)]
-
-
-def test_the_documentation_has_the_table():
-    text = DOCUMENT.read_text()
-    missing = [usage(kind) for kind in FAULTS if usage(kind) not in text]
-    assert not missing, "\n".join(missing)
-    for parameter in parameters(FrameFault):
-        assert f"`--{parameter.name.replace('_', '-')}`" in text
-
-
-def test_rig_files_have_faults(bench, tmp_path):
-    slaves = '[[slave]]\ndevice = "Loopback32"\n' * 4
-    (example,) = re.findall(r"^```toml\n(\[\[fault.*?)^```", DOCUMENT.read_text(), re.M | re.S)
-    file = tmp_path / "rig.toml"
-    file.write_text(slaves + example)
-    (fault,) = rig_file.load(file).faults
-    assert str(fault) == "break-link slave=2 at_cycle=1000"
-    file.write_text(slaves + example.replace("slave = 2", "slave = 4"))
-    with pytest.raises(ConfigError) as caught:
-        rig_file.load(file)
-    assert str(caught.value) == (
-        f"{file}:9: fault[0]: break-link: there is no slave 4; the rig has slaves 0 to 3"
-    )
-
-
-def test_swap_for_devices_in_files(bench, tmp_path):
-    b = bench()
-    (tmp_path / "valve.toml").write_text('vendor = 1\nproduct = 2\norder = "Valve"\n')
-    (tmp_path / "pump.py").write_text(
-        "from ecatsim import Device\nclass Pump(Device):\n    order = 'Pump'\n"
-    )
-    (tmp_path / "image.bin").write_bytes(b.segment.sii(1))
-    found = []
-    for device in ("valve.toml", "pump.py:Pump", "image.bin"):
-        b.faults.swap(0, str(tmp_path / device))
-        found.append(b.rig.devices[0].order)
-        assert b.reached() == 3
-    assert found == ["Valve", "Pump", "Simple"]
-
-
 # --- the schedule ----------------------------------------------------------------------------
 
 
@@ -344,13 +163,6 @@ def test_a_cycle_that_is_over_is_refused(bench):
     b.cycles(10)
     with pytest.raises(UsageError, match="al-error: cycle 5 is over, the bus is in cycle 10"):
         b.faults.al_error(0, code=1, at_cycle=5)
-
-
-@pytest.mark.parametrize("kind", [k for k, cls in FAULTS.items() if "slave" in SAMPLES[k]])
-def test_there_is_such_a_slave(bench, kind):
-    values = SAMPLES[kind] | {"slave": 3}
-    with pytest.raises(UsageError, match=f"{kind}: there is no slave 3; the rig has slaves 0 to 2"):
-        bench().faults.add(FAULTS[kind].from_values(values))
 
 
 def test_faults_of_the_rig(bench):
@@ -547,6 +359,21 @@ def test_swap_refuses_what_is_no_device(bench, tmp_path):
     assert b.rig.devices[0].order == "Word"
 
 
+def test_swap_for_devices_in_files(bench, tmp_path):
+    b = bench()
+    (tmp_path / "valve.toml").write_text('vendor = 1\nproduct = 2\norder = "Valve"\n')
+    (tmp_path / "pump.py").write_text(
+        "from ecatsim import Device\nclass Pump(Device):\n    order = 'Pump'\n"
+    )
+    (tmp_path / "image.bin").write_bytes(b.segment.sii(1))
+    found = []
+    for device in ("valve.toml", "pump.py:Pump", "image.bin"):
+        b.faults.swap(0, str(tmp_path / device))
+        found.append(b.rig.devices[0].order)
+        assert b.reached() == 3
+    assert found == ["Valve", "Pump", "Simple"]
+
+
 # --- devices ---------------------------------------------------------------------------------
 
 
@@ -611,12 +438,6 @@ def test_eeprom_at_power_on(bench):
     assert b.read(2, 0x0503, 1)[0][0] & 0x08, "the checksum is wrong"
 
 
-def test_a_slave_fault_names_its_slave_first():
-    for cls in FAULTS.values():
-        if issubclass(cls, SlaveFault):
-            assert next(iter(inspect.signature(cls).parameters)) == "slave"
-
-
 def test_to_look_at_a_slave_changes_nothing(bench):
     b = bench()
     b.send(APWR, 0, 0x0120, b"\x02\x00")
@@ -644,3 +465,23 @@ def test_faults_from_another_thread(bench):
     finally:
         done.set()
         loop.join()
+
+
+def test_clock(bench):
+    class NoClock(Simple):
+        chip = Chip(dc=False)
+
+    b = bench(Word(), Word(), NoClock())
+    before = b.segment.clocks()
+    b.faults.clock(1, step_ns=3_000_000_000_000)
+    after = b.segment.clocks()
+    moved = [late.local_ns - early.local_ns for early, late in zip(before, after, strict=True)]
+    assert moved[1] - moved[0] == 3_000_000_000_000
+    b.faults.clock(1, drift_ppm=500.0)
+    one = b.segment.clocks()
+    while (two := b.segment.clocks())[0].local_ns - one[0].local_ns < 20_000_000:
+        pass
+    passed = [late.local_ns - early.local_ns for early, late in zip(one, two, strict=True)]
+    assert passed[1] - passed[0] == pytest.approx(500e-6 * passed[0], abs=20)
+    with pytest.raises(UsageError, match=r"clock: slave 2 \(Simple\) has no distributed clock"):
+        b.faults.clock(2, step_ns=1)

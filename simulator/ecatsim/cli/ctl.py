@@ -165,7 +165,7 @@ def _print_faults(result: dict[str, Any]) -> None:
             item["id"],
             FAULTS[item["kind"]].from_values(item["parameters"]),
             item["struck"],
-            item["error"] or ("done" if item["done"] else "strikes"),
+            item["error"] or ("done" if item["done"] else "active"),
         ]
         for item in result["faults"]
     ]

@@ -56,6 +56,7 @@ class FaultMethods:
     emergency = Method(slaves.Emergency)
     mailbox = Method(slaves.Mailbox)
     eeprom = Method(slaves.Eeprom)
+    clock = Method(slaves.Clock)
 
     def add(self, fault: Fault) -> int:
         """Adds a fault and returns its number."""

@@ -225,6 +225,38 @@ class Eeprom(SlaveFault):
         return original
 
 
+@dataclass(frozen=True)
+class Clock(SlaveFault):
+    """The local clock of a slave jumps, or runs faster or slower."""
+
+    kind: ClassVar[str] = "clock"
+    step_ns: Annotated[
+        int, Is("how far it jumps", unit="ns", minimum=-(10**18), maximum=10**18)
+    ] = 0
+    drift_ppm: Annotated[
+        float | None,
+        Is("how much faster it runs from now on", unit="ppm", minimum=-1000.0, maximum=1000.0),
+    ] = None
+
+    def check(self, simulation: Simulation) -> None:
+        """Checks that the slave has a clock."""
+        device = simulation.rig.devices[self.slave]
+        if not device.chip.dc:
+            name = device.order or device.name
+            raise UsageError(f"{self.kind}: slave {self.slave} ({name}) has no distributed clock")
+
+    def _validate(self) -> None:
+        if self.step_ns == 0 and self.drift_ppm is None:
+            raise UsageError(f"{self.kind}: give step_ns, drift_ppm, or both")
+
+    def strike(self, simulation: Simulation) -> None:
+        """Sets the clock."""
+        if self.drift_ppm is not None:
+            simulation.segment.set_clock(self.slave, drift_ppm=self.drift_ppm)
+        if self.step_ns:
+            simulation.segment.step_clock(self.slave, self.step_ns)
+
+
 def _check_mailbox(fault: SlaveFault, simulation: Simulation) -> None:
     device = simulation.rig.devices[fault.slave]
     if device.mailbox is None:

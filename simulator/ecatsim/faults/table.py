@@ -12,6 +12,7 @@ from .frames import Corrupt, Delay, Drop, Duplicate, Noise, Wkc
 from .slaves import (
     AlError,
     BreakLink,
+    Clock,
     Eeprom,
     Emergency,
     HealLink,
@@ -26,7 +27,7 @@ FAULTS: dict[str, type[Fault]] = {
     for cls in (
         *(Drop, Delay, Duplicate, Corrupt, Noise, Wkc),
         *(BreakLink, HealLink, PowerOff, PowerOn, Swap),
-        *(AlError, Emergency, Mailbox, Eeprom),
+        *(AlError, Emergency, Mailbox, Eeprom, Clock),
     )
 }
 """Every fault by its name."""
