@@ -1,18 +1,20 @@
 """The control socket: what it understands, what it refuses, and that nobody can hold it up."""
 
+import contextlib
 import json
 import os
 import socket
 import stat
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
 from ecatsim import DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
-from ecatsim.control import Server, sockets
+from ecatsim.control import Server, client, sockets
 from ecatsim.control.server import MAX_CONNECTIONS, MAX_REQUEST
 
 
@@ -152,6 +154,38 @@ def test_registers(peer):
     )
 
 
+def served(server, call):
+    """What a call of a client returns; the server runs until it does."""
+    with ThreadPoolExecutor(1) as pool:
+        result = pool.submit(call)
+        while not result.done():
+            server.serve()
+        return result.result()
+
+
+def test_a_late_answer_is_not_taken_for_that_of_the_next_request(server, monkeypatch):
+    monkeypatch.setattr(client, "_TIMEOUT", 0.01)
+    simulator = client.Simulator("me")
+    with pytest.raises(NoAnswerError):
+        simulator.get(0, 0x1018, 1)
+    monkeypatch.undo()
+    monkeypatch.setenv(sockets.FOLDER_VARIABLE, str(server.path.parent))
+    assert served(server, lambda: simulator.registers(0, 0, 2)) == b"\x11\x00"
+    simulator.close()
+
+
+def test_a_client_waits_until_those_before_it_are_accepted(server):
+    others = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            others.append(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK))
+            others[-1].connect(str(server.path))
+    simulator = served(server, lambda: client.Simulator("me"))
+    assert served(server, simulator.status).name == "me"
+    for item in (*others, simulator):
+        item.close()
+
+
 def test_stop(peer, stopped):
     assert peer.ask("stop")["result"] == {}
     assert stopped == [True]
@@ -177,6 +211,16 @@ def test_stop(peer, stopped):
             "set",
             {"slave": 0, "object": "0x6000:01", "value": "blue"},
             "'blue' is no value of type INTEGER16",
+        ),
+        (
+            "set",
+            {"slave": 0, "object": "0x6000:02", "value": "1e300"},
+            "'1e300' is no value of type REAL32",
+        ),
+        (
+            "set",
+            {"slave": 0, "object": "0x1C13:00", "value": "9"},
+            "0x1C13 describes the process data: that is for the master to change",
         ),
         ("al-error", {"slave": 5, "code": 1}, "al-error: there is no slave 5; the rig has slaves"),
         ("al-error", {"slave": 0, "code": 0}, "al-error: code is 0x0000; allowed is an integer "),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import struct
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -46,12 +47,14 @@ class Simulator:
         UnreachableError: There is none (of that name).
         UsageError: Several are running, and no name tells them apart.
         NotPermittedError: It belongs to somebody else.
+        NoAnswerError: It does not answer.
     """
 
     def __init__(self, name: str | None = None) -> None:
         self.name = name or os.environ.get(sockets.NAME_VARIABLE) or _only_one()
         self._socket = _connect(self.name)
         self._received = bytearray()
+        self._late = False
         self.faults = RemoteFaults(self)
 
     def __enter__(self) -> Self:
@@ -78,10 +81,16 @@ class Simulator:
             NoAnswerError: It does not answer.
         """
         message = {"schema": SCHEMA, "command": command, "arguments": arguments}
+        if self._late:  # its answer to another request may still come there
+            self._socket.close()
+            self._socket = _connect(self.name)
+            self._received.clear()
+            self._late = False
         try:
             self._socket.sendall(json.dumps(message).encode() + b"\n")
             reply = json.loads(self._line())
         except TimeoutError:
+            self._late = True
             raise NoAnswerError(f"simulator '{self.name}' does not answer") from None
         except (OSError, ValueError):
             raise UnreachableError(f"simulator '{self.name}' has ended") from None
@@ -170,6 +179,8 @@ def running() -> list[str]:
     for name in sockets.names():
         try:
             _connect(name).close()
+        except NoAnswerError:
+            pass  # too busy to say so
         except EcatError:
             continue  # killed, or somebody else's
         found.append(name)
@@ -188,9 +199,15 @@ def _only_one() -> str:
 def _connect(name: str) -> socket.socket:
     path = sockets.path_of(name)
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.settimeout(_TIMEOUT)
+    # With a timeout, `connect` would not wait at all while many others want to be accepted.
+    seconds = int(_TIMEOUT)
+    wait = struct.pack("@ll", seconds, int((_TIMEOUT - seconds) * 1e6))
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, wait)
     try:
         connection.connect(str(path))
+    except BlockingIOError:
+        connection.close()
+        raise NoAnswerError(f"simulator '{name}' does not answer") from None
     except PermissionError:
         connection.close()
         raise NotPermittedError(f"{path} belongs to another user") from None
@@ -199,4 +216,5 @@ def _connect(name: str) -> socket.socket:
         raise UnreachableError(
             f"no simulator '{name}' is running; `ecatsim ctl list` shows which are"
         ) from None
+    connection.settimeout(_TIMEOUT)
     return connection

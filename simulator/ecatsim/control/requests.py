@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import STRINGS, is_real, is_signed
 from ecatd.model.errors import SdoAbortError, StateError, UsageError
+from ecatd.model.sii_check import is_description
 
 from ..faults import FAULTS, Fault
 from ..faults.fault import Slave
@@ -138,7 +139,8 @@ class Get(Request):
 class Set(Request):
     """Write an entry of a slave's object dictionary, read-only ones too: a tester sets inputs.
 
-    An input that the device, a wire or a plant computes is computed again in the next step.
+    An input that the device, a wire or a plant computes is computed again in the next step. PDO
+    mapping and assignment are not changed so.
     """
 
     kind: ClassVar[str] = "set"
@@ -149,6 +151,10 @@ class Set(Request):
     def answer(self, session: Session) -> dict[str, Any]:
         """Nothing."""
         entry = _entry(session.simulation, self.slave, self.object)
+        if is_description(entry.index):
+            raise UsageError(
+                f"0x{entry.index:04X} describes the process data: that is for the master to change"
+            )
         entry.value = _value(entry, self.value)
         return {}
 
@@ -238,9 +244,11 @@ def _value(entry: Variable, text: str) -> Value:
         if entry.type in STRINGS:
             return text if isinstance(entry.value, str) else bytes.fromhex(text)
         if is_real(entry.type):
-            return float(text)
+            number = float(text)
+            entry.pack(number)
+            return number
         value = int(text, 0)
-    except ValueError:
+    except (ValueError, OverflowError):  # the latter: a REAL32 cannot hold it
         raise UsageError(f"'{text[:40]}' is no value of type {entry.type.name}") from None
     low = -(1 << entry.bits - 1) if is_signed(entry.type) else 0
     high = low + (1 << entry.bits) - 1
