@@ -200,11 +200,13 @@ class Simulation:
         """
         place = self._places[position]
         with self.lock:
-            self.rig.devices[position].detach()
+            old = self.rig.devices[position]
             new = place.original if device is None else device
             self._make_room(place, new)
+            new.attach(self.segment, *place.at, place=position)  # if that fails, the old one stays
             self.rig.devices[position] = new
-            new.attach(self.segment, *place.at, place=position)
+            if old is not new:
+                old.detach()
             place.eeprom = place.next_eeprom = None
             place.on = True
 
@@ -221,9 +223,10 @@ class Simulation:
 
     def _make_room(self, place: _Place, device: Device) -> None:
         """Finds a place in the process images of the segment for those of a device."""
-        if device.room[0] <= place.room[0] and device.room[1] <= place.room[1]:
+        room = max(device.room[0], place.room[0]), max(device.room[1], place.room[1])
+        if room == place.room:
             return
-        place.room = device.room
+        place.room = room
         place.at = (len(self.segment.outputs), len(self.segment.inputs))
         inputs = bytes(self.segment.inputs)
         self.segment.make_images(place.at[0] + place.room[0], place.at[1] + place.room[1])

@@ -1,5 +1,6 @@
 """Faults on demand: when they strike, and what each does on the wire, frame by frame."""
 
+import os
 import struct
 import threading
 
@@ -186,6 +187,9 @@ def test_cleared_faults_do_not_strike(bench):
         b.faults.clear(1)
     b.faults.drop(count=0)
     assert b.faults.clear() == 2
+    for _ in range(100):
+        b.faults.clear(b.faults.al_error(1, code=5, at_cycle=1000))
+    assert len(b.faults._due) == 0, "nothing is left of them"
     assert None not in b.cycles(3)
 
 
@@ -340,6 +344,45 @@ def test_swap_for_a_larger_device(bench):
     assert len(b.segment.inputs) >= sum(device.room[1] for device in b.rig.devices)
 
 
+def test_swaps_in_turn_need_room_only_once(bench):
+    b = bench()
+    sizes = set()
+    for device in ("EL2008", "EL3008", "EL2008", "EL3008", "original"):
+        b.faults.swap(0, device)
+        sizes.add((len(b.segment.outputs), len(b.segment.inputs)))
+    assert len(sizes) <= 2
+
+
+def test_a_swap_that_fails_changes_nothing(bench, tmp_path):
+    b = bench()
+    before = b.rig.devices[2]
+    (tmp_path / "bad.py").write_text(
+        "import ecatsim\n"
+        "class Huge(ecatsim.Device):\n"
+        "    vendor = product = revision = 1\n"
+        "    order = 'Huge'\n"
+        "    chip = ecatsim.Chip(ram_kib=100)\n"
+        "class Blank(Huge):\n"
+        "    def sii_image(self):\n"
+        "        return {}[0]\n"
+    )
+    for name, sentence in (("Huge", "ram_kib = 100"), ("Blank", r"bad.py:8: KeyError")):
+        with pytest.raises(UsageError, match=sentence):
+            b.faults.swap(2, f"{tmp_path / 'bad.py'}:{name}")
+    assert b.rig.devices[2] is before
+    b.simulation.step()
+    assert b.request(2, 3)[1] == 0x13, "it still answers: there is no BOOT"
+
+
+def test_swap_does_not_wait_for_a_pipe(bench, tmp_path):
+    for name in ("pipe.toml", "pipe.bin"):
+        os.mkfifo(tmp_path / name)
+    (tmp_path / "device.toml").write_text('sii = "pipe.bin"')
+    for name in ("pipe.toml", "pipe.bin", "device.toml"):
+        with pytest.raises(UsageError, match=r"no regular file|there is no file"):
+            bench().faults.swap(0, str(tmp_path / name))
+
+
 def test_swap_refuses_what_is_no_device(bench, tmp_path):
     b = bench()
     (tmp_path / "bad.bin").write_bytes(b"\x00" * 100)
@@ -353,6 +396,7 @@ def test_swap_refuses_what_is_no_device(bench, tmp_path):
         (str(tmp_path / "bad.py:x"), "x is no class of a device"),
         (str(tmp_path / "bad.py:y"), "the file does not define 'y'"),
         (str(tmp_path / "bad.py"), "write bad.py:Class"),
+        ("a" * 300 + ".py:X", "cannot be read: File name too long"),
     ):
         with pytest.raises(UsageError, match=sentence):
             b.faults.swap(0, device)

@@ -111,6 +111,8 @@ class Faults(FaultMethods):
             gone = list(self._entries) if identifier is None else [identifier]
             for key in gone:
                 self._withdraw(self._entries.pop(key))
+            self._due = [item for item in self._due if item[1] in self._entries]
+            heapq.heapify(self._due)
             return len(gone)
 
     def list(self) -> list[FaultState]:

@@ -46,6 +46,7 @@ def make(device: str) -> Device:
         made = python_file.explained(Path(file), kind)
         if not isinstance(made, Device):
             raise ConfigError(f"{file}: {name} makes no ecatsim.Device")
+        python_file.explained(Path(file), made.sii_image)
         return made
     return library.make(device)
 

@@ -22,7 +22,11 @@ def load(path: Path) -> ModuleType:
     Raises:
         ConfigError: There is no such file, or it fails.
     """
-    if not path.is_file():
+    try:
+        found = path.is_file()
+    except OSError as error:  # a name that is too long, for example
+        raise ConfigError(f"'{path}' cannot be read: {error.strerror}") from error
+    if not found:
         raise ConfigError(f"there is no file '{path}'")
     place = path.resolve()
     if place in _loaded:

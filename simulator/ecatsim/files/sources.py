@@ -10,7 +10,7 @@ from ecatd.model.sii_check import sii_checksum
 
 from ..slave.device import Device
 from .sii_image import device_from_sii
-from .tables import Table
+from .tables import Table, check_regular
 
 _PREFIX = "base64:"
 _MAX_IMAGE = 0x80000
@@ -37,6 +37,7 @@ def content(table: Table, key: str, most: int = _MAX_FILE) -> bytes:
             table.fail(key, f"is no base64 text: {error}")
     path = table.path_of(text)
     try:
+        check_regular(path)
         with path.open("rb") as file:
             return file.read(most)
     except (OSError, ValueError) as error:

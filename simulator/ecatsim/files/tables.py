@@ -7,8 +7,10 @@ allowed.
 from __future__ import annotations
 
 import difflib
+import errno
 import math
 import re
+import stat
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -70,6 +72,7 @@ def load(file: Path) -> Table:
         ConfigError: The file cannot be read, or is no TOML.
     """
     try:
+        check_regular(file)
         text = file.read_text("utf-8")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file}: is no UTF-8 text: {error.reason}") from error
@@ -86,6 +89,17 @@ def load(file: Path) -> Table:
             raise ConfigError(f"{file}: is no valid TOML: {error}") from error
         line = match[2] or len(text.splitlines())
         raise ConfigError(f"{file}:{line}: is no valid TOML: {match[1]}") from error
+
+
+def check_regular(file: Path) -> None:
+    """Refuses a pipe or a device, from which reading may never end.
+
+    Raises:
+        OSError: It is one, or there is no such file.
+    """
+    mode = file.stat().st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "it is no regular file")
 
 
 class Table:
