@@ -76,6 +76,8 @@ static unsigned load_configuration(struct slave *slave, bool power_on)
     if (power_on)
         memcpy(memory + REG_STATION_ALIAS, image + 8, 2);
     registers_set_dl_status(slave, DL_PDI_OPERATIONAL, true);
+    if (!watchdog_has_pdi(slave))
+        registers_set_dl_status(slave, DL_PDI_WATCHDOG, false);
     slave->segment->topology_stale = true; /* enhanced link detection is among these settings */
     return 0;
 }

@@ -348,6 +348,7 @@ int64_t sync_run(struct slave *slave);
 /* watchdog.c */
 void watchdog_run(struct slave *slave, int64_t now_ns);
 void watchdog_check_pdi(struct slave *slave, int64_t now_ns);
+bool watchdog_has_pdi(const struct slave *slave);
 void watchdog_feed_pdi(struct slave *slave, int64_t now_ns);
 
 /* buffers.c: buffered sync managers from the side of the device. */

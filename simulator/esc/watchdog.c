@@ -46,6 +46,12 @@ void watchdog_run(struct slave *slave, int64_t now_ns)
     }
 }
 
+/* A coupler may have none (PDI control 0): then nobody feeds the watchdog, and its status stays 0. */
+bool watchdog_has_pdi(const struct slave *slave)
+{
+    return slave->memory[REG_PDI_CONTROL] != 0;
+}
+
 /* The device is there, but did nothing for too long: DL status bit 1 and a counter show it. */
 void watchdog_check_pdi(struct slave *slave, int64_t now_ns)
 {
@@ -60,6 +66,8 @@ void watchdog_check_pdi(struct slave *slave, int64_t now_ns)
 /* The device exchanges its process data. */
 void watchdog_feed_pdi(struct slave *slave, int64_t now_ns)
 {
+    if (!watchdog_has_pdi(slave))
+        return;
     watchdog_check_pdi(slave, now_ns);
     slave->pdi_ns = now_ns;
     if (slave->pdi_expired) {

@@ -30,7 +30,7 @@ MS = 1_000_000
 @pytest.fixture
 def segment():
     segment = Segment()
-    segment.add(Chip(), build(Description(1, 2, 3, alias=7)))
+    segment.add(Chip(), build(Description(1, 2, 3, alias=7, pdi_control=5)))
     send(segment, APRD, 0, 0x0110, bytes(2))
     yield segment
     segment.close()
@@ -254,6 +254,17 @@ def test_pdi_watchdog_can_be_off(segment):
     segment.get_outputs(1)
     time.sleep(0.001)
     assert register(segment, 0x0110) & 2
+
+
+def test_without_a_pdi_nobody_feeds_its_watchdog():
+    segment = Segment()
+    try:
+        segment.add(Chip(), build(Description(1, 2, 3, pdi_control=0x0D00)))
+        segment.get_outputs(1)
+        assert register(segment, 0x0110) & 3 == 1
+        assert register(segment, 0x0443) == 0
+    finally:
+        segment.close()
 
 
 def test_change_of_the_pdi_watchdog_is_a_dl_event(segment):

@@ -16,7 +16,10 @@ SLAVES = 3
 def segment():
     segment = Segment()
     for i in range(SLAVES):
-        segment.add(Chip(), build(Description(0x10 + i, 0x20 + i, 0x30, alias=0x1234, order="S")))
+        segment.add(
+            Chip(),
+            build(Description(0x10 + i, 0x20 + i, 0x30, alias=0x1234, order="S", pdi_control=5)),
+        )
     yield segment
     segment.close()
 

@@ -23,7 +23,7 @@ from ecatsim.slave.sii import Description, build
 
 EBUS4, EBUS2, MII1 = Chip(ports=0xAA), Chip(ports=0x0A), Chip(ports=0x03)
 FORWARD, LINK = 300, 100  # ns
-SII = build(Description(1, 2, 3, order="S"))
+SII = build(Description(1, 2, 3, order="S", pdi_control=5))
 
 
 @pytest.fixture
@@ -376,7 +376,7 @@ def test_a_slave_without_power_breaks_the_ring_on_both_sides(ring):
 
 def test_the_sii_is_loaded_at_power_on(make):
     segment = make(EBUS2)
-    segment.set_eeprom(0, build(Description(1, 2, 3, alias=77)))
+    segment.set_eeprom(0, build(Description(1, 2, 3, alias=77, pdi_control=5)))
     assert send(segment, APRD, 0, 0x0012, bytes(2))[0] == bytes(2)
     segment.power(0, False)
     assert count(segment) == (0, None)
@@ -409,7 +409,9 @@ def test_many_events_before_power_is_lost(make):
 def test_another_slave_in_the_same_links(make):
     segment = make(*[EBUS2] * 3)
     send(segment, APWR, -1, 0x0010, b"\x05\x10")
-    segment.replace(1, Chip(type=0x04, ports=0x0A), build(Description(9, 8, 7, alias=5)))
+    segment.replace(
+        1, Chip(type=0x04, ports=0x0A), build(Description(9, 8, 7, alias=5, pdi_control=5))
+    )
     assert count(segment) == (3, 0)
     assert send(segment, APRD, -1, 0x0000, bytes(1))[0] == b"\x04"
     assert send(segment, APRD, -1, 0x0010, bytes(4))[0] == b"\0\0\x05\0"
