@@ -199,7 +199,8 @@ ESC_API int esc_await_outputs(struct esc_segment *segment, int position);
  * `now_ns` (CLOCK_MONOTONIC). Outputs are zero unless the slave is in OP and its watchdog runs. */
 ESC_API int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size,
                             int64_t now_ns);
-/* Copies the image to the inputs of all mapped slaves. */
+/* Copies the image to the inputs of all mapped slaves; where the master has moved a sync manager so
+ * that it begins before them, they stay as they are. */
 ESC_API int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t size);
 
 /* Copies the SII image. Returns its size. */

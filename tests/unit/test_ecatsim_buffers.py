@@ -261,3 +261,15 @@ def test_process_data_ram_is_closed_without_a_valid_sii():
     send(segment, APWR, 0, 0x0502, struct.pack("<HI", 0x0400, 0))
     assert send(segment, BWR, 0, 0x1000, bytes(1))[1] == 2
     segment.close()
+
+
+def test_inputs_stay_where_the_master_has_moved_the_sync_manager(segment):
+    segment.make_images(0, SIZE)
+    segment.map(0, ProcessDataMap(0, 0, 0, IN, SIZE, 0))
+    segment.inputs[:] = b"old data"
+    segment.put_inputs()
+    send(segment, APWR, 0, 0x081E, b"\0")
+    set_sm(segment, 0, 3, IN - 1, SIZE + 1, 0x20)
+    segment.inputs[:] = b"new data"
+    segment.put_inputs()
+    assert read(segment, -1, SIZE + 1) == b"\0old data"
