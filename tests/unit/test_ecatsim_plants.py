@@ -1,14 +1,16 @@
 """Wires, signal sources and plants at a fixed rate."""
 
+import math
 import re
 import statistics
+import struct
 import time
 from pathlib import Path
 
 import pytest
 
 from ecatd.model.errors import ConfigError, UsageError
-from ecatsim import Rig
+from ecatsim import DataType, Device, Entry, Pdo, Rig
 from ecatsim.devices.library import make
 from ecatsim.plants import signals
 from ecatsim.plants.paced import Paced
@@ -43,6 +45,18 @@ def test_a_point_holds_values_within_the_range_of_its_type(bits, most):
         assert device[0x6000, 1] == raw
     point.set(float("nan"))
     assert device[0x6000, 1] == -most, "not a number changes nothing"
+
+
+def test_what_a_real32_cannot_hold_is_infinite():
+    class Level(Device):
+        vendor, product, revision, order = 1, 2, 3, "Level"
+        tx_pdos = (Pdo(0x1A00, "In", 0, [Entry(0x6000, 1, "Level", DataType.REAL32, 32)]),)
+
+    device = Level()
+    point = Point((device, 0x6000, 1))
+    for value, stored in ((1e300, math.inf), (-1e39, -math.inf), (1.5, 1.5)):
+        point.set(value)
+        assert device.give() == struct.pack("<f", stored)
 
 
 def test_a_point_says_which_entries_there_are():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ecatd.model.bus import Entry
 from ecatd.model.datatypes import is_real, is_signed
 from ecatd.model.errors import ConfigError, UsageError
@@ -11,6 +13,8 @@ from ..slave.objects import Variable
 
 Terminal = tuple[Device, int, int]
 """A device and the index and subindex of one of its PDO entries."""
+
+_LARGEST_REAL32 = (2 - 2**-23) * 2.0**127
 
 
 class Point:
@@ -63,6 +67,8 @@ class Point:
             return
         if self._whole:
             self.variable.value = round(min(max(raw, self._low), self._high))
+        elif self.variable.bits == 32 and abs(raw) > _LARGEST_REAL32:
+            self.variable.value = math.copysign(math.inf, raw)
         else:
             self.variable.value = float(raw)
 
