@@ -83,8 +83,9 @@ class Parameter:
             return "a text"
         text = "a number" if self.type is float else "an integer"
         if low is not None and high is not None and low > -_LARGE:
-            end = "on" if high >= _LARGE else f"to {self.show(high)}"
-            text += f" from {self.show(low)} {end}"
+            if high >= _LARGE:
+                return f"{text} from {self.show(low)} on" + (f" ({unit})" if unit else "")
+            text += f" from {self.show(low)} to {self.show(high)}"
         return f"{text} {unit}".rstrip()
 
     def show(self, value: Any) -> str:
@@ -133,7 +134,8 @@ class Parameter:
             raise self._refusal(value)
 
     def _refusal(self, value: object) -> UsageError:
-        shown = self.show(value) if isinstance(value, int | float) else repr(value)[:80]
+        plain = isinstance(value, int | float | bytes)
+        shown = self.show(value)[:80] if plain else repr(value)[:80]
         return UsageError(f"{self.name} is {shown}; allowed is {self.allowed}")
 
 

@@ -86,12 +86,27 @@ class Rig:
         self._topology.close_ring(self.devices, device, port)
         self.ring = True
 
+    @property
+    def size(self) -> str:
+        """The number of slaves, in words."""
+        return "1 slave" if len(self.devices) == 1 else f"{len(self.devices)} slaves"
+
     def wiring(self) -> Wiring:
         """The links of the devices.
 
         Raises:
-            UsageError: A port that is needed is taken or does not exist.
+            UsageError: A port that is needed is taken or does not exist, or `devices` holds
+                something else or a device twice.
         """
+        first: dict[int, int] = {}
+        for position, device in enumerate(self.devices):
+            if not isinstance(device, Device):
+                raise UsageError(f"slave {position} must be a device, not {device!r:.80}")
+            if first.setdefault(id(device), position) != position:
+                raise UsageError(
+                    f"slaves {first[id(device)]} and {position} are the same object: each slave "
+                    "needs a device of its own"
+                )
         return self._topology.wiring(self.devices, self.ring)
 
     def wire(
@@ -229,6 +244,12 @@ def make(name: str) -> Rig:
         return rig_file.load(Path(name))
     if name.startswith("line:"):
         raise UsageError(f"{name}: a line has 1 to 1024 slaves, as in line:8")
+    if Path(name).suffix.lower() in (".bin", ".xml") and Path(name).is_file():
+        key = "esi" if name.lower().endswith(".xml") else "sii"
+        raise UsageError(
+            f"'{name}' is no rig: write one in a TOML file, with [[slave]] and {key} = "
+            f'"{Path(name).name}"'
+        )
     names = ", ".join(usage for usage, _ in library())
     raise UsageError(
         f"there is no rig '{name}': use one of {names}, or a file: TOML, or Python that defines "

@@ -163,6 +163,7 @@ def test_check_lists_what_is_in_a_rig(tmp_path):
         (["run", "line:1", "--", "no-such-command"], 2, "cannot run 'no-such-command'"),
         (["run", "line:1", "stray"], 2, "put `--` in front of the command"),
         (["run", "line:1", "--ready-fd", "99"], 2, "--ready-fd 99: Bad file descriptor"),
+        (["run", "line:1", "--ready-fd", "-1"], 2, "--ready-fd -1: is no file descriptor"),
         (["run"], 2, "the following arguments are required: RIG"),
         ([], 2, "the following arguments are required: COMMAND"),
     ],
@@ -172,6 +173,35 @@ def test_errors_are_one_line(arguments, status, message):
     assert result.returncode == status, result.stderr
     assert result.stderr.startswith(f"ecatsim: {message}"), result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+_FAILING = """
+from ecatsim import DataType, Device, Entry, Pdo, Rig
+
+class Failing(Device):
+    vendor, product, revision, order = 1, 1, 1, "Failing"
+    tx_pdos = (Pdo(0x1A00, "", 3, [Entry(0x6000, 1, "x", DataType.INTEGER32, 32)]),)
+
+    def step(self, now):
+        STATEMENT
+
+def rig():
+    return Rig("failing", [Failing()])
+"""
+
+
+@pytest.mark.parametrize(
+    ("statement", "status", "message"),
+    [
+        ("1 / 0", 70, "ZeroDivisionError: division by zero"),
+        ("self[0x6001, 1] = 1", 2, "the device has no object 0x6001:01"),
+    ],
+)
+def test_a_device_that_fails_is_named_with_file_and_line(tmp_path, statement, status, message):
+    file = tmp_path / "failing.py"
+    file.write_text(_FAILING.replace("STATEMENT", statement))
+    result = ecatsim("run", file, "--", "sleep", "5")
+    assert (result.returncode, result.stderr) == (status, f"ecatsim: {file}:9: {message}\n")
 
 
 def test_interface_that_is_down():
@@ -306,19 +336,6 @@ def test_trace_records_the_motor(tmp_path):
     assert 190_000 < max(speeds) < 260_000
     assert max(float(row["reference_counts_per_s"]) for row in rows) == 200_000
     assert max(float(row["current_A"]) for row in rows) > 0.5
-
-
-def test_defect_of_a_device_is_not_hidden(tmp_path):
-    file = tmp_path / "broken.py"
-    file.write_text(
-        "from ecatsim.slave.device import Device\nfrom ecatsim.rig import Rig\n"
-        "class Broken(Device):\n    def step(self, now):\n        raise KeyError('oops')\n"
-        "def rig():\n    return Rig('broken', [Broken()])\n"
-    )
-    result = ecatsim("run", file)
-    assert result.returncode == 70
-    assert "KeyError: 'oops'" in result.stderr
-    assert result.stderr.splitlines()[-1].startswith("ecatsim: defect")
 
 
 def test_example_of_the_documentation(tmp_path):

@@ -50,6 +50,7 @@ def test_status_and_list():
         assert rows[2].split()[1:3] == ["EL1018", "INIT"]
         document = ctl_json("status")
         assert document["rig"] == "troll"
+        assert json.loads(ctl("status", "--json", "--name", name))["rig"] == "troll"
         assert document["slaves"][2]["state"] == "INIT"
         (listed,) = ctl_json("list")["simulators"]
         assert listed == {

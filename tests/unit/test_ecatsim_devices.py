@@ -12,7 +12,9 @@ from ecatsim import rig
 from ecatsim.devices.beckhoff import EL3008
 from ecatsim.devices.cia402 import PowerState, PowerStateMachine
 from ecatsim.devices.elmo import ElmoGold
+from ecatsim.devices.library import make
 from ecatsim.plants.motor import Control, Motor
+from ecatsim.simulation import Simulation
 from ecatsim.slave.device import Device
 from ecatsim.slave.state_machine import RefusedError, StateMachine
 
@@ -415,13 +417,31 @@ def test_rig_names():
         ("\ndef rig(:\n", r"rig\.py:2: SyntaxError"),
         ("def rig():\n\n    return 1 / 0\n", r"rig\.py:3: ZeroDivisionError"),
         ("import nonsense_module\n", r"rig\.py:1: ModuleNotFoundError"),
+        ("import sys\nsys.exit(3)\n", r"rig\.py:2: SystemExit: 3"),
     ],
 )
-def test_wrong_rig_files(tmp_path, text, message):
+@pytest.mark.parametrize("relative", [False, True])
+def test_wrong_rig_files(tmp_path, monkeypatch, text, message, relative):
     file = tmp_path / "rig.py"
     file.write_text(text)
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=message):
-        rig.make(str(file))
+        rig.make("rig.py" if relative else str(file))
+
+
+def test_what_is_no_rig_says_how_to_use_it(tmp_path):
+    for name, key in (("x.bin", "sii"), ("x.xml", "esi")):
+        (tmp_path / name).touch()
+        with pytest.raises(UsageError, match=rf'with \[\[slave\]\] and {key} = "{name}"'):
+            rig.make(str(tmp_path / name))
+
+
+def test_devices_of_a_rig_are_devices_and_differ():
+    device = make("EL1008")
+    with pytest.raises(UsageError, match="slaves 0 and 2 are the same object"):
+        Simulation(rig.Rig("twice", [device, make("EL1008"), device]))
+    with pytest.raises(UsageError, match="slave 1 must be a device, not <class"):
+        Simulation(rig.Rig("class", [device, Device]))
 
 
 def test_missing_rig_file():

@@ -204,7 +204,7 @@ def test_wrong_tables(tmp_path, text, message):
 
 
 def test_tables_that_cannot_be_read(tmp_path):
-    with pytest.raises(ConfigError, match=r"cannot read '.*gone\.csv': No such file"):
+    with pytest.raises(UsageError, match=r"cannot read '.*gone\.csv': No such file"):
         signals.table(tmp_path / "gone.csv")
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="this is not a CSV file"):

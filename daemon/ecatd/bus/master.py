@@ -394,8 +394,8 @@ def _text(name: bytes | str) -> str:
 def _needs_rights(interface: str) -> str:
     return (
         f"no right to use interface '{interface}' for EtherCAT, which needs CAP_NET_RAW and "
-        f"CAP_NET_ADMIN: run as root (`sudo ecatd --interface {interface}`, or `systemctl start "
-        f"ecatd`), or try without hardware: `ecatd --simulate troll`"
+        f"CAP_NET_ADMIN: run as root (`sudo`; the daemon: `systemctl start ecatd`), or try "
+        f"without hardware: `ecatd --simulate troll`, `ecatsim run troll`"
     )
 
 

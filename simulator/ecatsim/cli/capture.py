@@ -26,7 +26,14 @@ def add(commands: Commands) -> None:
         "afterwards to the state they were in.",
     )
     capture.add_argument("--interface", metavar="IF", required=True, help="where the slaves are")
-    capture.add_argument("-o", metavar="FILE", dest="output", type=Path, required=True)
+    capture.add_argument(
+        "-o",
+        metavar="FILE",
+        dest="output",
+        type=Path,
+        required=True,
+        help="rig file to write, in .toml",
+    )
     capture.add_argument("--force", action="store_true", help="overwrite FILE")
     capture.add_argument(
         "--no-objects", action="store_true", help="leave out object dictionaries (much faster)"
@@ -49,7 +56,8 @@ def _capture(options: argparse.Namespace) -> int:
         return _INTERRUPTED
     notes = sum(len(slave.notes) for slave in slaves)
     hint = f"; what could not be captured is noted in it ({notes})" if notes else ""
-    print(f"{output}: {len(slaves)} slaves{hint}; `ecatsim run {output}` simulates them")
+    count = "1 slave" if len(slaves) == 1 else f"{len(slaves)} slaves"
+    print(f"{output}: {count}{hint}; `ecatsim run {output}` simulates them")
     return 0
 
 

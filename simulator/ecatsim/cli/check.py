@@ -72,7 +72,7 @@ def _check(options: argparse.Namespace) -> int:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
     end = ", a ring that ends at slave {} port {}".format(*links.ring_end) if links.ring_end else ""
-    print(f"rig {what.name}: {len(rows)} slaves{end}")
+    print(f"rig {what.name}: {what.size}{end}")
     if rows:
         print(f"{'':4} {'vendor:product:revision':26}  {'out':>5} {'in':>5}  {'behind':6}  name")
     for row in rows:

@@ -28,15 +28,21 @@ def add(commands: Commands) -> None:
         help="control a running simulator: faults, values, status",
         description="Controls a simulator that runs, `ecatsim run`, of the same user.",
     )
-    ctl.add_argument(
-        "--name", metavar="NAME", help="which one; not needed for the only one that runs"
-    )
-    ctl.add_argument("--json", action="store_true", help="print JSON for programs")
+    _add_common(ctl, name=None, json=False)
     inner = ctl.add_subparsers(dest="request", required=True, metavar="COMMAND")
     listing = inner.add_parser("list", help="list the simulators that run")
+    _add_common(listing, name=argparse.SUPPRESS, json=argparse.SUPPRESS)
     listing.set_defaults(execute=lambda options: _execute(options, _list))
     for request in (*REQUESTS.values(), *FAULTS.values()):
         _add_request(inner, request)
+
+
+def _add_common(parser: Parser, **defaults: Any) -> None:
+    """Adds what is allowed in front of a command and behind it."""
+    about = "which simulator; not needed for the only one that runs"
+    parser.add_argument("--name", metavar="NAME", default=defaults["name"], help=about)
+    about = "print JSON for programs"
+    parser.add_argument("--json", action="store_true", default=defaults["json"], help=about)
 
 
 def _add_request(commands: Commands, request: type[Described]) -> None:
@@ -45,6 +51,7 @@ def _add_request(commands: Commands, request: type[Described]) -> None:
     parser = commands.add_parser(request.kind, help=text, description=request.__doc__)
     for parameter in parameters(request):
         _add_parameter(parser, parameter)
+    _add_common(parser, name=argparse.SUPPRESS, json=argparse.SUPPRESS)
     parser.set_defaults(execute=lambda options: _execute(options, lambda o: _ask(o, request)))
 
 

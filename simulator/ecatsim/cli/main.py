@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.version import VERSION
 
+from ..files import python_file
 from . import capture, check, ctl, run, show
 from .options import Parser
 
 _BROKEN_PIPE = 128 + signal.SIGPIPE
+_INTERRUPTED = 128 + signal.SIGINT
 
 
 def _parser() -> Parser:
@@ -48,12 +50,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = options.execute(options)
         return status
     except EcatError as error:
-        print(f"ecatsim: {error}", file=sys.stderr)
+        print(f"ecatsim: {python_file.report(error)}", file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:
+        return _INTERRUPTED
     except BrokenPipeError:  # whoever read our output has enough of it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _BROKEN_PIPE
-    except Exception:
+    except Exception as error:
+        line = python_file.report(error)
+        if line:
+            print(f"ecatsim: {line}", file=sys.stderr)
+            return EcatError.exit_code
         traceback.print_exc()
         print("ecatsim: defect; the lines above say where", file=sys.stderr)
         return EcatError.exit_code

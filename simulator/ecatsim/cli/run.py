@@ -26,6 +26,7 @@ SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
 SECOND = "2"  # behind both names: the other end of a ring
 _CHILD_GRACE = 2.0
+_MAX_DESCRIPTOR = 2**31 - 1
 
 
 def add(commands: Commands) -> None:
@@ -38,7 +39,7 @@ def add(commands: Commands) -> None:
         f"{MASTER_END}{SECOND}, in a network namespace of its own; COMMAND runs in there. The exit "
         "status is that of COMMAND.",
     )
-    run.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or Python file")
+    run.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file, TOML or Python")
     run.add_argument("--interface", metavar="IF", help="serve an existing interface")
     run.add_argument("--ring", action="store_true", help="close a ring with a second interface")
     run.add_argument("--second", metavar="IF", help="with --interface: the other end of a ring")
@@ -72,6 +73,8 @@ class _Runner:
     def run(self) -> int:
         """Simulates; returns the exit status."""
         arguments = self._arguments
+        if arguments.ready_fd is not None and not 0 <= arguments.ready_fd <= _MAX_DESCRIPTOR:
+            raise UsageError(f"--ready-fd {arguments.ready_fd}: is no file descriptor")
         what = rig.make(arguments.rig)
         what.ring = what.ring or arguments.ring or arguments.second is not None
         self._check_interfaces(what.ring)
@@ -186,7 +189,7 @@ class _Runner:
             except OSError as error:
                 raise UsageError(f"--ready-fd {arguments.ready_fd}: {error.strerror}") from error
         elif not arguments.child:
-            print(f"rig {what.name}: {len(what.devices)} slaves {where}")
+            print(f"rig {what.name}: {what.size} {where}")
             if arguments.interface is None:
                 user = "--preserve-credentials -U " if self._user_namespace else ""
                 print(f"run a master beside it with: nsenter {user}-n -t {os.getpid()} COMMAND")

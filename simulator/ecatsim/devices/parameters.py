@@ -53,9 +53,9 @@ class Parameter:
             return "a text"
         kind = "a whole number" if isinstance(self.default, int) else "a number"
         if self.minimum is not None and self.maximum is not None:
-            return f"{kind} from {self.minimum:g} to {self.maximum:g}"
+            return f"{kind} from {self.minimum:.15g} to {self.maximum:.15g}"
         if self.minimum is not None:
-            return f"{kind} of at least {self.minimum:g}"
+            return f"{kind} of at least {self.minimum:.15g}"
         return kind
 
     def _right_type(self, value: object) -> bool:

@@ -9,11 +9,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.errors import ConfigError, EcatError, UsageError
 
 T = TypeVar("T")
 
 _loaded: dict[Path, ModuleType] = {}
+_names: dict[str, Path] = {}
+"""By the file name that code objects have: the path as the user wrote it."""
 
 
 def load(path: Path) -> ModuleType:
@@ -34,6 +36,7 @@ def load(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"ecatsim_file_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
+    _names[str(spec.origin)] = path
     module = importlib.util.module_from_spec(spec)
     folder = str(place.parent)
     if folder not in sys.path:
@@ -66,18 +69,36 @@ def explained(path: Path, call: Callable[[], T]) -> T:
         return call()
     except UsageError:
         raise
-    except Exception as error:
-        line = _last_line(error, path)
-        where = f"{path}:{line}" if line else str(path)
-        raise ConfigError(f"{where}: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"{place(error) or path}: {_words(error)}") from error
 
 
-def _last_line(error: BaseException, path: Path) -> int:
-    """The line of the file in which an error came up, 0 if in none."""
-    line = error.lineno or 0 if isinstance(error, SyntaxError) else 0
+def place(error: BaseException) -> str:
+    """File and line, of those that a user wrote, where an error came up last; "" if in none."""
+    found = ""
     trace = error.__traceback__
     while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            line = trace.tb_lineno
+        path = _names.get(trace.tb_frame.f_code.co_filename)
+        if path is not None:
+            found = f"{path}:{trace.tb_lineno}"
         trace = trace.tb_next
-    return line
+    if isinstance(error, SyntaxError) and error.filename in _names and error.lineno:
+        found = f"{_names[error.filename]}:{error.lineno}"
+    return found
+
+
+def report(error: Exception) -> str:
+    """An error in one line, with its place if it came up in a file that a user wrote.
+
+    Returns:
+        The line, or "" for an error of ours, which is a defect.
+    """
+    where = place(error)
+    if isinstance(error, EcatError):
+        return f"{where}: {error}" if where and not str(error).startswith(where) else str(error)
+    return f"{where}: {_words(error)}" if where else ""
+
+
+def _words(error: BaseException) -> str:
+    text = error.msg if isinstance(error, SyntaxError) else str(error)
+    return f"{type(error).__name__}: {text}"

@@ -35,6 +35,12 @@ def load(path: Path) -> Rig:
         ConfigError: The file, or one that it names, cannot be used.
     """
     table = load_table(path)
+    if "product" in table and "slave" not in table:
+        table.fail(
+            "product",
+            "belongs to a device; `ecatsim` wants a rig file, which takes this one as a slave: "
+            f'[[slave]] and device = "{path.name}"',
+        )
     table.only(_KEYS)
     rig = Rig(table.text("name", path.stem))
     rows = table.tables("slave")

@@ -64,7 +64,7 @@ def table(
         repeat: Begin again after the last point; otherwise its value stays.
 
     Raises:
-        ConfigError: The file cannot be used; says where and why.
+        UsageError: There is no such file, or it cannot be used (ConfigError); says where and why.
     """
     times, values = _read(Path(path), time, column)
     start: list[float] = []
@@ -89,7 +89,7 @@ def _read(path: Path, time: str | int, column: str | int) -> tuple[list[float], 
         with path.open(newline="", encoding="utf-8") as file:
             rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row]
     except OSError as error:
-        raise ConfigError(f"cannot read '{path}': {error.strerror}") from error
+        raise UsageError(f"cannot read '{path}': {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: this is not a CSV file: {error}") from error
     names = rows[0][1] if rows and not _is_number(rows[0][1][0]) else []
