@@ -25,7 +25,7 @@ from .sii import (
 _CHECKED_BYTES = 14
 _CHECKSUM_OFF = b"\xa4\x88"  # for development: the ESC takes it as right
 _GENERAL_BYTES = 18
-_MAX_BYTES = 0x80000
+MAX_IMAGE = 0x80000  # bytes: the largest EEPROM that a slave controller can have
 _MAX_PROBLEMS = 100
 _DIGITAL_OUTPUTS = (0x0F00, 0x0F04)
 _RAM = (0x1000, 0x10000)
@@ -93,10 +93,10 @@ class _ImageReader(SiiReader):
         self.problems: list[SiiProblem] = []
         self._indices: set[int] = set()  # of the PDOs so far
         self._bits: Counter[int] = Counter()  # of the mapped PDOs so far, by sync manager
-        if len(image) % 2 or len(image) > _MAX_BYTES:
+        if len(image) % 2 or len(image) > MAX_IMAGE:
             self.note(
                 len(image),
-                f"the image has {len(image)} bytes: words, and at most {_MAX_BYTES} bytes, fit "
+                f"the image has {len(image)} bytes: words, and at most {MAX_IMAGE} bytes, fit "
                 "into an EEPROM",
             )
         if len(image) < 2 * FIRST_CATEGORY:

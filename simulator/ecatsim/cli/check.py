@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from ecatd.model.bus import Pdo
 from ecatd.model.errors import EcatError
 
 from .. import rig
 from ..simulation import Simulation
-from ..slave.sii import UNASSIGNED
+from ..slave.sync_managers import default_size
 from .options import Commands
 
 
@@ -59,8 +57,8 @@ def _check(options: argparse.Namespace) -> int:
             device.product,
             device.revision,
             device.alias,
-            _size(device.rx_pdos),
-            _size(device.tx_pdos),
+            default_size(device.rx_pdos),
+            default_size(device.tx_pdos),
             *(links.parents[position] or (None, None)),
         )
         for position, device in enumerate(what.devices)
@@ -82,8 +80,3 @@ def _check(options: argparse.Namespace) -> int:
         behind = "" if row.parent is None else f"{row.parent}:{row.port}"
         print(f"{row.position:4} {identity}  {sizes}  {behind:6}  {row.name}{alias}")
     return 0
-
-
-def _size(pdos: Sequence[Pdo]) -> int:
-    """Bytes of the PDOs that are mapped by default."""
-    return (sum(pdo.bit_length for pdo in pdos if pdo.sync_manager != UNASSIGNED) + 7) // 8

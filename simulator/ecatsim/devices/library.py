@@ -11,15 +11,14 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from ecatd.model.bus import Pdo
 from ecatd.model.errors import UsageError
 
 from ..slave.device import Device
-from ..slave.sii import UNASSIGNED
+from ..slave.sync_managers import default_size
 from . import beckhoff
 from .elmo import ElmoGold
 from .generic import AnalogIO, DigitalIO, Loopback
@@ -113,8 +112,8 @@ def _describe(name: str, kind: type[Device]) -> LibraryDevice:
         device.vendor,
         device.product,
         device.revision,
-        _size(device.rx_pdos),
-        _size(device.tx_pdos),
+        default_size(device.rx_pdos),
+        default_size(device.tx_pdos),
         _parameters(kind),
     )
 
@@ -123,8 +122,3 @@ def _first_sentence(kind: type[Device]) -> str:
     """What the device is, from its docstring."""
     line = (kind.__doc__ or "").split("\n", 1)[0]
     return re.split(r"[.:] ", line + " ", maxsplit=1)[0]
-
-
-def _size(pdos: Sequence[Pdo]) -> int:
-    """Bytes of the PDOs that are mapped by default."""
-    return (sum(pdo.bit_length for pdo in pdos if pdo.sync_manager != UNASSIGNED) + 7) // 8

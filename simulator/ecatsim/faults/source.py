@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.sii_check import MAX_IMAGE
 
 from ..slave.device import Device
 
 _IMAGES = (".bin", ".sii", ".eeprom")
-MAX_IMAGE = 1 << 19  # bytes: the largest EEPROM that a slave controller can have
 
 
 def absolute(device: str, folder: Path) -> str:

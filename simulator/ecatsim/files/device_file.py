@@ -6,7 +6,7 @@ description may also begin with an SII image or an ESI file and change or add to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from ecatd.model.errors import ConfigError, EcatError
 from ..slave import sync_managers
 from ..slave.device import Device
 from ..slave.objects import Dictionary, Variable
-from ..slave.sii import UNASSIGNED, SmType
+from ..slave.sii import SmType
 from . import device_attributes, device_objects, sources
 from .tables import Table
 from .tables import load as load_table
@@ -194,7 +194,9 @@ class _Reader:
         known = self._attributes
         managers = known.get("sync_managers")
         if managers is None:
-            sizes = (_size(known.get(key, ())) for key in ("rx_pdos", "tx_pdos"))
+            sizes = (
+                sync_managers.default_size(known.get(key, ())) for key in ("rx_pdos", "tx_pdos")
+            )
             managers = sync_managers.derive(known.get("mailbox"), *sizes)
         end = _RAM + 1024 * known.get("chip", Device.chip).ram_kib
         for manager in managers:
@@ -236,8 +238,3 @@ class _Reader:
             ]
             loops.append((device.dictionary[source], target))
         return loops
-
-
-def _size(pdos: Iterable[Pdo]) -> int:
-    """Bytes of the PDOs that are mapped by default."""
-    return (sum(pdo.bit_length for pdo in pdos if pdo.sync_manager != UNASSIGNED) + 7) // 8

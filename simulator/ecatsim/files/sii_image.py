@@ -8,7 +8,7 @@ from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.sii import UNASSIGNED, Sii, SiiMailbox
-from ecatd.model.sii_check import MAILBOX_SIZES, check_sii, in_memory, is_description
+from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii, in_memory, is_description
 
 from ..core import Chip
 from ..slave.device import Device
@@ -18,7 +18,6 @@ _DIGITAL_OUTPUTS_END = 0x0F04
 _RAM = 0x1000
 _MEMORY_END = 0x10000
 _RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
-_MAX_BYTES = 0x80000
 _DEVICE_EMULATION = 0x0100  # of SII word 0
 _PDO_ASSIGN, _PDO_CONFIGURATION = 0x04, 0x08  # of the CoE details
 _PORT_0 = 0x03  # without it nothing would reach the slave
@@ -94,7 +93,7 @@ def device_from_sii(
         ConfigError: The image is against ETG.2010, with its first problem; or it is larger than
             any EEPROM.
     """
-    if len(image) > _MAX_BYTES:
+    if len(image) > MAX_IMAGE:
         raise ConfigError(f"{source}: {len(image)} bytes are no EEPROM, which has up to 512 KiB")
     sii, problems = check_sii(image)
     if strict and problems:

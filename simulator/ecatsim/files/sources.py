@@ -6,14 +6,13 @@ import base64
 import binascii
 import struct
 
-from ecatd.model.sii_check import sii_checksum
+from ecatd.model.sii_check import MAX_IMAGE, sii_checksum
 
 from ..slave.device import Device
 from .sii_image import device_from_sii
 from .tables import Table, check_regular
 
 _PREFIX = "base64:"
-_MAX_IMAGE = 0x80000
 _MAX_FILE = 1 << 30
 _ALIAS, _CRC, _SERIAL = 8, 14, 28
 
@@ -56,7 +55,7 @@ def sii(table: Table, key: str, *, strict: bool = True) -> Device:
     Raises:
         ConfigError: There is no such file, or the image makes no sense.
     """
-    image = content(table, key, _MAX_IMAGE + 1)
+    image = content(table, key, MAX_IMAGE + 1)
     inside = table.text(key).startswith(_PREFIX)
     source = table.where(key) if inside else str(table.path_of(table.text(key)))
     return device_from_sii(image, source, strict=strict)

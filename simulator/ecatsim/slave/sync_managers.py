@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+
+from ecatd.model.bus import Pdo
 
 from ..core import Segment
-from .sii import Mailbox, SmType, SyncManager
+from .sii import UNASSIGNED, Mailbox, SmType, SyncManager
 from .state_machine import AlCode, RefusedError
 
 _REGISTERS = struct.Struct("<HHBBBB")
@@ -27,6 +29,11 @@ _BUFFERS = 3
 _MIN_DISTANCE = 0x100
 # What is wrong with a channel, in the data of an emergency.
 _LENGTH, _ADDRESS, _SETTINGS = 0, 1, 2
+
+
+def default_size(pdos: Iterable[Pdo]) -> int:
+    """Bytes of the PDOs that are mapped by default."""
+    return (sum(pdo.bit_length for pdo in pdos if pdo.sync_manager != UNASSIGNED) + 7) // 8
 
 
 def derive(
