@@ -219,6 +219,11 @@ def test_stop(peer, stopped):
         ),
         (
             "set",
+            {"slave": 0, "object": "0x6000:02", "value": "nan"},
+            "'nan' is no value of type REAL32",
+        ),
+        (
+            "set",
             {"slave": 0, "object": "0x1C13:00", "value": "9"},
             "0x1C13 describes the process data: that is for the master to change",
         ),

@@ -114,6 +114,20 @@ def test_repeat_request_of_the_master():
     assert bench.fetch() is None
 
 
+def test_repeat_request_while_the_mailbox_is_off():
+    """The answer is lost with it; those that follow are not."""
+    bench = Bench(Sample()).preop()
+    bench.post(COE, UPLOAD)
+    bench.write(0x0808 + 6, b"\0")
+    bench.write(0x0808 + 6, bytes([REPEAT]))
+    bench.pump()
+    bench.write(0x0808 + 6, bytes([1 | REPEAT]))
+    bench.pump()
+    bench.fetch()
+    bench.run()
+    assert bench.upload(0x1000) == struct.pack("<I", 0x1389)
+
+
 def test_unread_answers_fill_the_mailbox_and_none_is_lost():
     bench = Bench(Sample()).preop()
     taken = 0

@@ -59,6 +59,18 @@ def test_what_a_real32_cannot_hold_is_infinite():
         assert device.give() == struct.pack("<f", stored)
 
 
+def test_an_output_that_is_no_number_reads_as_0():
+    class Valve(Device):
+        vendor, product, revision, order = 1, 2, 3, "Valve"
+        rx_pdos = (Pdo(0x1600, "Out", 0, [Entry(0x7000, 1, "Open", DataType.REAL32, 32)]),)
+
+    device = Valve()
+    point = Point((device, 0x7000, 1))
+    for written, read in ((0.5, 0.5), (math.nan, 0.0), (math.inf, 0.0)):
+        device.receive(struct.pack("<f", written))
+        assert point.get() == read
+
+
 def test_a_point_says_which_entries_there_are():
     with pytest.raises(UsageError, match=r"DigitalIO has no entry 0x6000:09; .* 0x6000:01"):
         Point((make("DigitalIO", outputs=0), 0x6000, 9))

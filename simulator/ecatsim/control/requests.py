@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable
@@ -245,6 +246,8 @@ def _value(entry: Variable, text: str) -> Value:
             return text if isinstance(entry.value, str) else bytes.fromhex(text)
         if is_real(entry.type):
             number = float(text)
+            if not math.isfinite(number):
+                raise ValueError
             entry.pack(number)
             return number
         value = int(text, 0)

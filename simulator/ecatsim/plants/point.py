@@ -56,9 +56,11 @@ class Point:
         self._high = (1 << bits - is_signed(kind)) - 1
 
     def get(self) -> float:
-        """The physical value."""
+        """The physical value; of a number that is none, as a master may write it, 0."""
         raw = self.variable.value
-        return raw * self.scale + self.offset if isinstance(raw, int | float) else 0.0
+        if not isinstance(raw, int | float) or not math.isfinite(raw):
+            return 0.0
+        return raw * self.scale + self.offset
 
     def set(self, value: float) -> None:
         """Sets the physical value; what is not a number changes nothing."""

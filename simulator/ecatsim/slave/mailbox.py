@@ -193,8 +193,7 @@ class MailboxServer:
         if self._unread and len(self._offered) == 2:
             self._queue.appendleft((self._now, self._offered.pop()))
         if self._offered:
-            self._unread = True
-            self._put(self._offered[-1], True)
+            self._unread = self._put(self._offered[-1], True)
 
     def _answer(self, protocol: int, body: bytes, length: int) -> list[bytes]:
         if length > len(body):

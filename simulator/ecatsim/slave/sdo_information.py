@@ -25,7 +25,7 @@ class InformationServer:
 
     def __init__(self, dictionary: Dictionary, room: int) -> None:
         self._dictionary = dictionary
-        self._room = room - _HEADER.size
+        self._room = max(1, room - _HEADER.size)  # the least mailboxes carry a byte a mail
 
     def handle(self, request: bytes) -> list[bytes]:
         """The fragments of the answer to a request, both without the CoE header."""
