@@ -17,7 +17,7 @@ from ecatd.process import die_with_parent
 
 from .. import rig
 from ..control.server import Server
-from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE
+from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE, folder
 from ..net import namespace, netlink
 from ..simulation import Simulation
 from .options import Commands
@@ -75,6 +75,8 @@ class _Runner:
         arguments = self._arguments
         if arguments.ready_fd is not None and not 0 <= arguments.ready_fd <= _MAX_DESCRIPTOR:
             raise UsageError(f"--ready-fd {arguments.ready_fd}: is no file descriptor")
+        if arguments.interface is None and arguments.second is None:
+            self._enter_namespace()
         what = rig.make(arguments.rig)
         what.ring = what.ring or arguments.ring or arguments.second is not None
         self._check_interfaces(what.ring)
@@ -83,7 +85,6 @@ class _Runner:
             signal.signal(number, self._on_signal)
         simulation = Simulation(what, arguments.trace)
         try:
-            # The user's directory of sockets is found before a namespace makes a root of him.
             self._listen(simulation)
             interfaces = self._open_interfaces(what.ring)
             if arguments.die_with_parent:
@@ -101,6 +102,16 @@ class _Runner:
             if self._server:
                 self._server.close()
             simulation.close()
+
+    def _enter_namespace(self) -> None:
+        """Enters a network namespace of its own.
+
+        It comes before the rig is made: a process with threads, which numerical libraries start,
+        cannot enter a user namespace. The directory of the sockets comes first, as in a user
+        namespace everybody is root.
+        """
+        os.environ[FOLDER_VARIABLE] = str(folder().absolute())
+        self._user_namespace = namespace.enter_new()
 
     def _listen(self, simulation: Simulation) -> None:
         """Opens the control socket; without a name, a simulator also runs if that is impossible."""
@@ -136,7 +147,6 @@ class _Runner:
             netlink.check_up(name)
         if interfaces:
             return interfaces
-        self._user_namespace = namespace.enter_new()
         ends = ("", SECOND) if ring else ("",)
         for end in ends:
             netlink.create_veth(SIMULATOR_END + end, MASTER_END + end)
