@@ -7,12 +7,6 @@ static bool overlaps(const struct sync_manager *sm, uint32_t from, uint32_t to)
            from < (uint32_t)sm->start + sm->size && to > sm->start;
 }
 
-static void changed(struct slave *slave)
-{
-    if (slave->sm_interrupts)
-        slave->segment->event_word_stale = true;
-}
-
 /* The newest complete buffer. */
 static const uint8_t *newest(const struct slave *slave, const struct sync_manager *sm)
 {
@@ -37,7 +31,7 @@ static void read_outputs(struct slave *slave, struct sync_manager *sm, uint32_t 
     }
     sm->device_open = last < end;
     sm->read |= last == end;
-    changed(slave);
+    sm_changed(slave);
 }
 
 /* Reads memory as the device sees it. */
@@ -59,7 +53,7 @@ static void give_inputs(struct slave *slave, struct sync_manager *sm, const uint
     sm->pending = sm->open;
     sm->device_open = false;
     sm_hand_over(sm);
-    changed(slave);
+    sm_changed(slave);
 }
 
 /* Writes the part of an input channel that lies in [from, to). */
@@ -77,7 +71,7 @@ static void write_inputs(struct slave *slave, struct sync_manager *sm, uint32_t 
     memcpy(slave->buffers->device + first, data + (first - from), last - first);
     if (last == end)
         give_inputs(slave, sm, slave->buffers->device + sm->start);
-    changed(slave);
+    sm_changed(slave);
 }
 
 /* Writes memory as the device does. Returns false, and writes nothing, if an access to an input

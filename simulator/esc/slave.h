@@ -216,6 +216,13 @@ struct esc_segment {
     struct server *server; /* NULL = none runs */
 };
 
+/* A sync manager has moved: what its slave adds to the IRQ field of datagrams may be another. */
+static inline void sm_changed(struct slave *slave)
+{
+    if (slave->sm_interrupts)
+        slave->segment->event_word_stale = true;
+}
+
 static inline uint16_t load16(const uint8_t *p) { return (uint16_t)(p[0] | p[1] << 8); }
 
 static inline uint32_t load32(const uint8_t *p)

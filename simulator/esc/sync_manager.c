@@ -100,12 +100,6 @@ bool sm_may_access(const struct slave *slave, uint32_t from, uint32_t to, bool w
     return true;
 }
 
-static void changed(struct slave *slave)
-{
-    if (slave->sm_interrupts)
-        slave->segment->event_word_stale = true;
-}
-
 /* The master begins to read a buffer: it gets the newest one. */
 void sm_begin_read(struct slave *slave, struct sync_manager *sm)
 {
@@ -114,7 +108,7 @@ void sm_begin_read(struct slave *slave, struct sync_manager *sm)
         sm->pending = false;
     }
     sm_take_newest(sm);
-    changed(slave);
+    sm_changed(slave);
 }
 
 /* The master has read the last byte of a buffer. */
@@ -122,7 +116,7 @@ void sm_read(struct slave *slave, struct sync_manager *sm)
 {
     sm->open = false;
     sm->read = true;
-    changed(slave);
+    sm_changed(slave);
 }
 
 /* The master has written the last byte of a buffer. */
@@ -137,7 +131,7 @@ void sm_written(struct slave *slave, struct sync_manager *sm)
         slave->awaits_outputs = false;
         pdi_event(slave, ESC_OUTPUTS);
     }
-    changed(slave);
+    sm_changed(slave);
 }
 
 /* Called before the master accesses [from, to), which it may do. */
@@ -149,7 +143,7 @@ void sm_begin(struct slave *slave, uint32_t from, uint32_t to)
         struct sync_manager *sm = &slave->sm[i];
         if (sm->open || !overlaps(sm, from, to))
             continue;
-        changed(slave);
+        sm_changed(slave);
         if (sm->mailbox) {
             *(sm->write ? &sm->read : &sm->written) = false;
         } else if (!sm->write) {
@@ -170,7 +164,7 @@ static void mailbox_accessed(struct slave *slave, struct sync_manager *sm, bool 
     sm->full = write;
     *(write ? &sm->written : &sm->read) = true;
     pdi_event(slave, write ? ESC_MAILBOX_IN : ESC_MAILBOX_OUT);
-    changed(slave);
+    sm_changed(slave);
 }
 
 /* Called after the master accessed [from, to). The last byte hands a buffer over. */

@@ -32,7 +32,7 @@ def run(rig_name, master, *arguments):
         [sys.executable, "-m", "ecatsim", "run", str(rig_name), "--", sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=90,
         check=False,
     )
     assert result.returncode == 0, result.stderr + result.stdout

@@ -4,14 +4,12 @@ The master runs as a command inside `ecatsim run`; this file is the rig as well.
 `master_…` return what is to be judged, as JSON.
 """
 
-import json
 import struct
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from masters import run
 
 from ecatsim.devices.library import make
 from ecatsim.rig import Rig
@@ -40,24 +38,6 @@ def rig():
     result = Rig("drive", [drive])
     result.add_plant(encoder)
     return result
-
-
-def run(master, *arguments):
-    """Runs a master beside the rig and returns what it found."""
-    code = (
-        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
-        f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
-    )
-    result = subprocess.run(
-        [sys.executable, "-m", "ecatsim", "run", str(HERE), "--", sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=90,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr + result.stdout
-    (found,) = [line for line in result.stdout.splitlines() if line.startswith("found ")]
-    return json.loads(found.removeprefix("found "))
 
 
 class Axis:
@@ -158,7 +138,7 @@ def master_profile_position():
 
 
 def test_profile_position_with_handshake():
-    first, second = run(master_profile_position)
+    first, second = run(HERE, master_profile_position)
     assert first == pytest.approx(3 * TURN, abs=300)
     assert second == pytest.approx(2 * TURN, abs=300)
 
@@ -184,7 +164,7 @@ def master_velocity(mode):
 
 @pytest.mark.parametrize("mode", [3, 9])
 def test_velocity_modes(mode):
-    assert run(master_velocity, mode) == pytest.approx(5.25 * TURN, abs=0.5 * TURN)
+    assert run(HERE, master_velocity, mode) == pytest.approx(5.25 * TURN, abs=0.5 * TURN)
 
 
 def master_torque(mode):
@@ -200,7 +180,7 @@ def master_torque(mode):
 
 @pytest.mark.parametrize("mode", [4, 10])
 def test_torque_modes(mode):
-    mean, speed = run(master_torque, mode)
+    mean, speed = run(HERE, master_torque, mode)
     assert mean == pytest.approx(60, abs=3)
     assert speed == 0
 
@@ -217,7 +197,7 @@ def master_cyclic_position():
 
 
 def test_cyclic_synchronous_position():
-    position, follows, late = run(master_cyclic_position)
+    position, follows, late = run(HERE, master_cyclic_position)
     assert position == pytest.approx(90_000, abs=100)
     assert follows
     assert not late
@@ -254,7 +234,7 @@ def master_homing(methods):
 def test_homing_methods():
     """After homing, the position of the home offset is where the reference is."""
     methods = (1, 2, 17, 18, 33, 34, 35, 37)
-    found = run(master_homing, methods)
+    found = run(HERE, master_homing, methods)
     assert set(found) == {str(method) for method in methods}
     on_switch = {method for method, inputs in found.items() if inputs}
     assert on_switch <= {"17", "18"}, "only these have their reference at a switch"
@@ -284,7 +264,7 @@ def master_quick_stop(codes):
 def test_quick_stop_option_codes():
     """0 to 3 lead to SWITCH ON DISABLED, 5 to 7 stay and lead back to OPERATION ENABLED."""
     codes = (0, 1, 2, 3, 5, 6, 7)
-    assert run(master_quick_stop, codes) == {str(code): DISABLED for code in codes}
+    assert run(HERE, master_quick_stop, codes) == {str(code): DISABLED for code in codes}
 
 
 def master_following_error():
@@ -309,7 +289,7 @@ def master_following_error():
 
 
 def test_following_error_fault_emergency_and_reset():
-    error, register, heard = run(master_following_error)
+    error, register, heard = run(HERE, master_following_error)
     assert error == 0x8611
     assert register == 0x21
     assert heard == [0x8611, 0x0000]
@@ -333,7 +313,7 @@ def master_encoder_fault():
 
 
 def test_an_encoder_fault_stays_as_long_as_its_cause():
-    error, *states = run(master_encoder_fault)
+    error, *states = run(HERE, master_encoder_fault)
     assert error == 0x7305
     assert set(states) == {FAULT}
 
@@ -350,7 +330,7 @@ def master_with_sync0():
 
 def test_a_drive_that_goes_by_sync0():
     """0x1C32: synchronization type 2 (SYNC0) and its cycle time, as set in the SYNC unit."""
-    assert run(master_with_sync0) == [2, 2_000_000]
+    assert run(HERE, master_with_sync0) == [2, 2_000_000]
 
 
 class OwnMapping(Axis):
@@ -393,7 +373,7 @@ def master_other_mapping():
 
 
 def test_a_mapping_of_the_masters_own():
-    outputs, inputs, speed, voltage = run(master_other_mapping)
+    outputs, inputs, speed, voltage = run(HERE, master_other_mapping)
     assert (outputs, inputs) == (7, 11)
     assert speed == pytest.approx(TURN, rel=0.02)
     assert voltage == 48_000

@@ -3,15 +3,12 @@
 Masters run as commands inside `ecatsim run`; this file is the rig as well.
 """
 
-import json
 import struct
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
-from masters import cycle, open_pysoem, to_op
+from masters import cycle, open_pysoem, run, to_op
 from test_simulator_kickcat import master_kickcat
 
 from ecatsim.devices.library import library, make
@@ -31,23 +28,6 @@ def rig():
     result.wire((devices["EL4004"], 0x7000, 1), (devices["AnalogIO"], 0x6000, 4), scale=-0.5)
     result.wire((devices["DigitalIO"], 0x7000, 8), (devices["DigitalIO"], 0x6000, 1))
     return result
-
-
-def run(master, rig_name=HERE):
-    code = (
-        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
-        f"print('found', json.dumps(t.{master.__name__}()))"
-    )
-    result = subprocess.run(
-        [sys.executable, "-m", "ecatsim", "run", str(rig_name), "--", sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr + result.stdout
-    (found,) = [line for line in result.stdout.splitlines() if line.startswith("found ")]
-    return json.loads(found.removeprefix("found "))
 
 
 def master_all_in_op():
@@ -77,7 +57,7 @@ def master_all_in_op():
 
 
 def test_pysoem_finds_every_device_as_the_library_lists_it_and_reaches_op():
-    found, values = run(master_all_in_op)
+    found, values = run(HERE, master_all_in_op)
     assert [row[1:] for row in found] == [
         [item.vendor, item.product, item.revision, item.output_size, item.input_size]
         for item in library()
@@ -87,7 +67,7 @@ def test_pysoem_finds_every_device_as_the_library_lists_it_and_reaches_op():
 
 
 def test_kickcat_brings_every_device_to_op():
-    found = run(master_kickcat)["data"]
+    found = run(HERE, master_kickcat)["data"]
     assert [(size, len(data) // 2) for size, data in found] == [
         (item.output_size, item.input_size) for item in library()
     ]
@@ -114,7 +94,7 @@ def master_branches():
 
 def test_the_rig_branches():
     """Frames visit the branch at port 3 of the junction, then that at port 1, then the E-bus."""
-    names, links, values = run(master_branches, "branches")
+    names, links, values = run("branches", master_branches)
     assert names == [
         *("EK1100", "EL2008", "EL1008", "EK1122"),
         *("EK1100", "EL2004", "EL1018"),

@@ -3,14 +3,12 @@
 Masters run as commands inside `ecatsim run`; this file is the rig file as well.
 """
 
-import json
 import struct
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from masters import run
 from test_simulator_masters import (
     ERROR,
     INIT,
@@ -93,24 +91,6 @@ def rig():
     return Rig("sample", [Sample()])
 
 
-def run(master, *arguments):
-    """Runs a master beside the rig and returns what it found."""
-    code = (
-        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); import {HERE.stem} as t; "
-        f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
-    )
-    result = subprocess.run(
-        [sys.executable, "-m", "ecatsim", "run", str(HERE), "--", sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr + result.stdout
-    (found,) = [line for line in result.stdout.splitlines() if line.startswith("found ")]
-    return json.loads(found.removeprefix("found "))
-
-
 def open_preop(manual=False):
     """The master and its slave, in PREOP or, if states are left to the test, in INIT."""
     import pysoem
@@ -155,7 +135,7 @@ def master_mapping(complete):
 
 @pytest.mark.parametrize("complete", [False, True])
 def test_pdo_mapping_changes_the_process_data(complete):
-    assert run(master_mapping, complete) == [7, 0xFFFF ^ 0x1234, 2.5]
+    assert run(HERE, master_mapping, complete) == [7, 0xFFFF ^ 0x1234, 2.5]
 
 
 # --- SDO information -----------------------------------------------------------------------------
@@ -173,7 +153,7 @@ def master_information():
 
 
 def test_sdo_information():
-    found = run(master_information)
+    found = run(HERE, master_information)
     assert found["mapping"] == [9, 0x21, 33]
     assert found["triggers"][1:] == [["Emergency", 6, 0x3F], ["Slow answers in ms", 6, 0x3F]]
     assert found["real"] == [32, 0x7F]
@@ -201,7 +181,7 @@ def master_emergency():
 
 
 def test_pysoem_receives_emergencies():
-    seen, registers = run(master_emergency)
+    seen, registers = run(HERE, master_emergency)
     assert [[code, *rest] for _, code, *rest in seen] == [
         [0x8130, 1, 1, 0x0302, 0x0504],
         [0, 0, 1, 0x0302, 0x0504],
@@ -230,7 +210,7 @@ def master_files(sizes):
 def test_pysoem_reads_and_writes_files():
     room = MAIL - 12
     sizes = [0, 1, room - 1, room, room + 1, 2 * room, 5 * room, 100_000]
-    same, results, texts, device_type = run(master_files, sizes)
+    same, results, texts, device_type = run(HERE, master_files, sizes)
     assert same == [True] * len(sizes)
     assert results == [True, False, False]
     assert texts == ["a line of text", "good", "", ""]
@@ -259,7 +239,7 @@ def master_boot():
 
 
 def test_firmware_in_boot():
-    boxes, states, same, device_type = run(master_boot)
+    boxes, states, same, device_type = run(HERE, master_boot)
     assert boxes == [[0x1000, BOOT_MAIL], [0x1200, BOOT_MAIL]]
     assert states == [[INIT | ERROR, 0x15], [BOOT, 0], [INIT, 0], [INIT | ERROR, 0x16], [PREOP, 0]]
     assert same
@@ -275,7 +255,7 @@ def master_identification():
 
 
 def test_device_identification():
-    assert run(master_identification) == [[PREOP | 0x20, 0x42], [PREOP, 0]]
+    assert run(HERE, master_identification) == [[PREOP | 0x20, 0x42], [PREOP, 0]]
 
 
 def master_slow():
@@ -289,7 +269,7 @@ def master_slow():
 
 
 def test_slow_mailbox_is_waited_for():
-    assert run(master_slow)[0]
+    assert run(HERE, master_slow)[0]
 
 
 def master_lost_safeop():
@@ -306,7 +286,7 @@ def master_lost_safeop():
 
 
 def test_a_refused_request_in_op_leaves_the_outputs_on():
-    assert run(master_lost_safeop) == [[OP | ERROR, 0x11], "cbed", [OP, 0], [SAFEOP, 0]]
+    assert run(HERE, master_lost_safeop) == [[OP | ERROR, 0x11], "cbed", [OP, 0], [SAFEOP, 0]]
 
 
 # --- distributed clocks --------------------------------------------------------------------------
@@ -337,11 +317,11 @@ def master_too_fast():
 
 
 def test_sync0_that_is_too_fast():
-    assert run(master_too_fast) == [PREOP | ERROR, 0x36]
+    assert run(HERE, master_too_fast) == [PREOP | ERROR, 0x36]
 
 
 def test_op_with_sync0():
-    assert run(master_sync, 1_000_000) == [[SAFEOP | ERROR, 0x2C], "0200", 1_000_000]
+    assert run(HERE, master_sync, 1_000_000) == [[SAFEOP | ERROR, 0x2C], "0200", 1_000_000]
 
 
 # --- kickcat -------------------------------------------------------------------------------------
@@ -377,7 +357,7 @@ def master_kickcat():
 
 
 def test_kickcat_takes_emergencies_and_gets_its_answers():
-    sent, values, name, entry = run(master_kickcat)
+    sent, values, name, entry = run(HERE, master_kickcat)
     assert sent
     assert values == ["01", "07000000"]
     assert "Triggers" in name

@@ -129,17 +129,21 @@ class ProfileVelocity(Operation):
         return float(min(max(self._objects[0x60FF, 0], -most), most))
 
 
-class CyclicVelocity(Operation):
+class Cyclic(Operation):
+    """What the cyclic synchronous modes have in common."""
+
+    def status(self, word: int, elapsed: float) -> int:
+        """Bit 12: the drive follows the target."""
+        return BIT_12 * (not word & HALT)
+
+
+class CyclicVelocity(Cyclic):
     """Cyclic synchronous velocity (9): 0x60FF + 0x60B1 as they come."""
 
     def command(self, word: int, elapsed: float) -> None:
         """Follows the target."""
         target = self._objects[0x60FF, 0] + self._objects[0x60B1, 0]
         self._axis.command_speed(float(target))
-
-    def status(self, word: int, elapsed: float) -> int:
-        """Bit 12: the drive follows the target."""
-        return BIT_12 * (not word & HALT)
 
 
 class ProfileTorque(Operation):
@@ -161,13 +165,9 @@ class ProfileTorque(Operation):
         return TARGET_REACHED * (self._reference == self._objects[0x6071, 0])
 
 
-class CyclicTorque(Operation):
+class CyclicTorque(Cyclic):
     """Cyclic synchronous torque (10): 0x6071 + 0x60B2 as they come."""
 
     def command(self, word: int, elapsed: float) -> None:
         """Follows the target."""
         self._axis.command_torque(float(self._objects[0x6071, 0] + self._objects[0x60B2, 0]))
-
-    def status(self, word: int, elapsed: float) -> int:
-        """Bit 12: the drive follows the target."""
-        return BIT_12 * (not word & HALT)

@@ -13,6 +13,7 @@ from .modes import (
     NEW_SET_POINT,
     RELATIVE,
     TARGET_REACHED,
+    Cyclic,
     Operation,
     Values,
     Window,
@@ -125,7 +126,7 @@ class ProfilePosition(Operation):
         self._acknowledged = new
 
 
-class CyclicPosition(Operation):
+class CyclicPosition(Cyclic):
     """Cyclic synchronous position (8): 0x607A + 0x60B0, interpolated over 0x60C2."""
 
     positioning = True
@@ -157,10 +158,6 @@ class CyclicPosition(Operation):
             self._reference, self._remaining, self._speed = self._target, 0.0, 0.0
         inside = self._axis.within(self._reference)
         self._axis.command_position(inside, speed if inside == self._reference else 0.0)
-
-    def status(self, word: int, elapsed: float) -> int:
-        """Bit 12: the drive follows the target."""
-        return BIT_12 * (not word & HALT)
 
     def _wanted(self) -> float:
         return float(self._objects[0x607A, 0] + self._objects[0x60B0, 0])
