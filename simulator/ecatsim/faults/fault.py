@@ -10,7 +10,7 @@ from ecatd.model.errors import UsageError
 
 from ..core import MAX_SLAVES
 from ..parameters import Described, Is, parameters
-from . import source
+from . import named_devices
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -56,7 +56,7 @@ class Fault(Described):
     def relative_to(self, folder: Path) -> Self:
         """The same fault with the paths of its files taken relative to a folder."""
         paths: dict[str, Any] = {
-            p.name: source.absolute(getattr(self, p.name), folder)
+            p.name: named_devices.absolute(getattr(self, p.name), folder)
             for p in parameters(type(self))
             if p.about.file and getattr(self, p.name)
         }

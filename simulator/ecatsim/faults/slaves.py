@@ -11,7 +11,7 @@ from ecatd.model.errors import StateError, UsageError
 
 from ..parameters import Is
 from ..slave.mailbox import MailboxFault, MailboxMode
-from . import source
+from . import named_devices
 from .fault import SlaveFault
 
 if TYPE_CHECKING:
@@ -94,11 +94,11 @@ class Swap(SlaveFault):
     def check(self, simulation: Simulation) -> None:
         """Checks that there is such a device."""
         if self.device != "original":
-            source.make(self.device)
+            named_devices.make(self.device)
 
     def strike(self, simulation: Simulation) -> None:
         """Puts the other device in."""
-        other = None if self.device == "original" else source.make(self.device)
+        other = None if self.device == "original" else named_devices.make(self.device)
         simulation.swap(self.slave, other)
 
 
@@ -201,7 +201,7 @@ class Eeprom(SlaveFault):
     def check(self, simulation: Simulation) -> None:
         """Checks that the file can be read."""
         if self.file:
-            source.read_image(Path(self.file))
+            named_devices.read_image(Path(self.file))
 
     def strike(self, simulation: Simulation) -> None:
         """Changes the content."""
@@ -221,7 +221,7 @@ class Eeprom(SlaveFault):
         if self.content == "truncated":
             return original[:_HEADER]
         if self.content == "image":
-            return source.read_image(Path(self.file))
+            return named_devices.read_image(Path(self.file))
         return original
 
 
