@@ -4,7 +4,7 @@
 #include <stdio.h>
 
 struct text {
-  char chars[16384];
+  char chars[32768];
   size_t used;
 };
 

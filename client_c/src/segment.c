@@ -100,6 +100,8 @@ static int check_tables(ecat_t *bus) {
       !table_fits(bus, h->slot_status_offset, h->slot_count, sizeof(ecat_shm_slot_status)) ||
       !table_fits(bus, h->replies_offset, (uint64_t)h->slot_count * ECAT_REQUESTS,
                   sizeof(ecat_shm_reply)) ||
+      !table_fits(bus, h->domain_status_offset, h->domain_count, sizeof(ecat_shm_domain_status)) ||
+      !table_fits(bus, h->settings_offset, ECAT_SETTINGS, sizeof(ecat_shm_setting)) ||
       !table_fits(bus, h->health_offset, 1, sizeof(ecat_shm_health)))
     return damaged(bus, "tables");
   bus->slaves = (const void *)(bus->map + h->slaves_offset);

@@ -40,7 +40,7 @@ static int allocate_images(cyclic_t *c) {
 
 cyclic_t *cyclic_new(void *header, int out_fd, const char *interface) {
   cyclic_t *c = calloc(1, sizeof *c);
-  ecat_shm_histogram *histogram[4];
+  ecat_shm_histogram *histogram[6];
   int code = -EINVAL, i;
   if (c == NULL) return NULL;
   c->header = header;
@@ -52,12 +52,13 @@ cyclic_t *cyclic_new(void *header, int out_fd, const char *interface) {
   c->slot_status = at_offset(c, c->header->slot_status_offset);
   c->replies = at_offset(c, c->header->replies_offset);
   c->health = at_offset(c, c->header->health_offset);
-  c->health->cpu = -1;
   histogram[0] = &c->health->wakeup;
   histogram[1] = &c->health->exchange;
   histogram[2] = &c->health->cycle;
   histogram[3] = &c->health->delay;
-  for (i = 0; i < 4; i++) histogram[i]->min_ns = UINT64_MAX;
+  histogram[4] = &c->health->dc_offset;
+  histogram[5] = &c->health->mailbox;
+  for (i = 0; i < 6; i++) histogram[i]->min_ns = UINT64_MAX;
   c->domains = c->header->domain_count;
   if (c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
       (code = cyclic_slots_init(c)) == 0 && (code = cyclic_wire_open(c, interface)) == 0)
@@ -124,17 +125,13 @@ static void *thread_main(void *argument) {
     CPU_ZERO(&set);
     CPU_SET((size_t)c->settings.cpu, &set);
     if (sched_setaffinity(0, sizeof set, &set) != 0) c->affinity_error = errno;
-    c->health->cpu = c->affinity_error == 0 ? c->settings.cpu : -1;
   }
   if (c->settings.priority > 0) {
     struct sched_param parameter = {.sched_priority = c->settings.priority};
     if (sched_setscheduler(0, SCHED_FIFO, &parameter) != 0)
       c->scheduling_error = errno;
-    else
-      c->health->sched_policy = SCHED_FIFO;
-    c->health->sched_priority = c->scheduling_error == 0 ? (uint32_t)c->settings.priority : 0;
   }
-  if (c->health->sched_policy != SCHED_FIFO) ask_for_short_slices();
+  if (c->settings.priority == 0 || c->scheduling_error != 0) ask_for_short_slices();
   __atomic_store_n(&c->started, 2, __ATOMIC_RELEASE);
   cyclic_run(c);
   return NULL;
@@ -175,10 +172,7 @@ int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
   int code = cyclic_wire_plan(c);
   if (code != 0) return code;
   c->settings = *settings;
-  if (settings->lock_memory) {
-    c->memory_error = lock_memory();
-    c->health->memory_locked = c->memory_error == 0;
-  }
+  if (settings->lock_memory) c->memory_error = lock_memory();
   code = create_thread(c);
   if (code != 0) return code;
   while (__atomic_load_n(&c->started, __ATOMIC_ACQUIRE) != 2) sched_yield();

@@ -46,6 +46,43 @@ class WkcState(IntEnum):
     COMPLETE = 2
 
 
+class Ring(IntEnum):
+    """`ecat_ring`: what the second interface sees."""
+
+    NONE = 0
+    CLOSED = 1
+    OPEN = 2
+
+
+class Link(IntEnum):
+    """`ecat_link`: state of a network interface."""
+
+    UNUSED = 0
+    UP = 1
+    NO_CARRIER = 2
+    DOWN = 3
+    GONE = 4
+
+
+class DcState(IntEnum):
+    """`ecat_dc_state`: whether the cycle follows the reference clock."""
+
+    OFF = 0
+    LOCKING = 1
+    LOCKED = 2
+
+
+class Setting(IntEnum):
+    """`ecat_setting`: kinds of real time."""
+
+    SCHEDULING = 0
+    AFFINITY = 1
+    MEMORY = 2
+    TIMER_SLACK = 3
+    DMA_LATENCY = 4
+    BUSY_RECEIVE = 5
+
+
 class Outputs(IntEnum):
     """`ecat_outputs`: who decides the outputs of a slave."""
 
@@ -70,6 +107,7 @@ _SCALARS: dict[str, Any] = {
     "uint32_t": ctypes.c_uint32,
     "int32_t": ctypes.c_int32,
     "uint64_t": ctypes.c_uint64,
+    "int64_t": ctypes.c_int64,
     "double": ctypes.c_double,
     "char": ctypes.c_char,
 }

@@ -34,6 +34,37 @@ enum ecat_wkc_state {
   ECAT_WKC_COMPLETE = 2
 };
 
+enum ecat_ring {
+  ECAT_RING_NONE = 0,   /* no second interface */
+  ECAT_RING_CLOSED = 1,
+  ECAT_RING_OPEN = 2    /* a break: each interface reaches the slaves on its side */
+};
+
+enum ecat_link {
+  ECAT_LINK_UNUSED = 0, /* no such interface configured */
+  ECAT_LINK_UP = 1,
+  ECAT_LINK_NO_CARRIER = 2,
+  ECAT_LINK_DOWN = 3,   /* switched off */
+  ECAT_LINK_GONE = 4    /* the interface does not exist any more */
+};
+
+enum ecat_dc_state {
+  ECAT_DC_OFF = 0,      /* the cycle runs on CLOCK_MONOTONIC */
+  ECAT_DC_LOCKING = 1,
+  ECAT_DC_LOCKED = 2    /* the cycle follows the reference clock */
+};
+
+/* Rows of the ecat_shm_setting table, with the meaning of `value`. */
+enum ecat_setting {
+  ECAT_SETTING_SCHEDULING = 0,   /* SCHED_FIFO; priority */
+  ECAT_SETTING_AFFINITY = 1,     /* CPU that the engine is pinned to */
+  ECAT_SETTING_MEMORY = 2,       /* mlockall; 0 */
+  ECAT_SETTING_TIMER_SLACK = 3,  /* ns */
+  ECAT_SETTING_DMA_LATENCY = 4,  /* /dev/cpu_dma_latency; us */
+  ECAT_SETTING_BUSY_RECEIVE = 5, /* 0 */
+  ECAT_SETTINGS = 6
+};
+
 enum ecat_outputs {
   ECAT_OUTPUTS_SAFE = 0,    /* nobody owns them */
   ECAT_OUTPUTS_CLAIMED = 1, /* owned, but still safe: not yet written by their owner */

@@ -10,6 +10,7 @@ from enum import IntEnum
 
 from ecatd import native
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
+from ecatd.shm import Setting
 
 from .layout import DomainImage
 
@@ -64,6 +65,23 @@ class RealTime:
     cpu: int = -1
     lock_memory: bool = True
     busy_receive: bool = False
+
+
+@dataclass(slots=True)
+class Grant:
+    """What the system said to one kind of real time.
+
+    Attributes:
+        setting: Which one.
+        wanted: Whether it was asked for.
+        value: See `ecat_setting`.
+        error: errno where it was refused, else 0.
+    """
+
+    setting: Setting
+    wanted: bool
+    value: int = 0
+    error: int = 0
 
 
 def _library() -> ctypes.CDLL:
@@ -144,28 +162,30 @@ class Engine:
         """Safe values of a slave: bits of `hold` keep what was last sent, others take `value`."""
         _LIB.cyclic_set_safe(self._engine, slave, value, hold)
 
-    def start(self, wanted: RealTime) -> list[str]:
-        """Starts the exchange.
-
-        Returns:
-            One sentence for every kind of real time that was asked for and not granted.
-        """
+    def start(self, wanted: RealTime) -> list[Grant]:
+        """Starts the exchange; returns what the system granted."""
         settings = _Settings(
             wanted.priority, wanted.cpu, int(wanted.lock_memory), int(wanted.busy_receive)
         )
         code = _LIB.cyclic_start(self._engine, ctypes.byref(settings))
         if code != 0:
             raise EcatError(f"the cyclic engine does not start: {os.strerror(-code)}")
-        refused = []
-        for name, what in (
-            ("scheduling", f"SCHED_FIFO priority {wanted.priority} (needs CAP_SYS_NICE)"),
-            ("affinity", f"CPU {wanted.cpu}"),
-            ("memory", "locked memory (needs CAP_IPC_LOCK)"),
-        ):
-            code = getattr(_LIB, f"cyclic_{name}_error")(self._engine)
-            if code != 0:
-                refused.append(f"{what}: {os.strerror(code)}")
-        return refused
+        return [
+            Grant(
+                Setting.SCHEDULING,
+                wanted.priority > 0,
+                wanted.priority,
+                _LIB.cyclic_scheduling_error(self._engine),
+            ),
+            Grant(
+                Setting.AFFINITY,
+                wanted.cpu >= 0,
+                wanted.cpu,
+                _LIB.cyclic_affinity_error(self._engine),
+            ),
+            Grant(Setting.MEMORY, wanted.lock_memory, 0, _LIB.cyclic_memory_error(self._engine)),
+            Grant(Setting.BUSY_RECEIVE, wanted.busy_receive),
+        ]
 
     def make_safe(self) -> None:
         """From the next cycle on all outputs are at their safe values."""

@@ -38,6 +38,8 @@ class DomainImage:
     output_base: int
     output_bytes: int = 0
     input_bytes: int = 0
+    name: str = ""
+    divider: int = 1
     datagrams: list[Datagram] = field(default_factory=list)
 
     @property

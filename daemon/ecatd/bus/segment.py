@@ -12,7 +12,7 @@ import mmap
 import os
 import struct as binary
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from ecatd.model.errors import EcatError, NotPermittedError, StateError
 from ecatd.paths import give_to_group
 from ecatd.version import VERSION
 
-from .engine import publish_layout
+from .engine import Grant, publish_layout
 from .layout import Image
 
 _FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
@@ -51,6 +51,8 @@ class Segment:
         out_fd: File descriptor of the `.out` segment.
         header: `ecat_shm_header` in place: assignments are visible to clients.
         slave_status: `ecat_shm_slave_status` table in place.
+        settings: `ecat_shm_setting` table in place.
+        health: `ecat_shm_health` in place.
 
     Raises:
         StateError: Another daemon serves a bus of this name.
@@ -122,6 +124,9 @@ class Segment:
         header.version = VERSION.encode()[:15]
         for key, offset in plan.offsets.items():
             setattr(header, f"{key}_offset", offset)
+        settings = shm.struct("ecat_shm_setting") * len(shm.Setting)
+        self.settings = settings.from_buffer(self._map, plan.offsets["settings"])
+        self.health = self._at("ecat_shm_health", plan.offsets["health"])
         self._fill_slaves(plan)
         self._fill_signals(plan)
         self._fill_domains(plan)
@@ -157,11 +162,12 @@ class Segment:
         kind = shm.struct("ecat_shm_domain") * len(self._image.domains)
         table = kind.from_buffer(self._map, plan.offsets["domains"])
         for row, domain, page in zip(table, self._image.domains, plan.pages, strict=True):
+            row.name = _text(domain.name, 32)
             row.page_offset = page
             row.image_bytes = domain.output_bytes + domain.input_bytes
             row.output_bytes = domain.output_bytes
             row.output_base = domain.output_base
-            row.divider = 1
+            row.divider = domain.divider
             row.wkc_expected = domain.wkc_expected
 
     def _fill_out(self, instance: int) -> None:
@@ -220,6 +226,13 @@ class Segment:
         finally:
             os.close(old)
 
+    def set_grants(self, grants: Iterable[Grant]) -> None:
+        """Tells which real time the system has granted."""
+        for grant in grants:
+            row = self.settings[grant.setting]
+            row.wanted, row.value, row.error = int(grant.wanted), grant.value, grant.error
+            row.granted = int(grant.wanted and grant.error == 0)
+
     def publish(self) -> None:
         """Makes the segment valid for clients; the layout version is the last word written."""
         publish_layout(self.address)
@@ -266,6 +279,8 @@ class _Plan:
             "slave_status": self._place("ecat_shm_slave_status", len(bus.slaves)),
             "slot_status": self._place("ecat_shm_slot_status", shm.SLOTS),
             "replies": self._place("ecat_shm_reply", shm.SLOTS * shm.REQUESTS),
+            "domain_status": self._place("ecat_shm_domain_status", len(image.domains)),
+            "settings": self._place("ecat_shm_setting", len(shm.Setting)),
             "health": self._place("ecat_shm_health", 1),
         }
         self.pages = []

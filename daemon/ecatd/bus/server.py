@@ -53,6 +53,13 @@ _REASONS = {
 }
 
 
+_SETTINGS = {
+    shm.Setting.SCHEDULING: "SCHED_FIFO priority {} (needs CAP_SYS_NICE)",
+    shm.Setting.AFFINITY: "CPU {}",
+    shm.Setting.MEMORY: "locked memory (needs CAP_IPC_LOCK)",
+}
+
+
 class BusServer:
     """One bus.
 
@@ -150,9 +157,15 @@ class BusServer:
         for position, (value, hold) in safe.items():
             self._engine.set_safe(position, value, hold)
         wanted = config.realtime
-        refused = self._engine.start(
+        grants = self._engine.start(
             RealTime(wanted.priority, wanted.cpu, wanted.lock_memory, wanted.busy_receive)
         )
+        segment.set_grants(grants)
+        refused = [
+            f"{_SETTINGS[grant.setting].format(grant.value)}: {os.strerror(grant.error)}"
+            for grant in grants
+            if grant.error
+        ]
         if refused:
             self._log.warning(f"no real time: not granted are {'; '.join(refused)}")
 

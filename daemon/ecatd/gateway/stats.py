@@ -45,9 +45,13 @@ def read_stats(bus: str) -> dict[str, Any]:
     try:
         with mmap.mmap(fd, 0, prot=mmap.PROT_READ) as view:
             header = shm.struct("ecat_shm_header").from_buffer_copy(view)
+            settings = (shm.struct("ecat_shm_setting") * len(shm.Setting)).from_buffer_copy(
+                view, header.settings_offset
+            )
             health = shm.struct("ecat_shm_health").from_buffer_copy(view, header.health_offset)
     finally:
         os.close(fd)
+    scheduling, affinity = shm.Setting.SCHEDULING, shm.Setting.AFFINITY
     return {
         "bus": bus,
         "state": shm.BusState(header.state).name.lower(),
@@ -55,10 +59,10 @@ def read_stats(bus: str) -> dict[str, Any]:
         **{name: getattr(health, name) for name in _COUNTERS},
         "delay_cycles": list(health.delay_cycles),
         "realtime": {
-            "scheduling": "SCHED_FIFO" if health.sched_policy else "SCHED_OTHER",
-            "priority": health.sched_priority,
-            "cpu": health.cpu,
-            "memory_locked": bool(health.memory_locked),
+            "scheduling": "SCHED_FIFO" if settings[scheduling].granted else "SCHED_OTHER",
+            "priority": settings[scheduling].value if settings[scheduling].granted else 0,
+            "cpu": settings[affinity].value if settings[affinity].granted else -1,
+            "memory_locked": bool(settings[shm.Setting.MEMORY].granted),
         },
         **{
             name: _summary(getattr(health, name))
