@@ -1,0 +1,153 @@
+"""From an interface to slaves in OP, step by step.
+
+Order matters, and `BringUp.run` is where it is written: reserve, scan, read, map, exchange with
+safe outputs, OP. Each step uses what the ones before it have found, and leaves it as attributes.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+
+from ecatd import shm
+from ecatd.log import Log
+from ecatd.model.al import AlState
+from ecatd.model.bus import Bus
+from ecatd.model.config import Config
+from ecatd.model.errors import StateError
+
+from .engine import Engine, Grant, RealTime
+from .layout import Image, lay_out
+from .mapping import Scanned, configure, scan_slave
+from .master import Master
+from .safe import safe_images
+from .segment import Segment
+
+_FIRST_CYCLES = 3
+"""Cycles with valid outputs before slaves are asked for OP."""
+
+_SETTINGS = {
+    shm.Setting.SCHEDULING: "SCHED_FIFO priority {} (needs CAP_SYS_NICE)",
+    shm.Setting.AFFINITY: "CPU {}",
+    shm.Setting.MEMORY: "locked memory (needs CAP_IPC_LOCK)",
+}
+
+
+class BringUp:
+    """The start of one bus, and what it has made so far.
+
+    Args:
+        config: The configuration.
+        interface: The interface, which may come from the simulator instead of the configuration.
+        log: Where steps are told.
+        cancelled: Asked while slaves are waited for; when true, the start ends with `StateError`.
+
+    Attributes:
+        bus: The description of the bus; its slaves are there after `read`.
+        segment: The shared memory: reserved by `reserve`, filled by `exchange`.
+        master: The master, from `reserve` on.
+        engine: The cyclic engine, from `exchange` on.
+        image: The process image, from `map` on.
+    """
+
+    def __init__(
+        self, config: Config, interface: str, log: Log, cancelled: Callable[[], bool]
+    ) -> None:
+        self._config = config
+        self._interface = interface
+        self._log = log
+        self._cancelled = cancelled
+        self._begin = time.monotonic()
+        self._scanned: list[Scanned] = []
+        self.bus = Bus(config.bus, config.cycle_time_us)
+        self.segment: Segment | None = None
+        self.master: Master | None = None
+        self.engine: Engine | None = None
+        self.image: Image | None = None
+
+    def run(self) -> tuple[Segment, Master, Engine]:
+        """Brings the bus to OP; blocks, and belongs on the mailbox worker.
+
+        Raises:
+            EcatError: A step does not work; what was made so far stays in the attributes.
+        """
+        # First what keeps others away, so that nothing is done to a bus that somebody else runs.
+        self.segment = segment = Segment(self._config.bus)
+        self.master = master = Master(self._interface, self._cancelled)
+        self._read(master, self._scan(master))
+        image = self._map(master)
+        engine = self._exchange(segment, image)
+        self._reach_op(master, segment)
+        self._tell(image)
+        return segment, master, engine
+
+    def _scan(self, master: Master) -> int:
+        """Finds the slaves and takes them to PREOP; returns their number."""
+        count = master.scan()
+        self._log.info(f"{count} slave{'s' * (count != 1)} found on {self._interface}")
+        master.reach(AlState.PREOP, self._config.state_timeout_s)
+        return count
+
+    def _read(self, master: Master, count: int) -> None:
+        """Reads what every slave says about itself into the description of the bus."""
+        for position in range(count):
+            if self._cancelled():
+                raise StateError("stopped while slaves were being read")
+            self._scanned.append(scan_slave(master, position))
+        self.bus.slaves = [item.slave for item in self._scanned]
+
+    def _map(self, master: Master) -> Image:
+        """Gives every slave its place in the process image, and takes them to SAFEOP."""
+        without_lrw = {item.slave.position for item in self._scanned if item.sii.without_lrw}
+        self.image = image = lay_out(self.bus, without_lrw)
+        configure(master, self._scanned, image)
+        master.reach(AlState.SAFEOP, self._config.state_timeout_s)
+        return image
+
+    def _exchange(self, segment: Segment, image: Image) -> Engine:
+        """Starts the cyclic exchange with all outputs safe."""
+        config = self._config
+        cycle_ns = config.cycle_time_us * 1000
+        lease_max = config.outputs.lease_max_ms * 1_000_000
+        lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
+        safe = safe_images(self.bus, config.outputs.safe)
+        segment.fill(self.bus, image, lease, lease_max)
+        self.engine = engine = Engine(segment.address, segment.out_fd, self._interface)
+        for domain in image.domains:
+            engine.add_domain(domain)
+        for position, (value, hold) in safe.items():
+            engine.set_safe(position, value, hold)
+        wanted = config.realtime
+        grants = engine.start(
+            RealTime(wanted.priority, wanted.cpu, wanted.lock_memory, wanted.busy_receive)
+        )
+        segment.set_grants(grants)
+        self._tell_grants(grants)
+        return engine
+
+    def _tell_grants(self, grants: list[Grant]) -> None:
+        refused = [
+            f"{_SETTINGS[grant.setting].format(grant.value)}: {os.strerror(grant.error)}"
+            for grant in grants
+            if grant.error
+        ]
+        if refused:
+            self._log.warning(f"no real time: not granted are {'; '.join(refused)}")
+
+    def _reach_op(self, master: Master, segment: Segment) -> None:
+        """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
+        first = segment.header.cycle
+        deadline = time.monotonic() + self._config.state_timeout_s
+        while segment.header.cycle < first + _FIRST_CYCLES:
+            if time.monotonic() > deadline:
+                raise StateError("the cyclic engine does not run")
+            time.sleep(self._config.cycle_time_us * 1e-6)
+        master.reach(AlState.OP, self._config.state_timeout_s)
+
+    def _tell(self, image: Image) -> None:
+        self._log.info(
+            f"bus '{self.bus.name}' is in OP: {len(self.bus.slaves)} slaves, {image.output_bytes} "
+            f"bytes of outputs, {sum(d.input_bytes for d in image.domains)} of inputs, every "
+            f"{self._config.cycle_time_us} µs (after {time.monotonic() - self._begin:.1f} s)"
+        )
