@@ -17,12 +17,24 @@ typedef struct cyclic cyclic_t;
 /* Datagram commands that carry process data (ETG.1000.4). */
 enum cyclic_command { CYCLIC_LRD = 10, CYCLIC_LWR = 11, CYCLIC_LRW = 12 };
 
+/* Indices of the first datagram of a frame, by which sockets choose their frames. */
+enum cyclic_index {
+  CYCLIC_INDEX_SOEM = 0x00,      /* SOEM counts to 15 */
+  CYCLIC_INDEX_REGISTERS = 0x10, /* register access of the control side */
+  CYCLIC_INDEX_ENGINE = 0x80,    /* the engine, to the end */
+  CYCLIC_INDEX_LAST = 0xFF
+};
+
 enum cyclic_event_type {
   CYCLIC_EVENT_CLAIMED = 1, /* slot owns the outputs of slave */
   CYCLIC_EVENT_SAFE = 2,    /* outputs of slave fell to their safe values; value: ecat_reason */
   CYCLIC_EVENT_WKC = 3,     /* working-counter state of a domain changed; slave: domain, value: state */
   CYCLIC_EVENT_REQUEST = 4, /* slot has new requests; value: generation */
-  CYCLIC_EVENT_SEND = 5     /* sending began to fail (value: errno), or works again (0) */
+  CYCLIC_EVENT_SEND = 5,    /* sending on port `slot` began to fail (value: errno), or works again (0) */
+  CYCLIC_EVENT_SLAVES = 6,  /* `slave` slaves answer the broadcast read; value: their AL status, ORed */
+  CYCLIC_EVENT_RING = 7,    /* value: ecat_ring, slave: slaves before the break */
+  CYCLIC_EVENT_CLOCK = 8,   /* value: ecat_dc_state */
+  CYCLIC_EVENT_OVERRUN = 9  /* value: deadlines missed since the last such event */
 };
 
 typedef struct cyclic_event {
@@ -38,25 +50,49 @@ typedef struct cyclic_settings {
   int32_t cpu;           /* CPU to run on, -1: any */
   int32_t lock_memory;   /* 1: lock the memory of the process */
   int32_t busy_receive;  /* 1: spin for the answer instead of sleeping */
+  int32_t free_running;  /* 1: the next cycle follows at once; to measure, not for slaves */
 } cyclic_settings;
 
-/* An engine on `interface` for the prepared segment (tables filled, `header` mapped read-write)
- * and the open .out segment. NULL and errno on failure. */
-CYCLIC_API cyclic_t *cyclic_new(void *header, int out_fd, const char *interface);
+/* The distributed clock that the cycle follows. */
+typedef struct cyclic_clock {
+  uint32_t address;  /* configured station address of the reference clock */
+  int32_t position;  /* its position */
+  int32_t phase_ns;  /* when in a cycle of the reference clock the frames leave */
+  uint32_t lock_ns;  /* locked when the phase is this close */
+} cyclic_clock;
+
+/* A bound raw socket for EtherCAT frames whose first datagram has an index from `first` to `last`;
+ * -errno on failure. */
+CYCLIC_API int cyclic_open_socket(const char *interface, uint32_t first, uint32_t last);
+/* Lets only frames with such an index into an AF_PACKET socket. 0 or -errno. */
+CYCLIC_API int cyclic_filter_index(int fd, uint32_t first, uint32_t last);
+
+/* An engine for the prepared segment (tables filled, `header` mapped read-write), the open .out
+ * segment, and one or two sockets (`second_fd` -1: no cable redundancy). All stay the caller's.
+ * `run` names this run in the source address of its frames (bytes 1 to 4). NULL and errno. */
+CYCLIC_API cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint32_t run);
 /* Datagram of domain `domain` that exchanges `length` bytes of its image from `offset` on, at
- * logical address `address + offset`. 0, or -EINVAL, -ENOSPC. */
+ * logical address `address + offset`. In the order of the domains. 0, or -EINVAL, -ENOSPC. */
 CYCLIC_API int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
                                    uint32_t offset, uint32_t length, uint32_t wkc_expected);
+/* Has the cycle follow a reference clock, and slaves follow it, too. Before cyclic_start(). */
+CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);
 /* Safe values of the outputs of a slave: bits of `hold` keep what was last sent, the others take
  * `value`. Both have the slave's output_bytes. */
 CYCLIC_API int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value,
                                const uint8_t *hold);
-/* Starts the thread; 0 or -errno. What could not be granted is visible in ecat_shm_health and in
- * the return values of cyclic_scheduling_error() and cyclic_memory_error() (errno, 0: granted). */
+/* Starts the thread; 0 or -errno. What could not be granted is visible in the return values of
+ * cyclic_..._error() (errno, 0: granted). */
 CYCLIC_API int cyclic_start(cyclic_t *c, const cyclic_settings *settings);
 CYCLIC_API int cyclic_scheduling_error(const cyclic_t *c);
 CYCLIC_API int cyclic_affinity_error(const cyclic_t *c);
 CYCLIC_API int cyclic_memory_error(const cyclic_t *c);
+CYCLIC_API int cyclic_slack_error(const cyclic_t *c);
+/* Has the engine use another socket for port 0 or 1, as after an interface went and came back.
+ * Returns when the old one is no longer used. */
+CYCLIC_API void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd);
+/* CLOCK_MONOTONIC of the next cycle, in ns; 0 before the first one. */
+CYCLIC_API uint64_t cyclic_deadline(const cyclic_t *c);
 /* From the next cycle on all outputs are safe and claims are refused. */
 CYCLIC_API void cyclic_make_safe(cyclic_t *c);
 /* Ends the thread after the current cycle and waits for it. */
@@ -72,9 +108,5 @@ CYCLIC_API int cyclic_wait_event(cyclic_t *c, cyclic_event *event, int64_t timeo
 CYCLIC_API void cyclic_reply(cyclic_t *c, uint32_t slot, uint32_t cell, uint32_t generation,
                              uint32_t seq, int32_t status, uint32_t abort_code, const void *data,
                              uint32_t length);
-
-/* Lets only frames with a datagram index below (`above` 0) or from (`above` 1) `limit` on into an
- * AF_PACKET socket, so that the engine and SOEM do not see each other's frames. 0 or -errno. */
-CYCLIC_API int cyclic_filter_index(int fd, int above, uint32_t limit);
 
 #endif

@@ -4,73 +4,132 @@
 #include <errno.h>
 #include <string.h>
 
+enum { FREE_RUNNING_PATIENCE_NS = 20000000, TELL_AGAIN_NS = 1000000000 };
+
 uint64_t cyclic_now(void) {
   struct timespec now;
   clock_gettime(CLOCK_MONOTONIC, &now);
   return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
 }
 
-static void exchange(cyclic_t *c, uint64_t deadline_ns) {
-  uint64_t received;
+/* Which domains take part in this cycle. One that should have done so in a cycle that was missed
+ * does it now, and then goes on with its old grid. */
+static void choose_domains(cyclic_t *c) {
   uint32_t i;
+  c->due = 0;
   for (i = 0; i < c->domains; i++) {
     struct domain *domain = &c->domain[i];
-    if (c->cycle % domain->divider != 0) continue;
+    if (c->cycle < domain->next_cycle) continue;
+    c->due |= 1u << i;
+    domain->next_cycle += domain->divider;
+    while (domain->next_cycle <= c->cycle) {
+      domain->next_cycle += domain->divider;
+      counter_add(&domain->status->overruns, 1);
+    }
     domain->wkc = 0;
     domain->complete = 1;
     memcpy(domain->image, c->outputs + domain->output_base, domain->output_bytes);
   }
+}
+
+static void conclude_domain(cyclic_t *c, uint32_t number, uint64_t received) {
+  struct domain *domain = &c->domain[number];
+  domain->wkc_state = domain->complete  ? ECAT_WKC_COMPLETE
+                      : domain->wkc > 0 ? ECAT_WKC_INCOMPLETE
+                                        : ECAT_WKC_ZERO;
+  counter_add(&domain->status->exchanges, 1);
+  if (domain->wkc_state != ECAT_WKC_COMPLETE) {
+    counter_add(&domain->status->wkc_bad, 1);
+    counter_add(&c->health->wkc_bad, 1);
+  }
+  if (domain->wkc_state != domain->told_state &&
+      cyclic_emit(c, CYCLIC_EVENT_WKC, (int32_t)number, -1, domain->wkc_state))
+    domain->told_state = domain->wkc_state;
+  cyclic_publish_domain(c, domain, received);
+}
+
+static void exchange(cyclic_t *c, uint64_t receive_until) {
+  uint64_t received;
+  uint32_t i;
   c->send_ns = cyclic_now();
+  cyclic_frames_fill(c);
   cyclic_wire_send(c);
   cyclic_slots_sent(c);
-  cyclic_wire_receive(c, deadline_ns);
+  cyclic_wire_receive(c, receive_until);
   received = cyclic_now();
   cyclic_count(&c->health->exchange, received - c->send_ns);
-  for (i = 0; i < c->domains; i++) {
-    struct domain *domain = &c->domain[i];
-    uint32_t state;
-    if (c->cycle % domain->divider != 0) continue;
-    state = domain->complete  ? ECAT_WKC_COMPLETE
-            : domain->wkc > 0 ? ECAT_WKC_INCOMPLETE
-                              : ECAT_WKC_ZERO;
-    if (state != ECAT_WKC_COMPLETE) counter_add(&c->health->wkc_bad, 1);
-    if (state != domain->wkc_state) {
-      domain->wkc_state = state;
-      cyclic_emit(c, CYCLIC_EVENT_WKC, (int32_t)i, -1, state);
-    }
-    cyclic_publish_domain(c, domain, received);
+  for (i = 0; i < c->domains; i++)
+    if (c->due >> i & 1) conclude_domain(c, i, received);
+  cyclic_publish_bus(c);
+}
+
+static void adopt_sockets(cyclic_t *c) {
+  uint32_t port;
+  for (port = 0; port < c->ports; port++)
+    __atomic_store_n(&c->fd[port], __atomic_load_n(&c->wanted_fd[port], __ATOMIC_ACQUIRE),
+                     __ATOMIC_RELEASE);
+}
+
+/* A frame that is not back after nine tenths of the cycle counts as lost, so that waiting for it
+ * does not cost the next cycle its deadline. After a late wake-up it still gets a quarter: a
+ * deadline missed is better than a frame sent for nothing. */
+static uint64_t patience(const cyclic_t *c, uint64_t period) {
+  uint64_t until = c->deadline_ns + period / 10 * 9;
+  if (c->settings.free_running) return c->now_ns + FREE_RUNNING_PATIENCE_NS;
+  return until < c->now_ns + period / 4 ? c->now_ns + period / 4 : until;
+}
+
+/* The next deadline on the grid; those that are over are left out, without a burst of cycles. */
+static void advance(cyclic_t *c, uint64_t period, uint64_t end) {
+  if (c->settings.free_running) {
+    c->deadline_ns = end;
+    c->cycle++;
+    return;
+  }
+  c->deadline_ns += period;
+  if (c->clock.enabled) cyclic_clock_follow(c);
+  c->cycle++;
+  if (c->deadline_ns <= end) {
+    uint64_t missed = (end - c->deadline_ns) / period + 1;
+    c->deadline_ns += missed * period;
+    c->cycle += missed;
+    c->overruns += (uint32_t)missed;
+    counter_add(&c->health->missed, missed);
+  }
+  if (c->overruns > 0 && end - c->overrun_told_ns >= TELL_AGAIN_NS &&
+      cyclic_emit(c, CYCLIC_EVENT_OVERRUN, -1, -1, c->overruns)) {
+    c->overruns = 0;
+    c->overrun_told_ns = end;
   }
 }
 
+static void sleep_until_deadline(cyclic_t *c) {
+  struct timespec at = {(time_t)(c->deadline_ns / 1000000000u),
+                        (long)(c->deadline_ns % 1000000000u)};
+  if (c->settings.free_running) return;
+  __atomic_store_n(&c->next_ns, c->deadline_ns, __ATOMIC_RELAXED);
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) continue;
+}
+
 void cyclic_run(cyclic_t *c) {
-  uint64_t period = c->header->cycle_time_ns;
-  uint64_t deadline = cyclic_now() + period, end;
-  __atomic_store_n(&c->health->start_ns, deadline, __ATOMIC_RELAXED);
+  uint64_t period = c->header->cycle_time_ns, end;
+  c->deadline_ns = cyclic_now() + period;
+  c->cycle = 1;
+  __atomic_store_n(&c->health->start_ns, c->deadline_ns, __ATOMIC_RELAXED);
   while (!__atomic_load_n(&c->stop, __ATOMIC_RELAXED)) {
-    uint64_t receive_until;
-    struct timespec at = {(time_t)(deadline / 1000000000u), (long)(deadline % 1000000000u)};
-    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) continue;
+    sleep_until_deadline(c);
     c->now_ns = cyclic_now();
-    c->cycle++;
-    cyclic_count(&c->health->wakeup, c->now_ns - deadline);
+    cyclic_count(&c->health->wakeup, c->now_ns - c->deadline_ns);
+    adopt_sockets(c);
     if (__atomic_load_n(&c->make_safe, __ATOMIC_RELAXED)) cyclic_slots_make_safe(c);
     cyclic_slots_read(c);
-    /* A frame that is not back after nine tenths of the cycle counts as lost, so that waiting for
-     * it does not cost the next cycle its deadline. After a late wake-up it still gets a quarter:
-     * a deadline missed is better than a frame sent for nothing. */
-    receive_until = deadline + period / 10 * 9;
-    if (receive_until < c->now_ns + period / 4) receive_until = c->now_ns + period / 4;
-    exchange(c, receive_until);
+    choose_domains(c);
+    exchange(c, patience(c, period));
     cyclic_slots_publish(c);
     counter_add(&c->health->cycles, 1);
     end = cyclic_now();
     cyclic_publish_cycle(c, end);
     cyclic_count(&c->health->cycle, end - c->now_ns);
-    deadline += period;
-    if (deadline <= end) { /* keep the grid, without a burst of cycles to catch up */
-      uint64_t missed = (end - deadline) / period + 1;
-      deadline += missed * period;
-      counter_add(&c->health->missed, missed);
-    }
+    advance(c, period, end);
   }
 }

@@ -11,50 +11,82 @@
 enum {
   MAX_DOMAINS = 16,
   MAX_DATAGRAMS = 256,
-  MAX_FRAMES = 128,
+  MAX_FRAMES = 64,        /* in one cycle; an index is not used again for twice as many */
+  MAX_PORTS = 2,
   FRAME_BYTES = 1518,
-  EVENTS = 256,           /* power of two */
-  INDEX_FIRST = 0x80      /* SOEM uses datagram indices 0 to 15 */
+  EVENTS = 256            /* power of two */
 };
 
 /* Ethernet and EtherCAT framing (ETG.1000.4, 5.3 and 5.4). */
 enum {
   ETHERNET_HEADER = 14,
   ETHERCAT_HEADER = 2,
+  FIRST_DATAGRAM = ETHERNET_HEADER + ETHERCAT_HEADER,
   DATAGRAM_HEADER = 10,
   DATAGRAM_WKC = 2,
+  DATAGRAM_FRAMING = DATAGRAM_HEADER + DATAGRAM_WKC,
   ETHERNET_MIN = 60,
   PAYLOAD_MAX = 1498,     /* of datagrams in one frame */
-  INDEX_AT = ETHERNET_HEADER + ETHERCAT_HEADER + 1
+  SOURCE_RUN_AT = 7,      /* bytes of the source address that name the run */
+  SOURCE_PORT_AT = 11,    /* and the port by which the frame left */
+  INDEX_AT = FIRST_DATAGRAM + 1
 };
+
+/* What every cycle carries for the bus as a whole, in front of the domains: the AL status of all
+ * slaves, and the time of the reference clock. */
+enum {
+  STATUS_BYTES = 2,
+  TIME_BYTES = 8,
+  BUS_BYTES = STATUS_BYTES + TIME_BYTES + 2 * DATAGRAM_FRAMING,
+  DOMAIN_DATAGRAM_MAX = PAYLOAD_MAX - BUS_BYTES - DATAGRAM_FRAMING
+};
+enum datagram_kind { STATUS_DATAGRAM, TIME_DATAGRAM, DOMAIN_DATAGRAM };
 
 struct datagram {
-  uint32_t domain, address, offset, length, wkc_expected;
-  uint8_t command;
+  uint8_t header[DATAGRAM_HEADER]; /* but for index, and whether more follow */
+  uint8_t kind;
+  uint32_t domain, offset, length;
+  uint32_t outputs;      /* bytes at its start that are sent from the image */
+  uint32_t wkc_expected;
 };
 
-/* A frame in its sending buffer, with the datagrams that it carries. */
+/* A frame of this cycle: where its datagrams are, and who has answered. */
 struct frame {
-  uint32_t first, count; /* datagrams */
-  uint32_t domain;
-  uint32_t length;       /* on the wire */
-  uint8_t index;         /* of this cycle */
-  uint8_t pending;       /* sent, not back yet */
+  uint32_t first, count;   /* in `order` */
+  uint32_t length;         /* on the wire */
+  uint32_t domains;        /* bit per domain with data in it */
+  uint8_t pending;         /* bit per port: sent there, and not back yet */
+  uint8_t copies;          /* that are back, and in `answer` with two ports */
   uint8_t bytes[FRAME_BYTES];
+  uint8_t answer[FRAME_BYTES];
 };
 
 struct domain {
-  ecat_shm_page *page;   /* in the segment */
-  uint8_t *image;        /* outputs as sent, inputs as last received; padded to whole words */
+  ecat_shm_page *page;     /* in the segment */
+  ecat_shm_domain_status *status;
+  uint8_t *image;          /* outputs as sent, inputs as last received; padded to whole words */
   uint32_t image_bytes, output_bytes, output_base, divider, wkc_expected;
-  uint32_t wkc, wkc_state;
-  int32_t complete;      /* all datagrams of this cycle so far had their expected counter */
+  uint64_t next_cycle;     /* in which it is exchanged */
+  uint32_t wkc, wkc_state, told_state;
+  int32_t complete;        /* all datagrams of this cycle so far had their expected counter */
+};
+
+/* How the deadlines follow the reference clock; see clock.c. */
+struct clock {
+  int32_t enabled, measured;
+  int32_t position;
+  int64_t phase_ns, lock_ns;
+  uint64_t time_ns;        /* of the reference clock, when the frame of `send_ns` passed it */
+  uint64_t send_ns;
+  int64_t integral, fraction, filtered;
+  int64_t correction;      /* of the next deadline, in ns */
+  uint32_t settled, state, told_state;
 };
 
 /* What the engine knows about a client. */
 struct slot {
   uint32_t generation, heartbeat, claim_seq, commit_seq, request_seq;
-  uint32_t owned;        /* number of slaves */
+  uint32_t owned;          /* number of slaves */
   uint64_t beat_ns, lease_ns;
   uint64_t commit_ns, sample_cycle; /* of a commit that goes out in this cycle; 0: none */
 };
@@ -68,13 +100,27 @@ struct cyclic {
   ecat_shm_health *health;
 
   struct domain domain[MAX_DOMAINS];
-  struct datagram datagram[MAX_DATAGRAMS];
+  struct datagram datagram[MAX_DATAGRAMS]; /* the status, the time, then those of the domains */
+  uint32_t domains, datagrams;
+
+  /* The frames of this cycle. */
+  uint32_t due, packed;                    /* bit per domain: exchanged in it; laid out */
+  uint16_t order[MAX_DATAGRAMS];           /* datagrams as they follow each other in the frames */
+  uint16_t position[MAX_DATAGRAMS];        /* where they begin in their frame */
   struct frame frame[MAX_FRAMES];
-  uint32_t domains, datagrams, frames;
+  uint32_t frames, waiting;                /* waiting: not all back */
+  uint32_t sent;                           /* frames since the start: index and tag */
+  uint32_t lost[128];                      /* by index: domains of a frame that was given up */
+  uint8_t source[6];
   uint8_t receive_buffer[2048];
-  uint8_t next_index;
-  int socket_fd;
-  int sending_fails;
+
+  int fd[MAX_PORTS], wanted_fd[MAX_PORTS];
+  uint32_t ports;
+  int send_error[MAX_PORTS];
+  uint32_t ring, told_ring, ring_break;    /* of this cycle, ECAT_RING_NONE: nothing is known */
+  uint32_t found, al_status, told_found, told_al_status, silent;
+
+  struct clock clock;
 
   int out_fd;
   void *out_map;                  /* never touched: there so that its pages are locked */
@@ -88,11 +134,15 @@ struct cyclic {
 
   cyclic_settings settings;
   uint64_t cycle;
+  uint64_t deadline_ns;           /* of the current cycle, until its end */
+  uint64_t next_ns;               /* the same for other threads */
   uint64_t now_ns;                /* start of the current cycle */
   uint64_t send_ns;
+  uint64_t overrun_told_ns;
+  uint32_t overruns;              /* not told yet */
   pthread_t thread;
   int started, stop;
-  int scheduling_error, affinity_error, memory_error;
+  int scheduling_error, affinity_error, memory_error, slack_error;
 
   /* Events: the engine is the only writer, control the only reader. */
   cyclic_event event[EVENTS];
@@ -107,11 +157,26 @@ void cyclic_run(cyclic_t *c); /* until `stop` */
 /* 0 when control has not read the last EVENTS ones yet, and this one is lost. */
 int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value);
 
+/* frames.c */
+void cyclic_frames_init(cyclic_t *c);
+void cyclic_frames_fill(cyclic_t *c);  /* the frames of this cycle, ready to be sent */
+/* Whether `bytes` is the answer to a frame: all its datagrams are where they were sent. */
+int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes,
+                           size_t length);
+/* Adds the copy that came back by another port to `frame->answer`. */
+void cyclic_frame_merge(const cyclic_t *c, struct frame *frame, const uint8_t *bytes);
+int cyclic_frame_complete(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes);
+/* Takes over what a frame has brought. */
+void cyclic_frame_take(cyclic_t *c, const struct frame *frame, const uint8_t *bytes);
+
 /* wire.c */
-int cyclic_wire_open(cyclic_t *c, const char *interface);
-int cyclic_wire_plan(cyclic_t *c);
 void cyclic_wire_send(cyclic_t *c);
 void cyclic_wire_receive(cyclic_t *c, uint64_t deadline_ns);
+
+/* clock.c */
+uint64_t cyclic_clock_estimate(const cyclic_t *c); /* of the reference clock's time, at send_ns */
+void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns);
+void cyclic_clock_follow(cyclic_t *c); /* at the end of the cycle: `correction` for the next one */
 
 /* slots.c */
 int cyclic_slots_init(cyclic_t *c);
@@ -122,11 +187,30 @@ void cyclic_slots_make_safe(cyclic_t *c);
 
 /* publish.c */
 void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns);
+void cyclic_publish_bus(cyclic_t *c);     /* slaves, ring, clock */
 void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns);
 void cyclic_count(ecat_shm_histogram *histogram, uint64_t ns);
 
 static inline void counter_add(uint64_t *counter, uint64_t n) {
   __atomic_store_n(counter, *counter + n, __ATOMIC_RELAXED); /* single writer */
+}
+
+static inline void put16(uint8_t *at, uint32_t value) {
+  at[0] = (uint8_t)value;
+  at[1] = (uint8_t)(value >> 8);
+}
+static inline void put32(uint8_t *at, uint32_t value) {
+  put16(at, value);
+  put16(at + 2, value >> 16);
+}
+static inline void put64(uint8_t *at, uint64_t value) {
+  put32(at, (uint32_t)value);
+  put32(at + 4, (uint32_t)(value >> 32));
+}
+static inline uint32_t get16(const uint8_t *at) { return (uint32_t)(at[0] | at[1] << 8); }
+static inline uint32_t get32(const uint8_t *at) { return get16(at) | get16(at + 2) << 16; }
+static inline uint64_t get64(const uint8_t *at) {
+  return get32(at) | (uint64_t)get32(at + 4) << 32;
 }
 
 #endif

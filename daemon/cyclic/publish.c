@@ -22,6 +22,33 @@ void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns)
   __atomic_store_n(&page->seq, seq + 2, __ATOMIC_RELEASE);
 }
 
+enum { SILENT_CYCLES = 3 }; /* without a frame until the slaves count as gone */
+
+void cyclic_publish_bus(cyclic_t *c) {
+  if (c->silent >= SILENT_CYCLES) c->found = c->al_status = 0;
+  if (c->found != c->told_found || c->al_status != c->told_al_status) {
+    __atomic_store_n(&c->health->slaves_found, c->found, __ATOMIC_RELAXED);
+    __atomic_store_n(&c->health->al_status, c->al_status, __ATOMIC_RELAXED);
+    if (cyclic_emit(c, CYCLIC_EVENT_SLAVES, (int32_t)c->found, -1, c->al_status)) {
+      c->told_found = c->found;
+      c->told_al_status = c->al_status;
+    }
+  }
+  if (c->ring != ECAT_RING_NONE &&
+      (c->ring != c->told_ring ||
+       (c->ring == ECAT_RING_OPEN && c->ring_break != c->health->ring_break))) {
+    __atomic_store_n(&c->health->ring, c->ring, __ATOMIC_RELAXED);
+    __atomic_store_n(&c->health->ring_break, c->ring_break, __ATOMIC_RELAXED);
+    if (cyclic_emit(c, CYCLIC_EVENT_RING, (int32_t)c->ring_break, -1, c->ring))
+      c->told_ring = c->ring;
+  }
+  if (c->clock.state != c->clock.told_state) {
+    __atomic_store_n(&c->health->dc_state, c->clock.state, __ATOMIC_RELAXED);
+    if (cyclic_emit(c, CYCLIC_EVENT_CLOCK, -1, -1, c->clock.state))
+      c->clock.told_state = c->clock.state;
+  }
+}
+
 void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns) {
   __atomic_store_n(&c->header->cycle_end_ns, time_ns, __ATOMIC_RELAXED);
   __atomic_store_n(&c->header->cycle, c->cycle, __ATOMIC_RELEASE);

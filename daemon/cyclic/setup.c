@@ -26,11 +26,14 @@ static int allocate_images(cyclic_t *c) {
     const ecat_shm_domain *from =
         (const ecat_shm_domain *)at_offset(c, c->header->domains_offset) + i;
     struct domain *to = &c->domain[i];
+    to->status = (ecat_shm_domain_status *)at_offset(c, c->header->domain_status_offset) + i;
     to->page = at_offset(c, from->page_offset);
     to->image_bytes = from->image_bytes;
     to->output_bytes = from->output_bytes;
     to->output_base = from->output_base;
     to->divider = from->divider > 0 ? from->divider : 1;
+    to->next_cycle = to->divider;
+    to->told_state = ECAT_WKC_ZERO;
     to->wkc_expected = from->wkc_expected;
     to->image = calloc(1, from->image_bytes + 8u);
     if (!to->image) return -ENOMEM;
@@ -38,15 +41,22 @@ static int allocate_images(cyclic_t *c) {
   return 0;
 }
 
-cyclic_t *cyclic_new(void *header, int out_fd, const char *interface) {
+static void set_sockets(cyclic_t *c, int first_fd, int second_fd) {
+  c->fd[0] = c->wanted_fd[0] = first_fd;
+  c->fd[1] = c->wanted_fd[1] = second_fd;
+  c->ports = second_fd >= 0 ? 2 : 1;
+}
+
+cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint32_t run) {
   cyclic_t *c = calloc(1, sizeof *c);
   ecat_shm_histogram *histogram[6];
   int code = -EINVAL, i;
   if (c == NULL) return NULL;
   c->header = header;
   c->out_fd = out_fd;
-  c->socket_fd = -1;
-  c->next_index = INDEX_FIRST;
+  set_sockets(c, first_fd, second_fd);
+  c->source[0] = 0x02; /* an address of local use; slaves set this bit in any case */
+  put32(c->source + 1, run);
   c->slaves = at_offset(c, c->header->slaves_offset);
   c->slave_status = at_offset(c, c->header->slave_status_offset);
   c->slot_status = at_offset(c, c->header->slot_status_offset);
@@ -59,9 +69,11 @@ cyclic_t *cyclic_new(void *header, int out_fd, const char *interface) {
   histogram[4] = &c->health->dc_offset;
   histogram[5] = &c->health->mailbox;
   for (i = 0; i < 6; i++) histogram[i]->min_ns = UINT64_MAX;
+  c->health->dc_reference = -1;
   c->domains = c->header->domain_count;
+  cyclic_frames_init(c);
   if (c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
-      (code = cyclic_slots_init(c)) == 0 && (code = cyclic_wire_open(c, interface)) == 0)
+      (code = cyclic_slots_init(c)) == 0)
     return c;
   cyclic_free(c);
   errno = -code;
@@ -70,17 +82,26 @@ cyclic_t *cyclic_new(void *header, int out_fd, const char *interface) {
 
 int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
                         uint32_t offset, uint32_t length, uint32_t wkc_expected) {
-  if (domain >= c->domains || length == 0 ||
-      length > PAYLOAD_MAX - DATAGRAM_HEADER - DATAGRAM_WKC ||
+  struct datagram *d = &c->datagram[c->datagrams];
+  uint32_t output_bytes;
+  if (domain >= c->domains || length == 0 || length > DOMAIN_DATAGRAM_MAX ||
       offset > c->domain[domain].image_bytes || length > c->domain[domain].image_bytes - offset)
     return -EINVAL;
-  if (c->datagrams == MAX_DATAGRAMS) return -ENOSPC;
-  c->datagram[c->datagrams++] = (struct datagram){.domain = domain,
-                                                  .address = address,
-                                                  .offset = offset,
-                                                  .length = length,
-                                                  .wkc_expected = wkc_expected,
-                                                  .command = (uint8_t)command};
+  if (c->datagrams == MAX_DATAGRAMS - 1) return -ENOSPC; /* one for the clock */
+  output_bytes = c->domain[domain].output_bytes;
+  memset(d, 0, sizeof *d);
+  d->header[0] = (uint8_t)command;
+  put32(d->header + 2, address + offset);
+  put16(d->header + 6, length);
+  d->kind = DOMAIN_DATAGRAM;
+  d->domain = domain;
+  d->offset = offset;
+  d->length = length;
+  d->outputs = offset >= output_bytes           ? 0
+               : length < output_bytes - offset ? length
+                                                : output_bytes - offset;
+  d->wkc_expected = wkc_expected;
+  c->datagrams++;
   return 0;
 }
 
@@ -96,11 +117,15 @@ int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value, const uin
   return 0;
 }
 
-/* Touches the stack that the engine will use, so that it is there before it counts. */
-static void prefault_stack(void) {
-  volatile uint8_t stack[64 * 1024];
+/* Touches memory that the engine will use, so that it is there before it counts. */
+static void prefault(volatile uint8_t *memory, size_t size) {
   size_t i;
-  for (i = 0; i < sizeof stack; i += 4096) stack[i] = 0;
+  for (i = 0; i < size; i += 4096) memory[i] = memory[i];
+}
+
+static void prefault_stack(void) {
+  volatile uint8_t stack[64 * 1024] = {0};
+  prefault(stack, sizeof stack);
 }
 
 /* Among ordinary threads, those that ask for short slices are run sooner (Linux 6.12). */
@@ -118,8 +143,9 @@ static void ask_for_short_slices(void) {
 static void *thread_main(void *argument) {
   cyclic_t *c = argument;
   prctl(PR_SET_NAME, "ecat-cyclic");
-  prctl(PR_SET_TIMERSLACK, 1);
+  if (prctl(PR_SET_TIMERSLACK, 1) != 0) c->slack_error = errno;
   prefault_stack();
+  prefault((volatile uint8_t *)c->frame, sizeof c->frame);
   if (c->settings.cpu >= 0) {
     cpu_set_t set;
     CPU_ZERO(&set);
@@ -168,9 +194,20 @@ static int create_thread(cyclic_t *c) {
   return -code;
 }
 
+/* Whether a cycle in which all domains are due has room in the frames. */
+static int fits(const cyclic_t *c) {
+  uint32_t i, frames = 1, payload = 0;
+  for (i = 0; i < c->datagrams; i++) {
+    uint32_t size = c->datagram[i].length + DATAGRAM_FRAMING;
+    if (payload + size > PAYLOAD_MAX) frames++, payload = 0;
+    payload += size;
+  }
+  return frames <= MAX_FRAMES;
+}
+
 int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
-  int code = cyclic_wire_plan(c);
-  if (code != 0) return code;
+  int code;
+  if (!fits(c)) return -ENOSPC;
   c->settings = *settings;
   if (settings->lock_memory) c->memory_error = lock_memory();
   code = create_thread(c);
@@ -182,6 +219,20 @@ int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
 int cyclic_scheduling_error(const cyclic_t *c) { return c->scheduling_error; }
 int cyclic_affinity_error(const cyclic_t *c) { return c->affinity_error; }
 int cyclic_memory_error(const cyclic_t *c) { return c->memory_error; }
+int cyclic_slack_error(const cyclic_t *c) { return c->slack_error; }
+
+uint64_t cyclic_deadline(const cyclic_t *c) { return __atomic_load_n(&c->next_ns, __ATOMIC_RELAXED); }
+
+void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd) {
+  if (port >= c->ports) return;
+  __atomic_store_n(&c->wanted_fd[port], fd, __ATOMIC_RELEASE);
+  if (c->started == 0) {
+    c->fd[port] = fd;
+    return;
+  }
+  while (__atomic_load_n(&c->fd[port], __ATOMIC_ACQUIRE) != fd)
+    nanosleep(&(struct timespec){0, 100000}, NULL);
+}
 
 void cyclic_make_safe(cyclic_t *c) { __atomic_store_n(&c->make_safe, 1, __ATOMIC_RELAXED); }
 
@@ -196,7 +247,6 @@ void cyclic_free(cyclic_t *c) {
   uint32_t i;
   if (c == NULL) return;
   cyclic_stop(c);
-  if (c->socket_fd >= 0) close(c->socket_fd);
   if (c->out_map != NULL) munmap(c->out_map, c->out_size);
   for (i = 0; i < c->domains && i < MAX_DOMAINS; i++) free(c->domain[i].image);
   free(c->outputs);

@@ -7,6 +7,7 @@ safe outputs, OP. Each step uses what the ones before it have found, and leaves 
 from __future__ import annotations
 
 import os
+import secrets
 import time
 from collections.abc import Callable
 
@@ -17,7 +18,7 @@ from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 
-from .engine import Engine, Grant, RealTime
+from .engine import Engine, Grant, Index, RealTime, open_socket
 from .layout import Image, lay_out
 from .mapping import Scanned, configure, scan_slave
 from .master import Master
@@ -113,7 +114,12 @@ class BringUp:
         lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
         safe = safe_images(self.bus, config.outputs.safe)
         segment.fill(self.bus, image, lease, lease_max)
-        self.engine = engine = Engine(segment.address, segment.out_fd, self._interface)
+        self.engine = engine = Engine(
+            segment.address,
+            segment.out_fd,
+            [open_socket(self._interface, Index.ENGINE, Index.LAST)],
+            secrets.randbits(32),
+        )
         for domain in image.domains:
             engine.add_domain(domain)
         for position, (value, hold) in safe.items():

@@ -5,6 +5,9 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import socket
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -23,6 +26,10 @@ class EventType(IntEnum):
     WKC = 3
     REQUEST = 4
     SEND = 5
+    SLAVES = 6
+    RING = 7
+    CLOCK = 8
+    OVERRUN = 9
 
 
 class Event(ctypes.Structure):
@@ -42,11 +49,32 @@ class Event(ctypes.Structure):
     cycle: int
 
 
+class Index(IntEnum):
+    """`cyclic_index`: by the index of its first datagram a socket chooses its frames."""
+
+    SOEM = 0x00
+    REGISTERS = 0x10
+    ENGINE = 0x80
+    LAST = 0xFF
+
+
 class _Settings(ctypes.Structure):
     """`cyclic_settings` of `cyclic.h`."""
 
     _fields_ = tuple(
-        (name, ctypes.c_int32) for name in ("priority", "cpu", "lock_memory", "busy_receive")
+        (name, ctypes.c_int32)
+        for name in ("priority", "cpu", "lock_memory", "busy_receive", "free_running")
+    )
+
+
+class Clock(ctypes.Structure):
+    """`cyclic_clock` of `cyclic.h`: the distributed clock that the cycle follows."""
+
+    _fields_ = (
+        ("address", ctypes.c_uint32),
+        ("position", ctypes.c_int32),
+        ("phase_ns", ctypes.c_int32),
+        ("lock_ns", ctypes.c_uint32),
     )
 
 
@@ -59,12 +87,17 @@ class RealTime:
         cpu: CPU to run on, -1 for any.
         lock_memory: Whether the memory of the process is locked.
         busy_receive: Whether the engine spins for the answer instead of sleeping.
+        dma_latency_us: Longest time that processors may need to wake up, in microseconds;
+            -1 leaves it as it is.
+        free_running: Whether the next cycle follows at once; to measure, not for slaves.
     """
 
     priority: int = 80
     cpu: int = -1
     lock_memory: bool = True
     busy_receive: bool = False
+    dma_latency_us: int = -1
+    free_running: bool = False
 
 
 @dataclass(slots=True)
@@ -88,15 +121,20 @@ def _library() -> ctypes.CDLL:
     lib = native.load("ecatd", "ecat_cyclic")
     pointer, u32, i32 = ctypes.c_void_p, ctypes.c_uint32, ctypes.c_int32
     lib.cyclic_new.restype = pointer
-    lib.cyclic_new.argtypes = [pointer, ctypes.c_int, ctypes.c_char_p]
+    lib.cyclic_new.argtypes = [pointer, ctypes.c_int, ctypes.c_int, ctypes.c_int, u32]
+    lib.cyclic_open_socket.argtypes = [ctypes.c_char_p, u32, u32]
+    lib.cyclic_set_clock.argtypes = [pointer, pointer]
+    lib.cyclic_set_clock.restype = None
+    lib.cyclic_set_socket.argtypes = [pointer, u32, ctypes.c_int]
+    lib.cyclic_set_socket.restype = None
     lib.cyclic_add_datagram.argtypes = [pointer, u32, ctypes.c_int, u32, u32, u32, u32]
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
     lib.cyclic_start.argtypes = [pointer, pointer]
     lib.cyclic_wait_event.argtypes = [pointer, pointer, ctypes.c_int64]
     lib.cyclic_reply.argtypes = [pointer, u32, u32, u32, u32, i32, u32, ctypes.c_char_p, u32]
     lib.cyclic_reply.restype = None
-    lib.cyclic_filter_index.argtypes = [ctypes.c_int, ctypes.c_int, u32]
-    for name in ("scheduling_error", "affinity_error", "memory_error"):
+    lib.cyclic_filter_index.argtypes = [ctypes.c_int, u32, u32]
+    for name in ("scheduling_error", "affinity_error", "memory_error", "slack_error"):
         getattr(lib, f"cyclic_{name}").argtypes = [pointer]
     lib.cyclic_publish_layout.argtypes = [pointer]
     lib.cyclic_publish_layout.restype = None
@@ -109,11 +147,27 @@ def _library() -> ctypes.CDLL:
 _LIB = _library()
 
 
-def filter_index(fd: int, *, above: bool, limit: int) -> None:
-    """Lets only EtherCAT frames with an index from (or below) `limit` on into a raw socket."""
-    code = _LIB.cyclic_filter_index(fd, int(above), limit)
+def filter_index(fd: int, first: int, last: int) -> None:
+    """Lets only EtherCAT frames with an index from `first` to `last` into a raw socket."""
+    code = _LIB.cyclic_filter_index(fd, first, last)
     if code != 0:
         raise EcatError(f"cannot filter EtherCAT frames: {os.strerror(-code)}")
+
+
+def open_socket(interface: str, first: int, last: int) -> socket.socket:
+    """A raw socket for EtherCAT frames whose first datagram has an index of `first` to `last`.
+
+    Raises:
+        NotPermittedError: The process may not use raw sockets.
+        UnreachableError: The interface cannot be used.
+    """
+    fd = _LIB.cyclic_open_socket(interface.encode(), first, last)
+    if fd < 0:
+        message = f"cannot open a raw EtherCAT socket on '{interface}': {os.strerror(-fd)}"
+        raise (NotPermittedError if -fd in (errno.EPERM, errno.EACCES) else UnreachableError)(
+            message
+        )
+    return socket.socket(fileno=fd)
 
 
 def publish_layout(address: int) -> None:
@@ -122,26 +176,45 @@ def publish_layout(address: int) -> None:
 
 
 class Engine:
-    """One engine on one interface; see `cyclic.h` for what each call means.
+    """One engine; see `cyclic.h` for what each call means.
 
     Args:
         address: Address of the filled segment's header.
         out_fd: The `.out` segment.
-        interface: Name of the interface.
+        sockets: One from `open_socket` for each interface: one, or two with cable redundancy. They
+            are the engine's from now on.
+        run: 32 bits in the source address of its frames that tell this run from others.
 
     Raises:
-        NotPermittedError: The process may not use raw sockets.
-        UnreachableError: The interface cannot be used.
+        EcatError: The engine cannot be made; `errno` says why.
     """
 
-    def __init__(self, address: int, out_fd: int, interface: str) -> None:
-        self._engine = _LIB.cyclic_new(address, out_fd, interface.encode())
+    def __init__(
+        self, address: int, out_fd: int, sockets: Sequence[socket.socket], run: int
+    ) -> None:
+        self._sockets = list(sockets)
+        self._dma_latency = -1
+        fds = [item.fileno() for item in sockets]
+        self._engine = _LIB.cyclic_new(
+            address, out_fd, fds[0], fds[1] if len(fds) > 1 else -1, run & 0xFFFFFFFF
+        )
         if not self._engine:
-            code = ctypes.get_errno()
-            message = f"cannot open a raw EtherCAT socket on '{interface}': {os.strerror(code)}"
-            raise (NotPermittedError if code in (errno.EPERM, errno.EACCES) else UnreachableError)(
-                message
-            )
+            raise EcatError(f"the cyclic engine: {os.strerror(ctypes.get_errno())}")
+
+    @property
+    def handle(self) -> int:
+        """The `cyclic_t`, for the relay."""
+        return int(self._engine)
+
+    def set_clock(self, clock: Clock) -> None:
+        """Has the cycle follow a reference clock; before `start`."""
+        _LIB.cyclic_set_clock(self._engine, ctypes.byref(clock))
+
+    def set_socket(self, port: int, new: socket.socket) -> None:
+        """Replaces the socket of an interface that went and came back; it is the engine's then."""
+        _LIB.cyclic_set_socket(self._engine, port, new.fileno())
+        self._sockets[port].close()
+        self._sockets[port] = new
 
     def add_domain(self, domain: DomainImage) -> None:
         """Adds the datagrams of a domain."""
@@ -165,8 +238,13 @@ class Engine:
     def start(self, wanted: RealTime) -> list[Grant]:
         """Starts the exchange; returns what the system granted."""
         settings = _Settings(
-            wanted.priority, wanted.cpu, int(wanted.lock_memory), int(wanted.busy_receive)
+            wanted.priority,
+            wanted.cpu,
+            int(wanted.lock_memory),
+            int(wanted.busy_receive),
+            int(wanted.free_running),
         )
+        latency = self._hold_dma_latency(wanted.dma_latency_us)
         code = _LIB.cyclic_start(self._engine, ctypes.byref(settings))
         if code != 0:
             raise EcatError(f"the cyclic engine does not start: {os.strerror(-code)}")
@@ -184,8 +262,21 @@ class Engine:
                 _LIB.cyclic_affinity_error(self._engine),
             ),
             Grant(Setting.MEMORY, wanted.lock_memory, 0, _LIB.cyclic_memory_error(self._engine)),
+            Grant(Setting.TIMER_SLACK, True, 1, _LIB.cyclic_slack_error(self._engine)),
+            latency,
             Grant(Setting.BUSY_RECEIVE, wanted.busy_receive),
         ]
+
+    def _hold_dma_latency(self, wanted_us: int) -> Grant:
+        """Keeps processors from deep sleep for as long as the file is open (`cpu_dma_latency`)."""
+        error = 0
+        if wanted_us >= 0:
+            try:
+                self._dma_latency = os.open("/dev/cpu_dma_latency", os.O_WRONLY | os.O_CLOEXEC)
+                os.write(self._dma_latency, wanted_us.to_bytes(4, sys.byteorder))
+            except OSError as refused:
+                error = refused.errno or errno.EIO
+        return Grant(Setting.DMA_LATENCY, wanted_us >= 0, wanted_us, error)
 
     def make_safe(self) -> None:
         """From the next cycle on all outputs are at their safe values."""
@@ -222,3 +313,7 @@ class Engine:
         if self._engine:
             _LIB.cyclic_free(self._engine)
             self._engine = None
+            for item in self._sockets:
+                item.close()
+            if self._dma_latency >= 0:
+                os.close(self._dma_latency)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import StateError
 
-DATAGRAM_BYTES = 1486
-"""Process data in one datagram that fills a frame: 1498 bytes less header and working counter."""
+DATAGRAM_BYTES = 1452
+"""Process data in one datagram: what the bus's own datagrams leave of a frame (`engine.h`)."""
 
 WINDOW = 0x0010_0000
 """Logical addresses of one domain: domain d begins at (d + 1) * WINDOW."""

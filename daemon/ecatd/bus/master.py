@@ -29,10 +29,7 @@ from ecatd.model.errors import (
     UnreachableError,
 )
 
-from .engine import filter_index
-
-_SOEM_INDEX_LIMIT = 16
-"""SOEM numbers its datagrams 0 to 15; the engine's begin at 0x80."""
+from .engine import Index, filter_index
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
@@ -99,7 +96,7 @@ class Master:
             raise NotPermittedError(_needs_rights(interface)) from error
         self._sockets = []
         for fd in _packet_sockets() - before:
-            filter_index(fd, above=False, limit=_SOEM_INDEX_LIMIT)
+            filter_index(fd, Index.SOEM, Index.REGISTERS - 1)
             os.set_blocking(fd, False)  # its receive time-out would be rounded up to a jiffy
             self._sockets.append(socket.socket(fileno=os.dup(fd)))
 

@@ -1,0 +1,185 @@
+/* Frames: what is in them, and what they bring back.
+ *
+ * A cycle begins with a broadcast read of the AL status, which costs no frame of its own and tells
+ * how many slaves there are, and, with distributed clocks, a read of the reference clock that all
+ * slaves behind it take over (FRMW). The datagrams of the domains that are due follow, in as few
+ * frames as their order allows. Frames are laid out anew only when other domains are due than in
+ * the cycle before; else index, time and outputs are all that is written.
+ */
+#include "engine.h"
+
+#include <string.h>
+
+enum { BRD = 7, FRMW = 14, AL_STATUS = 0x0130, SYSTEM_TIME = 0x0910, MORE = 0x8000 };
+
+static void describe(struct datagram *d, int kind, int command, uint32_t address, uint32_t length) {
+  memset(d, 0, sizeof *d);
+  d->kind = (uint8_t)kind;
+  d->length = length;
+  d->header[0] = (uint8_t)command;
+  put32(d->header + 2, address);
+  put16(d->header + 6, length);
+}
+
+void cyclic_frames_init(cyclic_t *c) {
+  describe(&c->datagram[0], STATUS_DATAGRAM, BRD, AL_STATUS << 16, STATUS_BYTES);
+  c->datagram[0].wkc_expected = c->header->slave_count;
+  c->datagrams = 1;
+}
+
+void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock) {
+  struct datagram *d = &c->datagram[1];
+  memmove(d + 1, d, (c->datagrams - 1) * sizeof *d);
+  describe(d, TIME_DATAGRAM, FRMW, (clock->address & 0xFFFF) | SYSTEM_TIME << 16, TIME_BYTES);
+  c->datagrams++;
+  c->clock.enabled = 1;
+  c->clock.position = clock->position;
+  c->clock.phase_ns = clock->phase_ns;
+  c->clock.lock_ns = clock->lock_ns;
+  c->clock.state = c->clock.told_state = ECAT_DC_LOCKING;
+  c->health->dc_state = ECAT_DC_LOCKING;
+  c->health->dc_reference = clock->position;
+}
+
+static int is_due(const cyclic_t *c, const struct datagram *d) {
+  return d->kind != DOMAIN_DATAGRAM || (c->due >> d->domain & 1);
+}
+
+static void begin_frame(cyclic_t *c, struct frame *frame, uint32_t first) {
+  static const uint8_t broadcast[6] = {0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF};
+  memset(frame, 0, sizeof *frame);
+  memcpy(frame->bytes, broadcast, sizeof broadcast);
+  memcpy(frame->bytes + 6, c->source, sizeof c->source);
+  frame->bytes[12] = 0x88;
+  frame->bytes[13] = 0xA4;
+  frame->first = first;
+  frame->length = FIRST_DATAGRAM;
+}
+
+static void end_frame(struct frame *frame) {
+  put16(frame->bytes + ETHERNET_HEADER, (frame->length - FIRST_DATAGRAM) | 0x1000u);
+  if (frame->length < ETHERNET_MIN) frame->length = ETHERNET_MIN;
+}
+
+static void pack(cyclic_t *c) {
+  struct frame *frame = NULL;
+  uint32_t i, placed = 0;
+  c->frames = 0;
+  for (i = 0; i < c->datagrams; i++) {
+    const struct datagram *d = &c->datagram[i];
+    uint32_t size = d->length + DATAGRAM_FRAMING;
+    if (!is_due(c, d)) continue;
+    if (frame == NULL || frame->length - FIRST_DATAGRAM + size > PAYLOAD_MAX) {
+      if (frame != NULL) end_frame(frame);
+      frame = &c->frame[c->frames++];
+      begin_frame(c, frame, placed);
+    } else {
+      frame->bytes[c->position[placed - 1] + 7] |= MORE >> 8;
+    }
+    memcpy(frame->bytes + frame->length, d->header, DATAGRAM_HEADER);
+    c->position[placed] = (uint16_t)frame->length;
+    c->order[placed++] = (uint16_t)i;
+    if (d->kind == DOMAIN_DATAGRAM) frame->domains |= 1u << d->domain;
+    frame->length += size;
+    frame->count++;
+  }
+  if (frame != NULL) end_frame(frame);
+  c->packed = c->due;
+}
+
+/* The index of the first datagram chooses the socket and counts to 127; those of the others go on
+ * counting, so that a frame that was under way for long is not taken for a new one. */
+static void fill(cyclic_t *c, struct frame *frame) {
+  uint32_t i;
+  uint8_t tag = (uint8_t)(c->sent >> 7);
+  for (i = 0; i < frame->count; i++) {
+    const struct datagram *d = &c->datagram[c->order[frame->first + i]];
+    uint8_t *at = frame->bytes + c->position[frame->first + i];
+    at[1] = i == 0 ? (uint8_t)(CYCLIC_INDEX_ENGINE | c->sent) : tag;
+    if (d->kind == DOMAIN_DATAGRAM)
+      memcpy(at + DATAGRAM_HEADER, c->domain[d->domain].image + d->offset, d->outputs);
+    else if (d->kind == TIME_DATAGRAM)
+      put64(at + DATAGRAM_HEADER, cyclic_clock_estimate(c));
+  }
+  frame->pending = frame->copies = 0;
+  c->lost[c->sent & 0x7F] = 0;
+  c->sent++;
+}
+
+void cyclic_frames_fill(cyclic_t *c) {
+  uint32_t i;
+  if (c->due != c->packed || c->frames == 0) pack(c);
+  for (i = 0; i < c->frames; i++) fill(c, &c->frame[i]);
+}
+
+int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes,
+                           size_t length) {
+  uint32_t i;
+  if (length < frame->length) return 0;
+  for (i = 0; i < frame->count; i++) {
+    uint32_t at = c->position[frame->first + i];
+    uint64_t sent = get64(frame->bytes + at), back = get64(bytes + at);
+    /* Command, index, address, length; each slave counts the position of a broadcast on. */
+    if (c->order[frame->first + i] == 0) sent &= ~0xFFFF0000ull, back &= ~0xFFFF0000ull;
+    if (sent != back) return 0;
+  }
+  return 1;
+}
+
+int cyclic_frame_complete(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes) {
+  uint32_t i;
+  for (i = 0; i < frame->count; i++) {
+    const struct datagram *d = &c->datagram[c->order[frame->first + i]];
+    uint32_t at = c->position[frame->first + i] + DATAGRAM_HEADER + d->length;
+    if (d->kind != TIME_DATAGRAM && get16(bytes + at) != d->wkc_expected) return 0;
+  }
+  return 1;
+}
+
+/* Inputs are sent as zeros, and each bit is written by one slave at most: so ORed they are those
+ * of both sides of a break. The time is that of the side where the reference clock is. */
+void cyclic_frame_merge(const cyclic_t *c, struct frame *frame, const uint8_t *bytes) {
+  uint32_t i, k;
+  if (frame->copies++ == 0) {
+    memcpy(frame->answer, bytes, frame->length);
+    return;
+  }
+  for (i = 0; i < frame->count; i++) {
+    const struct datagram *d = &c->datagram[c->order[frame->first + i]];
+    uint32_t at = c->position[frame->first + i] + DATAGRAM_HEADER;
+    uint8_t *merged = frame->answer + at;
+    const uint8_t *more = bytes + at;
+    put16(merged + d->length, get16(merged + d->length) + get16(more + d->length));
+    if (d->kind != TIME_DATAGRAM)
+      for (k = 0; k < d->length; k++) merged[k] |= more[k];
+    else if (get64(merged) == get64(frame->bytes + at))
+      memcpy(merged, more, TIME_BYTES);
+  }
+}
+
+static void take_domain(cyclic_t *c, const struct datagram *d, const uint8_t *data, uint32_t wkc) {
+  struct domain *domain = &c->domain[d->domain];
+  domain->wkc += wkc;
+  if (wkc == d->wkc_expected)
+    memcpy(domain->image + d->offset + d->outputs, data + d->outputs, d->length - d->outputs);
+  else
+    domain->complete = 0;
+}
+
+void cyclic_frame_take(cyclic_t *c, const struct frame *frame, const uint8_t *bytes) {
+  uint32_t i;
+  for (i = 0; i < frame->count; i++) {
+    const struct datagram *d = &c->datagram[c->order[frame->first + i]];
+    uint32_t at = c->position[frame->first + i] + DATAGRAM_HEADER;
+    uint32_t wkc = get16(bytes + at + d->length);
+    if (d->kind == DOMAIN_DATAGRAM) {
+      take_domain(c, d, bytes + at, wkc);
+    } else if (d->kind == STATUS_DATAGRAM) {
+      c->found = wkc;
+      c->al_status = get16(bytes + at);
+      c->silent = 0;
+    } else if (get64(bytes + at) != get64(frame->bytes + at)) {
+      cyclic_clock_measure(c, get64(bytes + at)); /* else it was not at the reference clock */
+    }
+  }
+}
