@@ -72,6 +72,23 @@ def test_values_and_registers():
         assert len(ctl("registers", 2, 0, 40).splitlines()) == 3
 
 
+def test_clocks():
+    with running(rig="line:3"), Simulator() as simulator:
+        assert ctl("clock", 1, "--drift-ppm", 50, "--step-ns", 10**12)
+        before = ctl_json("clocks")["clocks"]
+        assert [clock["drift_ppm"] for clock in before] == pytest.approx([0, 50, 0])
+        after = [clock.local_ns for clock in simulator.clocks()]
+        first, fast, last = (
+            now - then["local_ns"] for now, then in zip(after, before, strict=True)
+        )
+        assert fast - first == pytest.approx(first * 50e-6, abs=2)
+        assert last == first
+        assert after[1] - after[0] == pytest.approx(10**12, abs=10**9), "all had power at once"
+        head, *rows = ctl("clocks").splitlines()
+        assert head.split()[:5] == ["position", "local", "ns", "system", "ns"]
+        assert [row.split()[0] for row in rows] == list("012")
+
+
 def test_names(folder):
     with running("--name", "left") as (_, facts), running("--name", "right", rig="line:2"):
         assert facts["name"] == "left"

@@ -192,6 +192,15 @@ def _print_registers(result: dict[str, Any]) -> None:
         print(bytes.fromhex(digits[at : at + _DIGITS_A_LINE]).hex(" "))
 
 
+def _print_clocks(result: dict[str, Any]) -> None:
+    clocks = result["clocks"]
+    if clocks:
+        _print_table(
+            ["position", *(name.replace("_", " ") for name in clocks[0])],
+            [[position, *clock.values()] for position, clock in enumerate(clocks)],
+        )
+
+
 _PRINTERS: dict[str, Callable[[dict[str, Any]], None]] = {
     "status": _print_status,
     "faults": _print_faults,
@@ -199,5 +208,6 @@ _PRINTERS: dict[str, Callable[[dict[str, Any]], None]] = {
     "get": lambda result: print(result["value"]),
     "set": lambda result: None,
     "registers": _print_registers,
+    "clocks": _print_clocks,
     "stop": lambda result: None,
 }

@@ -18,6 +18,7 @@ from ecatd.model.errors import (
     UsageError,
 )
 
+from ..clocks import Clock
 from ..faults import FAULTS, Fault, FaultState
 from ..faults.methods import FaultMethods
 from ..slave.objects import Value
@@ -127,6 +128,10 @@ class Simulator:
         """Registers of a slave controller, as its device sees them."""
         reply = self.request("registers", slave=slave, address=address, count=count)
         return bytes.fromhex(reply["data"])
+
+    def clocks(self) -> list[Clock]:
+        """The distributed clocks of all slaves, at one moment; see `ecatsim.clocks.Clock`."""
+        return [Clock(**clock) for clock in self.request("clocks")["clocks"]]
 
     def stop(self) -> None:
         """Ends the simulator, as SIGTERM does."""

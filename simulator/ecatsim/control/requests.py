@@ -181,6 +181,17 @@ class Registers(Request):
 
 
 @dataclass(frozen=True)
+class ShowClocks(Request):
+    """Show the distributed clocks of all slaves, at one moment."""
+
+    kind: ClassVar[str] = "clocks"
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """The clocks as maps, in wire order."""
+        return {"clocks": [to_map(clock) for clock in session.simulation.segment.clocks()]}
+
+
+@dataclass(frozen=True)
 class Stop(Request):
     """End the simulator, as SIGTERM does."""
 
@@ -193,7 +204,7 @@ class Stop(Request):
 
 
 REQUESTS: dict[str, type[Request]] = {
-    cls.kind: cls for cls in (ShowStatus, ShowFaults, Clear, Get, Set, Registers, Stop)
+    cls.kind: cls for cls in (ShowStatus, ShowFaults, Clear, Get, Set, Registers, ShowClocks, Stop)
 }
 
 
