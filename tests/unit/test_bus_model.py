@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from ecatd.bus.layout import DATAGRAM_BYTES, LRD, LRW, LWR, lay_out
 from ecatd.bus.safe import safe_images
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.config import SafeConfig
-from ecatd.model.errors import ConfigError, StateError, UsageError
+from ecatd.model.errors import ConfigError, UsageError
 
 
 def slave(position: int, out_bits: list[int], in_bits: list[int]) -> Slave:
@@ -65,39 +64,15 @@ def test_entries_skip_gaps_but_count_their_bits() -> None:
     assert [(e.subindex, bit) for _, e, bit in one.entries(outputs=False)] == [(1, 0), (3, 8)]
 
 
-def test_every_slave_has_whole_bytes() -> None:
-    made = bus(slave(0, [4], [1]), slave(1, [4], [12]), slave(2, [], []))
-    image = lay_out(made, set())
-    domain = image.domains[0]
-    assert [s.output_offset for s in made.slaves[:2]] == [0, 1]
-    assert [s.input_offset for s in made.slaves[:2]] == [2, 3]
-    assert (domain.output_bytes, domain.input_bytes) == (2, 3)
-    (datagram,) = domain.datagrams
-    assert (datagram.command, datagram.length, datagram.wkc_expected) == (LRW, 5, 6)
-
-
-def test_a_slave_without_lrw_splits_the_domain() -> None:
-    made = bus(slave(0, [8], [8]), slave(1, [8], [8]))
-    datagrams = lay_out(made, {1}).domains[0].datagrams
-    assert [(d.command, d.offset, d.length, d.wkc_expected) for d in datagrams] == [
-        (LWR, 0, 2, 2),
-        (LRD, 2, 2, 2),
-    ]
-
-
-def test_large_images_are_cut_at_slave_boundaries() -> None:
-    made = bus(*(slave(n, [8] * 64, [8] * 64) for n in range(40)))
-    domain = lay_out(made, set()).domains[0]
-    assert sum(d.length for d in domain.datagrams) == 40 * 128
-    assert all(d.length <= DATAGRAM_BYTES for d in domain.datagrams)
-    assert all(d.offset % 64 == 0 for d in domain.datagrams)
-    # A slave counts once for reading and twice for writing, in whichever datagram its bytes are.
-    assert domain.wkc_expected == 40 * 3
-
-
-def test_more_than_a_frame_for_one_slave_is_refused() -> None:
-    with pytest.raises(StateError, match=r"slave 0 \(S0\) has 1500 bytes of inputs"):
-        lay_out(bus(slave(0, [], [8] * 1500)), set())
+def test_domains_travel_with_the_description() -> None:
+    made = bus(replace(slave(0, [8], [8]), domain=1), slave(1, [8], []))
+    made.domains = [Domain(), Domain("slow", 4)]
+    read = Bus.from_dict(json.loads(json.dumps(made.to_dict())))
+    assert read == made
+    assert (read.domain_label(0), read.domain_label(1)) == ("domain 0", "domain 1 (slow)")
+    old = made.to_dict()
+    del old["domains"]
+    assert Bus.from_dict(old).domain_label(1) == "domain 1"
 
 
 def test_safe_values_reach_the_right_bits() -> None:

@@ -1,10 +1,11 @@
 """The configuration file: what is taken, and what is said about what is not."""
 
+import json
 from pathlib import Path
 
 import pytest
 
-from ecatd.model.config import Config
+from ecatd.model.config import Config, DcConfig, DcSlaveConfig, DomainConfig
 from ecatd.model.errors import ConfigError
 
 
@@ -24,13 +25,35 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         """
         bus = "rig"
         interface = "eth1"
+        second_interface = "eth2"
         cycle_time_us = 250
         state_timeout_s = 3
+        [[domain]]
+        name = "fast"
+        [[domain]]
+        name = "slow"
+        divider = 4
+        slaves = [3, "5-7", "9"]
+        [dc]
+        reference = 2
+        phase_us = 100
+        lock_us = 5
+        timeout_s = 10
+        [[dc.slave]]
+        slave = 0
+        sync0_us = 125
+        shift_us = -30
+        sync1_us = 62.5
+        [[dc.slave]]
+        slave = 6
+        [mailbox]
+        share = 0.25
         [realtime]
         priority = 50
         cpu = 1
         lock_memory = false
         busy_receive = true
+        dma_latency_us = -1
         [outputs]
         lease_cycles = 7
         lease_max_ms = 100
@@ -47,6 +70,18 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         """,
     )
     assert (config.bus, config.interface, config.cycle_time_us) == ("rig", "eth1", 250)
+    assert config.second_interface == "eth2"
+    assert config.domain == [DomainConfig("fast"), DomainConfig("slow", 4, [3, 5, 6, 7, 9])]
+    assert config.dc == DcConfig(
+        True,  # since there is a table for a slave
+        reference=2,
+        phase_us=100.0,
+        lock_us=5.0,
+        timeout_s=10.0,
+        slave=[DcSlaveConfig(0, 125.0, -30.0, 62.5), DcSlaveConfig(6)],
+    )
+    assert config.mailbox.share == 0.25
+    assert config.realtime.dma_latency_us == -1
     assert config.state_timeout_s == 3.0
     assert (config.realtime.priority, config.realtime.cpu) == (50, 1)
     assert config.realtime.busy_receive
@@ -56,7 +91,40 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
     assert config.outputs.safe[1].address == (0x60FF, 0)
     assert config.gateway.listen == ["tcp/127.0.0.1:7000"]
     assert config.gateway.publish_hz == 2.5
-    assert Config.from_dict(config.to_dict()) == config
+    assert Config.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_slaves_follow_their_domain(tmp_path: Path) -> None:
+    config = load(
+        tmp_path,
+        """
+        cycle_time_us = 500
+        [[domain]]
+        [[domain]]
+        divider = 3
+        slaves = [1]
+        [[dc.slave]]
+        slave = 1
+        [[dc.slave]]
+        slave = 7
+        sync0_us = 250
+        shift_us = 0
+        """,
+    )
+    assert [config.domain_of(position) for position in (0, 1, 2)] == [0, 1, 0]
+    assert [config.domain_cycle_us(position) for position in (0, 1)] == [500, 1500]
+    first, second = config.dc.slave
+    assert (config.sync0_us(first), config.shift_us(first)) == (1500, 250)
+    assert (config.sync0_us(second), config.shift_us(second)) == (250, 0)
+    assert Config().domain_of(5) == 0
+    assert Config().domain_cycle_us(5) == 1000
+
+
+def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None:
+    text = "[dc]\nenabled = {}\n[[dc.slave]]\nslave = 0\n"
+    assert not load(tmp_path, text.format("false")).dc.enabled
+    assert load(tmp_path, text.format("true")).dc.enabled
+    assert not load(tmp_path, "[dc]\nreference = 1").dc.enabled
 
 
 @pytest.mark.parametrize(
@@ -74,12 +142,92 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         ("interface = 'aaaaaaaaaaaaaaaa'", ":1: interface:", "at most 15 characters"),
         ("realtime = 1", ":1: realtime:", "must be a table"),
         ("[gateway]\nlisten = ['nonsense']", ":2: gateway.listen:", "is no Zenoh endpoint"),
-        ("[[outputs.safe]]\nvalue = 'hold'", ": outputs.safe.slave:", "is missing"),
+        ("[[outputs.safe]]\nvalue = 'hold'", ":1: outputs.safe.slave:", "is missing"),
         ("[[outputs.safe]]\nslave = 1\nvalue = 'keep'", ":3: outputs.safe.value:", "neither"),
         ("[[outputs.safe]]\nslave = 1\nvalue = 3", ":3: outputs.safe.value:", "needs an entry"),
         ("[[outputs.safe]]\nslave = 1\nvalue = 1.5", ":3: outputs.safe.value:", "whole number"),
         ("[[outputs.safe]]\nslave = 1\nentry = '60FF'", ":3: outputs.safe.entry:", "no address"),
         ("[outputs]\nsafe = [1]", ":2: outputs.safe:", "array of tables"),
+        (
+            "[[outputs.safe]]\nslave = 1\n[[outputs.safe]]\nslave = 1\nvalu = 3",
+            ":5: outputs.safe.valu:",
+            "did you mean 'value'?",
+        ),
+        ("second_interface = 'aaaaaaaaaaaaaaaa'", ":1: second_interface:", "at most 15"),
+        (
+            "interface = 'eth1'\nsecond_interface = 'eth1'",
+            ":2: second_interface:",
+            "is 'eth1' like interface",
+        ),
+        ("[realtime]\ndma_latency_us = -2", ":2: realtime.dma_latency_us:", "from -1 to"),
+        ("[mailbox]\nshare = 0", ":2: mailbox.share:", "must be from 0.01 to 1"),
+        ("[mailbox]\nshare = nan", ":2: mailbox.share:", "must be from 0.01 to 1"),
+        ("mailbox = 3", ":1: mailbox:", "must be a table"),
+        ("domain = 3", ":1: domain:", "must be an array"),
+        ("domain = [3]", ":1: domain:", "write [[domain]]"),
+        ("[domain]\nname = 'x'", ":1: domain:", "must be an array"),
+        ("[[domain]]\nzzz = 2", ":2: domain.zzz:", "valid are name, divider, slaves"),
+        ("[[domain]]\nslave = [2]", ":2: domain.slave:", "did you mean 'slaves'?"),
+        ("[[domain]]\ndivider = 0", ":2: domain.divider:", "must be from 1 to 65535"),
+        ("[[domain]]\ndivider = 65536", ":2: domain.divider:", "must be from 1 to 65535"),
+        ("[[domain]]\nslaves = 3", ":2: domain.slaves:", "must be an array"),
+        ("[[domain]]\nslaves = ['x']", ":2: domain.slaves:", "'x' is neither a position"),
+        ("[[domain]]\nslaves = ['7-5']", ":2: domain.slaves:", "'7-5' is neither a position"),
+        ("[[domain]]\nslaves = ['5-70000']", ":2: domain.slaves:", "is neither a position"),
+        ("[[domain]]\nslaves = ['-5']", ":2: domain.slaves:", "is neither a position"),
+        ("[[domain]]\nslaves = [-1]", ":2: domain.slaves:", "-1 is neither a position"),
+        ("[[domain]]\nslaves = [1.5]", ":2: domain.slaves:", "1.5 is neither a position"),
+        ("[[domain]]\nslaves = [true]", ":2: domain.slaves:", "True is neither a position"),
+        ("[[domain]]\nslaves = ['٣']", ":2: domain.slaves:", "is neither a position"),
+        ("[[domain]]\nslaves = [1, '0-2']", ":2: domain.slaves:", "slave 1 is already in domain 0"),
+        (
+            "[[domain]]\nslaves = ['2-4']\n[[domain]]\nslaves = [7, 3]",
+            ":4: domain.slaves:",
+            "slave 3 is already in domain 0",
+        ),
+        ("[[domain]]\n[[domain]]\nname = 'b'", ":2: domain.slaves:", "domain 1 has none"),
+        (
+            "[[domain]]\nname = 'a'\n[[domain]]\nname = 'a'\nslaves = [1]",
+            ":4: domain.name:",
+            "'a' is the name of another domain",
+        ),
+        (f"[[domain]]\nname = '{'ä' * 16}'", ":2: domain.name:", "at most 31 bytes"),
+        ('[[domain]]\nname = "a\\u0000"', ":2: domain.name:", "must be printable"),
+        (
+            "".join(f"[[domain]]\nslaves = [{n}]\n" for n in range(17)),
+            ":1: domain:",
+            "17 tables, but there can be 16 domains",
+        ),
+        ("[dc]\nreference = -2", ":2: dc.reference:", "must be from -1 to 65535"),
+        ("[dc]\nenable = true", ":2: dc.enable:", "did you mean 'enabled'?"),
+        ("[dc]\nphase_us = 1000", ":2: dc.phase_us:", "within the base cycle, 1000 µs"),
+        ("[dc]\nlock_us = 501", ":2: dc.lock_us:", "half the base cycle, 500 µs"),
+        ("[dc]\nlock_us = 0", ":2: dc.lock_us:", "must be from 0.1"),
+        ("[dc]\nslave = 3", ":2: dc.slave:", "must be an array"),
+        ("[dc]\nslave = [3]", ":2: dc.slave:", "write [[dc.slave]]"),
+        ("[[dc.slave]]\nsync0_us = 1000", ":1: dc.slave.slave:", "is missing"),
+        ("[[dc.slave]]\nslave = 1\nsync0 = 1", ":3: dc.slave.sync0:", "did you mean 'sync0_us'?"),
+        (
+            "[[dc.slave]]\nslave = 1\n[[dc.slave]]\nslave = 1",
+            ":4: dc.slave.slave:",
+            "slave 1 has two tables",
+        ),
+        (
+            "[[dc.slave]]\nslave = 1\nsync0_us = 300",
+            ":3: dc.slave.sync0_us:",
+            "is exchanged every 1000 µs: it must be a multiple or a whole fraction",
+        ),
+        (
+            "[[domain]]\n[[domain]]\ndivider = 3\nslaves = [1]\n"
+            "[[dc.slave]]\nslave = 1\nsync0_us = 2000",
+            ":7: dc.slave.sync0_us:",
+            "slave 1 is exchanged every 3000 µs",
+        ),
+        (
+            "cycle_time_us = 1000000\n[[domain]]\ndivider = 5\n[[dc.slave]]\nslave = 1",
+            ":4: dc.slave.sync0_us:",
+            "is the cycle of the domain, 5000000 µs",
+        ),
     ],
 )
 def test_wrong_keys_and_values(tmp_path: Path, text: str, where: str, what: str) -> None:

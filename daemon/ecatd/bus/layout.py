@@ -1,23 +1,34 @@
 """The logical address space (decision D2): a window per domain, whole bytes per slave.
 
-A domain's image is its outputs, slave after slave, followed by its inputs. It is exchanged by
-datagrams that end at slave boundaries, so that the working counter of each is known.
+A domain's image is, slave after slave:
+
+    outputs of slaves without LRW | outputs of the others | their inputs | inputs of slaves without
+
+so outputs lie in front of inputs, as clients expect, and three rows of bytes are exchanged by
+LWR, LRW and LRD. Only slaves that cannot do LRW (SII category 30) cost a second datagram. The rows
+are cut at slave boundaries, so that the working counter of each datagram is known.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, field
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import StateError
+from ecatd.model.bus import Bus, Domain, Slave
+from ecatd.model.config import DomainConfig
+from ecatd.model.errors import ConfigError, StateError
 
 DATAGRAM_BYTES = 1452
-"""Process data in one datagram: what the bus's own datagrams leave of a frame (`engine.h`)."""
+"""Most process data in one datagram: with its header and working counter, and the datagrams of
+each cycle for AL state and clocks (14 and 20 bytes), it fills the 1498 bytes of a frame."""
 
 WINDOW = 0x0010_0000
 """Logical addresses of one domain: domain d begins at (d + 1) * WINDOW."""
 
 LRD, LWR, LRW = 10, 11, 12
+
+_COUNTS = {LWR: (1, 0), LRW: (2, 1), LRD: (0, 1)}
+"""What a slave adds to the working counter when it was written to, and read (ETG.1000.4)."""
 
 
 @dataclass(slots=True)
@@ -65,78 +76,109 @@ class Image:
         return sum(domain.output_bytes for domain in self.domains)
 
 
-def lay_out(bus: Bus, without_lrw: set[int]) -> Image:
+def assign_domains(bus: Bus, configured: Sequence[DomainConfig]) -> None:
+    """Puts every slave into the domain that the configuration says, else into domain 0.
+
+    Args:
+        bus: Scanned slaves with their PDOs; `domains` and the `domain` of each slave are set.
+        configured: Domains of the configuration.
+
+    Raises:
+        ConfigError: A domain names a slave that is not there.
+        StateError: One of several domains has no process data.
+    """
+    bus.domains = [Domain(item.name, item.divider) for item in configured] or [Domain()]
+    for slave in bus.slaves:
+        slave.domain = 0
+    for number, item in enumerate(configured):
+        for position in item.slaves:
+            if position >= len(bus.slaves):
+                raise ConfigError(
+                    f"{bus.domain_label(number)} names slave {position}, but bus '{bus.name}' has "
+                    f"{len(bus.slaves)} slaves, 0 to {len(bus.slaves) - 1}: correct 'slaves' of "
+                    f"this [[domain]], or look for the slave that is missing on the wire"
+                )
+            bus.slaves[position].domain = number
+    if len(bus.domains) > 1:
+        used = {slave.domain for slave in bus.slaves if slave.output_bytes or slave.input_bytes}
+        for number in range(len(bus.domains)):
+            if number not in used:
+                raise StateError(
+                    f"{bus.domain_label(number)} has nothing to exchange: none of its slaves has "
+                    f"process data; give it others with 'slaves', or remove this [[domain]]"
+                )
+
+
+def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
     """Gives every slave its bytes, and says how they are exchanged.
 
     Args:
-        bus: Slaves with their PDOs; `output_offset` and `input_offset` are set.
-        without_lrw: Positions of slaves that cannot do LRW (SII category 30); a domain with one
-            of them is exchanged with LWR and LRD.
+        bus: Slaves with their PDOs and domains; `output_offset` and `input_offset` are set.
+        without_lrw: Positions of slaves that cannot do LRW.
 
     Raises:
         StateError: A slave has more process data than one datagram can carry.
     """
+    count = max([len(bus.domains), 1, *(slave.domain + 1 for slave in bus.slaves)])
     image = Image([])
-    base = 0
-    for number in range(max((slave.domain for slave in bus.slaves), default=0) + 1):
+    for number in range(count):
+        facts = bus.domains[number] if number < len(bus.domains) else Domain()
+        domain = DomainImage(number, image.output_bytes, name=facts.name, divider=facts.divider)
         slaves = [slave for slave in bus.slaves if slave.domain == number]
-        domain = DomainImage(number, base)
-        for slave in slaves:
-            for size, what in ((slave.output_bytes, "outputs"), (slave.input_bytes, "inputs")):
-                if size > DATAGRAM_BYTES:
-                    raise StateError(
-                        f"{slave.label} has {size} bytes of {what}, but one frame carries at most "
-                        f"{DATAGRAM_BYTES}: choose a smaller PDO assignment"
-                    )
-            slave.output_offset = domain.output_bytes
-            domain.output_bytes += slave.output_bytes
-        offset = domain.output_bytes
-        for slave in slaves:
-            slave.input_offset = offset
-            offset += slave.input_bytes
-        domain.input_bytes = offset - domain.output_bytes
-        split = any(slave.position in without_lrw for slave in slaves)
-        domain.datagrams = _datagrams(slaves, separate=split)
-        base += domain.output_bytes
+        _place(domain, slaves, without_lrw)
         image.domains.append(domain)
     return image
 
 
-def _datagrams(slaves: list[Slave], *, separate: bool) -> list[Datagram]:
-    """Cuts the image at slave boundaries; `separate` keeps outputs and inputs apart.
+def _place(domain: DomainImage, slaves: list[Slave], without_lrw: Set[int]) -> None:
+    """Fills a domain: where each slave has its bytes, and the datagrams that carry them."""
+    whole = [slave for slave in slaves if slave.position not in without_lrw]
+    split = [slave for slave in slaves if slave.position in without_lrw]
+    rows: dict[int, list[_Part]] = {LWR: [], LRW: [], LRD: []}
+    offset = 0
+    for command, group in ((LWR, split), (LRW, whole)):
+        for slave in group:
+            slave.output_offset = offset
+            offset = _append(rows[command], slave, offset, output=True)
+    domain.output_bytes = offset
+    for command, group in ((LRW, whole), (LRD, split)):
+        for slave in group:
+            slave.input_offset = offset
+            offset = _append(rows[command], slave, offset, output=False)
+    domain.input_bytes = offset - domain.output_bytes
+    for command, parts in rows.items():
+        domain.datagrams += _datagrams(command, parts)
 
-    The working counter grows by 1 for each slave that was read from, and by 2 for each that was
-    written to by LRW (by 1 with LWR), however many of its bytes lie in the datagram.
-    """
-    parts = [
-        (slave.position, True, slave.output_offset, slave.output_bytes)
-        for slave in slaves
-        if slave.output_bytes
-    ] + [
-        (slave.position, False, slave.input_offset, slave.input_bytes)
-        for slave in slaves
-        if slave.input_bytes
-    ]
-    groups: list[list[tuple[int, bool, int, int]]] = []
+
+@dataclass(slots=True)
+class _Part:
+    """The outputs or the inputs of one slave in the image."""
+
+    output: bool
+    offset: int
+    length: int
+
+
+def _append(parts: list[_Part], slave: Slave, offset: int, *, output: bool) -> int:
+    """Adds a slave's bytes to a row, if there are any; returns the offset behind them."""
+    length = slave.output_bytes if output else slave.input_bytes
+    if length > DATAGRAM_BYTES:
+        raise StateError(
+            f"{slave.label} has {length} bytes of {'outputs' if output else 'inputs'}, but one "
+            f"datagram carries at most {DATAGRAM_BYTES}: choose a smaller PDO assignment"
+        )
+    if length:
+        parts.append(_Part(output, offset, length))
+    return offset + length
+
+
+def _datagrams(command: int, parts: Iterable[_Part]) -> list[Datagram]:
+    """Cuts a row of bytes at slave boundaries."""
+    written, read = _COUNTS[command]
+    datagrams: list[Datagram] = []
     for part in parts:
-        if (
-            not groups
-            or part[2] + part[3] - groups[-1][0][2] > DATAGRAM_BYTES
-            or (separate and part[1] != groups[-1][0][1])
-        ):
-            groups.append([])
-        groups[-1].append(part)
-    datagrams = []
-    for group in groups:
-        written = {position for position, output, _, _ in group if output}
-        read = {position for position, output, _, _ in group if not output}
-        if separate:
-            command = LWR if written else LRD
-            expected = len(written) + len(read)
-        else:
-            command = LRW
-            expected = 2 * len(written) + len(read)
-        start = group[0][2]
-        length = group[-1][2] + group[-1][3] - start
-        datagrams.append(Datagram(command, start, length, expected))
+        if not datagrams or datagrams[-1].length + part.length > DATAGRAM_BYTES:
+            datagrams.append(Datagram(command, part.offset, 0, 0))
+        datagrams[-1].length += part.length
+        datagrams[-1].wkc_expected += written if part.output else read
     return datagrams

@@ -136,6 +136,19 @@ class Slave:
 
 
 @dataclass(slots=True)
+class Domain:
+    """Slaves that are exchanged together.
+
+    Attributes:
+        name: Name from the configuration; may be empty.
+        divider: Exchanged every so many base cycles.
+    """
+
+    name: str = ""
+    divider: int = 1
+
+
+@dataclass(slots=True)
 class Bus:
     """A scanned bus.
 
@@ -143,18 +156,29 @@ class Bus:
         name: Name of the bus.
         cycle_time_us: Base cycle in microseconds.
         slaves: Slaves by position.
+        domains: Domains by number; empty in descriptions that know of one only.
     """
 
     name: str
     cycle_time_us: int
     slaves: list[Slave] = field(default_factory=list)
+    domains: list[Domain] = field(default_factory=list)
+
+    def domain_name(self, number: int) -> str:
+        """Name of a domain, empty if it has none."""
+        return self.domains[number].name if number < len(self.domains) else ""
+
+    def domain_label(self, number: int) -> str:
+        """How messages name a domain: `domain 1 (slow)`."""
+        name = self.domain_name(number)
+        return f"domain {number} ({name})" if name else f"domain {number}"
 
     @property
     def fingerprint(self) -> int:
         """64 bits that differ when identities, order or mappings of the slaves differ.
 
-        Names, serial numbers, addresses and the cycle time do not count: they change neither
-        where a value lies nor what it means.
+        Names, serial numbers, addresses, domains and the cycle time do not count: clients find
+        values by slave and entry, and these do not change what a value means.
         """
         facts = [
             [
@@ -193,6 +217,7 @@ class Bus:
                 name=data["name"],
                 cycle_time_us=data["cycle_time_us"],
                 slaves=[_slave(item) for item in data["slaves"]],
+                domains=[Domain(**item) for item in data.get("domains", [])],
             )
         except (KeyError, TypeError) as error:
             raise UsageError(f"the bus description is incomplete: {error!r}") from error
