@@ -4,12 +4,15 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import cast, get_args, get_type_hints
 
 import pytest
 
 from conftest import Daemon, run_module
+from ecatd.model.config import Config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -55,21 +58,30 @@ def test_every_link_leads_somewhere() -> None:
                 assert (document.parent / target).exists(), f"{document.name}: {target}"
 
 
-def test_every_configuration_key_is_documented(tmp_path: Path) -> None:
-    from ecatd.model.config import _GATEWAY, _OUTPUTS, _REALTIME, _SAFE, _TOP, Config
+def configuration_keys(table: type, above: str = "") -> Iterator[str]:
+    """Keys as the documentation writes them: `dc.enabled`, and `[[dc.slave]]` for an array."""
+    hints = get_type_hints(table)
+    for item in fields(table):
+        kind = hints[item.name]
+        inner = next((arg for arg in (kind, *get_args(kind)) if is_dataclass(arg)), None)
+        name = above + item.name
+        if inner is None or inner is not kind:
+            yield f"`{name}`" if inner is None else f"`[[{name}]]`"
+        if inner is not None:
+            yield from configuration_keys(cast("type", inner), name + ".")
 
+
+def test_every_configuration_key_is_documented(tmp_path: Path) -> None:
     text = (ROOT / "docs/configuration.md").read_text()
-    tables = {"realtime.": _REALTIME, "outputs.": _OUTPUTS, "outputs.safe.": _SAFE}
-    keys = [prefix + key for prefix, table in tables.items() for key in table]
-    keys += [f"gateway.{key}" for key in _GATEWAY]
-    keys += [key for key in _TOP if key not in ("realtime", "outputs", "gateway")]
-    missing = [key for key in keys if f"`{key}`" not in text and f"`[[{key}]]`" not in text]
-    assert not missing
+    keys = list(configuration_keys(Config))
+    assert {"`bus`", "`dc.lock_us`", "`[[dc.slave]]`", "`dc.slave.sync0_us`"} <= set(keys)
+    assert [key for key in keys if key not in text] == []
     example = (ROOT / "systemd/ecat0.toml").read_text()
     Config.load(ROOT / "systemd/ecat0.toml")
     commented = tmp_path / "all.toml"
     commented.write_text(re.sub(r"^# (?=\[\[|\w+ = )", "", example, flags=re.MULTILINE))
-    assert len(Config.load(commented).outputs.safe) == 2
+    config = Config.load(commented)
+    assert (len(config.outputs.safe), len(config.domain), len(config.dc.slave)) == (2, 2, 1)
 
 
 def test_the_readme_commands(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 
 from .engine import Engine, Grant, Index, RealTime, open_socket
-from .layout import Image, lay_out
+from .layout import Image, assign_domains, lay_out
 from .mapping import Scanned, configure, scan_slave
 from .master import Master
 from .safe import safe_images
@@ -100,6 +100,7 @@ class BringUp:
 
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and takes them to SAFEOP."""
+        assign_domains(self.bus, self._config.domain)
         without_lrw = {item.slave.position for item in self._scanned if item.sii.without_lrw}
         self.image = image = lay_out(self.bus, without_lrw)
         configure(master, self._scanned, image)
@@ -143,12 +144,15 @@ class BringUp:
 
     def _reach_op(self, master: Master, segment: Segment) -> None:
         """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
+        # Every domain at least once.
+        cycles = max(_FIRST_CYCLES, *(domain.divider + 1 for domain in self.bus.domains))
+        cycle_s = self._config.cycle_time_us * 1e-6
         first = segment.header.cycle
-        deadline = time.monotonic() + self._config.state_timeout_s
-        while segment.header.cycle < first + _FIRST_CYCLES:
+        deadline = time.monotonic() + cycles * cycle_s + self._config.state_timeout_s
+        while segment.header.cycle < first + cycles:
             if time.monotonic() > deadline:
                 raise StateError("the cyclic engine does not run")
-            time.sleep(self._config.cycle_time_us * 1e-6)
+            time.sleep(cycle_s)
         master.reach(AlState.OP, self._config.state_timeout_s)
 
     def _tell(self, image: Image) -> None:
