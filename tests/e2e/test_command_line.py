@@ -19,7 +19,18 @@ def test_slaves_lists_the_rig(troll: Daemon) -> None:
     document = troll.ctl_json("slaves")
     assert [slave["position"] for slave in document["slaves"]] == list(range(8))
     assert document["slaves"][4]["input_bytes"] == 32
+    assert {(slave["domain"], slave["domain_name"]) for slave in document["slaves"]} == {(0, "")}
     assert len(document["fingerprint"]) == 16
+
+
+def test_info_tells_the_time_on_the_wire(troll: Daemon) -> None:
+    document = troll.ctl_json("info")
+    # 17 bytes of outputs and 81 of inputs in one frame with the state of all slaves.
+    assert (document["wire_frames"], document["wire_bytes"]) == (1, 40 + 14 + 12 + 98)
+    assert document["wire_us"] == 21.1  # 80 ns a byte, and 1 µs for each of eight slaves
+    assert (
+        "wire time   21.1 µs in the longest cycle: 164 bytes, 1 frame" in troll.ctl("info").stdout
+    )
 
 
 def test_pdos_names_every_entry(troll: Daemon) -> None:

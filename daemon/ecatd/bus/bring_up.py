@@ -24,6 +24,7 @@ from .mapping import Scanned, configure, scan_slave
 from .master import Master
 from .safe import safe_images
 from .segment import Segment
+from .wire_time import WireTime, wire_time
 
 _FIRST_CYCLES = 3
 """Cycles with valid outputs before slaves are asked for OP."""
@@ -50,6 +51,7 @@ class BringUp:
         master: The master, from `reserve` on.
         engine: The cyclic engine, from `exchange` on.
         image: The process image, from `map` on.
+        wire: How long its frames are on the wire, from `map` on.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class BringUp:
         self.master: Master | None = None
         self.engine: Engine | None = None
         self.image: Image | None = None
+        self.wire: WireTime | None = None
 
     def run(self) -> tuple[Segment, Master, Engine]:
         """Brings the bus to OP; blocks, and belongs on the mailbox worker.
@@ -103,6 +106,14 @@ class BringUp:
         assign_domains(self.bus, self._config.domain)
         without_lrw = {item.slave.position for item in self._scanned if item.sii.without_lrw}
         self.image = image = lay_out(self.bus, without_lrw)
+        self.wire = wire_time(
+            image,
+            self._config.cycle_time_us,
+            len(self.bus.slaves),
+            clock=self._config.dc.enabled,
+        )
+        if warning := self.wire.check():
+            self._log.warning(warning)
         configure(master, self._scanned, image)
         master.reach(AlState.SAFEOP, self._config.state_timeout_s)
         return image

@@ -141,6 +141,8 @@ class BusServer:
                 return {}
 
     def _describe(self) -> dict[str, Any]:
+        assert self._up.wire is not None, "asked before the bus was brought up"
+        wire = self._up.wire
         return {
             "bus": self.bus.to_dict(),
             "info": {
@@ -148,6 +150,9 @@ class BusServer:
                 "interface": self._interface,
                 "started": self._started,
                 "cycle_time_us": self._config.cycle_time_us,
+                "wire_us": round(wire.round_trip_us, 1),
+                "wire_frames": wire.frames,
+                "wire_bytes": wire.wire_bytes,
             },
         }
 

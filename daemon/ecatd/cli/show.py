@@ -49,6 +49,8 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 "serial": slave.serial,
                 "address": slave.address,
                 "coe": slave.coe,
+                "domain": slave.domain,
+                "domain_name": bus.domain_name(slave.domain),
                 "output_bytes": slave.output_bytes,
                 "input_bytes": slave.input_bytes,
             }
@@ -57,7 +59,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
         print_json({"bus": bus.name, "fingerprint": f"{bus.fingerprint:016x}", "slaves": rows})
         return
     print_table(
-        ("POS", "ALIAS", "STATE", "NAME", "VENDOR", "PRODUCT", "REVISION", "OUT", "IN"),
+        ("POS", "ALIAS", "STATE", "NAME", "VENDOR", "PRODUCT", "REVISION", "DOMAIN", "OUT", "IN"),
         (
             (
                 slave.position,
@@ -67,12 +69,13 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 f"0x{slave.vendor:08X}",
                 f"0x{slave.product:08X}",
                 f"0x{slave.revision:08X}",
+                f"{slave.domain} {bus.domain_name(slave.domain)}".rstrip(),
                 f"{slave.output_bytes} B",
                 f"{slave.input_bytes} B",
             )
             for slave in bus.slaves
         ),
-        ">>     >>",
+        ">>      >>",
     )
 
 
@@ -84,10 +87,11 @@ def pdos(remote: Remote, options: argparse.Namespace) -> None:
         document = bus.to_dict()
         positions = {slave.position for slave in chosen}
         document["slaves"] = [s for s in document["slaves"] if s["position"] in positions]
-        print_json({"bus": bus.name, "slaves": document["slaves"]})
+        print_json({"bus": bus.name, "domains": document["domains"], "slaves": document["slaves"]})
         return
     for slave in chosen:
-        print(f"{slave.position}  {slave.name or '(no name)'}")
+        domain = f"  ({bus.domain_label(slave.domain)})" if len(bus.domains) > 1 else ""
+        print(f"{slave.position}  {slave.name or '(no name)'}{domain}")
         if not slave.outputs and not slave.inputs:
             print("  no process data")
         for title, kind, group in (
@@ -143,6 +147,11 @@ def info(remote: Remote, options: argparse.Namespace) -> None:
     print(f"bus         {remote.bus}")
     print(f"interface   {document['interface']}")
     print(f"cycle time  {document['cycle_time_us']} µs")
+    print(
+        f"wire time   {document['wire_us']:g} µs in the longest cycle: {document['wire_bytes']} "
+        f"bytes, {document['wire_frames']} frame{'s' * (document['wire_frames'] != 1)}, and the "
+        f"way through the slaves"
+    )
     print(f"in OP since {started}")
     print(f"version     {document['version']}")
 

@@ -1,0 +1,156 @@
+"""How long the frames of one cycle are on the wire, and whether that fits into the cycle.
+
+EtherCAT runs at 100 Mbit/s, whatever the interface of the master can do (ETG.1000.2): 80 ns a
+byte, and in front of and behind each frame what IEEE 802.3 wants. The longest cycle counts: all
+domains are due at once whenever the cycle number is a multiple of all dividers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ecatd.model.errors import StateError
+
+from .layout import Image
+
+_NS_PER_BYTE = 80
+_PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12
+_ETHERNET_HEADER, _ETHERCAT_HEADER = 14, 2
+_ETHERNET_MIN = 60
+_PAYLOAD_MAX = 1498
+_DATAGRAM_FRAMING = 12
+_STATUS_BYTES, _TIME_BYTES = 2, 8
+_FRAMES_MAX, _DATAGRAMS_MAX = 64, 254  # `daemon/cyclic/engine.h`
+_SLAVE_DELAY_NS = 1000
+"""Of a slave with MII ports, there and back: its processing unit, and its PHYs four times."""
+
+_PATIENCE = 9, 10
+"""Share of the cycle in which the engine waits for its frames."""
+
+_WARNING = 8, 10
+
+
+@dataclass(frozen=True, slots=True)
+class WireTime:
+    """The frames of the longest cycle.
+
+    Attributes:
+        cycle_us: The base cycle in microseconds.
+        frames: Number of frames.
+        datagrams: Number of datagrams of domains.
+        data_bytes: Process data in them.
+        wire_bytes: All bytes, with headers, padding, preambles, check sums and gaps.
+        delay_ns: Way of a bit through all slaves and back, in nanoseconds.
+    """
+
+    cycle_us: int
+    frames: int
+    datagrams: int
+    data_bytes: int
+    wire_bytes: int
+    delay_ns: int
+
+    @property
+    def frames_us(self) -> float:
+        """Time in which the master sends, in microseconds."""
+        return self.wire_bytes * _NS_PER_BYTE / 1000
+
+    @property
+    def round_trip_us(self) -> float:
+        """From the first bit sent to the last bit received, in microseconds."""
+        return (self.wire_bytes * _NS_PER_BYTE + self.delay_ns) / 1000
+
+    def shortest_cycle_us(self, share: tuple[int, int] = _PATIENCE) -> int:
+        """The shortest base cycle of which the round trip is at most this share."""
+        part, whole = share
+        round_trip_ns = self.wire_bytes * _NS_PER_BYTE + self.delay_ns
+        return -(-round_trip_ns * whole // (part * 1000))
+
+    def check(self) -> str:
+        """Whether the frames fit into the cycle.
+
+        Returns:
+            A warning where there is little room left, else an empty text.
+
+        Raises:
+            StateError: They do not fit; the message has the arithmetic, and what would do.
+        """
+        if self.frames > _FRAMES_MAX or self.datagrams > _DATAGRAMS_MAX:
+            raise StateError(
+                f"IO larger than the engine can exchange: {self.data_bytes} bytes of process data "
+                f"take {self.datagrams} datagrams in {self.frames} frames, but there can be "
+                f"{_DATAGRAMS_MAX} in {_FRAMES_MAX}: assign fewer PDOs"
+            )
+        sums = (
+            f"{self.data_bytes} bytes of process data, {self.frames} "
+            f"frame{'s' * (self.frames != 1)}, {self.wire_bytes} bytes with framing, are "
+            f"{self.frames_us:.1f} µs on a wire of 100 Mbit/s"
+        )
+        trip = (
+            f"{sums}, and the way through the slaves takes {self.delay_ns / 1000:.1f} µs: "
+            f"{self.round_trip_us:.1f} µs"
+        )
+        remedy = (
+            f"set cycle_time_us to {self.shortest_cycle_us()} or more, or assign fewer PDOs "
+            f"(dividers do not help: all domains are due together in some cycles)"
+        )
+        cycle, round_trip = self.cycle_us, self.round_trip_us
+        if self.frames_us > cycle:
+            raise StateError(
+                f"IO larger than the wire allows at this cycle: {sums}, but the cycle is "
+                f"{cycle} µs; {remedy}"
+            )
+        if round_trip * _PATIENCE[1] > cycle * _PATIENCE[0]:
+            raise StateError(
+                f"cycle time too short for the bus: {trip}, more than nine tenths of the cycle "
+                f"of {cycle} µs; {remedy}"
+            )
+        if round_trip * _WARNING[1] > cycle * _WARNING[0]:
+            return (
+                f"little room in the cycle of {cycle} µs: {trip}; late wake-ups will lose frames, "
+                f"and mailbox traffic is slow; a cycle_time_us of "
+                f"{self.shortest_cycle_us(_WARNING)} or more leaves a fifth free"
+            )
+        return ""
+
+
+def wire_time(
+    image: Image, cycle_us: int, slaves: int, *, clock: bool, delay_ns: int | None = None
+) -> WireTime:
+    """The frames of the longest cycle of a bus.
+
+    Args:
+        image: The process image.
+        cycle_us: The base cycle in microseconds.
+        slaves: Number of slaves on the wire.
+        clock: Whether each cycle distributes the time of a reference clock.
+        delay_ns: Way of a bit through all slaves and back, if it was measured; in nanoseconds.
+    """
+    data = [item.length for domain in image.domains for item in domain.datagrams]
+    frames = _pack([_STATUS_BYTES, *([_TIME_BYTES] if clock else []), *data])
+    return WireTime(
+        cycle_us,
+        len(frames),
+        len(data),
+        sum(data),
+        sum(_on_wire(payload) for payload in frames),
+        slaves * _SLAVE_DELAY_NS if delay_ns is None else delay_ns,
+    )
+
+
+def _pack(datagrams: Iterable[int]) -> list[int]:
+    """Payloads of the frames that carry datagrams of these lengths, as `frames.c` packs them."""
+    frames: list[int] = []
+    for length in datagrams:
+        size = length + _DATAGRAM_FRAMING
+        if not frames or frames[-1] + size > _PAYLOAD_MAX:
+            frames.append(0)
+        frames[-1] += size
+    return frames
+
+
+def _on_wire(payload: int) -> int:
+    """Bytes of a frame and of the time in which no other can follow."""
+    frame = max(_ETHERNET_HEADER + _ETHERCAT_HEADER + payload, _ETHERNET_MIN)
+    return _PREAMBLE + frame + _CHECK_SUM + _GAP

@@ -1,0 +1,107 @@
+"""The time of the frames on the wire, with the sums of ETG.1000.2 and IEEE 802.3 done by hand."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ecatd.bus.layout import DATAGRAM_BYTES, LRW, Datagram, DomainImage, Image
+from ecatd.bus.wire_time import WireTime, wire_time
+from ecatd.model.errors import StateError
+
+
+def image(*lengths: int) -> Image:
+    """One domain with datagrams of these lengths."""
+    return Image([DomainImage(0, 0, datagrams=[Datagram(LRW, 0, n, 1) for n in lengths])])
+
+
+def cycle(cycle_us: int, slaves: int, *lengths: int, clock: bool = False) -> WireTime:
+    return wire_time(image(*lengths), cycle_us, slaves, clock=clock)
+
+
+def test_a_short_frame_is_padded() -> None:
+    # 14 + 2 + 14 of the status are less than 60; with 8 + 4 + 12 around them 84 bytes of 80 ns.
+    alone = cycle(1000, 3)
+    assert (alone.frames, alone.wire_bytes, alone.frames_us) == (1, 84, 6.72)
+    assert alone.round_trip_us == 9.72
+    # The clock's datagram has 20 bytes, and a byte of process data 13: 14 + 2 + 47 = 63.
+    assert cycle(1000, 3, 1, clock=True).wire_bytes == 63 + 24
+
+
+def test_eight_slaves_of_64_bytes() -> None:
+    time = cycle(1000, 8, 512)
+    assert time.wire_bytes == 8 + 14 + 2 + (12 + 2) + (12 + 512) + 4 + 12
+    assert time.frames_us == pytest.approx(46.24)
+    assert time.round_trip_us == pytest.approx(54.24)
+    assert time.shortest_cycle_us() == 61
+    assert time.check() == ""
+
+
+def test_a_full_datagram_fills_the_first_frame_to_the_last_byte() -> None:
+    time = cycle(1000, 1, DATAGRAM_BYTES, clock=True)
+    assert (time.frames, time.wire_bytes) == (1, 8 + 1514 + 4 + 12)
+    assert cycle(1000, 1, DATAGRAM_BYTES + 1, clock=True).frames == 2
+
+
+def test_domains_are_due_together() -> None:
+    slow = DomainImage(1, 0, divider=10, datagrams=[Datagram(LRW, 0, 1000, 1)])
+    both = Image([*image(1000).domains, slow])
+    assert wire_time(both, 1000, 1, clock=False) == cycle(1000, 1, 1000, 1000)
+    assert cycle(1000, 1, 1000, 1000).frames == 2
+
+
+def test_measured_delays_take_the_place_of_the_estimate() -> None:
+    assert wire_time(image(8), 1000, 100, clock=False, delay_ns=71_500).delay_ns == 71_500
+    assert cycle(1000, 100, 8).delay_ns == 100_000
+
+
+def test_more_than_the_wire_allows_is_refused_with_the_arithmetic() -> None:
+    # 199 slaves of 32 + 32 bytes: 8 datagrams of 45 halves and one of 38.
+    with pytest.raises(StateError) as caught:
+        cycle(1000, 199, *[1440] * 8, 1216).check()
+    text = str(caught.value)
+    assert text.startswith(
+        "IO larger than the wire allows at this cycle: 12736 bytes of process data, 9 frames, "
+        "13218 bytes with framing, are 1057.4 µs on a wire of 100 Mbit/s, but the cycle is 1000 µs"
+    )
+    # (1057.44 + 199) / 0.9
+    assert "set cycle_time_us to 1397 or more, or assign fewer PDOs" in text
+
+
+def test_a_cycle_too_short_for_the_way_through_the_slaves_is_refused() -> None:
+    with pytest.raises(StateError) as caught:
+        cycle(200, 150, 512).check()
+    assert str(caught.value).startswith(
+        "cycle time too short for the bus: 512 bytes of process data, 1 frame, 578 bytes with "
+        "framing, are 46.2 µs on a wire of 100 Mbit/s, and the way through the slaves takes "
+        "150.0 µs: 196.2 µs, more than nine tenths of the cycle of 200 µs; set cycle_time_us to "
+        "219 or more"
+    )
+    assert cycle(219, 150, 512).check() != ""
+
+
+def test_above_four_fifths_there_is_a_warning() -> None:
+    assert cycle(246, 150, 512).check() == ""
+    warning = cycle(240, 150, 512).check()
+    assert "little room in the cycle of 240 µs" in warning
+    assert "a cycle_time_us of 246 or more leaves a fifth free" in warning
+
+
+def test_what_the_engine_has_no_room_for_is_refused() -> None:
+    with pytest.raises(StateError, match=r"IO larger than the engine can exchange: .* 65 frames"):
+        cycle(1_000_000, 1, *[DATAGRAM_BYTES] * 65).check()
+    with pytest.raises(StateError, match="255 datagrams in"):
+        cycle(1_000_000, 1, *[10] * 255).check()
+    assert cycle(1_000_000, 1, *[DATAGRAM_BYTES] * 64).check() == ""
+
+
+@given(st.lists(st.integers(1, DATAGRAM_BYTES), max_size=60), st.booleans(), st.integers(1, 200))
+def test_what_is_said_to_work_works(lengths: list[int], clock: bool, slaves: int) -> None:
+    time = cycle(1_000_000, slaves, *lengths, clock=clock)
+    framing = 12 * (len(lengths) + 1) + 2 + (20 if clock else 0)
+    least = sum(lengths) + framing + time.frames * (14 + 2 + 8 + 4 + 12)
+    assert least <= time.wire_bytes <= least + 44  # only the last frame can be a short one
+    assert time.frames >= -(-(sum(lengths) + framing) // 1498)
+    shortest = time.shortest_cycle_us()
+    cycle(shortest, slaves, *lengths, clock=clock).check()
+    with pytest.raises(StateError):
+        cycle(shortest - 1, slaves, *lengths, clock=clock).check()
