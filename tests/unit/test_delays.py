@@ -120,7 +120,7 @@ def test_times_that_contradict_each_other() -> None:
     with pytest.raises(StateError, match=r"slave 0 says .* 1600 ns .* say 3800 ns"):
         arrivals(found)
     found[1] = Ports(found[1].open, (0, 2_000_000, 0, 0))
-    with pytest.raises(StateError, match="behind its port 0 for 2000000 ns until it came to port 1"):
+    with pytest.raises(StateError, match="behind its port 0 for 2000000 ns until it came"):
         arrivals(found[1:])
 
 

@@ -1,7 +1,8 @@
 """From an interface to slaves in OP, step by step.
 
 Order matters, and `BringUp.run` is where it is written: reserve, scan, read, map, exchange with
-safe outputs, OP. Each step uses what the ones before it have found, and leaves it as attributes.
+safe outputs, clocks in step, SAFEOP, OP. Each step uses what the ones before it have found, and
+leaves it as attributes.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 
+from .clocks import Clocks, clock_bits
 from .engine import Engine, Grant, Index, RealTime, open_socket
 from .layout import Image, assign_domains, lay_out
 from .mapping import Scanned, configure, scan_slave
@@ -52,6 +54,7 @@ class BringUp:
         engine: The cyclic engine, from `exchange` on.
         image: The process image, from `map` on.
         wire: How long its frames are on the wire, from `map` on.
+        clocks: The distributed clocks, from `map` on, where the configuration wants them.
     """
 
     def __init__(
@@ -69,6 +72,7 @@ class BringUp:
         self.engine: Engine | None = None
         self.image: Image | None = None
         self.wire: WireTime | None = None
+        self.clocks: Clocks | None = None
 
     def run(self) -> tuple[Segment, Master, Engine]:
         """Brings the bus to OP; blocks, and belongs on the mailbox worker.
@@ -82,6 +86,8 @@ class BringUp:
         self._read(master, self._scan(master))
         image = self._map(master)
         engine = self._exchange(segment, image)
+        self._synchronise(segment)
+        master.reach(AlState.SAFEOP, self._config.state_timeout_s)
         self._reach_op(master, segment)
         self._tell(image)
         return segment, master, engine
@@ -99,10 +105,11 @@ class BringUp:
             if self._cancelled():
                 raise StateError("stopped while slaves were being read")
             self._scanned.append(scan_slave(master, position))
+            self._scanned[-1].slave.dc_bits = clock_bits(master, position)
         self.bus.slaves = [item.slave for item in self._scanned]
 
     def _map(self, master: Master) -> Image:
-        """Gives every slave its place in the process image, and takes them to SAFEOP."""
+        """Gives every slave its place in the process image, and its time."""
         assign_domains(self.bus, self._config.domain)
         without_lrw = {item.slave.position for item in self._scanned if item.sii.without_lrw}
         self.image = image = lay_out(self.bus, without_lrw)
@@ -115,7 +122,9 @@ class BringUp:
         if warning := self.wire.check():
             self._log.warning(warning)
         configure(master, self._scanned, image)
-        master.reach(AlState.SAFEOP, self._config.state_timeout_s)
+        if self._config.dc.enabled:
+            self.clocks = Clocks(self.bus, self._config, master)
+            self.clocks.measure()
         return image
 
     def _exchange(self, segment: Segment, image: Image) -> Engine:
@@ -134,6 +143,8 @@ class BringUp:
         )
         for domain in image.domains:
             engine.add_domain(domain)
+        if self.clocks is not None:
+            engine.set_clock(self.clocks.engine_clock)
         for position, (value, hold) in safe.items():
             engine.set_safe(position, value, hold)
         wanted = config.realtime
@@ -143,6 +154,17 @@ class BringUp:
         segment.set_grants(grants)
         self._tell_grants(grants)
         return engine
+
+    def _synchronise(self, segment: Segment) -> None:
+        """Waits until all clocks are in step, and starts the SYNC signals."""
+        if self.clocks is None:
+            return
+        seconds = self.clocks.wait_for_lock(segment, self._cancelled)
+        self._log.info(
+            f"cycle and {len(self.clocks.followers)} clocks follow that of "
+            f"{self.clocks.reference.label} (after {seconds:.1f} s)"
+        )
+        self.clocks.start_signals(segment)
 
     def _tell_grants(self, grants: list[Grant]) -> None:
         refused = [

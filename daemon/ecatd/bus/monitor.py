@@ -18,6 +18,8 @@ from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.errors import StateError
 
+from .clock_watch import ClockWatch
+from .clocks import Clocks
 from .engine import Engine, Event, EventType
 from .mailbox import Mailbox
 from .master import Master, SlaveState
@@ -47,6 +49,7 @@ class Monitor:
         mailbox: The worker on which that is done.
         log: Where events are told.
         publish: Called with every event, as a map, on the event loop's thread.
+        clocks: The distributed clocks, where they are used.
 
     Attributes:
         states: AL status of every slave when it was last read.
@@ -62,6 +65,7 @@ class Monitor:
         mailbox: Mailbox,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
+        clocks: Clocks | None,
     ) -> None:
         self._bus = bus
         self._interface = interface
@@ -72,6 +76,9 @@ class Monitor:
         self._log = log
         self._publish = publish
         self._requests = SlotRequests(segment, engine, mailbox, master, len(bus.slaves))
+        self._clock_watch = (
+            None if clocks is None else ClockWatch(clocks, segment, mailbox, log, self._tell)
+        )
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self.states: list[SlaveState] = []
@@ -138,6 +145,9 @@ class Monitor:
                 self._log.info(f"frames can be sent on {self._interface} again")
             self._tell("sending", error=reason, cycle=event.cycle)
 
+        elif event.type == EventType.CLOCK and self._clock_watch is not None:
+            self._clock_watch.handle(event)
+
     def _tell(self, kind: str, **facts: Any) -> None:
         self._publish({"event": kind, "time_ns": time.time_ns(), **facts})
 
@@ -147,6 +157,8 @@ class Monitor:
             await asyncio.sleep(_PERIOD)
             try:
                 await self.look()
+                if self._clock_watch is not None:
+                    await self._clock_watch.look()
             except StateError:
                 continue  # the mailbox is busy: the next look is soon
             except Exception as error:

@@ -141,6 +141,8 @@ class Segment:
         for row, slave in zip(table, self._bus.slaves, strict=False):
             for key in ("vendor", "product", "revision", "serial", "position", "alias"):
                 setattr(row, key, getattr(slave, key))
+            for key in ("dc_bits", "dc_delay_ns", "sync0_ns", "sync1_ns", "sync_shift_ns"):
+                setattr(row, key, getattr(slave, key))
             row.address = slave.address
             row.domain = slave.domain
             row.output_offset, row.output_bytes = slave.output_offset, slave.output_bytes

@@ -91,6 +91,7 @@ class BusServer:
             self._mailbox,
             self._log,
             self._publish,
+            self._up.clocks,
         )
         monitor.read_states()
         segment.publish()
@@ -236,6 +237,8 @@ class BusServer:
                     # Slaves that are gone cannot be asked; their watchdog takes care of them.
                     with suppress(StateError):
                         up.master.reach(state, _STOP_TIMEOUT)
+            if up.clocks is not None:
+                up.clocks.stop_signals()
         finally:
             if up.engine is not None:
                 up.engine.close()

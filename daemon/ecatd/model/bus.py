@@ -93,6 +93,11 @@ class Slave:
         domain: Number of the domain, 0 first.
         output_offset: First byte of its outputs in the output part of the domain's image.
         input_offset: First byte of its inputs in the domain's image.
+        dc_bits: Width of its distributed clock: 64, 32, or 0 for none.
+        dc_delay_ns: Propagation delay from the reference clock, as it was measured.
+        sync0_ns: Period of SYNC0, 0 without SYNC signals.
+        sync1_ns: SYNC1 after SYNC0, 0 without SYNC1.
+        sync_shift_ns: Phase of SYNC0 in the cycle of the reference clock.
     """
 
     position: int
@@ -109,6 +114,11 @@ class Slave:
     domain: int = 0
     output_offset: int = 0
     input_offset: int = 0
+    dc_bits: int = 0
+    dc_delay_ns: int = 0
+    sync0_ns: int = 0
+    sync1_ns: int = 0
+    sync_shift_ns: int = 0
 
     @property
     def output_bytes(self) -> int:

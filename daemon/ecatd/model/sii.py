@@ -169,6 +169,18 @@ def read_sii(read: Callable[[int], bytes]) -> Sii:
     return SiiReader(_Words(read).bytes, 2 * _WORDS_MAX).read()
 
 
+def read_dc_modes(read: Callable[[int], bytes]) -> list[SiiDc]:
+    """Reads the operation modes of the distributed clocks (category 60), if there are any.
+
+    Args:
+        read: Gives four bytes from a word address on.
+
+    Raises:
+        SiiError: The content makes no sense.
+    """
+    return _DcReader(_Words(read).bytes, 2 * _WORDS_MAX).read().dc
+
+
 class _Words:
     """The EEPROM as words, read four bytes at a time and only where somebody looks."""
 
@@ -375,6 +387,12 @@ class SiiReader:
             )
             text = self._string(at + i * _DC_BYTES + 18, name)
             self.sii.dc.append(SiiDc(text, cycle, shift0, shift1, assign, factor0, factor1))
+
+
+class _DcReader(SiiReader):
+    """Decodes the distributed clocks alone."""
+
+    wanted = frozenset({CATEGORY_STRINGS, CATEGORY_DC})
 
 
 def _decode(text: bytes) -> str:

@@ -1,0 +1,107 @@
+"""Watches the distributed clocks of a running bus: are the cycle and all clocks still in step?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+from ecatd.log import Log
+from ecatd.model.bus import Slave
+from ecatd.model.errors import StateError
+from ecatd.shm import DcState
+
+from .clocks import IN_STEP_NS, Clocks
+from .engine import Event
+from .mailbox import Mailbox
+from .segment import Segment
+
+_PERIOD = 1.0
+
+
+class ClockWatch:
+    """The watch over the clocks of one bus, which were in step when it began.
+
+    Args:
+        clocks: The clocks.
+        segment: Where the differences of clocks are written.
+        mailbox: The worker on which they are read.
+        log: Where changes are told.
+        tell: Publishes an event: its kind, and facts.
+    """
+
+    def __init__(
+        self,
+        clocks: Clocks,
+        segment: Segment,
+        mailbox: Mailbox,
+        log: Log,
+        tell: Callable[..., None],
+    ) -> None:
+        self._clocks = clocks
+        self._segment = segment
+        self._mailbox = mailbox
+        self._log = log
+        self._tell = tell
+        self._state = DcState.LOCKED
+        self._astray: set[int] = set()
+        self._next = 0.0
+
+    def handle(self, event: Event) -> None:
+        """Tells that the cycle has lost the reference clock, or found it again."""
+        state, health = DcState(event.value), self._segment.health
+        if state == self._state:
+            return  # the lock of the start
+        self._state = state
+        reference = self._clocks.reference.label
+        if state == DcState.LOCKED:
+            self._log.info(f"the cycle follows the clock of {reference} again")
+        else:
+            self._log.warning(
+                f"the cycle has lost the clock of {reference}: it is "
+                f"{health.dc_offset_ns / 1000:.1f} µs from it"
+            )
+        self._tell(
+            "clock",
+            state=state.name.lower(),
+            offset_ns=health.dc_offset_ns,
+            drift_ppb=health.dc_drift_ppb,
+            cycle=event.cycle,
+        )
+
+    async def look(self) -> None:
+        """Reads the differences of all clocks about once a second, and tells who gets out of step.
+
+        Raises:
+            StateError: The mailbox worker has too much to do.
+        """
+        if time.monotonic() < self._next:
+            return
+        self._next = time.monotonic() + _PERIOD
+        differences = await self._mailbox.run(self._read)
+        for slave in self._clocks.followers:
+            if slave.position in differences:
+                self._judge(slave, differences[slave.position])
+
+    def _read(self) -> dict[int, int]:
+        """On the mailbox worker: differences in ns by position; not of slaves that are gone."""
+        found = {}
+        for slave in self._clocks.followers:
+            with suppress(StateError):
+                found[slave.position] = self._clocks.difference(slave)
+                self._segment.slave_status[slave.position].dc_difference_ns = found[slave.position]
+        return found
+
+    def _judge(self, slave: Slave, difference: int) -> None:
+        astray = abs(difference) > IN_STEP_NS
+        if astray == (slave.position in self._astray):
+            return
+        self._astray ^= {slave.position}
+        if astray:
+            self._log.warning(
+                f"the clock of {slave.label} is out of step: {difference / 1000:+.1f} µs from that "
+                f"of {self._clocks.reference.label}"
+            )
+        else:
+            self._log.info(f"the clock of {slave.label} is in step again")
+        self._tell("clock_difference", slave=slave.position, difference_ns=difference)

@@ -1,0 +1,383 @@
+"""The distributed clocks of a bus (ETG.1000.4): found, measured, followed; SYNC signals.
+
+Order matters: `check` and `measure` in PREOP; then the engine starts, which distributes the time of
+the reference clock in every cycle; `wait_for_lock`; `start_signals`; and only then SAFEOP, where
+slaves want to see their signals. `stop_signals` comes when slaves are back in INIT.
+
+Times of a clock are ns since 2000-01-01 00:00 UTC, and in a clock of 32 bits their lower half.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from statistics import mode
+
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.config import Config, DcSlaveConfig
+from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.sii import read_dc_modes
+from ecatd.shm import DcState
+
+from .delays import Ports, arrivals
+from .engine import Clock
+from .master import Master
+from .segment import Segment
+
+_FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08
+_DL_STATUS = 0x0110
+_PORT_TIMES = 0x0900
+_SYSTEM_TIME = 0x0910
+_UNIT_TIME = 0x0918
+_OFFSET = 0x0920  # followed by the delay, 0x0928
+_DELAY = 0x0928
+_DIFFERENCE = 0x092C
+_SPEED_START, _SPEED_START_DEFAULT = 0x0930, 0x1000
+_SYNC_CONTROL = 0x0980  # followed by the activation, 0x0981
+_PULSE_LENGTH, _PULSE_UNIT_NS = 0x0982, 10
+_ACTIVATION_STATUS = 0x0984
+_START = 0x0990
+_CYCLES = 0x09A0  # of SYNC0 and SYNC1
+
+_RUN, _SYNC0, _SYNC1, _SIGNALS = 0x0100, 0x0200, 0x0400, 0x0700
+"""In the word that the SII calls AssignActivate: registers 0x0980 and 0x0981."""
+
+_EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01, since 1970-01-01
+IN_STEP_NS = 1000
+"""How close the clocks of slaves are to the reference clock before SYNC signals start."""
+_STEADY = 3  # looks in a row
+_POLL = 0.01
+_TRIES = 3
+_LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
+_NEAR_NS = 2_000_000_000  # what a clock of 32 bits can tell from the past
+
+
+def clock_bits(master: Master, position: int) -> int:
+    """Width of the distributed clock of a slave: 64, 32, or 0 if it has none.
+
+    A controller with clocks may have them switched off by its EEPROM; register 0x0910 does not
+    answer then, and the receive times of the ports are all that is left.
+    """
+    features = _number(master.register_read(position, _FEATURES, 2))
+    if not features & _HAS_CLOCK:
+        return 0
+    try:
+        master.register_read(position, _SYSTEM_TIME, 4)
+    except StateError:
+        return 0
+    return 64 if features & _HAS_64_BITS else 32
+
+
+@dataclass(frozen=True, slots=True)
+class _Signals:
+    """The SYNC signals of a slave.
+
+    Attributes:
+        slave: The slave, with their times.
+        activation: What goes to the registers 0x0980 and 0x0981.
+    """
+
+    slave: Slave
+    activation: int
+
+
+class Clocks:
+    """The clocks of one bus, where the configuration wants them.
+
+    Args:
+        bus: The bus; `dc_bits` of its slaves are known.
+        config: The configuration.
+        master: Reads and writes registers.
+
+    Attributes:
+        reference: The slave with the reference clock.
+        followers: Slaves whose clocks follow it.
+
+    Raises:
+        ConfigError: This bus cannot do what the configuration wants.
+    """
+
+    def __init__(self, bus: Bus, config: Config, master: Master) -> None:
+        self._bus = bus
+        self._config = config
+        self._master = master
+        self._clocks = [slave for slave in bus.slaves if slave.dc_bits]
+        self.reference = self._choose_reference()
+        self.followers = [s for s in self._clocks if s.position > self.reference.position]
+        self._signals = [self._plan(item) for item in config.dc.slave]
+
+    def _choose_reference(self) -> Slave:
+        wanted = self._config.dc.reference
+        if not self._clocks:
+            raise ConfigError(
+                f"dc: no slave of bus '{self._bus.name}' has a distributed clock: leave [dc] out"
+            )
+        if wanted < 0:
+            return self._clocks[0]
+        return self._with_clock("dc.reference", wanted)
+
+    def _with_clock(self, key: str, position: int) -> Slave:
+        slaves = self._bus.slaves
+        if position >= len(slaves):
+            raise ConfigError(
+                f"{key}: there is no slave {position}: bus '{self._bus.name}' has {len(slaves)}"
+            )
+        if not slaves[position].dc_bits:
+            others = ", ".join(str(slave.position) for slave in self._clocks)
+            raise ConfigError(
+                f"{key}: {slaves[position].label} has no distributed clock; those with one are: "
+                f"{others}"
+            )
+        return slaves[position]
+
+    def _plan(self, item: DcSlaveConfig) -> _Signals:
+        """Checks the signals of a slave, and notes them in its description."""
+        slave, reference = self._with_clock("dc.slave", item.slave), self.reference
+        if slave.position < reference.position:
+            raise ConfigError(
+                f"dc.slave: {slave.label} cannot follow the reference clock, {reference.label}: "
+                f"the frame that brings its time passes only the slaves behind it; choose a "
+                f"reference at or before slave {slave.position}"
+            )
+        slave.sync0_ns = round(self._config.sync0_us(item) * 1000)
+        slave.sync1_ns = round(item.sync1_us * 1000)
+        slave.sync_shift_ns = round(self._config.shift_us(item) * 1000)
+        if slave.dc_bits == 32 and _whole_period(slave) > _NEAR_NS - _LEAD_NS:
+            raise ConfigError(
+                f"dc.slave: {slave.label} has a clock of 32 bits, which cannot tell times that are "
+                f"more than {_NEAR_NS * 1e-9:g} s away: its signals must come more often"
+            )
+        return _Signals(slave, self._activation(slave))
+
+    def _activation(self, slave: Slave) -> int:
+        """Which signals, and who controls them: as the EEPROM has it, if it knows such a mode."""
+        wanted = _RUN | _SYNC0 | (_SYNC1 if slave.sync1_ns else 0)
+        modes = read_dc_modes(lambda word: self._master.eeprom_read(slave.position, word))
+        known = (item.assign_activate for item in modes)
+        return next((word for word in known if word & _SIGNALS == wanted), wanted)
+
+    @property
+    def engine_clock(self) -> Clock:
+        """What the engine has to know."""
+        dc, slave = self._config.dc, self.reference
+        return Clock(
+            slave.address, slave.position, round(dc.phase_us * 1000), round(dc.lock_us * 1000)
+        )
+
+    # --- delays --------------------------------------------------------------------------------
+
+    def measure(self) -> None:
+        """Measures the propagation delays, and sets all clocks to the time of the reference clock.
+
+        Raises:
+            StateError: The measurement makes no sense, or a slave does not answer.
+        """
+        for tries_left in reversed(range(_TRIES)):
+            self._master.latch_receive_times()
+            now = time.time_ns() - _EPOCH_NS
+            try:
+                times = arrivals([self._ports(slave.position) for slave in self._bus.slaves])
+                break
+            except StateError as error:  # a lost frame: times of another one are left
+                if tries_left == 0:
+                    raise StateError(f"propagation delays cannot be measured: {error}") from error
+        origin = times[self.reference.position] or 0.0
+        for slave in self._clocks:
+            delay = round((times[slave.position] or 0.0) - origin)
+            self._set(slave, now, delay)
+
+    def _ports(self, position: int) -> Ports:
+        """Open ports with somebody at the other end, and receive times where there are any."""
+        status = _number(self._master.register_read(position, _DL_STATUS, 2))
+        features = _number(self._master.register_read(position, _FEATURES, 2))
+        times = None
+        if features & _HAS_CLOCK:
+            times = struct.unpack("<4I", self._master.register_read(position, _PORT_TIMES, 16))
+        # Two bits a port: loop closed, communication established.
+        is_open = (port for port in range(4) if status >> 8 + 2 * port & 3 == 2)
+        return Ports(frozenset(is_open), times)
+
+    def _set(self, slave: Slave, now: int, delay: int) -> None:
+        """Sets a clock: when the frame came to it, it was `delay` later than at the reference."""
+        then = _number(self._master.register_read(slave.position, _UNIT_TIME, slave.dc_bits // 8))
+        offset = (now + delay - then) % (1 << slave.dc_bits)
+        # A clock before the reference clock does not follow it: its delay does not matter.
+        values = struct.pack("<QI", offset, max(0, delay))
+        self._master.register_write(slave.position, _OFFSET, values)
+        # What the control loop of the clock had learnt with an earlier master is forgotten.
+        speed = struct.pack("<H", _SPEED_START_DEFAULT)
+        self._master.register_write(slave.position, _SPEED_START, speed)
+        slave.dc_delay_ns = _number(self._master.register_read(slave.position, _DELAY, 4))
+
+    # --- lock ----------------------------------------------------------------------------------
+
+    def difference(self, slave: Slave) -> int:
+        """How far a follower is ahead of the reference clock, in ns (0x092C).
+
+        Raises:
+            StateError: The slave does not answer.
+        """
+        return _difference(self._master.register_read(slave.position, _DIFFERENCE, 4))
+
+    def differences(self) -> dict[int, int]:
+        """The same of all followers, by position."""
+        return {slave.position: self.difference(slave) for slave in self.followers}
+
+    def wait_for_lock(self, segment: Segment, cancelled: Callable[[], bool]) -> float:
+        """Waits until the cycle and all clocks follow the reference clock; returns the seconds.
+
+        Args:
+            segment: Where the engine tells the state of its lock.
+            cancelled: Asked while waiting; when true, the wait ends with `StateError`.
+
+        Raises:
+            StateError: That takes too long; the message has the figures.
+        """
+        begin, steady = time.monotonic(), 0
+        while True:
+            locked = segment.health.dc_state == DcState.LOCKED
+            differences = self.differences()
+            astray = [p for p, difference in differences.items() if abs(difference) > IN_STEP_NS]
+            steady = steady + 1 if locked and not astray else 0
+            waited = time.monotonic() - begin
+            if steady == _STEADY:
+                return waited
+            if waited > self._config.dc.timeout_s:
+                raise StateError(self._why_not(segment, locked, differences))
+            if cancelled():
+                raise StateError("stopped while distributed clocks were waited for")
+            time.sleep(_POLL)
+
+    def _why_not(self, segment: Segment, locked: bool, differences: dict[int, int]) -> str:
+        health, dc = segment.health, self._config.dc
+        text = f"distributed clocks are not in step after {dc.timeout_s:g} s: "
+        if health.dc_time_ns == 0:
+            return f"{text}the reference clock, {self.reference.label}, tells no time"
+        text += (
+            f"the cycle is {'' if locked else 'not locked, '}{health.dc_offset_ns / 1000:.1f} µs "
+            f"from the reference clock, {self.reference.label}, which runs "
+            f"{health.dc_drift_ppb / 1000:.1f} ppm faster than this computer"
+        )
+        astray = [
+            f"slave {position} by {difference / 1000:.1f} µs"
+            for position, difference in differences.items()
+            if abs(difference) > IN_STEP_NS
+        ]
+        if astray:
+            text += f"; clocks that differ from it: {', '.join(astray[:8])}"
+            text += f" and {len(astray) - 8} more" if len(astray) > 8 else ""
+        if not locked:
+            text += f"; a computer with less precise timers needs more than {dc.lock_us:g} µs for "
+            text += "dc.lock_us"
+        return text
+
+    # --- SYNC signals --------------------------------------------------------------------------
+
+    def start_signals(self, segment: Segment) -> None:
+        """Starts the SYNC signals of all slaves that have some, and waits for their first pulse.
+
+        Raises:
+            StateError: A slave does not start them.
+        """
+        if not self._signals:
+            return
+        zero = self._cycle_zero(segment)
+        for signals in self._signals:
+            self._start(signals, segment, zero)
+        for signals in self._signals:
+            self._wait_for_pulse(signals.slave)
+
+    def _cycle_zero(self, segment: Segment) -> int:
+        """When cycle 0 began, on the clock of the reference: signals go with certain cycles.
+
+        A frame that was lost or late gives another cycle, so several are asked.
+        """
+        period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
+
+        def zero() -> int:
+            before = segment.header.cycle
+            while segment.header.cycle == before:
+                time.sleep(period * 1e-9 / 8)
+            cycle, now = segment.header.cycle, segment.health.dc_time_ns
+            # The frame passed the reference clock after the deadline, hardly ever before.
+            return int((now - phase + period // 4) // period - cycle) * period
+
+        return mode(zero() for _ in range(_TRIES))
+
+    def _start(self, signals: _Signals, segment: Segment, zero: int) -> None:
+        """Sets the signals of a slave up; again if this takes so long that the start has passed."""
+        master, slave = self._master, signals.slave
+        position = slave.position
+        cycles = struct.pack("<II", slave.sync0_ns, slave.sync1_ns)
+        whole, base = _whole_period(slave), zero + slave.sync_shift_ns
+        for tries in range(1, _TRIES + 1):
+            master.register_write(position, _SYNC_CONTROL, bytes(2))  # off, and ours
+            self._check_pulse_length(slave)
+            own = self._system_time(slave)
+            reference = segment.health.dc_time_ns
+            now = reference + _signed(own - reference)  # the upper half may be another one
+            first = base - (base - now - tries * _LEAD_NS) // whole * whole
+            start = (own + first - now) % (1 << slave.dc_bits)
+            master.register_write(position, _CYCLES, cycles)
+            master.register_write(position, _START, struct.pack("<Q", start))
+            master.register_write(position, _SYNC_CONTROL, struct.pack("<H", signals.activation))
+            if _signed(start - self._system_time(slave)) > 0:
+                return
+        raise StateError(f"{slave.label}: its SYNC signals cannot be set up before they begin")
+
+    def _system_time(self, slave: Slave) -> int:
+        data = self._master.register_read(slave.position, _SYSTEM_TIME, slave.dc_bits // 8)
+        return _number(data)
+
+    def _check_pulse_length(self, slave: Slave) -> None:
+        length = _number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
+        if slave.sync0_ns <= length * _PULSE_UNIT_NS:
+            raise ConfigError(
+                f"dc.slave: {slave.label} makes pulses of {length * _PULSE_UNIT_NS / 1000:g} µs, "
+                f"so SYNC0 cannot come every {slave.sync0_ns / 1000:g} µs"
+            )
+
+    def _wait_for_pulse(self, slave: Slave) -> None:
+        patience = (_TRIES * _LEAD_NS + 2 * _whole_period(slave)) * 1e-9 + 1.0
+        deadline = time.monotonic() + patience
+        while _number(self._master.register_read(slave.position, _ACTIVATION_STATUS, 1)) & 0x03:
+            if time.monotonic() > deadline:
+                raise StateError(f"{slave.label}: its SYNC signals do not begin")
+            time.sleep(_POLL)
+
+    def stop_signals(self) -> None:
+        """Ends the SYNC signals; slaves that go by them should be in INIT by then."""
+        for signals in self._signals:
+            with suppress(StateError):  # one that is gone has none any more
+                self._master.register_write(signals.slave.position, _SYNC_CONTROL, bytes(2))
+
+
+def _whole_period(slave: Slave) -> int:
+    """After which SYNC0 and SYNC1 come together again in the same way, in ns.
+
+    SYNC1 follows SYNC0 after `sync1_ns`; where that is longer than a period of SYNC0, it follows
+    each time the first SYNC0 after itself.
+    """
+    return (slave.sync1_ns // slave.sync0_ns + 1) * slave.sync0_ns
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data, "little")
+
+
+def _signed(value: int) -> int:
+    """A difference of two times of which the lower 32 bits are known."""
+    return (value + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
+def _difference(data: bytes) -> int:
+    """Register 0x092C: magnitude, and in bit 31 whether the own time was not behind.
+
+    So it is in the newer data sheets and in what real slaves answer; ETG.1000.4 has the bit the
+    other way round.
+    """
+    value = _number(data)
+    return value & 0x7FFFFFFF if value >> 31 else -value
