@@ -4,7 +4,7 @@
  * the frame left after its deadline, that is where the deadline was in the cycle of the reference
  * clock: how late the host was woken up does not count. A PI controller moves the next deadline;
  * its integral is the difference in speed of both clocks. A frame that is held up on its way
- * measures too much, so one measurement can move a deadline by a thousandth of the cycle at most.
+ * measures too much: so what one measurement can do is bounded, the more once the lock is there.
  */
 #include "engine.h"
 
@@ -68,8 +68,10 @@ void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns) {
     return;
   }
   decide(c, clock, offset);
+  offset = clamp(offset, clock->state == ECAT_DC_LOCKED ? clock->lock_ns / 4 : period / 2);
   /* The integral is kept within twice what the limit can use, or it would have to come back. */
-  clock->integral = clamp(clock->integral - clamp(offset, period / 64), (2 * limit) << FRACTION_BITS);
+  clock->integral = clamp(clock->integral - clamp(offset, period / 64),
+                          (2 * limit) << FRACTION_BITS);
   wanted = clock->fraction + clock->integral - offset * (1 << PROPORTIONAL_BITS);
   clock->correction = clamp(wanted >> FRACTION_BITS, limit);
   clock->fraction = wanted & ((1 << FRACTION_BITS) - 1);

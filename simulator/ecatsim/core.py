@@ -20,6 +20,7 @@ from ecatd.native import load
 from . import clocks, wire
 from .chip import Chip, Config, config
 from .clocks import Clock, Clocks
+from .net import netlink
 from .wire import (
     MAX_FAULTS,
     MAX_SLAVES,
@@ -136,6 +137,7 @@ def _library() -> ctypes.CDLL:
         "esc_read": (number, [segment, number, address, ctypes.c_void_p, size]),
         "esc_peek": (number, [segment, number, address, ctypes.c_void_p, size]),
         "esc_write": (number, [segment, number, address, data, size]),
+        "esc_set_carrier": (number, [segment, number, number]),
         "esc_set_al_status": (number, [segment, number, address, address]),
         "esc_lock_sync_manager": (number, [segment, number, number, number]),
         "esc_mailbox_take": (number, [segment, number, ctypes.c_void_p, size]),
@@ -170,6 +172,7 @@ class Segment(Wire, Clocks):
         self._events = (_Event * _MAX_EVENTS)()
         self._mail = ctypes.create_string_buffer(_MAX_MAIL)
         self._images: tuple[object, object] = (None, None)
+        self._carriers: dict[str, bool] = {}
         self.outputs = memoryview(b"")
         self.inputs = memoryview(b"")
 
@@ -213,6 +216,9 @@ class Segment(Wire, Clocks):
             StateError: It serves an interface already.
         """
         other = None if second is None else second.encode()
+        self._carriers = dict.fromkeys(
+            (interface,) if second is None else (interface, second), True
+        )
         result = self._lib.esc_start(self._handle, interface.encode(), other)
         names = interface if second is None else f"{interface}' or '{second}"
         if result in (-errno.ENODEV, -errno.ENXIO):
@@ -226,8 +232,17 @@ class Segment(Wire, Clocks):
             raise StateError("the segment already serves an interface")
         checked(result)
 
+    def follow_carriers(self) -> None:
+        """Has links to interfaces come and go with their carriers, as loops of real slaves do."""
+        for number, (interface, before) in enumerate(list(self._carriers.items())):
+            now = netlink.has_carrier(interface)
+            if now != before:
+                self._carriers[interface] = now
+                checked(self._lib.esc_set_carrier(self._handle, number, now))
+
     def stop(self) -> None:
         """Stops serving the interface."""
+        self._carriers = {}
         checked(self._lib.esc_stop(self._handle))
 
     def wait(self, seconds: float) -> list[tuple[int, Event]]:

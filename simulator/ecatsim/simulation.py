@@ -19,6 +19,7 @@ from .slave.mailbox import MailboxMode
 
 _PERIOD = 0.001
 _MAX_LAG = 0.1
+_CARRIER_PERIOD = 0.02
 
 
 @dataclass(slots=True)
@@ -108,7 +109,7 @@ class Simulation:
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Simulates until `stop` returns true; it is asked every millisecond."""
-        due = time.monotonic()
+        due = look = time.monotonic()
         while not stop():
             events = self.segment.wait(max(0.0, due - time.monotonic()))
             now = time.monotonic()
@@ -119,6 +120,9 @@ class Simulation:
             now = time.monotonic()
             if now >= due:
                 self.step()
+                if now >= look:
+                    self.segment.follow_carriers()
+                    look = now + _CARRIER_PERIOD
                 for call in self.after_step:
                     call()
                 due += _PERIOD

@@ -133,6 +133,10 @@ static void serve_frame(struct server *server, unsigned interface, int flags)
     struct esc_passage passage;
     pthread_mutex_lock(&segment->lock);
     segment->frame_ns = 0;
+    if (segment->no_carrier[interface]) { /* there is one again, or nothing would have come */
+        segment->no_carrier[interface] = false;
+        topology_update(segment);
+    }
     frame_process(segment, interface, frame, (size_t)size, &passage);
     bool due = pdi_signal_due(segment);
     pthread_mutex_unlock(&segment->lock);

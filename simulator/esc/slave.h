@@ -198,6 +198,7 @@ struct esc_segment {
     bool fmmus_changed;               /* FMMUs have to be collected again */
     bool topology_stale;              /* loops may have changed; takes effect before the next frame */
     struct plug interfaces[INTERFACES];
+    bool no_carrier[INTERFACES]; /* nothing is plugged in there, or its other end is switched off */
     struct route routes[INTERFACES];
     struct route damaged; /* the part of a route on which the current frame is still whole */
     struct route *route;  /* of the current frame */

@@ -32,8 +32,10 @@ static bool link_up(const struct slave *slave, unsigned port)
     const struct plug *plug = &slave->plugs[port];
     if (plug->kind == PLUG_NONE || plug->broken || slave->off || !has_port(slave, port))
         return false;
+    if (plug->kind == PLUG_INTERFACE)
+        return !slave->segment->no_carrier[plug->number];
     const struct slave *peer = slave->segment->slaves[plug->number];
-    return plug->kind == PLUG_INTERFACE || (!peer->off && has_port(peer, plug->port));
+    return !peer->off && has_port(peer, plug->port);
 }
 
 static unsigned loop_control(const struct slave *slave, unsigned port)
@@ -290,6 +292,18 @@ int esc_break_link(struct esc_segment *segment, int slave, int port, int broken)
     int result = break_link(segment, slave, port, broken != 0);
     pthread_mutex_unlock(&segment->lock);
     return result;
+}
+
+int esc_set_carrier(struct esc_segment *segment, int interface, int carrier)
+{
+    if (interface < 0 || interface >= INTERFACES)
+        return -EINVAL;
+    pthread_mutex_lock(&segment->lock);
+    topology_refresh(segment);
+    segment->no_carrier[interface] = !carrier;
+    topology_update(segment);
+    pthread_mutex_unlock(&segment->lock);
+    return 0;
 }
 
 int esc_order(struct esc_segment *segment, int interface, uint16_t *order, int capacity)

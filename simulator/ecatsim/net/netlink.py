@@ -18,7 +18,7 @@ _NLMSG_ERROR = 2
 _IFLA_IFNAME, _IFLA_LINKINFO = 3, 18
 _IFLA_INFO_KIND, _IFLA_INFO_DATA = 1, 2
 _VETH_INFO_PEER = 1
-_IFF_UP, _IFF_NOARP = 0x01, 0x80
+_IFF_UP, _IFF_RUNNING, _IFF_NOARP = 0x01, 0x40, 0x80
 _SIOCGIFFLAGS = 0x8913
 _NLMSG_HEADER = struct.Struct("=IHHII")
 _IFINFOMSG = struct.Struct("=BxHiII")
@@ -96,6 +96,17 @@ def check_up(name: str) -> None:
             raise UnreachableError(f"there is no network interface '{name}'") from error
     if not struct.unpack_from("=16xH", reply)[0] & _IFF_UP:
         raise StateError(f"network interface '{name}' is down: `ip link set {name} up`")
+
+
+def has_carrier(name: str) -> bool:
+    """Whether an interface is up and has a link; False where there is none of this name."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        try:
+            reply = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, struct.pack("16sh14x", name.encode(), 0))
+        except OSError:
+            return False
+    running: int = struct.unpack_from("=16xH", reply)[0] & _IFF_RUNNING
+    return running != 0
 
 
 def _disable_ipv6(name: str) -> None:
