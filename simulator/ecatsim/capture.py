@@ -24,7 +24,7 @@ PORTS_IN_ORDER = (3, 1, 2)
 """The ports behind the processing unit, in the order in which a frame leaves by them."""
 
 _TIMEOUT = 5.0
-_CHIP, _DL_STATUS, _EEPROM_OWNER = 0x0000, 0x0110, 0x0500
+_CHIP, _DL_STATUS = 0x0000, 0x0110
 _CHIP_SIZE = 10
 _COE = 0x04
 _ETHERTYPE = 0x88A4
@@ -139,8 +139,7 @@ def _slave(
     name = master.identity(position)[0]
     here = f"slave {position + 1} of {count}: {name}"
     progress(f"{here}: EEPROM")
-    sii = _read_sii(master, position)
-    master.register_write(position, _EEPROM_OWNER, b"\x01")  # as it is after the scan
+    (sii,) = master.read_eeproms(_whole_eeprom, [position])
     (protocols,) = struct.unpack_from("<H", sii.ljust(0x40, b"\0"), 2 * 0x1C)
     slave = CapturedSlave(
         position,
@@ -174,15 +173,11 @@ def _noted(slave: CapturedSlave, what: str) -> Iterator[None]:
         slave.notes.append(f"{what}: {error}")
 
 
-def _read_sii(master: Master, position: int) -> bytes:
+def _whole_eeprom(words: Callable[[int, int], bytes]) -> bytes:
     """The whole EEPROM: as many bytes as word 0x3E says, and at least all categories."""
-    words: dict[int, bytes] = {}
 
     def word(address: int) -> int:
-        even = address & ~1
-        if even not in words:
-            words[even] = master.eeprom_read(position, even)[:4]
-        return int.from_bytes(words[even][2 * (address & 1) :][:2], "little")
+        return int.from_bytes(words(address, 1), "little")
 
     size = 64 * (word(_SIZE_WORD) + 1)  # word 0x3E: KiBit - 1
     at = _FIRST_CATEGORY
@@ -193,9 +188,7 @@ def _read_sii(master: Master, position: int) -> bytes:
     end = min(at + 1, _MAX_WORDS)
     if size > _MAX_WORDS or size < end:
         size = 1 << (end - 1).bit_length()
-    for address in range(0, size, 2):
-        word(address)
-    return b"".join(words[address] for address in range(0, size, 2))
+    return words(0, size)
 
 
 def _upload(master: Master, position: int, index: int, subindex: int) -> Upload:

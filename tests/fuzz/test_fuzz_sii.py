@@ -60,8 +60,8 @@ def trimmed(image: bytes) -> bytes:
     return image[: 2 * word + 2]
 
 
-def reader(image: bytes) -> Callable[[int], bytes]:
-    return lambda word: image[2 * word : 2 * word + 4].ljust(4, b"\xff")
+def reader(image: bytes) -> Callable[[int, int], bytes]:
+    return lambda word, count: image[2 * word : 2 * (word + count)].ljust(2 * count, b"\xff")
 
 
 @pytest.mark.parametrize("shard", range(SHARDS))

@@ -22,8 +22,7 @@ def image(*categories: tuple[int, bytes]) -> bytes:
 
 
 def read(data: bytes) -> Sii:
-    padded = data + b"\xff" * 64
-    return read_sii(lambda word: padded[2 * word : 2 * word + 4].ljust(4, b"\xff"))
+    return read_sii(lambda word, n: data[2 * word : 2 * (word + n)].ljust(2 * n, b"\xff"))
 
 
 STRINGS = (10, bytes([3, 2]) + b"EL" + bytes([3]) + "é".encode() + b"x" + bytes([1]) + b"\xe4")

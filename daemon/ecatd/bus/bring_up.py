@@ -22,7 +22,7 @@ from ecatd.model.errors import StateError
 from .clocks import Clocks, clock_bits
 from .engine import Engine, Grant, Index, RealTime, open_socket
 from .layout import Image, assign_domains, lay_out
-from .mapping import Scanned, configure, scan_slave
+from .mapping import Scanned, configure, scan_slaves
 from .master import Master
 from .safe import safe_images
 from .segment import Segment
@@ -101,11 +101,9 @@ class BringUp:
 
     def _read(self, master: Master, count: int) -> None:
         """Reads what every slave says about itself into the description of the bus."""
-        for position in range(count):
-            if self._cancelled():
-                raise StateError("stopped while slaves were being read")
-            self._scanned.append(scan_slave(master, position))
-            self._scanned[-1].slave.dc_bits = clock_bits(master, position)
+        self._scanned = scan_slaves(master, count, self._cancelled)
+        for item, bits in zip(self._scanned, clock_bits(master), strict=True):
+            item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]
 
     def _map(self, master: Master) -> Image:

@@ -55,20 +55,19 @@ _LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
 _NEAR_NS = 2_000_000_000  # what a clock of 32 bits can tell from the past
 
 
-def clock_bits(master: Master, position: int) -> int:
-    """Width of the distributed clock of a slave: 64, 32, or 0 if it has none.
+def clock_bits(master: Master) -> list[int]:
+    """Width of the distributed clock of each slave: 64, 32, or 0 if it has none.
 
     A controller with clocks may have them switched off by its EEPROM; register 0x0910 does not
     answer then, and the receive times of the ports are all that is left.
     """
-    features = _number(master.register_read(position, _FEATURES, 2))
-    if not features & _HAS_CLOCK:
-        return 0
-    try:
-        master.register_read(position, _SYSTEM_TIME, 4)
-    except StateError:
-        return 0
-    return 64 if features & _HAS_64_BITS else 32
+    wanted = [(position, _FEATURES, 2) for position in range(len(master.stations))]
+    bits = []
+    times = master.registers.read_all(master.stations, _SYSTEM_TIME, 4)
+    for data, time_ in zip(master.read_registers(wanted), times, strict=True):
+        has_clock = _number(data) & _HAS_CLOCK and time_.wkc
+        bits.append(0 if not has_clock else 64 if _number(data) & _HAS_64_BITS else 32)
+    return bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +154,7 @@ class Clocks:
     def _activation(self, slave: Slave) -> int:
         """Which signals, and who controls them: as the EEPROM has it, if it knows such a mode."""
         wanted = _RUN | _SYNC0 | (_SYNC1 if slave.sync1_ns else 0)
-        modes = read_dc_modes(lambda word: self._master.eeprom_read(slave.position, word))
+        (modes,) = self._master.read_eeproms(read_dc_modes, [slave.position])
         known = (item.assign_activate for item in modes)
         return next((word for word in known if word & _SIGNALS == wanted), wanted)
 
@@ -224,7 +223,9 @@ class Clocks:
 
     def differences(self) -> dict[int, int]:
         """The same of all followers, by position."""
-        return {slave.position: self.difference(slave) for slave in self.followers}
+        positions = [slave.position for slave in self.followers]
+        read = self._master.read_registers([(place, _DIFFERENCE, 4) for place in positions])
+        return {place: _difference(data) for place, data in zip(positions, read, strict=True)}
 
     def wait_for_lock(self, segment: Segment, cancelled: Callable[[], bool]) -> float:
         """Waits until the cycle and all clocks follow the reference clock; returns the seconds.

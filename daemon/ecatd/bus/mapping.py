@@ -8,7 +8,7 @@ types come from the SII where it has them, else from the SDO information service
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ecatd.model.bus import Entry, Pdo, Slave
@@ -36,17 +36,24 @@ class Scanned:
     sii: Sii
 
 
-def scan_slave(master: Master, position: int) -> Scanned:
-    """Reads everything about one slave, which must be in PREOP.
+def scan_slaves(
+    master: Master, count: int, cancelled: Callable[[], bool] = lambda: False
+) -> list[Scanned]:
+    """Reads everything about the slaves, which must be in PREOP.
 
     Raises:
-        StateError: Its EEPROM or object dictionary makes no sense.
+        StateError: An EEPROM or object dictionary makes no sense, or `cancelled` says so.
     """
+    scanned = []
+    for position, sii in enumerate(master.read_eeproms(read_sii)):
+        if cancelled():
+            raise StateError("stopped while slaves were being read")
+        scanned.append(_scan_slave(master, position, sii))
+    return scanned
+
+
+def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
     name, vendor, product, revision = master.identity(position)
-    try:
-        sii = read_sii(lambda word: master.eeprom_read(position, word))
-    except StateError as error:
-        raise StateError(f"slave {position} ({name}): EEPROM: {error}") from error
     if (sii.vendor, sii.product) != (vendor, product):
         raise StateError(
             f"slave {position} ({name}): its EEPROM has another identity than a moment ago "
@@ -60,7 +67,7 @@ def scan_slave(master: Master, position: int) -> Scanned:
         revision=revision,
         serial=sii.serial,
         alias=sii.alias,
-        address=struct.unpack("<H", master.register_read(position, 0x0010, 2))[0],
+        address=master.stations[position],
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
     )
     if slave.coe:
@@ -137,23 +144,26 @@ def _type_by_size(bits: int) -> int:
     return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)
 
 
-def configure(master: Master, scanned: Iterable[Scanned], image: Image) -> None:
+def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
     """Sets the sync managers and FMMUs of all slaves up; they must be in PREOP.
 
     Raises:
         StateError: A slave does not answer, or has no sync manager for its process data.
     """
-    for item in scanned:
-        slave = item.slave
+    counts = master.read_registers([(item.slave.position, _FMMU_COUNT, 1) for item in scanned])
+    writes: list[tuple[int, int, bytes]] = []
+    for item, count in zip(scanned, counts, strict=True):
+        slave, available = item.slave, count[0]
         fmmus = []
         for pdos, kind, offset in (
             (slave.outputs, _FMMU_WRITE, slave.output_offset),
             (slave.inputs, _FMMU_READ, slave.input_offset),
         ):
             address = image.domains[slave.domain].address + offset
-            fmmus += _set_sync_managers(master, slave, item.sii, pdos, kind, address)
-        _clear_unused(master, slave, item.sii)
-        available = master.register_read(slave.position, _FMMU_COUNT, 1)[0]
+            managers, mapped = _sync_managers_with_fmmus(slave, item.sii, pdos, kind, address)
+            writes += managers
+            fmmus += mapped
+        writes += _unused(slave, item.sii)
         if len(fmmus) > available:
             raise StateError(
                 f"{slave.label} needs {len(fmmus)} FMMUs for its process data, but has {available}"
@@ -161,17 +171,19 @@ def configure(master: Master, scanned: Iterable[Scanned], image: Image) -> None:
         # All of them, so that nothing of an earlier master answers in our logical addresses.
         for number in range(min(available, _FMMUS_MAX)):
             content = fmmus[number] if number < len(fmmus) else bytes(16)
-            master.register_write(slave.position, _FMMU + 16 * number, content)
+            writes.append((slave.position, _FMMU + 16 * number, content))
+    master.write_registers(writes)
 
 
-def _set_sync_managers(
-    master: Master, slave: Slave, sii: Sii, pdos: list[Pdo], kind: int, address: int
-) -> list[bytes]:
-    """Writes the sync managers of one direction, and returns FMMUs that map them one by one.
+def _sync_managers_with_fmmus(
+    slave: Slave, sii: Sii, pdos: list[Pdo], kind: int, address: int
+) -> tuple[list[tuple[int, int, bytes]], list[bytes]]:
+    """The sync managers of one direction, and FMMUs that map them one by one.
 
     PDOs of one slave follow each other without a gap between sync managers, as
     `Slave.output_bytes` counts them, so an FMMU may begin within a byte.
     """
+    managers = []
     fmmus = []
     bit = 0
     for number in dict.fromkeys(pdo.sync_manager for pdo in pdos):
@@ -184,10 +196,8 @@ def _set_sync_managers(
                 f"describes only {len(sii.sync_managers)}"
             )
         manager = sii.sync_managers[number]
-        length = (bits + 7) // 8
-        master.register_write(
-            slave.position, _SYNC_MANAGER + 8 * number, _sync_manager(manager, length)
-        )
+        content = _sync_manager(manager, (bits + 7) // 8)
+        managers.append((slave.position, _SYNC_MANAGER + 8 * number, content))
         last = bit + bits - 1
         fmmus.append(
             struct.pack(
@@ -203,20 +213,22 @@ def _set_sync_managers(
             )
         )
         bit += bits
-    return fmmus
+    return managers, fmmus
 
 
 def _sync_manager(manager: SiiSyncManager, length: int) -> bytes:
     return struct.pack("<HHBBBB", manager.start, length, manager.control, 0, 1, 0)
 
 
-def _clear_unused(master: Master, slave: Slave, sii: Sii) -> None:
-    """Switches off process-data sync managers that carry nothing now."""
+def _unused(slave: Slave, sii: Sii) -> list[tuple[int, int, bytes]]:
+    """Process-data sync managers that carry nothing now, switched off."""
     used = {pdo.sync_manager for pdo in (*slave.outputs, *slave.inputs) if pdo.bit_length}
-    for number, manager in enumerate(sii.sync_managers):
-        if manager.usage in (_USAGE_OUTPUTS, _USAGE_INPUTS) and number not in used:
-            master.register_write(
-                slave.position,
-                _SYNC_MANAGER + 8 * number,
-                struct.pack("<HHBBBB", manager.start, 0, manager.control, 0, 0, 0),
-            )
+    return [
+        (
+            slave.position,
+            _SYNC_MANAGER + 8 * number,
+            struct.pack("<HHBBBB", manager.start, 0, manager.control, 0, 0, 0),
+        )
+        for number, manager in enumerate(sii.sync_managers)
+        if manager.usage in (_USAGE_OUTPUTS, _USAGE_INPUTS) and number not in used
+    ]

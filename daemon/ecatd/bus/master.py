@@ -29,7 +29,9 @@ from ecatd.model.errors import (
     UnreachableError,
 )
 
-from .engine import Index, filter_index
+from .datagrams import Datagram, Datagrams, aprd, fprd, fpwr, source_address
+from .eeprom import Words, read_eeproms
+from .engine import Index, filter_index, open_socket
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
@@ -38,8 +40,9 @@ _SLAVES_MAX = 199
 _TOO_MANY = -4
 """What `config_init` returns for more slaves than SOEM has room for."""
 
+_STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130
+
 _TRIES = 3
-_REGISTER_TIMEOUT_US = 20_000
 _POLL = 0.002
 _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5
@@ -72,6 +75,10 @@ class Master:
         interface: Name of the interface.
         cancelled: Asked while waiting for slaves; when true, waiting ends with `StateError`.
 
+    Attributes:
+        registers: Access to registers, of many slaves at once.
+        stations: Configured station addresses by position, from `scan` on.
+
     Raises:
         UnreachableError: There is no such interface.
         NotPermittedError: The process may not use raw sockets or configure the interface.
@@ -99,6 +106,10 @@ class Master:
             filter_index(fd, Index.SOEM, Index.REGISTERS - 1)
             os.set_blocking(fd, False)  # its receive time-out would be rounded up to a jiffy
             self._sockets.append(socket.socket(fileno=os.dup(fd)))
+        self.registers = Datagrams(
+            open_socket(interface, Index.REGISTERS, Index.ENGINE - 1), source_address(0)
+        )
+        self.stations: list[int] = []
 
     def scan(self) -> int:
         """Finds the slaves and asks all of them for PREOP; returns their number.
@@ -118,6 +129,16 @@ class Master:
                 f"no EtherCAT slave answers on '{self._interface}': check cable and power of the "
                 f"first slave, and that this is the right interface"
             )
+        answers = self.registers.exchange(
+            [aprd(position, _STATION_ADDRESS, 2) for position in range(count)]
+        )
+        for position, answer in enumerate(answers):
+            if answer.wkc != 1:
+                raise StateError(
+                    f"{self._label(position)} does not tell its address: is the connection "
+                    f"reliable?"
+                )
+        self.stations = [int.from_bytes(answer.data, "little") for answer in answers]
         return int(count)
 
     def identity(self, position: int) -> tuple[str, int, int, int]:
@@ -129,47 +150,73 @@ class Master:
             name = ""  # pysoem insists on UTF-8; the SII reader takes Latin-1
         return name, slave.man, slave.id, slave.rev
 
-    def eeprom_read(self, position: int, word: int) -> bytes:
-        """Four bytes of the SII EEPROM from word address `word` on.
+    def read_eeproms(
+        self, decode: Callable[[Words], T], positions: Sequence[int] | None = None
+    ) -> list[T]:
+        """Reads SII EEPROMs: of all slaves, or of those at `positions`; see `eeprom.read_eeproms`.
 
         Raises:
-            StateError: It cannot be read.
+            StateError: One cannot be read, or `decode` makes no sense of it.
         """
-        slave = self._master.slaves[position]
-        try:
-            for _ in range(_TRIES):
-                data = _persist(pysoem.EepromError, lambda: bytes(slave.eeprom_read(word)))
-                if any(data):  # SOEM returns zeros, too, when an answer is lost
-                    break
-            return data
-        except pysoem.EepromError as error:
-            raise StateError(f"slave {position}: its EEPROM cannot be read: {error}") from error
+        chosen = range(len(self.stations)) if positions is None else positions
+        return read_eeproms(
+            self.registers,
+            [(self.stations[position], self._label(position)) for position in chosen],
+            decode,
+            self._cancelled,
+        )
+
+    def read_registers(self, wanted: Sequence[tuple[int, int, int]]) -> list[bytes]:
+        """Reads ESC memory, much of it at once; asked again if an answer is lost.
+
+        Args:
+            wanted: Position, address and number of bytes of each.
+
+        Raises:
+            StateError: A slave does not answer.
+        """
+        datagrams = [
+            fprd(self.stations[position], address, size) for position, address, size in wanted
+        ]
+        return self._insist(datagrams, [item[:2] for item in wanted], "a read")
+
+    def write_registers(self, wanted: Sequence[tuple[int, int, bytes]]) -> None:
+        """Writes ESC memory, in order; raises as `read_registers`.
+
+        Args:
+            wanted: Position, address and data of each; written again if an answer is lost.
+        """
+        datagrams = [
+            fpwr(self.stations[position], address, data) for position, address, data in wanted
+        ]
+        self._insist(datagrams, [item[:2] for item in wanted], "a write")
+
+    def _insist(
+        self, datagrams: list[Datagram], where: list[tuple[int, int]], what: str
+    ) -> list[bytes]:
+        """Asks again those who do not answer: one hiccup is no reason to give a bus up."""
+        answers = self.registers.exchange(datagrams)
+        for tries_left in reversed(range(_TRIES)):
+            silent = [number for number, answer in enumerate(answers) if answer.wkc == 0]
+            if not silent:
+                break
+            if tries_left == 0:
+                position, address = where[silent[0]]
+                raise StateError(
+                    f"slave {position} does not answer {what} of register 0x{address:04X}"
+                )
+            again = self.registers.exchange([datagrams[number] for number in silent])
+            for number, answer in zip(silent, again, strict=True):
+                answers[number] = answer
+        return [answer.data for answer in answers]
 
     def register_read(self, position: int, address: int, size: int) -> bytes:
-        """`size` bytes of ESC memory.
-
-        Raises:
-            StateError: The slave does not answer.
-        """
-        slave = self._master.slaves[position]
-        try:
-            return _persist(
-                pysoem.WkcError, lambda: bytes(slave._fprd(address, size, _REGISTER_TIMEOUT_US))
-            )
-        except pysoem.WkcError as error:
-            raise StateError(
-                f"slave {position} does not answer a read of register 0x{address:04X}"
-            ) from error
+        """`size` bytes of ESC memory; raises as `read_registers`."""
+        return self.read_registers([(position, address, size)])[0]
 
     def register_write(self, position: int, address: int, data: bytes) -> None:
-        """Writes ESC memory; raises as `register_read`. Written again if the answer is lost."""
-        slave = self._master.slaves[position]
-        try:
-            _persist(pysoem.WkcError, lambda: slave._fpwr(address, data, _REGISTER_TIMEOUT_US))
-        except pysoem.WkcError as error:
-            raise StateError(
-                f"slave {position} does not answer a write of register 0x{address:04X}"
-            ) from error
+        """Writes ESC memory; raises as `write_registers`."""
+        self.write_registers([(position, address, data)])
 
     def latch_receive_times(self) -> None:
         """Has all slaves note when a frame comes to their ports (a broadcast write of 0x0900).
@@ -307,17 +354,12 @@ class Master:
 
     def states(self) -> list[SlaveState]:
         """The AL status of every slave, freshly read."""
-        states: list[SlaveState] = []
-        for _ in range(_TRIES):
-            self._master.read_state()
-            states = [
-                SlaveState(position, int(slave.state), int(slave.al_status))
-                for position, slave in enumerate(self._master.slaves)
-            ]
-            # SOEM shows a slave whose answer was lost as one without a state.
-            if all(item.al_state & 0x0F for item in states):
-                break
-        return states
+        answers = self.registers.read_all(self.stations, _AL_STATUS, 6)
+        return [
+            # In between (0x0132) lies what is reserved.
+            SlaveState(position, *(struct.unpack("<H2xH", answer.data) if answer.wkc else (0, 0)))
+            for position, answer in enumerate(answers)
+        ]
 
     def reach(self, state: AlState, timeout: float, positions: Sequence[int] | None = None) -> None:
         """Acknowledges errors, requests a state and waits until all slaves have it.
@@ -353,14 +395,17 @@ class Master:
             time.sleep(_POLL)
 
     def _missed(self, item: SlaveState, state: AlState) -> str:
-        name = self.identity(item.position)[0]
-        return f"slave {item.position} ({name}) does not reach {state.name}: {item.describe()}"
+        return f"{self._label(item.position)} does not reach {state.name}: {item.describe()}"
+
+    def _label(self, position: int) -> str:
+        return f"slave {position} ({self.identity(position)[0]})"
 
     def close(self) -> None:
         """Closes the socket, and leaves the interface to others as it was."""
         self._master.close()
         for soem in self._sockets:
             soem.close()
+        self.registers.close()
         with contextlib.suppress(OSError, NotPermittedError):
             _set_interface_flags(self._interface, self._flags)
         self._reservation.close()

@@ -157,45 +157,28 @@ class Sii:
     fixed: set[int] = field(default_factory=set)
 
 
-def read_sii(read: Callable[[int], bytes]) -> Sii:
+def read_sii(words: Callable[[int, int], bytes]) -> Sii:
     """Reads what a master needs from an SII.
 
     Args:
-        read: Gives four bytes from a word address on.
+        words: Gives words: the word address and how many.
 
     Raises:
         SiiError: The content makes no sense.
     """
-    return SiiReader(_Words(read).bytes, 2 * _WORDS_MAX).read()
+    return SiiReader(words, 2 * _WORDS_MAX).read()
 
 
-def read_dc_modes(read: Callable[[int], bytes]) -> list[SiiDc]:
+def read_dc_modes(words: Callable[[int, int], bytes]) -> list[SiiDc]:
     """Reads the operation modes of the distributed clocks (category 60), if there are any.
 
     Args:
-        read: Gives four bytes from a word address on.
+        words: Gives words: the word address and how many.
 
     Raises:
         SiiError: The content makes no sense.
     """
-    return _DcReader(_Words(read).bytes, 2 * _WORDS_MAX).read().dc
-
-
-class _Words:
-    """The EEPROM as words, read four bytes at a time and only where somebody looks."""
-
-    def __init__(self, read: Callable[[int], bytes]) -> None:
-        self._read = read
-        self._cache: dict[int, bytes] = {}
-
-    def bytes(self, word: int, count: int) -> bytes:
-        parts = []
-        for address in range(word & ~1, word + count, 2):
-            if address not in self._cache:
-                self._cache[address] = self._read(address)
-            parts.append(self._cache[address])
-        start = 2 * (word & 1)
-        return b"".join(parts)[start : start + 2 * count]
+    return _DcReader(words, 2 * _WORDS_MAX).read().dc
 
 
 class SiiReader:

@@ -1,0 +1,278 @@
+"""Register access in batches: many EtherCAT datagrams in as few frames as possible.
+
+SOEM sends one datagram per frame and waits for it, which is slow where all slaves are asked for the
+same thing. Frames of this module carry datagram indices of their own, so that neither SOEM nor the
+cyclic engine takes them for its own. Commands and addressing: ETG.1000.4, 5.4.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from .engine import Index
+
+_ETHERTYPE = 0x88A4
+
+DATAGRAM_BYTES = 1486
+"""The most data that one datagram can carry: what is left of a frame of 1518 bytes."""
+
+_PAYLOAD = 1498
+_HEADER, _COUNTER = 10, 2
+_MIN_FRAME = 60  # without the checksum, which the interface adds
+_MORE = 0x8000
+_DATAGRAMS_AT = 16
+_WINDOW = 8
+"""Frames on the wire at once: enough to keep it busy, few enough for every receive buffer."""
+
+_TRIES = 3
+_PATIENCE = 0.02
+"""Seconds without any frame coming back after which those on the wire are lost."""
+
+_HEAD = struct.Struct("<BBIHH")
+
+
+class Command(IntEnum):
+    """Commands of ETG.1000.4: who is addressed, and whether memory is read or written."""
+
+    APRD = 1
+    APWR = 2
+    FPRD = 4
+    FPWR = 5
+    BRD = 7
+    BWR = 8
+
+
+class Datagram(NamedTuple):
+    """One access to the memory of one slave, or of all of them.
+
+    Attributes:
+        command: What is done.
+        address: Configured station address, or minus the position (APRD, APWR), or 0 (BRD, BWR);
+            16 bits.
+        register: First address in the memory of the slave.
+        data: What is written; for reading as many zeros as bytes are wanted. At most
+            `DATAGRAM_BYTES`.
+    """
+
+    command: Command
+    address: int
+    register: int
+    data: bytes
+
+
+class Answer(NamedTuple):
+    """What came back.
+
+    Attributes:
+        data: The data of the datagram, as the slaves left it.
+        wkc: Working counter: how many slaves have done what they were told; 0 also if the frame
+            was lost.
+    """
+
+    data: bytes
+    wkc: int
+
+
+def fprd(station: int, register: int, size: int) -> Datagram:
+    """Reads `size` bytes of the slave with a configured station address."""
+    return Datagram(Command.FPRD, station, register, bytes(size))
+
+
+def fpwr(station: int, register: int, data: bytes) -> Datagram:
+    """Writes memory of the slave with a configured station address."""
+    return Datagram(Command.FPWR, station, register, data)
+
+
+def aprd(position: int, register: int, size: int) -> Datagram:
+    """Reads `size` bytes of the slave at a position."""
+    return Datagram(Command.APRD, -position & 0xFFFF, register, bytes(size))
+
+
+def apwr(position: int, register: int, data: bytes) -> Datagram:
+    """Writes memory of the slave at a position."""
+    return Datagram(Command.APWR, -position & 0xFFFF, register, data)
+
+
+def brd(register: int, size: int) -> Datagram:
+    """Reads `size` bytes of all slaves, ORed."""
+    return Datagram(Command.BRD, 0, register, bytes(size))
+
+
+def bwr(register: int, data: bytes) -> Datagram:
+    """Writes memory of all slaves."""
+    return Datagram(Command.BWR, 0, register, data)
+
+
+@dataclass(slots=True)
+class _Frame:
+    first: int  # datagram
+    count: int
+    tries: int = _TRIES
+    index: int = 0
+
+
+class Datagrams:
+    """Exchanges datagrams over a socket that carries whole Ethernet frames. For one thread.
+
+    Args:
+        link: The socket; it belongs to this object from now on.
+        source: Source address of the frames, 6 bytes.
+    """
+
+    def __init__(self, link: socket.socket, source: bytes) -> None:
+        self._link = link
+        self._link.setblocking(False)
+        self._poll = select.poll()
+        self._poll.register(link, select.POLLIN)
+        self._ethernet = b"\xff" * 6 + source + struct.pack(">H", _ETHERTYPE)
+        self._next_index = int(Index.REGISTERS)
+
+    def exchange(self, datagrams: Sequence[Datagram], *, repeat: bool = True) -> list[Answer]:
+        """Sends datagrams, in order, and waits for what comes back.
+
+        A frame that is lost is sent again, twice at most: its datagrams may then have been carried
+        out more than once. That does no harm to most registers, but to those where an access has
+        an effect of its own, as reading a mailbox or an event register.
+
+        Args:
+            datagrams: What to do.
+            repeat: False: nothing is sent again; what was lost is answered with working counter 0.
+
+        Returns:
+            The answers, in the order of `datagrams`.
+        """
+        answers = [Answer(item.data, 0) for item in datagrams]
+        waiting = list(reversed([*_pack(datagrams, _TRIES if repeat else 1)]))
+        flying: dict[int, _Frame] = {}
+        deadline = 0.0
+        while waiting or flying:
+            if waiting and len(flying) < _WINDOW:
+                frame = waiting.pop()
+                frame.index = self._take_index()
+                frame.tries -= 1
+                self._send(frame, datagrams)
+                flying[frame.index] = frame
+                deadline = time.monotonic() + _PATIENCE
+                continue
+            received = self._receive(deadline)
+            if received is None:  # late or lost
+                waiting += [frame for frame in flying.values() if frame.tries > 0]
+                flying.clear()
+            elif (sent := flying.get(received[17])) and _take(received, sent, datagrams, answers):
+                del flying[sent.index]
+                deadline = time.monotonic() + _PATIENCE
+        return answers
+
+    def read_all(self, stations: Iterable[int], register: int, size: int) -> list[Answer]:
+        """Reads the same register of many slaves, by configured station address.
+
+        Reads again where a frame was lost, so it is not for registers where reading has an effect.
+        """
+        return self.exchange([fprd(station, register, size) for station in stations])
+
+    def _take_index(self) -> int:
+        index = self._next_index
+        self._next_index = index + 1 if index + 1 < Index.ENGINE else int(Index.REGISTERS)
+        return index
+
+    def _send(self, frame: _Frame, datagrams: Sequence[Datagram]) -> None:
+        parts = [self._ethernet, b""]
+        last = frame.first + frame.count - 1
+        length = 0
+        for number in range(frame.first, last + 1):
+            item = datagrams[number]
+            size = len(item.data)
+            parts += (
+                _HEAD.pack(
+                    item.command,
+                    frame.index,
+                    item.address | item.register << 16,
+                    size | (_MORE if number < last else 0),
+                    0,
+                ),
+                item.data,
+                b"\0\0",
+            )
+            length += _HEADER + size + _COUNTER
+        parts[1] = struct.pack("<H", length | 0x1000)
+        with suppress(OSError):  # as if the frame was lost: the interface may be back soon
+            self._link.send(b"".join(parts).ljust(_MIN_FRAME, b"\0"))
+
+    def _receive(self, deadline: float) -> bytes | None:
+        """The next frame, or None when there is none in time."""
+        while (left := deadline - time.monotonic()) > 0:
+            try:
+                received = self._link.recv(2048)
+                if len(received) >= _MIN_FRAME:
+                    return received
+            except BlockingIOError:
+                self._poll.poll(left * 1e3 + 1)  # ms, rounded down there
+            except OSError:  # the interface is down, which is told once
+                time.sleep(left)
+        return None
+
+    def close(self) -> None:
+        """Closes the socket."""
+        self._link.close()
+
+
+def _pack(datagrams: Sequence[Datagram], tries: int) -> Iterator[_Frame]:
+    """Puts the datagrams into as few frames as their order allows."""
+    frame = _Frame(0, 0, tries)
+    payload = 0
+    for number, item in enumerate(datagrams):
+        size = _HEADER + len(item.data) + _COUNTER
+        if size > _PAYLOAD:
+            raise ValueError(f"{len(item.data)} bytes are more than a datagram can carry")
+        if payload + size > _PAYLOAD:
+            yield frame
+            frame = _Frame(number, 0, tries)
+            payload = 0
+        frame.count += 1
+        payload += size
+    if frame.count:
+        yield frame
+
+
+def _take(
+    received: bytes, frame: _Frame, datagrams: Sequence[Datagram], answers: list[Answer]
+) -> bool:
+    """Takes the answers out of a frame, if it is the one that was sent."""
+    at = _DATAGRAMS_AT
+    found = []
+    for number in range(frame.first, frame.first + frame.count):
+        item = datagrams[number]
+        end = at + _HEADER + len(item.data)
+        if end + _COUNTER > len(received):
+            return False
+        command, _, address, length, _ = _HEAD.unpack_from(received, at)
+        # Slaves count the position in the first half of the address up.
+        if (command, address >> 16, length & 0x7FF) != (
+            item.command,
+            item.register,
+            len(item.data),
+        ):
+            return False
+        found.append(Answer(received[at + _HEADER : end], received[end] | received[end + 1] << 8))
+        at = end + _COUNTER
+    answers[frame.first : frame.first + frame.count] = found
+    return True
+
+
+def source_address(port: int, run: bytes | None = None) -> bytes:
+    """Source address of frames: a locally administered one that names the run and the interface.
+
+    Args:
+        port: 0 first interface, 1 second one.
+        run: 4 bytes that no other run has; random ones if None.
+    """
+    return b"\x02" + (run or os.urandom(4)) + bytes([port])

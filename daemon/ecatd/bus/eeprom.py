@@ -1,0 +1,162 @@
+"""Reading the SII EEPROMs of many slaves at the same time (ETG.1000.4, 6.4).
+
+An EEPROM gives four or eight bytes per command and takes a while for it, so one slave after the
+other would be slow. Here each slave has its next command while the others work on theirs.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+from ecatd.model.errors import StateError
+
+from .datagrams import Datagrams, fprd, fpwr
+
+Words = Callable[[int, int], bytes]
+"""Gives words of an EEPROM: word address and how many."""
+
+T = TypeVar("T")
+
+_ASSIGNMENT = 0x0500
+_FORCE_TO_MASTER, _TO_MASTER, _TO_DEVICE = b"\x02", b"\x00", b"\x01"
+_CONTROL = 0x0502  # control and status, address (0x0504), data (0x0508)
+_CONTROL_SIZE = 14
+_READ, _CLEAR = 0x0100, 0x0000
+_READS_8_BYTES = 0x0040
+_NO_ACKNOWLEDGE = 0x2000
+_BUSY = 0x8000
+
+_TRIES = 3
+_BUSY_LIMIT = 0.5
+"""Seconds; an EEPROM has its data after less than a millisecond."""
+
+_PAUSE = 0.0002
+"""Seconds between looks while all are busy."""
+
+
+class _Unread(Exception):  # noqa: N818  no error, but a question
+    """Words are wanted that have not been read yet."""
+
+
+class _Eeprom(Generic[T]):
+    """One EEPROM while it is being read."""
+
+    def __init__(self, station: int, label: str, decode: Callable[[Words], T]) -> None:
+        self.station = station
+        self._label = label
+        self._decode = decode
+        self._known: dict[int, bytes] = {}  # by even word address, 4 bytes each
+        self._wanted: list[int] = []  # even word addresses, the next one last
+        self._asked = False  # for the next of them
+        self._tries = _TRIES
+        self._busy_since: float | None = None
+        self.command: bytes | None = None  # to be written
+        self.result: list[T] = []
+
+    def _words(self, word: int, count: int) -> bytes:
+        wanted = range(word & ~1, word + count, 2)
+        self._wanted = [address for address in reversed(wanted) if address not in self._known]
+        if self._wanted:
+            raise _Unread
+        start = 2 * (word & 1)
+        return b"".join([self._known[address] for address in wanted])[start : start + 2 * count]
+
+    def look(self, registers: bytes, answered: bool) -> None:
+        """Takes a look at the registers from 0x0502 on, and says what is to be done next."""
+        if not answered:
+            self._try_again("the slave does not answer")
+            return
+        status, address = struct.unpack_from("<HI", registers)
+        if status & _BUSY:
+            now = time.monotonic()
+            self._busy_since = self._busy_since or now
+            if now - self._busy_since > _BUSY_LIMIT:
+                raise self._error(f"it is busy for more than {_BUSY_LIMIT} s")
+            return
+        self._busy_since = None
+        if status & _NO_ACKNOWLEDGE:
+            self._try_again(f"it does not acknowledge a command (status 0x{status:04X})")
+            self._asked = False
+            self.command = struct.pack("<H", _CLEAR)  # which comes before any other
+            return
+        if self._asked and address == self._wanted[-1]:
+            self._tries = _TRIES
+            for at in (0, 4) if status & _READS_8_BYTES else (0,):
+                self._known[address + at // 2] = registers[6 + at : 10 + at]
+            while self._wanted and self._wanted[-1] in self._known:
+                self._wanted.pop()
+        elif self._asked:
+            self._try_again("it does not take a command")
+        if not self._wanted:
+            self._try_to_decode()
+        if self._wanted:
+            self._asked = True
+            self.command = struct.pack("<HI", _READ, self._wanted[-1])
+
+    def _try_to_decode(self) -> None:
+        try:
+            self.result = [self._decode(self._words)]
+        except _Unread:
+            return
+        except StateError as error:
+            raise self._error(str(error)) from error
+
+    def _try_again(self, reason: str) -> None:
+        self._tries -= 1
+        if self._tries == 0:
+            raise self._error(f"it cannot be read: {reason}")
+
+    def _error(self, reason: str) -> StateError:
+        return StateError(f"{self._label}: EEPROM: {reason}")
+
+
+def read_eeproms(
+    registers: Datagrams,
+    slaves: Sequence[tuple[int, str]],
+    decode: Callable[[Words], T],
+    cancelled: Callable[[], bool] = lambda: False,
+) -> list[T]:
+    """Reads EEPROMs, of all slaves at once; afterwards they belong to the devices (ETG.1000.6).
+
+    Args:
+        registers: The way to the slaves.
+        slaves: Configured station address of each, and how messages name it.
+        decode: Makes something of the words it asks for. It is called again from its beginning
+            whenever it has asked for words that were not read yet, so it should have no effects,
+            and ask for many words at once.
+        cancelled: Asked while slaves are waited for; when true, `StateError` is raised.
+
+    Returns:
+        What `decode` made of each.
+
+    Raises:
+        StateError: An EEPROM cannot be read, or `decode` raised one. The message names the slave.
+    """
+    eeproms = [_Eeprom(station, label, decode) for station, label in slaves]
+    stations = [station for station, _ in slaves]
+    for owner in (_FORCE_TO_MASTER, _TO_MASTER):
+        registers.exchange([fpwr(station, _ASSIGNMENT, owner) for station in stations])
+    unread = eeproms
+    while unread:
+        if cancelled():
+            raise StateError("stopped while slaves were being read")
+        asked = [item for item in unread if item.command is not None]
+        # What is written takes effect at the end of the frame, so the status is read by another.
+        registers.exchange(
+            [fpwr(item.station, _CONTROL, item.command) for item in asked if item.command]
+        )
+        for item in asked:
+            item.command = None
+        answers = registers.exchange(
+            [fprd(item.station, _CONTROL, _CONTROL_SIZE) for item in unread]
+        )
+        for item, answer in zip(unread, answers, strict=True):
+            item.look(answer.data, answer.wkc == 1)
+        if all(item.command is None for item in unread):
+            time.sleep(_PAUSE)
+        unread = [item for item in unread if not item.result]
+    registers.exchange([fpwr(station, _ASSIGNMENT, _TO_DEVICE) for station in stations])
+    return [item.result[0] for item in eeproms]

@@ -1,0 +1,198 @@
+"""Batched register access and EEPROMs, with simulated slave controllers at the other end."""
+
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from ecatd.bus.datagrams import (
+    DATAGRAM_BYTES,
+    Datagrams,
+    aprd,
+    apwr,
+    brd,
+    bwr,
+    fprd,
+    fpwr,
+    source_address,
+)
+from ecatd.bus.eeprom import read_eeproms
+from ecatd.model.errors import StateError
+from ecatsim.core import Chip, Segment
+from ecatsim.slave.sii import Description, build
+
+SOURCE = source_address(0, b"test")
+PROCESS_MEMORY = 0x1000
+HOUR_US = 3_600_000_000
+
+
+class Wire:
+    """Frames on their way, and how many times each is to get lost.
+
+    Attributes:
+        frames: All that were sent.
+        lose: Told each frame by its number; true: it does not come back.
+        unseen: Whether lost frames get lost before the slaves have seen them.
+    """
+
+    def __init__(self) -> None:
+        self.frames: list[bytes] = []
+        self.lose: Callable[[int], bool] = lambda _number: False
+        self.unseen = False
+
+
+@contextmanager
+def bus(*chips: Chip) -> Iterator[tuple[Datagrams, Segment, Wire]]:
+    segment, wire = Segment(), Wire()
+    for position, chip in enumerate(chips):
+        segment.add(chip, image(position))
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    def serve() -> None:
+        while frame := theirs.recv(2048):
+            wire.frames.append(frame)
+            lost = wire.lose(len(wire.frames) - 1)
+            answer = b"" if lost and wire.unseen else segment.process(frame)
+            if not lost:
+                theirs.send(answer)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    registers = Datagrams(ours, SOURCE)
+    registers.exchange([apwr(i, 0x0010, struct.pack("<H", 0x1001 + i)) for i in range(len(chips))])
+    wire.frames.clear()
+    try:
+        yield registers, segment, wire
+    finally:
+        registers.close()
+        thread.join()
+        theirs.close()
+        segment.close()
+
+
+def image(position: int) -> bytes:
+    return build(Description(0x11, 0x20 + position, 0x33, order="S" * 40, pdi_control=0x0C05))
+
+
+def test_each_command_reaches_whom_it_should() -> None:
+    with bus(Chip(), Chip(), Chip()) as (registers, _segment, wire):
+        answers = registers.exchange(
+            [
+                bwr(PROCESS_MEMORY, b"\x01"),
+                apwr(1, PROCESS_MEMORY, b"\x02"),
+                fpwr(0x1003, PROCESS_MEMORY, b"\x04"),
+                fprd(0x1002, PROCESS_MEMORY, 1),
+                aprd(2, PROCESS_MEMORY, 1),
+                brd(PROCESS_MEMORY, 1),
+                fprd(0x1009, PROCESS_MEMORY, 1),
+            ]
+        )
+        assert [answer.wkc for answer in answers] == [3, 1, 1, 1, 1, 3, 0]
+        assert [answer.data for answer in answers[3:]] == [b"\x02", b"\x04", b"\x07", b"\x00"]
+        assert registers.read_all([0x1003, 0x1001], PROCESS_MEMORY, 2) == [
+            (b"\x04\x00", 1),
+            (b"\x01\x00", 1),
+        ]
+        assert len(wire.frames) == 2
+
+
+def test_frames_are_full_and_have_indices_of_their_own() -> None:
+    with bus(Chip()) as (registers, _segment, wire):
+        assert registers.exchange([]) == []
+        for size, per_frame in ((2, 107), (14, 57), (DATAGRAM_BYTES // 2, 1), (DATAGRAM_BYTES, 1)):
+            wire.frames.clear()
+            count = 3 * per_frame + 1
+            answers = registers.exchange([fprd(0x1001, PROCESS_MEMORY, size)] * count)
+            assert answers == [(bytes(size), 1)] * count
+            assert len(wire.frames) == 4
+            assert max(map(len, wire.frames)) <= 1514
+        with pytest.raises(ValueError, match="1487 bytes are more"):
+            registers.exchange([fprd(0x1001, PROCESS_MEMORY, DATAGRAM_BYTES + 1)])
+        wire.frames.clear()
+        for _ in range(300):
+            registers.exchange([brd(0x0130, 2)])
+        assert {frame[17] for frame in wire.frames} == set(range(0x10, 0x80))
+        assert {frame[6:12] for frame in wire.frames} == {b"\x02test\x00"}
+        assert {len(frame) for frame in wire.frames} == {60}
+
+
+@pytest.mark.parametrize("unseen", [True, False])
+def test_what_is_lost_is_sent_again_and_given_up_in_the_end(unseen: bool) -> None:
+    with bus(Chip()) as (registers, _segment, wire):
+        wire.unseen = unseen
+        wire.lose = lambda number: number % 3 == 1
+        writes = [fpwr(0x1001, PROCESS_MEMORY + i, bytes([i & 0xFF])) for i in range(1000)]
+        assert [answer.wkc for answer in registers.exchange(writes)] == [1] * 1000
+        assert registers.read_all([0x1001], PROCESS_MEMORY, 1000)[0].data == bytes(
+            i & 0xFF for i in range(1000)
+        )
+        wire.frames.clear()
+        wire.lose = lambda _number: True
+        assert registers.exchange([brd(0x0130, 2)]) == [(bytes(2), 0)]
+        assert len(wire.frames) == 3
+        wire.frames.clear()
+        assert registers.exchange([brd(0x0130, 2)], repeat=False) == [(bytes(2), 0)]
+        assert len(wire.frames) == 1, "an access with an effect is not repeated"
+        wire.lose = lambda _number: False
+        assert registers.exchange([brd(0x0130, 2)])[0].wkc == 1
+
+
+@pytest.mark.parametrize("loss", [0, 4])
+def test_eeproms_of_all_kinds_are_read_at_the_same_time(loss: int) -> None:
+    chips = [
+        Chip(),
+        Chip(eeprom_bytes=4),
+        Chip(eeprom_bytes=4, eeprom_read_us=300),
+        Chip(eeprom_read_us=2000),
+        Chip(ports=3),
+    ]
+    with bus(*chips) as (registers, _segment, wire):
+        if loss:
+            wire.lose = lambda number: number % 10 == loss
+        stations = [(0x1001 + i, f"slave {i}") for i in range(len(chips))]
+
+        def decode(words: Callable[[int, int], bytes]) -> bytes:
+            # Odd addresses, and some that depend on what was read before.
+            product = int.from_bytes(words(0x0A, 1), "little")
+            return words(product & 1, 3) + words(7, 0x60)
+
+        assert read_eeproms(registers, stations, decode) == [
+            image(i)[2 * (i & 1) :][:6] + image(i)[14 : 14 + 0xC0].ljust(0xC0, b"\xff")
+            for i in range(len(chips))
+        ]
+        owners = registers.read_all([station for station, _ in stations], 0x0500, 1)
+        assert [answer.data for answer in owners] == [b"\x01"] * len(chips)
+
+
+def test_eeproms_that_cannot_be_read_are_named() -> None:
+    def decode(words: Callable[[int, int], bytes]) -> bytes:
+        if words(0x0A, 1) == b"\x21\x00":
+            raise StateError("it makes no sense")
+        return words(0, 8)
+
+    with bus(Chip(), Chip(), Chip(eeprom_read_us=HOUR_US)) as (registers, segment, _wire):
+        with pytest.raises(StateError, match=r"^B: EEPROM: it makes no sense$"):
+            read_eeproms(registers, [(0x1001, "A"), (0x1002, "B")], decode)
+        with pytest.raises(StateError, match=r"^C: EEPROM: it is busy for more than 0.5 s$"):
+            read_eeproms(registers, [(0x1001, "A"), (0x1003, "C")], decode)
+        with pytest.raises(StateError, match=r"^D: EEPROM: .* the slave does not answer$"):
+            read_eeproms(registers, [(0x1001, "A"), (0x1004, "D")], decode)
+        with pytest.raises(StateError, match="stopped while"):
+            read_eeproms(registers, [(0x1001, "A")], decode, lambda: True)
+        segment.set_eeprom(0, b"")
+        with pytest.raises(StateError, match=r"^A: EEPROM: .* does not acknowledge .* 0x2\w+\)$"):
+            read_eeproms(registers, [(0x1001, "A")], decode)
+        segment.set_eeprom(0, image(0))
+        assert read_eeproms(registers, [(0x1001, "A")], decode) == [image(0)[:16]]
+
+
+def test_a_device_that_keeps_its_eeprom_is_overruled() -> None:
+    with bus(Chip()) as (registers, segment, _wire):
+        registers.exchange([fpwr(0x1001, 0x0500, b"\x01")])
+        segment.write(0, 0x0501, b"\x01")  # the device takes it
+        assert read_eeproms(registers, [(0x1001, "A")], lambda words: words(0, 8)) == [
+            image(0)[:16]
+        ]
