@@ -53,6 +53,11 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 "domain_name": bus.domain_name(slave.domain),
                 "output_bytes": slave.output_bytes,
                 "input_bytes": slave.input_bytes,
+                "dc_bits": slave.dc_bits,
+                "dc_delay_ns": slave.dc_delay_ns,
+                "sync0_ns": slave.sync0_ns,
+                "sync1_ns": slave.sync1_ns,
+                "sync_shift_ns": slave.sync_shift_ns,
             }
             for slave in bus.slaves
         ]

@@ -1,0 +1,412 @@
+"""Distributed clocks of a daemon: slaves that drift, on a real simulated segment.
+
+What is judged are the clocks and SYNC signals of the simulated slaves, as the simulator itself
+tells them, at one moment. How well the host keeps step depends on the machine: limits are wide.
+"""
+
+import os
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from conftest import Daemon, one_line_error
+from ecatd import shm
+from ecatsim.control import Simulator
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+HOP = 400  # ns from a slave of a line to the next
+CYCLE = 1_000_000
+# Slave 0 runs so fast that no noise can hide it.
+DRIFTS = (300.0, 50.0, -50.0, 20.0, -20.0, 50.0)
+IN_STEP = 1000
+GENEROUS = "lock_us = 400.0\ntimeout_s = 30.0\n"
+
+
+def line(folder: Path, *chips: str, drifts: tuple[float, ...] = DRIFTS) -> str:
+    """A line of drifting slaves that have had power for different times; returns its rig file."""
+    text = 'name = "clocks"\n'
+    for position in range(len(drifts)):
+        text += f"[[slave]]\nvendor = 0xFFFF\nproduct = {position}\nname = 'S{position}'\n"
+        chip = chips[position] if position < len(chips) else ""
+        text += f"[slave.chip]\n{chip}\n" if chip else ""
+        for pdo, entry in ((0x1600, 0x7000), (0x1A00, 0x6000)):
+            what = f"{{ index = {entry}, subindex = 1, name = 'Byte', type = 'uint8' }}"
+            text += f"[[slave.pdo]]\nindex = {pdo}\nentry = [{what}]\n"
+    for position, drift in enumerate(drifts):
+        if position >= len(chips) or "dc = false" not in chips[position]:
+            text += f'[[fault]]\nkind = "clock"\nslave = {position}\ndrift_ppm = {drift}\n'
+            text += f"step_ns = {position * 1_234_567_890}\n" if position else ""
+    rig = folder / "clocks.toml"
+    rig.write_text(text)
+    return str(rig)
+
+
+@pytest.fixture
+def start(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Daemon]:
+    """Starts a daemon with a configuration on a rig; its simulator is the only one in sight."""
+    monkeypatch.setenv("ECATSIM_RUNTIME_DIR", str(tmp_path / "sim"))
+
+    def start(rig: str, config: str, **options: Any) -> Daemon:
+        return start_daemon(rig, config=f"{config}\n[gateway]\nlisten = []\n", **options)
+
+    return start
+
+
+@pytest.fixture
+def drifting(start: Callable[..., Daemon], tmp_path: Path) -> Daemon:
+    """The line, with clocks in step."""
+    return start(line(tmp_path), f"[dc]\nenabled = true\n{GENEROUS}")
+
+
+@pytest.fixture
+def simulator() -> Iterator[Callable[[], Simulator]]:
+    """Connects to the simulator, once a daemon has started it."""
+    opened: list[Simulator] = []
+
+    def connect() -> Simulator:
+        opened.append(Simulator())
+        return opened[-1]
+
+    yield connect
+    for item in opened:
+        item.close()
+
+
+def table(bus: str, kind: str, name: str) -> list[Any]:
+    """Rows of a table of the segment, as it is now."""
+    data = (shm.FOLDER / f"ecat.{bus}").read_bytes()
+    header = shm.struct("ecat_shm_header").from_buffer_copy(data)
+    count = header.slave_count if name.startswith("slave") else 1
+    offset = getattr(header, f"{name}_offset")
+    return list((shm.struct(kind) * count).from_buffer_copy(data, offset))
+
+
+def health(daemon: Daemon) -> Any:
+    (row,) = table(daemon.bus, "ecat_shm_health", "health")
+    return row
+
+
+def wait_until(condition: Callable[[], bool], what: object = "") -> None:
+    """Waits for something that must come, however slow the machine is."""
+    for _ in range(600):
+        if condition():
+            return
+        time.sleep(0.05)
+    pytest.fail(f"does not come: {what() if callable(what) else what}")
+
+
+def ahead(simulator: Simulator, reference: int = 0) -> list[int]:
+    """How far the clocks of all slaves are ahead of the reference clock."""
+    clocks = [clock.system_ns for clock in simulator.clocks()]
+    return [clock - clocks[reference] for clock in clocks]
+
+
+def signed(value: int) -> int:
+    return (value + 2**31) % 2**32 - 2**31
+
+
+def next_pulses(simulator: Simulator, position: int) -> tuple[int, int]:
+    """The next pulses of SYNC0 and SYNC1."""
+    first, second = struct.unpack("<QQ", simulator.registers(position, 0x0990, 16))
+    return first, second
+
+
+def zero(daemon: Daemon) -> int:
+    """When cycle 0 was on the clock of the reference, as the most of some cycles say."""
+    found = []
+    path = shm.FOLDER / f"ecat.{daemon.bus}"
+    for _ in range(50):
+        data = path.read_bytes()
+        header = shm.struct("ecat_shm_header").from_buffer_copy(data)
+        values = shm.struct("ecat_shm_health").from_buffer_copy(data, header.health_offset)
+        found.append((values.dc_time_ns + CYCLE // 4) // CYCLE - header.cycle)
+        time.sleep(0.003)
+    return max(set(found), key=found.count) * CYCLE
+
+
+def test_drifting_clocks_hold_within_a_microsecond(
+    drifting: Daemon, simulator: Callable[[], Simulator]
+) -> None:
+    there = simulator()
+    for _ in range(20):
+        assert max(map(abs, ahead(there))) < IN_STEP
+        time.sleep(0.05)
+    assert [clock.delay_ns for clock in there.clocks()] == pytest.approx(
+        [position * HOP for position in range(len(DRIFTS))], abs=2
+    )
+    assert "cycle and 5 clocks follow that of slave 0 (S0)" in drifting.log
+
+
+def test_what_is_published(drifting: Daemon) -> None:
+    rows = table(drifting.bus, "ecat_shm_slave", "slaves")
+    assert [row.dc_bits for row in rows] == [64] * len(DRIFTS)
+    assert [row.dc_delay_ns for row in rows] == pytest.approx(
+        [position * HOP for position in range(len(DRIFTS))], abs=2
+    )
+    assert {row.sync0_ns for row in rows} == {0}
+    assert health(drifting).dc_reference == 0
+    wait_until(lambda: health(drifting).dc_state == shm.DcState.LOCKED)
+    # The reference clock runs 300 ppm faster than CLOCK_MONOTONIC, by which the simulator goes.
+    wait_until(lambda: 150e3 < health(drifting).dc_drift_ppb < 450e3, health(drifting).dc_drift_ppb)
+    wait_until(lambda: health(drifting).dc_offset.count > 0)
+    first = health(drifting).dc_time_ns
+    wait_until(lambda: health(drifting).dc_time_ns > first)
+    # Around 2000-01-01, in UTC.
+    assert first == pytest.approx(time.time_ns() - 946_684_800 * 10**9, abs=60 * 10**9)
+    document = drifting.ctl_json("slaves")["slaves"]
+    assert [row["dc_bits"] for row in document] == [64] * len(DRIFTS)
+    assert [row["dc_delay_ns"] for row in document] == [row.dc_delay_ns for row in rows]
+
+
+def test_branches(start: Callable[..., Daemon], simulator: Callable[[], Simulator]) -> None:
+    """Delays that were wrong would be errors of the clocks; terminals have none, couplers do."""
+    start("branches", f"[dc]\nenabled = true\n{GENEROUS}")
+    there = simulator()
+    clocks, differences = there.clocks(), ahead(there)
+    positions = [position for position, clock in enumerate(clocks) if clock.offset_ns]
+    assert len(positions) > 3
+    assert max(abs(differences[position]) for position in positions) <= 5
+    assert len({clocks[position].delay_ns for position in positions}) == len(positions)
+
+
+def test_sync_signals(
+    start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path
+) -> None:
+    daemon = start(
+        line(tmp_path),
+        f"""
+        [[domain]]
+        [[domain]]
+        name = "slow"
+        divider = 4
+        slaves = [2]
+        [dc]
+        {GENEROUS}
+        [[dc.slave]]
+        slave = 0
+        [[dc.slave]]
+        slave = 2
+        shift_us = 100
+        [[dc.slave]]
+        slave = 3
+        sync0_us = 500
+        shift_us = -50
+        sync1_us = 125
+        [[dc.slave]]
+        slave = 4
+        sync1_us = 3200
+        """,
+    )
+    there = simulator()
+    activations = [there.registers(position, 0x0981, 1)[0] for position in range(6)]
+    assert activations == [0x03, 0x00, 0x03, 0x07, 0x07, 0x00]
+    start_of_cycle_0 = zero(daemon)
+    for position, period, shift in (
+        (0, CYCLE, CYCLE // 2),
+        (2, 4 * CYCLE, 100_000),  # with the cycles in which its domain is exchanged
+        (3, CYCLE // 2, -50_000),
+        (4, CYCLE, CYCLE // 2),
+    ):
+        pulse, _ = next_pulses(there, position)
+        assert (pulse - start_of_cycle_0 - shift) % period == 0, position
+    before, after = next_pulses(there, 3)
+    assert (after - before) % (CYCLE // 2) == 125_000
+    _, after = next_pulses(there, 4)
+    assert (after - start_of_cycle_0 - CYCLE // 2) % (4 * CYCLE) == 3_200_000
+    rows = table(daemon.bus, "ecat_shm_slave", "slaves")
+    assert [(row.sync0_ns, row.sync1_ns, row.sync_shift_ns) for row in rows] == [
+        (1_000_000, 0, 500_000),
+        (0, 0, 0),
+        (4_000_000, 0, 100_000),
+        (500_000, 125_000, -50_000),
+        (1_000_000, 3_200_000, 500_000),
+        (0, 0, 0),
+    ]
+    # SYNC0 and the frames stay where they are to each other, though the clocks drift.
+    wait_until(lambda: health(daemon).dc_state == shm.DcState.LOCKED)
+    assert zero(daemon) == start_of_cycle_0
+
+
+def test_a_drive_that_goes_by_sync0(
+    start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path
+) -> None:
+    """Its EEPROM gives a latch unit to the device in the only mode with SYNC0."""
+    rig = tmp_path / "drive.toml"
+    rig.write_text(
+        'name = "drive"\n[[slave]]\ndevice = "CiA402"\n'
+        "[[slave]]\nvendor = 0xFFFF\nproduct = 1\nname = 'Latch'\n[slave.mailbox]\n"
+        "[[slave.dc_mode]]\nname = 'free'\nassign_activate = 0\n"
+        "[[slave.dc_mode]]\nname = 'DC'\nassign_activate = 0x0320\n"
+    )
+    daemon = start(str(rig), f"[dc]\n{GENEROUS}[[dc.slave]]\nslave = 0\n[[dc.slave]]\nslave = 1\n")
+    there = simulator()
+    assert there.registers(0, 0x0980, 2) == b"\x00\x03"
+    assert there.registers(1, 0x0980, 2) == b"\x20\x03"
+    assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+    assert daemon.ctl("sdo-read", "0", "0x1C32", "10").stdout.split()[1] == str(CYCLE)
+
+
+def test_another_reference_clock(
+    start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path
+) -> None:
+    daemon = start(
+        line(tmp_path, drifts=(50.0, -50.0, 300.0, 20.0, -20.0)),
+        f"[dc]\nreference = 2\n{GENEROUS}[[dc.slave]]\nslave = 4\n",
+    )
+    there = simulator()
+    assert health(daemon).dc_reference == 2
+    for _ in range(10):
+        assert max(map(abs, ahead(there, 2)[2:])) < IN_STEP
+        time.sleep(0.05)
+    assert [clock.delay_ns for clock in there.clocks()] == pytest.approx(
+        [0, 0, 0, HOP, 2 * HOP], abs=2
+    )
+    pulse, _ = next_pulses(there, 4)
+    assert (pulse - zero(daemon)) % CYCLE == CYCLE // 2
+
+
+@pytest.mark.parametrize("narrow", [0, 2])
+def test_clocks_of_32_bits(
+    start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path, narrow: int
+) -> None:
+    """Slave 1 has no clock; the reference clock, or one that follows, goes round every 4.3 s."""
+    chips = ["", "dc = false", "", ""]
+    chips[narrow] = "dc_bits = 32"
+    signals = "".join(f"[[dc.slave]]\nslave = {position}\n" for position in (0, 2, 3))
+    daemon = start(
+        line(tmp_path, *chips, drifts=(300.0, 0.0, -50.0, 50.0)), f"[dc]\n{GENEROUS}{signals}"
+    )
+    there = simulator()
+    with_clock = [0, 2, 3]
+    for _ in range(5):
+        differences = ahead(there)
+        assert max(abs(signed(differences[position])) for position in with_clock) < IN_STEP
+        time.sleep(0.05)
+    rows = table(daemon.bus, "ecat_shm_slave", "slaves")
+    assert [row.dc_bits for row in rows] == [
+        32 if i == narrow else (64, 0, 64, 64)[i] for i in range(4)
+    ]
+    origin = zero(daemon)
+    for position in with_clock:
+        pulse, _ = next_pulses(there, position)
+        # Their common part are the lower 32 bits.
+        assert (origin + signed(pulse - origin)) % CYCLE == CYCLE // 2, position
+
+
+def test_a_lock_that_is_lost_and_found_again(
+    start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path
+) -> None:
+    daemon = start(
+        line(tmp_path, drifts=(0.0, 50.0, -50.0)),
+        "[dc]\nenabled = true\nlock_us = 100.0\ntimeout_s = 30.0\n",
+    )
+    there = simulator()
+    there.faults.clock(0, step_ns=450_000)
+    lost = "warning: the cycle has lost the clock of slave 0 (S0): it is "
+    found = "the cycle follows the clock of slave 0 (S0) again"
+    wait_until(lambda: lost in daemon.log, lambda: daemon.log)
+    wait_until(lambda: found in daemon.log.split(lost)[-1], lambda: daemon.log)
+    wait_until(lambda: max(map(abs, ahead(there))) < IN_STEP)
+
+
+def test_a_clock_out_of_step(drifting: Daemon, simulator: Callable[[], Simulator]) -> None:
+    there = simulator()
+    there.faults.clock(3, step_ns=3_000_000)  # for which it needs four seconds
+    wait_until(lambda: "warning: the clock of slave 3 (S3) is out of step: +" in drifting.log)
+    row = table(drifting.bus, "ecat_shm_slave_status", "slave_status")[3]
+    assert IN_STEP < row.dc_difference_ns <= 3_000_000
+    wait_until(lambda: "the clock of slave 3 (S3) is in step again" in drifting.log)
+    assert max(map(abs, ahead(there))) < IN_STEP
+    there.faults.clock(4, drift_ppm=-150.0)
+    wait_until(lambda: abs(ahead(there)[4]) < IN_STEP)
+
+
+@pytest.mark.parametrize(
+    ("config", "reason"),
+    [
+        ("reference = 1", "dc.reference: slave 1 (S1) has no distributed clock; those with one "
+         "are: 0, 2, 3"),
+        ("reference = 9\nenabled = true", "dc.reference: there is no slave 9: bus"),
+        ("[[dc.slave]]\nslave = 1", "dc.slave: slave 1 (S1) has no distributed clock"),
+        ("[[dc.slave]]\nslave = 4", "dc.slave: there is no slave 4"),
+        ("reference = 2\n[[dc.slave]]\nslave = 0", "dc.slave: slave 0 (S0) cannot follow the "
+         "reference clock, slave 2 (S2)"),
+        ("[[dc.slave]]\nslave = 3\nsync0_us = 1000.0\nsync1_us = 2_000_000.0", "dc.slave: slave 3 "
+         "(S3) has a clock of 32 bits"),
+    ],
+)  # fmt: skip
+def test_refused(start: Callable[..., Daemon], tmp_path: Path, config: str, reason: str) -> None:
+    enabled = "" if "dc.slave" in config or "enabled" in config else "enabled = true\n"
+    rig = line(tmp_path, "", "dc = false", "", "dc_bits = 32", drifts=(0.0, 0.0, 0.0, 0.0))
+    daemon = start(rig, f"[dc]\n{enabled}{config}\n", ready=False)
+    status, log = daemon.wait_end()
+    assert status == 2
+    assert reason in one_line_error(log, "ecatd")
+
+
+def test_a_bus_without_clocks(start: Callable[..., Daemon], tmp_path: Path) -> None:
+    rig = line(tmp_path, "dc = false", "dc = false", drifts=(0.0, 0.0))
+    daemon = start(rig, "[dc]\nenabled = true\n", ready=False)
+    status, log = daemon.wait_end()
+    assert status == 2
+    assert "no slave of bus" in one_line_error(log, "ecatd")
+    assert {row["dc_bits"] for row in start(rig, "").ctl_json("slaves")["slaves"]} == {0}
+
+
+def test_a_lock_that_does_not_come(start: Callable[..., Daemon], tmp_path: Path) -> None:
+    """A hundred cycles of 10 ms do not go into a tenth of a second."""
+    rig = line(tmp_path, drifts=(0.0, 50.0))
+    daemon = start(
+        rig, "cycle_time_us = 10000\n[dc]\nenabled = true\ntimeout_s = 0.1\n", ready=False
+    )
+    status, log = daemon.wait_end()
+    assert status == 7
+    message = one_line_error(log, "ecatd")
+    assert "distributed clocks are not in step after 0.1 s" in message
+    assert "not locked" in message
+
+
+def test_stopping_ends_the_signals(tmp_path: Path) -> None:
+    """Seen in the simulator, when the daemon has left the interface."""
+    code = (
+        "import pathlib, socket, subprocess, sys\n"
+        "from ecatsim.control import Simulator\n"
+        "ready = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); ready.bind('notify')\n"
+        "daemon = subprocess.Popen([sys.executable, '-m', 'ecatd.service', '--interface',"
+        " 'ecat-master', '--bus', sys.argv[1], '--config', 'dc.toml'])\n"
+        "while b'READY=1' not in ready.recv(4096): pass\n"
+        "look = lambda: [Simulator().registers(0, at, 1)[0] for at in (0x0130, 0x0981)]\n"
+        "before = look()\n"
+        "daemon.terminate(); assert daemon.wait() == 0\n"
+        "print(before, look())\n"
+    )
+    (tmp_path / "dc.toml").write_text(
+        f"[gateway]\nlisten = []\n[dc]\n{GENEROUS}[[dc.slave]]\nslave = 0\n"
+    )
+    env = {
+        **os.environ,
+        "ECATD_RUNTIME_DIR": str(tmp_path / "run"),
+        "ECATSIM_RUNTIME_DIR": str(tmp_path / "sim"),
+        "NOTIFY_SOCKET": str(tmp_path / "notify"),
+    }
+    rig = line(tmp_path, drifts=(0.0, 50.0))
+    master = [sys.executable, "-c", code, f"t{os.getpid()}dc"]
+    result = subprocess.run(
+        [sys.executable, "-m", "ecatsim", "run", rig, "--", *master],
+        env=env,
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        timeout=100,
+        check=False,
+    )
+    assert result.stdout == "[8, 3] [1, 0]\n", result.stdout + result.stderr
