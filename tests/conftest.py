@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -117,6 +118,15 @@ class Daemon:
         self._socket.close()
         for leftover in SHM.glob(f"ecat.{self.bus}*"):  # of a bus server that the test killed
             leftover.unlink()
+
+
+def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = 30) -> None:
+    """Waits until something has come about; shows the log of the daemon if it does not."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert daemon.process.poll() is None, f"ecatd has ended:\n{daemon.log}"
+        assert time.monotonic() < deadline, f"it does not come about:\n{daemon.log}"
+        time.sleep(0.02)
 
 
 def with_suppress_kill(pid: int, number: int) -> None:

@@ -1,6 +1,7 @@
 """The daemon on the simulated rig: what comes up, what clients see, and how it ends."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from conftest import SHM, Daemon
+from conftest import SHM, Daemon, wait_for
 from ecatd import shm
+from ecatd.model.al import AlState
 from ecatd.model.errors import SdoAbortError, StateError, UnreachableError, UsageError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -290,21 +292,37 @@ def test_a_reader_notices_that_the_daemon_was_stopped(start_daemon: Callable[...
     assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
 
 
-def test_slaves_come_back_from_a_watchdog(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll")
+def stall(daemon: Daemon) -> None:
+    """Stops the exchange for longer than the watchdog of the slaves."""
     server = daemon.child_pid("ecatd.bus")
     os.kill(server, signal.SIGSTOP)
-    time.sleep(0.4)  # four times the watchdog of the slaves
+    time.sleep(0.4)  # four times as long
     os.kill(server, signal.SIGCONT)
-    for _ in range(100):
-        texts = [row["text"] for row in daemon.ctl_json("state")["slaves"]]
-        if any("0x001B: Sync manager watchdog" in text for text in texts):
-            break
-    else:
-        pytest.fail(f"no watchdog: {texts}")
-    assert "AL status 0x001B" in daemon.log
-    daemon.ctl("state", "OP")
-    assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+
+
+def al_states(daemon: Daemon) -> list[int]:
+    with daemon.client() as client:
+        return [slave.al_state for slave in client.slaves()]
+
+
+def test_slaves_come_back_from_a_watchdog(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    stall(daemon)
+    wait_for(lambda: "back to OP after the watchdog" in daemon.log, daemon)
+    assert re.search(r"slave 0 .*: SAFEOP\+ERROR \(AL status 0x001B: Sync manager", daemon.log)
+    assert re.search(r"slave 3 \(EL2008\): SAFEOP\+ERROR", daemon.log)
+    wait_for(lambda: al_states(daemon) == [AlState.OP] * 8, daemon)
+
+
+def test_the_watchdog_brings_no_slave_back_that_somebody_took_out_of_op(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("troll")
+    daemon.ctl("state", "SAFEOP", "--slave", "3")
+    stall(daemon)
+    wait_for(lambda: "slave 0 (Gold EtherCAT GCON Drive): back to OP" in daemon.log, daemon)
+    wait_for(lambda: al_states(daemon)[0] == AlState.OP, daemon)
+    assert al_states(daemon)[3] & 0x0F == AlState.SAFEOP
 
 
 def test_the_gateway_may_die_and_comes_back(start_daemon: Callable[..., Daemon]) -> None:

@@ -11,6 +11,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from ecatd import shm
 from ecatd.log import Log
@@ -31,11 +32,59 @@ from .wire_time import WireTime, wire_time
 _FIRST_CYCLES = 3
 """Cycles with valid outputs before slaves are asked for OP."""
 
-_SETTINGS = {
-    shm.Setting.SCHEDULING: "SCHED_FIFO priority {} (needs CAP_SYS_NICE)",
-    shm.Setting.AFFINITY: "CPU {}",
-    shm.Setting.MEMORY: "locked memory (needs CAP_IPC_LOCK)",
+_RIGHTS = "grant the service CAP_SYS_NICE (the shipped unit does), or set LimitRTPRIO={}"
+
+_REFUSED = {
+    shm.Setting.SCHEDULING: (
+        "SCHED_FIFO priority {}",
+        "other programs delay cycles, on a busy machine by milliseconds",
+        _RIGHTS,
+    ),
+    shm.Setting.AFFINITY: (
+        "running on CPU {} alone",
+        "the engine moves between CPUs and shares them",
+        "realtime.cpu must be a CPU of this machine that the service may use (CPUAffinity=)",
+    ),
+    shm.Setting.MEMORY: (
+        "locked memory",
+        "a page that was swapped out delays a cycle by milliseconds",
+        "grant the service CAP_IPC_LOCK, or set LimitMEMLOCK=infinity",
+    ),
+    shm.Setting.TIMER_SLACK: (
+        "timer slack of {} ns",
+        "an engine without SCHED_FIFO wakes up to 50 µs late",
+        "this needs no right: the kernel or a sandbox forbids prctl(PR_SET_TIMERSLACK)",
+    ),
+    shm.Setting.DMA_LATENCY: (
+        "/dev/cpu_dma_latency held at {} µs",
+        "CPUs that sleep deeply wake up to 200 µs late",
+        "give the service write access to the device, or leave it: realtime.dma_latency_us = -1",
+    ),
 }
+"""For each kind of real time: what was asked for, what its absence may cost, how to grant it."""
+
+
+@dataclass(slots=True)
+class RunningBus:
+    """A bus that is in OP, and everything that it consists of.
+
+    Attributes:
+        bus: Its description.
+        interfaces: Names of its interfaces: one, or two with cable redundancy.
+        run: The number of this run, in the source address of its frames.
+        segment: The shared memory.
+        master: The master.
+        engine: The cyclic engine.
+        clocks: The distributed clocks, where they are used.
+    """
+
+    bus: Bus
+    interfaces: list[str]
+    run: int
+    segment: Segment
+    master: Master
+    engine: Engine
+    clocks: Clocks | None
 
 
 class BringUp:
@@ -66,6 +115,8 @@ class BringUp:
         self._cancelled = cancelled
         self._begin = time.monotonic()
         self._scanned: list[Scanned] = []
+        self._interfaces = [name for name in (interface, config.second_interface) if name]
+        self._run = secrets.randbits(32)
         self.bus = Bus(config.bus, config.cycle_time_us)
         self.segment: Segment | None = None
         self.master: Master | None = None
@@ -74,7 +125,7 @@ class BringUp:
         self.wire: WireTime | None = None
         self.clocks: Clocks | None = None
 
-    def run(self) -> tuple[Segment, Master, Engine]:
+    def run(self) -> RunningBus:
         """Brings the bus to OP; blocks, and belongs on the mailbox worker.
 
         Raises:
@@ -90,7 +141,9 @@ class BringUp:
         master.reach(AlState.SAFEOP, self._config.state_timeout_s)
         self._reach_op(master, segment)
         self._tell(image)
-        return segment, master, engine
+        return RunningBus(
+            self.bus, self._interfaces, self._run, segment, master, engine, self.clocks
+        )
 
     def _scan(self, master: Master) -> int:
         """Finds the slaves and takes them to PREOP; returns their number."""
@@ -136,8 +189,8 @@ class BringUp:
         self.engine = engine = Engine(
             segment.address,
             segment.out_fd,
-            [open_socket(self._interface, Index.ENGINE, Index.LAST)],
-            secrets.randbits(32),
+            [open_socket(name, Index.ENGINE, Index.LAST) for name in self._interfaces],
+            self._run,
         )
         for domain in image.domains:
             engine.add_domain(domain)
@@ -147,7 +200,13 @@ class BringUp:
             engine.set_safe(position, value, hold)
         wanted = config.realtime
         grants = engine.start(
-            RealTime(wanted.priority, wanted.cpu, wanted.lock_memory, wanted.busy_receive)
+            RealTime(
+                wanted.priority,
+                wanted.cpu,
+                wanted.lock_memory,
+                wanted.busy_receive,
+                wanted.dma_latency_us,
+            )
         )
         segment.set_grants(grants)
         self._tell_grants(grants)
@@ -165,13 +224,13 @@ class BringUp:
         self.clocks.start_signals(segment)
 
     def _tell_grants(self, grants: list[Grant]) -> None:
-        refused = [
-            f"{_SETTINGS[grant.setting].format(grant.value)}: {os.strerror(grant.error)}"
-            for grant in grants
-            if grant.error
-        ]
-        if refused:
-            self._log.warning(f"no real time: not granted are {'; '.join(refused)}")
+        for grant in grants:
+            if grant.error:
+                what, cost, remedy = _REFUSED[grant.setting]
+                self._log.warning(
+                    f"no real time: not granted is {what.format(grant.value)} "
+                    f"({os.strerror(grant.error)}): {cost}; {remedy.format(grant.value)}"
+                )
 
     def _reach_op(self, master: Master, segment: Segment) -> None:
         """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -45,7 +45,6 @@ class ClockWatch:
         self._tell = tell
         self._state = DcState.LOCKED
         self._astray: set[int] = set()
-        self._next = 0.0
 
     def handle(self, event: Event) -> None:
         """Tells that the cycle has lost the reference clock, or found it again."""
@@ -69,15 +68,13 @@ class ClockWatch:
             cycle=event.cycle,
         )
 
-    async def look(self) -> None:
-        """Reads the differences of all clocks about once a second, and tells who gets out of step.
+    async def watch(self) -> None:
+        """Waits for a second, reads the differences of all clocks, and tells who is out of step.
 
         Raises:
             StateError: The mailbox worker has too much to do.
         """
-        if time.monotonic() < self._next:
-            return
-        self._next = time.monotonic() + _PERIOD
+        await asyncio.sleep(_PERIOD)
         differences = await self._mailbox.run(self._read)
         for slave in self._clocks.followers:
             if slave.position in differences:

@@ -81,20 +81,10 @@ class BusServer:
         self._aborted.set()
 
     def _bring_up(self) -> Monitor:
-        segment, master, engine = self._up.run()
-        monitor = Monitor(
-            self.bus,
-            self._interface,
-            segment,
-            engine,
-            master,
-            self._mailbox,
-            self._log,
-            self._publish,
-            self._up.clocks,
-        )
+        running = self._up.run()
+        monitor = Monitor(running, self._mailbox, self._log, self._publish)
         monitor.read_states()
-        segment.publish()
+        running.segment.publish()
         self._started = time.time()
         return monitor
 
@@ -154,6 +144,7 @@ class BusServer:
                 "wire_us": round(wire.round_trip_us, 1),
                 "wire_frames": wire.frames,
                 "wire_bytes": wire.wire_bytes,
+                **self._running.describe(),
             },
         }
 
@@ -185,6 +176,7 @@ class BusServer:
                     master.reach(state, timeout, below)
             master.reach(target, timeout, chosen)
 
+        self._running.want(list(chosen), target)
         try:
             await self._mailbox.run(change)
         finally:

@@ -36,6 +36,9 @@ class AlState(IntEnum):
 AL_ERROR_FLAG = 0x10
 """Bit of the AL status register: the slave refused a change or fell back by itself."""
 
+AL_WATCHDOG = 0x001B
+"""AL status code of a slave that has had no process data for the time of its watchdog."""
+
 
 def al_state_text(register: int) -> str:
     """The AL status register in words, for example `SAFEOP+ERROR`."""

@@ -1,0 +1,131 @@
+"""Other masters on the wire: frames that neither the engine nor our mailbox traffic has sent.
+
+The source address of our frames names this run (`cyclic.h`), and slaves leave it as it is but for
+one bit that is set already. SOEM's frames carry an address of SOEM, as those of every program with
+SOEM do; ours never carry process data.
+
+A socket with a kernel filter gets what is left. The kernel counts it; a few frames a second are
+looked at, so that the frames of a fast master cost next to nothing.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import socket
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from .engine import Index, open_socket
+
+_SO_ATTACH_FILTER = 26
+_SOL_PACKET, _PACKET_STATISTICS = 263, 6
+_SOURCE_AT, _COMMAND_AT, _INDEX_AT = 6, 16, 17
+_LRD, _LRW = 10, 12
+_SOEM = b"\x01\x01\x01\x01\x01\x01"
+_BY_SLAVE = 0x02  # bit of the first byte of the source address that slaves set
+
+_LOOK_AT = 32
+_HEAD_BYTES = 64
+_RECEIVE_BUFFER = 16384
+
+# Instructions of classic BPF: code, jump if true, jump if false, constant (linux/filter.h).
+_INSTRUCTION = struct.Struct("=HBBI")
+_LOAD_WORD, _LOAD_BYTE, _RETURN = 0x20, 0x30, 0x06
+_JUMP_EQUAL, _JUMP_GREATER, _JUMP_NOT_LESS = 0x15, 0x25, 0x35
+
+
+def _filter(run: bytes) -> bytes:
+    """Lets frames pass that are not ours; `run` are bytes 1 to 4 of our source address."""
+    own = int.from_bytes(bytes((_BY_SLAVE,)) + run[:3])
+    soem = int.from_bytes(bytes((_SOEM[0] | _BY_SLAVE,)) + _SOEM[1:4])
+    program = (
+        (_LOAD_WORD, 0, 0, _SOURCE_AT),
+        (_JUMP_EQUAL, 0, 2, own),
+        (_LOAD_BYTE, 0, 0, _SOURCE_AT + 4),
+        (_JUMP_EQUAL, 5, 4, run[3]),
+        (_JUMP_EQUAL, 0, 3, soem),
+        (_LOAD_BYTE, 0, 0, _COMMAND_AT),
+        (_JUMP_NOT_LESS, 0, 2, _LRD),
+        (_JUMP_GREATER, 1, 0, _LRW),
+        (_RETURN, 0, 0, _HEAD_BYTES),
+        (_RETURN, 0, 0, 0),
+    )
+    return b"".join(_INSTRUCTION.pack(*instruction) for instruction in program)
+
+
+@dataclass(slots=True)
+class Foreign:
+    """Frames of others on one interface since the last look.
+
+    Attributes:
+        count: How many.
+        sources: Source addresses of those that were looked at, in words.
+    """
+
+    count: int = 0
+    sources: list[str] = field(default_factory=list)
+
+
+class ForeignWatch:
+    """Counts the frames of other masters on every interface of the bus.
+
+    Args:
+        interfaces: Their names.
+        run: The number of this run, as the engine has it.
+
+    Raises:
+        NotPermittedError: The process may not use raw sockets.
+        UnreachableError: An interface cannot be used.
+    """
+
+    def __init__(self, interfaces: Sequence[str], run: int) -> None:
+        self._interfaces = list(interfaces)
+        self._filter = _filter(run.to_bytes(4, "little"))
+        self._sockets = [self._open(name) for name in interfaces]
+
+    def _open(self, interface: str) -> socket.socket:
+        new = open_socket(interface, Index.SOEM, Index.LAST)
+        new.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        code = ctypes.create_string_buffer(self._filter, len(self._filter))
+        count = len(self._filter) // _INSTRUCTION.size
+        program = struct.pack("@HP", count, ctypes.addressof(code))
+        new.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
+        new.setblocking(False)
+        return new
+
+    def reopen(self, number: int) -> None:
+        """Opens the socket of an interface again that was made again; raises as the constructor."""
+        self._sockets[number].close()
+        self._sockets[number] = self._open(self._interfaces[number])
+
+    def look(self, number: int) -> Foreign:
+        """What has come in on an interface since the last look."""
+        found = Foreign()
+        for _ in range(_LOOK_AT):
+            try:
+                head = self._sockets[number].recv(_HEAD_BYTES)
+            except OSError:  # nothing more, or the interface is down
+                break
+            source = _describe(head) if len(head) > _INDEX_AT else "a frame cut short"
+            if source not in found.sources:
+                found.sources.append(source)
+        statistics = self._sockets[number].getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8)
+        found.count = struct.unpack("=II", statistics)[0]
+        return found
+
+    def close(self) -> None:
+        """Closes the sockets."""
+        for item in self._sockets:
+            item.close()
+
+
+def _describe(head: bytes) -> str:
+    """The source of a frame, with what it tells of the program that sent it."""
+    source = head[_SOURCE_AT : _SOURCE_AT + 6]
+    words = source.hex(":")
+    if bytes((source[0] & ~_BY_SLAVE, *source[1:])) == _SOEM:
+        return f"{words}, a master with SOEM"
+    if source[0] == _BY_SLAVE and source[5] <= 1 and head[_INDEX_AT] >= Index.ENGINE:
+        return f"{words}, another ecatd or an earlier run of this one"
+    return words

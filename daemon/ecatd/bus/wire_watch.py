@@ -1,0 +1,225 @@
+"""What lies between engine and slaves: links, the ring, frames that get lost, other masters."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from ecatd import shm
+from ecatd.log import Log
+from ecatd.model.bus import Bus
+from ecatd.model.errors import EcatError
+
+from .bring_up import RunningBus
+from .counters import Disturbance, Report
+from .engine import Event, Index, open_socket
+from .foreign import ForeignWatch
+from .link import LinkState, LinkWatch, switch_on
+
+_PERIOD = 1.0
+
+_COUNTERS = {
+    "missed": "deadlines missed",
+    "lost": "frames lost",
+    "late": "frames back late",
+    "wkc_bad": "wrong working counters",
+    "send_errors": "frames not sent",
+    "mailbox_lost": "mailbox frames lost",
+}
+"""Counters of `ecat_shm_health` that stand still on a healthy bus."""
+
+_LINKS = {
+    shm.Link.UP: "the link is up",
+    shm.Link.NO_CARRIER: "no carrier: check the cable, and the power of the first slave",
+    shm.Link.DOWN: "was switched off: no frames until somebody does `ip link set {} up`",
+    shm.Link.GONE: "is gone: waiting for an interface of this name",
+}
+
+
+class WireWatch:
+    """The watch over the wire of one bus.
+
+    Args:
+        running: The bus.
+        log: Where changes are told.
+        tell: Publishes an event: its kind, and facts.
+
+    Raises:
+        EcatError: The interfaces cannot be watched.
+    """
+
+    def __init__(self, running: RunningBus, log: Log, tell: Callable[..., None]) -> None:
+        self._bus = running.bus
+        self._engine = running.engine
+        self._interfaces = running.interfaces
+        self._health = running.segment.health
+        self._log = log
+        self._tell = tell
+        self._ring = (shm.Ring.NONE, 0)
+        self._links = LinkWatch(running.interfaces, self._on_link)
+        self._indices = [state.index for state in self._links.states]  # that sockets belong to
+        self._publish_links()
+        self._foreign = ForeignWatch(running.interfaces, running.run)
+        self._foreign_frames = [0 for _ in running.interfaces]
+        self._foreign_masters = [Disturbance({"frames": 0}) for _ in running.interfaces]
+        self._sources = [""] * len(running.interfaces)
+        self._disturbance = Disturbance(self._read_counters())
+
+    def _read_counters(self) -> dict[str, int]:
+        return {name: int(getattr(self._health, name)) for name in _COUNTERS}
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Begins to tell of changes of the links."""
+        self._links.start(loop)
+
+    def close(self) -> None:
+        """Ends the watch; on the event loop's thread."""
+        self._links.close()
+        self._foreign.close()
+
+    def describe(self) -> dict[str, Any]:
+        """State of links and ring, as `ecatctl info` shows it."""
+        facts: dict[str, Any] = {
+            "links": {
+                name: state.link.name.lower().replace("_", " ")
+                for name, state in zip(self._interfaces, self._links.states, strict=True)
+            }
+        }
+        if len(self._interfaces) > 1:
+            state = shm.Ring(self._health.ring)
+            facts["ring"] = describe_ring(
+                self._bus, self._interfaces, state, int(self._health.ring_break)
+            )
+        return facts
+
+    async def watch(self) -> None:
+        """Waits for a while, and looks at what only counters tell."""
+        await asyncio.sleep(_PERIOD)
+        self.look()
+
+    def look(self) -> None:
+        """Tells which counters run that ought to stand still."""
+        now = time.monotonic()
+        report = self._disturbance.look(self._read_counters(), now)
+        if report is not None:
+            self._tell_counters(report)
+        for number in range(len(self._interfaces)):
+            self._look_for_others(number, now)
+
+    def _tell_counters(self, report: Report) -> None:
+        text = ", ".join(
+            f"{words} {report.counts[name]}"
+            for name, words in _COUNTERS.items()
+            if name in report.counts
+        )
+        if report.over:
+            self._log.info(f"a disturbance of {report.seconds:.0f} s is over: {text}")
+        else:
+            self._log.warning(f"in the last {report.seconds:.0f} s: {text}")
+        self._tell("disturbance", **asdict(report))
+
+    def _look_for_others(self, number: int, now: float) -> None:
+        interface = self._interfaces[number]
+        foreign = self._foreign.look(number)
+        self._foreign_frames[number] += foreign.count
+        if foreign.sources:
+            self._sources[number] = "; ".join(foreign.sources)
+        report = self._foreign_masters[number].look({"frames": self._foreign_frames[number]}, now)
+        if report is None:
+            return
+        if report.over:
+            self._log.info(f"no more frames of another EtherCAT master on {interface}")
+        else:
+            self._log.error(
+                f"frames of another EtherCAT master on {interface} (source "
+                f"{self._sources[number]}): {report.counts['frames']} in the last "
+                f"{report.seconds:.0f} s; two masters undo each other's outputs and states: stop "
+                f"the other one, or give it slaves of its own"
+            )
+        self._tell(
+            "foreign_master",
+            interface=interface,
+            source=self._sources[number],
+            count=report.counts["frames"],
+            over=report.over,
+        )
+
+    def on_send(self, event: Event) -> None:
+        """Sending on an interface has begun to fail, or works again."""
+        interface = self._interfaces[event.slot]
+        reason = os.strerror(event.value) if event.value else ""
+        if reason:
+            self._log.error(f"frames cannot be sent on {interface}: {reason}")
+        else:
+            self._log.info(f"frames can be sent on {interface} again")
+        self._tell("sending", interface=interface, error=reason, cycle=event.cycle)
+
+    def on_ring(self, event: Event) -> None:
+        """The ring has opened, closed, or is open at another place."""
+        state = shm.Ring(event.value)
+        text = describe_ring(self._bus, self._interfaces, state, event.slave)
+        tell = self._log.info if state == shm.Ring.CLOSED else self._log.error
+        tell(text)
+        self._tell(
+            "ring",
+            state=state.name.lower(),
+            slaves_before=event.slave,
+            text=text,
+            cycle=event.cycle,
+        )
+
+    def _publish_links(self) -> None:
+        states = self._links.states
+        self._health.link_first = states[0].link
+        self._health.link_second = states[1].link if len(states) > 1 else shm.Link.UNUSED
+
+    def _on_link(self, number: int, before: LinkState, now: LinkState) -> None:
+        self._publish_links()
+        interface = self._interfaces[number]
+        if now.index not in (0, self._indices[number]):
+            self._take_new(number, now)
+            if now.link == shm.Link.DOWN:
+                return  # it has just been switched on, which will be told
+        if now.link == before.link:
+            return
+        text = f"{interface}: {_LINKS[now.link].format(interface)}"
+        (self._log.info if now.link == shm.Link.UP else self._log.error)(text)
+        self._tell("link", interface=interface, state=now.link.name.lower(), text=text)
+
+    def _take_new(self, number: int, now: LinkState) -> None:
+        """Moves to an interface that was made again, and switches it on: nobody switched it off."""
+        interface = self._interfaces[number]
+        try:
+            self._engine.set_socket(number, open_socket(interface, Index.ENGINE, Index.LAST))
+            self._foreign.reopen(number)
+            if now.link == shm.Link.DOWN:
+                switch_on(interface)
+        except EcatError as error:
+            # It may have gone again already, which will be told, and so will its return.
+            self._log.error(f"{interface} is back, but cannot be used: {error}")
+            return
+        self._indices[number] = now.index
+        self._log.info(f"{interface} is back as another interface (index {now.index})")
+
+
+def describe_ring(bus: Bus, interfaces: list[str], state: shm.Ring, before: int) -> str:
+    """The state of the ring in words.
+
+    Args:
+        bus: The bus.
+        interfaces: The names of the interfaces.
+        state: Whether it is closed.
+        before: Slaves between the first interface and the break.
+    """
+    if state != shm.Ring.OPEN:
+        return "the ring is closed" if state == shm.Ring.CLOSED else "no frame has come back yet"
+    first = bus.slaves[before - 1].label if before else interfaces[0]
+    second = bus.slaves[before].label if before < len(bus.slaves) else interfaces[1]
+    return (
+        f"the ring is broken between {first} and {second}: the slaves are reached from both ends; "
+        f"a second break would lose some"
+    )

@@ -1,0 +1,116 @@
+"""What the watch over a bus decides and says, apart from any bus."""
+
+import pytest
+
+from ecatd.bus.counters import Disturbance, Report
+from ecatd.bus.master import SlaveState
+from ecatd.bus.recovery import TRIES, Recovery
+from ecatd.bus.slave_watch import describe_presence
+from ecatd.bus.wire_watch import describe_ring
+from ecatd.model.al import AlState
+from ecatd.model.bus import Bus, Slave
+from ecatd.shm import Ring
+
+BUS = Bus("b", 1000, [Slave(i, f"EL{i}", 2, 3, 4) for i in range(4)])
+FALLEN = SlaveState(0, AlState.SAFEOP | 0x10, 0x001B)
+OP = SlaveState(0, AlState.OP, 0)
+
+
+def reports(values: list[int]) -> list[Report | None]:
+    """What is told of a counter with these values, one a second."""
+    disturbance = Disturbance({"lost": 0})
+    return [disturbance.look({"lost": value}, 100.0 + i) for i, value in enumerate(values)]
+
+
+def test_a_counter_is_told_at_once_and_a_single_time() -> None:
+    told = reports([0, 0, 3] + [3] * 20)
+    assert told[2] == Report({"lost": 3}, 1.0)
+    assert [report for report in told if report] == [told[2]]
+
+
+def test_a_lasting_disturbance_is_told_at_growing_intervals_and_at_its_end() -> None:
+    running = [10 * i for i in range(1, 201)]
+    told = reports(running + [2000] * 10)
+    times = [i for i, report in enumerate(told) if report and not report.over]
+    assert times == [0, 2, 6, 14, 30, 62, 122, 182]
+    assert sum(report.counts["lost"] for report in told if report and not report.over) < 2000
+    ends = [report for report in told if report and report.over]
+    assert ends == [Report({"lost": 2000}, 200.0, over=True)]
+
+
+def test_disturbances_that_come_again_and_again_do_not_fill_the_log() -> None:
+    told = [report for report in reports([i // 10 for i in range(600)]) if report]
+    assert 10 < len(told) < 30
+
+
+def test_the_watchdog_is_undone_three_times_and_told_once() -> None:
+    recovery = Recovery(1)
+    tries, told = 0, 0
+    for second in range(100):
+        due, given_up = recovery.look([FALLEN], float(second))
+        tries += len(due)
+        told += len(given_up)
+        recovery.look([OP], second + 0.5)  # it falls again and again
+    assert (tries, told) == (TRIES, 1)
+
+
+def test_a_slave_that_was_steady_in_op_may_fall_again() -> None:
+    recovery = Recovery(1)
+    for begin in range(0, 100, 20):
+        assert recovery.look([FALLEN], float(begin)) == ([0], [])
+        for second in range(1, 15):
+            assert recovery.look([OP], float(begin + second)) == ([], [])
+
+
+def test_only_what_was_wanted_in_op_and_fell_by_its_watchdog_is_brought_back() -> None:
+    recovery = Recovery(1)
+    assert recovery.look([SlaveState(0, AlState.SAFEOP | 0x10, 0x001A)], 0.0) == ([], [])
+    assert recovery.look([SlaveState(0, AlState.SAFEOP, 0)], 1.0) == ([], [])
+    assert recovery.look([SlaveState(0, 0, 0)], 2.0) == ([], [])
+    recovery.want([0], AlState.SAFEOP)
+    assert recovery.look([FALLEN], 3.0) == ([], [])
+    recovery.want([0], AlState.OP)
+    assert recovery.look([FALLEN], 4.0) == ([0], [])
+
+
+def test_a_try_that_leaves_the_slave_in_safeop_is_followed_by_another() -> None:
+    recovery = Recovery(1)
+    assert recovery.look([FALLEN], 0.0) == ([0], [])
+    acknowledged = SlaveState(0, AlState.SAFEOP, 0)
+    assert recovery.look([acknowledged], 0.1) == ([], [])  # not at once
+    assert recovery.look([acknowledged], 1.0) == ([0], [])
+
+
+@pytest.mark.parametrize(
+    ("found", "lost", "words"),
+    [
+        (4, [], ""),
+        (5, [], "slave count changed: 4, now 5: 1 more than at the start"),
+        (
+            2,
+            [2, 3],
+            r"4, now 2: no answer from slave 2 (EL2) on: 2 slaves missing; check the cable",
+        ),
+        (2, [1, 2], "4, now 2: no answer from slaves 1-2: 2 slaves missing"),
+        (4, [2], "no answer from slave 2 (EL2) at its address, though 4 slaves are there"),
+        (0, [0, 1, 2, 3], "no slave answers: check the cable to slave 0 (EL0), and its power"),
+        (4, [0, 1, 2, 3], "no slave answers at its address, though 4 are there"),
+    ],
+)
+def test_what_is_said_of_missing_and_new_slaves(found: int, lost: list[int], words: str) -> None:
+    text = describe_presence(BUS, found, lost)
+    assert words in text
+    assert bool(text) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        (0, "between eth1 and slave 0 (EL0):"),
+        (2, "between slave 1 (EL1) and slave 2 (EL2):"),
+        (4, "between slave 3 (EL3) and eth2:"),
+    ],
+)
+def test_the_place_of_a_break_is_named(before: int, words: str) -> None:
+    assert words in describe_ring(BUS, ["eth1", "eth2"], Ring.OPEN, before)
+    assert describe_ring(BUS, ["eth1", "eth2"], Ring.CLOSED, before) == "the ring is closed"
