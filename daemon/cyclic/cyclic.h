@@ -2,7 +2,8 @@
  * clients. This header is what the control side (ecatd/bus/engine.py, over ctypes) calls.
  *
  * After cyclic_start() the engine allocates nothing, takes no lock and enters the kernel only to
- * sleep, send, receive, read the clients' slots (pread) and wake waiters (futex).
+ * sleep (and set the timer that ends waiting for frames), send, receive, read the clients' slots
+ * (pread) and wake waiters (futex).
  */
 #ifndef ECAT_CYCLIC_H
 #define ECAT_CYCLIC_H

@@ -8,6 +8,8 @@
 #include <pthread.h>
 #include <time.h>
 
+_Static_assert(ECAT_SLOTS <= 32, "slots in use are the bits of a word");
+
 enum {
   MAX_DOMAINS = 16,
   MAX_DATAGRAMS = 256,
@@ -116,6 +118,7 @@ struct cyclic {
 
   int fd[MAX_PORTS], wanted_fd[MAX_PORTS];
   uint32_t ports;
+  int timer_fd;                            /* ends waiting for frames */
   int send_error[MAX_PORTS];
   uint32_t ring, told_ring, ring_break;    /* of this cycle, ECAT_RING_NONE: nothing is known */
   uint32_t found, al_status, told_found, told_al_status, silent;
@@ -128,6 +131,7 @@ struct cyclic {
   ecat_out_header out;            /* copy from the start; a client cannot change it */
   ecat_out_doorbell doorbell[ECAT_SLOTS];
   struct slot slot[ECAT_SLOTS];
+  uint32_t used;                  /* bit per slot that has a client in this cycle, or just lost it */
   uint8_t *outputs, *safe, *hold; /* output images */
   uint8_t *slot_image;            /* ecat_out_image and its data, as read */
   int make_safe;                  /* set by control */

@@ -18,6 +18,7 @@ void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns)
   __atomic_store_n(&page->time_ns, time_ns, __ATOMIC_RELAXED);
   __atomic_store_n(&page->wkc, domain->wkc, __ATOMIC_RELAXED);
   __atomic_store_n(&page->wkc_state, domain->wkc_state, __ATOMIC_RELAXED);
+#pragma GCC unroll 8
   for (i = 0; i < words; i++) __atomic_store_n(&data[i], image[i], __ATOMIC_RELAXED);
   __atomic_store_n(&page->seq, seq + 2, __ATOMIC_RELEASE);
 }

@@ -10,6 +10,7 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
+#include <sys/timerfd.h>
 #include <unistd.h>
 
 static void *at_offset(cyclic_t *c, uint32_t offset) { return (uint8_t *)c->header + offset; }
@@ -72,7 +73,9 @@ cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint
   c->health->dc_reference = -1;
   c->domains = c->header->domain_count;
   cyclic_frames_init(c);
-  if (c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
+  c->timer_fd = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
+  if (c->timer_fd < 0) code = -errno;
+  if (c->timer_fd >= 0 && c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
       (code = cyclic_slots_init(c)) == 0)
     return c;
   cyclic_free(c);
@@ -247,6 +250,7 @@ void cyclic_free(cyclic_t *c) {
   uint32_t i;
   if (c == NULL) return;
   cyclic_stop(c);
+  if (c->timer_fd >= 0) close(c->timer_fd);
   if (c->out_map != NULL) munmap(c->out_map, c->out_size);
   for (i = 0; i < c->domains && i < MAX_DOMAINS; i++) free(c->domain[i].image);
   free(c->outputs);

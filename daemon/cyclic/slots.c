@@ -151,9 +151,12 @@ void cyclic_slots_read(cyclic_t *c) {
   ssize_t n = pread(c->out_fd, c->doorbell, size, (off_t)c->out.doorbells_offset);
   if (n != (ssize_t)size) memset(c->doorbell, 0, size); /* cut short: all clients are gone */
   __atomic_thread_fence(__ATOMIC_ACQUIRE); /* what a doorbell announces is read after it */
+  c->used = 0;
   for (i = 0; i < c->out.slot_count; i++) {
     const ecat_out_doorbell *bell = &c->doorbell[i];
     struct slot *slot = &c->slot[i];
+    if ((bell->generation | slot->generation) == 0) continue;
+    c->used |= 1u << i;
     if (bell->generation != slot->generation) begin(c, i, bell->generation);
     if (slot->generation == 0) continue;
     if (bell->heartbeat != slot->heartbeat) {
@@ -177,9 +180,9 @@ void cyclic_slots_read(cyclic_t *c) {
 }
 
 void cyclic_slots_sent(cyclic_t *c) {
-  uint32_t i;
-  for (i = 0; i < c->out.slot_count; i++) {
-    struct slot *slot = &c->slot[i];
+  uint32_t left;
+  for (left = c->used; left != 0; left &= left - 1) {
+    struct slot *slot = &c->slot[__builtin_ctz(left)];
     uint64_t cycles;
     if (slot->commit_ns == 0) continue;
     /* Both numbers come from the client; a wrong one may spoil a statistic, nothing else. */
@@ -193,8 +196,9 @@ void cyclic_slots_sent(cyclic_t *c) {
 }
 
 void cyclic_slots_publish(cyclic_t *c) {
-  uint32_t i;
-  for (i = 0; i < c->out.slot_count; i++) {
+  uint32_t left;
+  for (left = c->used; left != 0; left &= left - 1) {
+    int i = __builtin_ctz(left);
     ecat_shm_slot_status *status = &c->slot_status[i];
     const struct slot *slot = &c->slot[i];
     if (status->commit_ack != slot->commit_seq) {

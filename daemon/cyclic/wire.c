@@ -14,6 +14,7 @@
 #include <poll.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/timerfd.h>
 #include <unistd.h>
 
 #define ETHERTYPE_ETHERCAT 0x88A4
@@ -158,18 +159,23 @@ static int drain(cyclic_t *c, uint32_t port) {
   return 1;
 }
 
+/* The timer is set while the frames are under way, which costs nothing then: a time-out of ppoll
+ * would be set, and taken back, when the answer may already be there. */
+static void set_timer(cyclic_t *c, uint64_t deadline_ns) {
+  struct itimerspec at = {.it_value = {(time_t)(deadline_ns / 1000000000u),
+                                       (long)(deadline_ns % 1000000000u)}};
+  if (!c->settings.busy_receive) timerfd_settime(c->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
+}
+
 /* Sleeps until a frame is there; 0 when the deadline is over. */
 static int wait_readable(cyclic_t *c, uint64_t deadline_ns, const int *usable) {
-  struct pollfd ports[MAX_PORTS];
-  struct timespec left;
+  struct pollfd sources[MAX_PORTS + 1];
   uint32_t i;
-  uint64_t now = cyclic_now();
-  if (now >= deadline_ns) return 0;
+  if (cyclic_now() >= deadline_ns) return 0;
   if (c->settings.busy_receive) return 1;
-  for (i = 0; i < c->ports; i++) ports[i] = (struct pollfd){usable[i] ? c->fd[i] : -1, POLLIN, 0};
-  left.tv_sec = (time_t)((deadline_ns - now) / 1000000000u);
-  left.tv_nsec = (long)((deadline_ns - now) % 1000000000u);
-  (void)ppoll(ports, c->ports, &left, NULL); /* whatever it says, the next recv knows */
+  for (i = 0; i < c->ports; i++) sources[i] = (struct pollfd){usable[i] ? c->fd[i] : -1, POLLIN, 0};
+  sources[i] = (struct pollfd){c->timer_fd, POLLIN, 0};
+  (void)ppoll(sources, c->ports + 1, NULL, NULL); /* whatever it says, the next recv knows */
   return 1;
 }
 
@@ -205,10 +211,11 @@ void cyclic_wire_receive(cyclic_t *c, uint64_t deadline_ns) {
   uint32_t i, port;
   for (i = 0; i < c->frames; i++)
     if (!c->frame[i].pending) leave_out(c, &c->frame[i]);
+  if (c->waiting > 0) set_timer(c, deadline_ns);
   while (c->waiting > 0 && (usable[0] || (c->ports > 1 && usable[1]))) {
-    if (!wait_readable(c, deadline_ns, usable)) break;
     for (port = 0; port < c->ports; port++)
       if (usable[port]) usable[port] = drain(c, port);
+    if (c->waiting > 0 && !wait_readable(c, deadline_ns, usable)) break;
   }
   for (i = 0; c->waiting > 0 && i < c->frames; i++)
     if (c->frame[i].pending) {
