@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import fcntl
 import os
@@ -18,8 +19,8 @@ _NLMSG_ERROR = 2
 _IFLA_IFNAME, _IFLA_LINKINFO = 3, 18
 _IFLA_INFO_KIND, _IFLA_INFO_DATA = 1, 2
 _VETH_INFO_PEER = 1
-_IFF_UP, _IFF_RUNNING, _IFF_NOARP = 0x01, 0x40, 0x80
-_SIOCGIFFLAGS = 0x8913
+_IFF_UP, _IFF_NOARP = 0x01, 0x80
+_SIOCGIFFLAGS, _SIOCETHTOOL, _ETHTOOL_GLINK = 0x8913, 0x8946, 0x0A
 _NLMSG_HEADER = struct.Struct("=IHHII")
 _IFINFOMSG = struct.Struct("=BxHiII")
 _RECEIVE_SIZE = 65536
@@ -100,13 +101,15 @@ def check_up(name: str) -> None:
 
 def has_carrier(name: str) -> bool:
     """Whether an interface is up and has a link; False where there is none of this name."""
+    # Not IFF_RUNNING, which follows up to a second later.
+    value = (ctypes.c_uint32 * 2)(_ETHTOOL_GLINK, 0)
+    request = struct.pack("16sP8x", name.encode(), ctypes.addressof(value))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
         try:
-            reply = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, struct.pack("16sh14x", name.encode(), 0))
+            fcntl.ioctl(any_socket, _SIOCETHTOOL, request)
         except OSError:
             return False
-    running: int = struct.unpack_from("=16xH", reply)[0] & _IFF_RUNNING
-    return running != 0
+    return value[1] != 0
 
 
 def _disable_ipv6(name: str) -> None:
