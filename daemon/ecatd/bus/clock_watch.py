@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from contextlib import suppress
 
 from ecatd.log import Log
 from ecatd.model.bus import Slave
-from ecatd.model.errors import StateError
 from ecatd.shm import DcState
 
 from .clocks import IN_STEP_NS, Clocks
@@ -82,12 +80,10 @@ class ClockWatch:
 
     def _read(self) -> dict[int, int]:
         """On the mailbox worker: differences in ns by position; not of slaves that are gone."""
-        found = {}
-        for slave in self._clocks.followers:
-            with suppress(StateError):
-                found[slave.position] = self._clocks.difference(slave)
-                self._segment.slave_status[slave.position].dc_difference_ns = found[slave.position]
-        return found
+        differences = self._clocks.differences()
+        for position, difference in differences.items():
+            self._segment.slave_status[position].dc_difference_ns = difference
+        return differences
 
     def _judge(self, slave: Slave, difference: int) -> None:
         astray = abs(difference) > IN_STEP_NS

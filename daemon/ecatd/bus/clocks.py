@@ -22,6 +22,7 @@ from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.sii import read_dc_modes
 from ecatd.shm import DcState
 
+from .datagrams import bwr
 from .delays import Ports, arrivals
 from .engine import Clock
 from .master import Master
@@ -174,58 +175,76 @@ class Clocks:
         Raises:
             StateError: The measurement makes no sense, or a slave does not answer.
         """
+        times, now = self._latch()
+        origin = times[self.reference.position] or 0.0
+        places = [slave.position for slave in self._clocks]
+        units = self._read(
+            [(slave.position, _UNIT_TIME, slave.dc_bits // 8) for slave in self._clocks]
+        )
+        writes = []
+        for slave, then in zip(self._clocks, units, strict=True):
+            # When the frame came to it, it was later than at the reference clock by the delay.
+            delay = round((times[slave.position] or 0.0) - origin)
+            offset = (now + delay - then) % (1 << slave.dc_bits)
+            # A clock before the reference clock does not follow it: its delay does not matter.
+            writes.append((slave.position, _OFFSET, struct.pack("<QI", offset, max(0, delay))))
+            # What the control loop of the clock has learnt with an earlier master is forgotten.
+            writes.append((slave.position, _SPEED_START, struct.pack("<H", _SPEED_START_DEFAULT)))
+        self._master.write_registers(writes)
+        delays = self._read([(place, _DELAY, 4) for place in places])
+        for slave, delay in zip(self._clocks, delays, strict=True):
+            slave.dc_delay_ns = delay
+
+    def _latch(self) -> tuple[list[float | None], int]:
+        """Sends the frame whose way is measured; when it came to each slave, and the time."""
         for tries_left in reversed(range(_TRIES)):
-            self._master.latch_receive_times()
+            (latch,) = self._master.registers.exchange([bwr(_PORT_TIMES, bytes(4))], repeat=False)
             now = time.time_ns() - _EPOCH_NS
             try:
-                times = arrivals([self._ports(slave.position) for slave in self._bus.slaves])
-                break
-            except StateError as error:  # a lost frame: times of another one are left
+                if latch.wkc:  # else it was lost on its way, and some slaves did not see it return
+                    return arrivals(self._ports()), now
+            except StateError as error:
                 if tries_left == 0:
                     raise StateError(f"propagation delays cannot be measured: {error}") from error
-        origin = times[self.reference.position] or 0.0
-        for slave in self._clocks:
-            delay = round((times[slave.position] or 0.0) - origin)
-            self._set(slave, now, delay)
+        raise StateError("propagation delays cannot be measured: frames get lost")
 
-    def _ports(self, position: int) -> Ports:
+    def _ports(self) -> list[Ports]:
         """Open ports with somebody at the other end, and receive times where there are any."""
-        status = _number(self._master.register_read(position, _DL_STATUS, 2))
-        features = _number(self._master.register_read(position, _FEATURES, 2))
-        times = None
-        if features & _HAS_CLOCK:
-            times = struct.unpack("<4I", self._master.register_read(position, _PORT_TIMES, 16))
-        # Two bits a port: loop closed, communication established.
-        is_open = (port for port in range(4) if status >> 8 + 2 * port & 3 == 2)
-        return Ports(frozenset(is_open), times)
+        places = [slave.position for slave in self._bus.slaves]
+        status = self._read([(place, _DL_STATUS, 2) for place in places])
+        features = self._read([(place, _FEATURES, 2) for place in places])
+        timed = [place for place in places if features[place] & _HAS_CLOCK]
+        latched = self._master.read_registers([(place, _PORT_TIMES, 16) for place in timed])
+        times = {
+            place: struct.unpack("<4I", data) for place, data in zip(timed, latched, strict=True)
+        }
+        return [
+            Ports(
+                # Two bits a port: loop closed, communication established.
+                frozenset(port for port in range(4) if status[place] >> 8 + 2 * port & 3 == 2),
+                times.get(place),
+            )
+            for place in places
+        ]
 
-    def _set(self, slave: Slave, now: int, delay: int) -> None:
-        """Sets a clock: when the frame came to it, it was `delay` later than at the reference."""
-        then = _number(self._master.register_read(slave.position, _UNIT_TIME, slave.dc_bits // 8))
-        offset = (now + delay - then) % (1 << slave.dc_bits)
-        # A clock before the reference clock does not follow it: its delay does not matter.
-        values = struct.pack("<QI", offset, max(0, delay))
-        self._master.register_write(slave.position, _OFFSET, values)
-        # What the control loop of the clock had learnt with an earlier master is forgotten.
-        speed = struct.pack("<H", _SPEED_START_DEFAULT)
-        self._master.register_write(slave.position, _SPEED_START, speed)
-        slave.dc_delay_ns = _number(self._master.register_read(slave.position, _DELAY, 4))
+    def _read(self, wanted: list[tuple[int, int, int]]) -> list[int]:
+        """Numbers in registers: position, address and bytes of each."""
+        return [_number(data) for data in self._master.read_registers(wanted)]
 
     # --- lock ----------------------------------------------------------------------------------
 
-    def difference(self, slave: Slave) -> int:
-        """How far a follower is ahead of the reference clock, in ns (0x092C).
-
-        Raises:
-            StateError: The slave does not answer.
-        """
-        return _difference(self._master.register_read(slave.position, _DIFFERENCE, 4))
-
     def differences(self) -> dict[int, int]:
-        """The same of all followers, by position."""
-        positions = [slave.position for slave in self.followers]
-        read = self._master.read_registers([(place, _DIFFERENCE, 4) for place in positions])
-        return {place: _difference(data) for place, data in zip(positions, read, strict=True)}
+        """How far the followers are ahead of the reference clock, in ns (0x092C), by position.
+
+        Those that do not answer are left out.
+        """
+        stations = [slave.address for slave in self.followers]
+        answers = self._master.registers.read_all(stations, _DIFFERENCE, 4)
+        return {
+            slave.position: _difference(answer.data)
+            for slave, answer in zip(self.followers, answers, strict=True)
+            if answer.wkc
+        }
 
     def wait_for_lock(self, segment: Segment, cancelled: Callable[[], bool]) -> float:
         """Waits until the cycle and all clocks follow the reference clock; returns the seconds.
@@ -242,7 +261,8 @@ class Clocks:
             locked = segment.health.dc_state == DcState.LOCKED
             differences = self.differences()
             astray = [p for p, difference in differences.items() if abs(difference) > IN_STEP_NS]
-            steady = steady + 1 if locked and not astray else 0
+            complete = len(differences) == len(self.followers)
+            steady = steady + 1 if locked and complete and not astray else 0
             waited = time.monotonic() - begin
             if steady == _STEADY:
                 return waited
@@ -267,6 +287,9 @@ class Clocks:
             for position, difference in differences.items()
             if abs(difference) > IN_STEP_NS
         ]
+        silent = [s.position for s in self.followers if s.position not in differences]
+        if silent:
+            text += f"; no answer from slaves {', '.join(map(str, silent[:8]))}"
         if astray:
             text += f"; clocks that differ from it: {', '.join(astray[:8])}"
             text += f" and {len(astray) - 8} more" if len(astray) > 8 else ""

@@ -218,14 +218,6 @@ class Master:
         """Writes ESC memory; raises as `write_registers`."""
         self.write_registers([(position, address, data)])
 
-    def latch_receive_times(self) -> None:
-        """Has all slaves note when a frame comes to their ports (a broadcast write of 0x0900).
-
-        SOEM then computes delays from the times and writes them to the slaves, without asking
-        again where an answer is lost; whoever needs the delays should do that better.
-        """
-        self._master.config_dc()
-
     def sdo_read(
         self, position: int, index: int, subindex: int, *, complete: bool = False
     ) -> bytes:
