@@ -29,12 +29,15 @@ int ecat_sample_domain(ecat_t *bus, int number) {
 }
 
 int ecat_sample(ecat_t *bus) {
+  uint64_t newest = 0;
   int i, code = 0;
   if (bus->map == NULL) return ecat_segment_check(bus, 0);
   for (i = 0; i < ecat_domain_count(bus); i++) {
     int now = ecat_sample_domain(bus, i);
     if (code == 0) code = now;
+    if (bus->snapshot[i].cycle > newest) newest = bus->snapshot[i].cycle;
   }
+  bus->sample_cycle = newest; /* domains with a divider may be older */
   return code;
 }
 

@@ -289,6 +289,35 @@ def test_the_commit_of_one_slave_leaves_the_others_alone(
     assert (result.returncode, result.stderr) == (0, "")
 
 
+DOMAINS = """
+[gateway]
+listen = []
+[[domain]]
+divider = 50
+[[domain]]
+name = "digital"
+slaves = ["2-3"]
+[[domain]]
+name = "analog"
+divider = 2
+slaves = [4]
+"""
+
+
+@pytest.mark.bus
+def test_slaves_in_other_domains_of_the_bus(
+    build: Callable[..., Path], live: Path, start_daemon: Callable[..., Daemon]
+) -> None:
+    """With a library that was generated when all slaves were in domain 0."""
+    daemon = start_daemon("troll", config=DOMAINS)
+    result = run(build(START + OUTPUTS + END, live), daemon.bus)
+    assert result.returncode == 0, result.stderr
+    rows = [line.split() for line in result.stdout.splitlines()]
+    assert [rows[n][1:] for n in (15, 50, 90)] == [["0", "0"], ["1", "1"], ["1", "0"]]
+    program = build("#include <unistd.h>" + START + ONE_CYCLE_PER_TIME + END, live)
+    assert run(program, daemon.bus).returncode == 0
+
+
 SLOW = """
 #include "Plant.h"
 int main(int argc, char **argv) {

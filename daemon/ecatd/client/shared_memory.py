@@ -335,6 +335,10 @@ class Client:
         """Takes one consistent image of every domain; all reads until the next call see it."""
         self._check(_LIB.ecat_sample(self._bus))
 
+    def sample_domain(self, number: int) -> None:
+        """The same for one domain; what was read of the others stays."""
+        self._check(_LIB.ecat_sample_domain(self._bus, number))
+
     def domain(self, number: int = 0) -> DomainInfo:
         """What is known about the last sample of a domain."""
         raw = _DomainInfo()

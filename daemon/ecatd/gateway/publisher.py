@@ -53,10 +53,12 @@ class Publisher:
             await asyncio.sleep(_PAUSE)
 
     async def _loop(self, client: Client) -> None:
+        domains = [slave.domain for slave in client.slaves()]
         signals = [
             (
                 signal,
                 bus_key(self._bus, "ro", "pdo", str(signal.slave), signal.address),
+                domains[signal.slave],
             )
             for signal in client.signals()
         ]
@@ -64,8 +66,8 @@ class Publisher:
         turn = 0
         while True:
             client.sample()
-            cycle = client.domain().cycle
-            for signal, key in signals:
+            cycles = {domain: client.domain(domain).cycle for domain in set(domains)}
+            for signal, key, domain in signals:
                 value = client.read(signal.number)
                 if turn % refresh and self._last.get(signal.number) == value:
                     continue
@@ -76,7 +78,7 @@ class Publisher:
                     "value": value * signal.scale + signal.offset,
                     "unit": signal.unit,
                     "name": signal.name,
-                    "cycle": cycle,
+                    "cycle": cycles[domain],
                 }
                 self._session.put(key, pack(message))
             turn += 1

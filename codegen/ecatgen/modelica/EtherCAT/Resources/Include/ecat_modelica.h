@@ -198,12 +198,17 @@ ECATM_FUNCTION void ecatm_master_close(void *object) {
 
 ECATM_FUNCTION int ecatm_same_time(double a, double b) { return fabs(a - b) <= ECATM_SAME_TIME; }
 
-/* Takes a new image of all domains and remembers its time. */
+/* Takes a new image of all domains and remembers its time, and the cycle of the newest one. */
 ECATM_FUNCTION void ecatm_take_sample(ecatm_master *master, double time) {
   ecat_domain_info info;
+  uint64_t newest = 0;
+  int i;
   ecatm_check(master, ecat_sample(master->bus));
-  ecatm_check(master, ecat_domain(master->bus, 0, &info));
-  master->cycle = (int)(info.cycle & 0x7FFFFFFF);
+  for (i = 0; i < ecat_domain_count(master->bus); i++) {
+    ecatm_check(master, ecat_domain(master->bus, i, &info));
+    if (info.cycle > newest) newest = info.cycle;
+  }
+  master->cycle = (int)(newest & 0x7FFFFFFF);
   master->sample_time = time;
   master->sampled = 1;
 }

@@ -1,0 +1,287 @@
+"""Several domains on one bus: who is exchanged when, and that every byte arrives."""
+
+import mmap
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from conftest import SHM, Daemon
+from ecatd import shm
+from ecatd.client import Client
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+RIG = Path(__file__).parents[1] / "rigs" / "domains.py"
+DIVIDERS = (1, 4, 10)
+SLAVES = (range(4), range(4, 34), range(34, 40))
+WITHOUT_LRW = (1, 10)
+PATIENCE = 5000
+
+CONFIG = """
+cycle_time_us = 2000
+[gateway]
+listen = []
+[[domain]]
+name = "fast"
+[[domain]]
+name = "mid"
+divider = 4
+slaves = ["4-33"]
+[[domain]]
+name = "slow"
+divider = 10
+slaves = [34, "35-39"]
+"""
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    """Domains of 4, 30 and 6 slaves; the second is larger than a frame."""
+    folder = tmp_path_factory.mktemp("domains")
+    daemon = Daemon(folder, str(RIG), config=CONFIG).wait_ready()
+    yield daemon
+    assert daemon.stop() == 0
+    daemon.close()
+
+
+@contextmanager
+def segment(daemon: Daemon) -> Iterator[Callable[..., Any]]:
+    """Reads structures of the segment as they are at the moment of the call."""
+    fd = os.open(SHM / f"ecat.{daemon.bus}", os.O_RDONLY)
+    with mmap.mmap(fd, 0, prot=mmap.PROT_READ) as data:
+        os.close(fd)
+
+        def table(name: str, offset: str = "", row: int = 0) -> Any:
+            kind = shm.struct(name)
+            header = shm.struct("ecat_shm_header").from_buffer_copy(data, 0)
+            at = getattr(header, offset) + row * shm.size(name) if offset else 0
+            return kind.from_buffer_copy(data, at)
+
+        yield table
+
+
+def pattern(slave: int, byte: int, turn: int) -> int:
+    return (slave * 7 + byte * 3 + turn) % 255 + 1
+
+
+def write_all(client: Client, slaves: Iterator[int] | range, turn: int) -> None:
+    for slave in slaves:
+        for byte in range(1, 33):
+            client.write(client.bind(slave, 0x7000, byte), pattern(slave, byte, turn))
+    client.commit()
+
+
+def read_all(client: Client, slave: int) -> list[float]:
+    return [client.read(client.bind(slave, 0x6000, byte)) for byte in range(1, 33)]
+
+
+def arrive(client: Client, slaves: Iterator[int] | range, turn: int) -> None:
+    """Waits until every slave has returned all of its bytes."""
+    missing = list(slaves)
+    for _ in range(PATIENCE):
+        client.wait()
+        client.sample()
+        missing = [
+            slave
+            for slave in missing
+            if read_all(client, slave) != [pattern(slave, byte, turn) for byte in range(1, 33)]
+        ]
+        if not missing:
+            return
+    pytest.fail(f"bytes of slaves {missing} do not come back")
+
+
+def test_the_configuration_is_what_clients_see(mixed: Daemon) -> None:
+    with mixed.client() as client, segment(mixed) as table:
+        slaves = client.slaves()
+        for number, positions in enumerate(SLAVES):
+            assert {slaves[position].domain for position in positions} == {number}
+            row = table("ecat_shm_domain", "domains_offset", number)
+            assert row.name.decode() == ("fast", "mid", "slow")[number]
+            assert row.divider == DIVIDERS[number]
+            assert row.image_bytes == 2 * row.output_bytes == 64 * len(positions)
+            # A slave counts 2 for its outputs and 1 for its inputs, 1 and 1 without LRW.
+            split = sum(position in WITHOUT_LRW for position in positions)
+            assert row.wkc_expected == 3 * len(positions) - split
+    document = mixed.ctl_json("slaves")["slaves"]
+    assert [(s["domain"], s["domain_name"]) for s in (document[3], document[4], document[39])] == [
+        (0, "fast"),
+        (1, "mid"),
+        (2, "slow"),
+    ]
+    assert "  1 mid " in mixed.ctl("slaves").stdout.splitlines()[5]
+    assert mixed.ctl("pdos", "-p", "34").stdout.startswith("34  Loopback32  (domain 2 (slow))\n")
+    assert mixed.ctl_json("pdos", "-p", "0")["domains"][1] == {"name": "mid", "divider": 4}
+
+
+def test_each_domain_is_exchanged_every_so_many_cycles(mixed: Daemon) -> None:
+    with mixed.client() as client, segment(mixed) as table:
+        missed = table("ecat_shm_health", "health_offset").missed
+        seen: list[dict[int, tuple[int, int]]] = [{}, {}, {}]
+        complete = [0, 0, 0]
+        for _ in range(200):
+            client.wait()
+            client.sample()
+            for number in range(3):
+                domain = client.domain(number)
+                seen[number][domain.cycle] = (domain.time_ns, domain.wkc)
+                complete[number] += domain.wkc_state == shm.WkcState.COMPLETE
+                if domain.wkc_state == shm.WkcState.COMPLETE:
+                    assert domain.wkc == domain.wkc_expected
+        missed = table("ecat_shm_health", "health_offset").missed - missed
+        for number, divider in enumerate(DIVIDERS):
+            cycles = list(seen[number])
+            times = [time for time, _ in seen[number].values()]
+            assert cycles == sorted(cycles)
+            assert times == sorted(set(times))
+            assert len(cycles) > 5
+            # One exchange in each row of `divider` cycles: at its start, unless that was missed.
+            assert len({cycle // divider for cycle in cycles}) == len(cycles)
+            assert missed or {cycle % divider for cycle in cycles} == {0}
+            assert complete[number] > 100  # frames may be late on a busy machine, not most
+        assert len(seen[0]) > len(seen[1]) > len(seen[2])
+
+
+def test_exchanges_and_those_left_out_are_counted(mixed: Daemon) -> None:
+    with segment(mixed) as table:
+        for number, divider in enumerate(DIVIDERS):
+            before = table("ecat_shm_header").cycle
+            status = table("ecat_shm_domain_status", "domain_status_offset", number)
+            after = table("ecat_shm_header").cycle + 1
+            turns = status.exchanges + status.overruns
+            # The first exchange is in cycle 1, the others where a multiple is reached.
+            assert before // divider <= turns <= after // divider + 1
+
+
+def test_every_byte_of_every_slave_arrives(mixed: Daemon) -> None:
+    everybody = range(40)
+    with mixed.client() as client:
+        for slave in everybody:
+            client.claim(slave, lease=0.5)
+        for turn in (0, 100):
+            write_all(client, everybody, turn)
+            arrive(client, everybody, turn)
+        # Domains do not disturb each other: the others keep what they have.
+        write_all(client, SLAVES[1], 7)
+        arrive(client, SLAVES[1], 7)
+        for number in (0, 2):
+            arrive(client, SLAVES[number], 100)
+
+
+def test_sampling_one_domain_leaves_the_others(mixed: Daemon) -> None:
+    with mixed.client() as client:
+        client.sample()
+        before = [client.domain(number).cycle for number in range(3)]
+        client.wait(20)
+        client.sample_domain(1)
+        now = [client.domain(number).cycle for number in range(3)]
+        assert now[0] == before[0]
+        assert now[2] == before[2]
+        assert now[1] > before[1]
+
+
+def test_outputs_answer_the_newest_sample(mixed: Daemon) -> None:
+    """Not that of the slowest domain, which may be ten cycles old."""
+    with mixed.client() as client, segment(mixed) as table:
+        client.claim(0, lease=0.5)
+        before = list(table("ecat_shm_health", "health_offset").delay_cycles)
+        for turn in range(100):
+            client.wait()
+            client.sample()
+            write_all(client, range(1), turn)
+        client.wait()
+        after = list(table("ecat_shm_health", "health_offset").delay_cycles)
+        delays = [now - then for now, then in zip(after, before, strict=True)]
+        assert sum(delays) > 50
+        assert delays[3] < sum(delays) / 2  # a busy machine may delay some, not most
+
+
+def test_outputs_of_one_domain_are_safe_when_their_client_ends(mixed: Daemon) -> None:
+    with mixed.client() as reader:
+        with mixed.client() as owner:
+            owner.claim(36, lease=0.5)
+            write_all(owner, range(36, 37), 1)
+            arrive(owner, range(36, 37), 1)
+        for _ in range(PATIENCE):
+            reader.wait()
+            reader.sample()
+            if read_all(reader, 36) == [0.0] * 32:
+                break
+        else:
+            pytest.fail("the outputs stay")
+
+
+def test_an_image_larger_than_a_frame(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:30", config="cycle_time_us = 2000\n[gateway]\nlisten = []\n")
+    frames = daemon.ctl_json("info")["wire_frames"]
+    assert frames == 2  # 1920 bytes
+    with daemon.client() as client, segment(daemon) as table:
+        for slave in range(30):
+            client.claim(slave, lease=0.5)
+        write_all(client, range(30), 3)
+        arrive(client, range(30), 3)
+        assert client.domain().wkc_expected == 90
+        # The engine packs as the arithmetic does.
+        before = table("ecat_shm_health", "health_offset").cycles
+        sent = table("ecat_shm_health", "health_offset").frames
+        after = table("ecat_shm_health", "health_offset").cycles
+        assert frames * before <= sent <= frames * (after + 1)
+
+
+def test_sixteen_domains(start_daemon: Callable[..., Daemon]) -> None:
+    tables = "".join(
+        f"[[domain]]\nname = 'd{n}'\ndivider = {n + 1}\nslaves = [{n}]\n" for n in range(16)
+    )
+    config = f"cycle_time_us = 2000\n[gateway]\nlisten = []\n{tables}"
+    daemon = start_daemon("line:16", config=config)
+    with daemon.client() as client:
+        assert [slave.domain for slave in client.slaves()] == list(range(16))
+        for slave in range(16):
+            client.claim(slave, lease=0.5)
+        write_all(client, range(16), 9)
+        arrive(client, range(16), 9)
+        client.wait(32)
+        client.sample()
+        cycles = [client.domain(number).cycle for number in range(16)]
+        assert len({cycle // 16 for cycle in cycles}) <= 3
+        assert all(client.domain(number).wkc_expected == 3 for number in range(16))
+    assert daemon.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("rig", "config", "status", "what"),
+    [
+        (
+            "line:2",
+            "[[domain]]\n[[domain]]\nname = 'slow'\nslaves = [1, 2]\n",
+            2,
+            "domain 1 (slow) names slave 2, but bus",
+        ),
+        (
+            "troll",
+            "[[domain]]\n[[domain]]\nname = 'coupler'\nslaves = [1]\n",
+            7,
+            "domain 1 (coupler) has nothing to exchange",
+        ),
+        ("line:64", "cycle_time_us = 200\n", 7, "IO larger than the wire allows at this cycle: "),
+        ("line:16", "cycle_time_us = 100\n", 7, "cycle time too short for the bus: "),
+    ],
+)
+def test_what_cannot_work_is_refused(
+    start_daemon: Callable[..., Daemon], rig: str, config: str, status: int, what: str
+) -> None:
+    daemon = start_daemon(rig, ready=False, config=config)
+    found, log = daemon.wait_end()
+    assert found == status, log
+    assert f"ecatd: error: {what}" in log
+    assert "Traceback" not in log
+
+
+def test_little_room_is_told(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:16", config="cycle_time_us = 120\n", ready=False)
+    while "little room in the cycle of 120 µs: 1024 bytes of process data" not in daemon.log:
+        assert daemon.process.poll() is None, daemon.log
