@@ -19,19 +19,21 @@ uint64_t ecat_histogram_bound(unsigned bucket) {
 }
 
 uint64_t ecat_histogram_quantile(const ecat_shm_histogram *histogram, double q) {
-  uint64_t total = 0, seen = 0, rank, bound;
+  uint64_t total = 0, seen = 0, rank, bound, max;
   unsigned i;
   /* Summed here rather than taken from `count`: the engine may be counting meanwhile. */
   for (i = 0; i < ECAT_HISTOGRAM_BUCKETS; i++)
     total += __atomic_load_n(&histogram->buckets[i], __ATOMIC_RELAXED);
   if (total == 0) return 0;
-  rank = (uint64_t)(q * (double)total);
-  if (rank >= total) return __atomic_load_n(&histogram->max_ns, __ATOMIC_RELAXED);
+  max = __atomic_load_n(&histogram->max_ns, __ATOMIC_RELAXED);
+  if (!(q < 1)) return max;
+  rank = q > 0 ? (uint64_t)(q * (double)total) : 0;
   for (i = 0; i + 1 < ECAT_HISTOGRAM_BUCKETS; i++) {
     seen += __atomic_load_n(&histogram->buckets[i], __ATOMIC_RELAXED);
     if (seen > rank) break;
   }
+  if (i + 1 == ECAT_HISTOGRAM_BUCKETS) return max; /* the last bucket has no upper edge */
   /* The upper edge of the bucket, so that "99 % stay below" is true. */
   bound = ecat_histogram_bound(i + 1);
-  return bound < histogram->max_ns ? bound : histogram->max_ns;
+  return bound < max ? bound : max;
 }

@@ -150,3 +150,19 @@ LIBRARY.ecat_histogram_quantile.argtypes = [ctypes.c_void_p, ctypes.c_double]
 def quantile(histogram: ctypes.Structure, q: float) -> int:
     """The time in ns that the share `q` of the samples of an `ecat_shm_histogram` stays below."""
     return int(LIBRARY.ecat_histogram_quantile(ctypes.byref(histogram), q))
+
+
+LIBRARY.ecat_histogram_bucket.restype = ctypes.c_uint
+LIBRARY.ecat_histogram_bucket.argtypes = [ctypes.c_uint64]
+LIBRARY.ecat_histogram_bound.restype = ctypes.c_uint64
+LIBRARY.ecat_histogram_bound.argtypes = [ctypes.c_uint]
+
+
+def bucket(ns: int) -> int:
+    """The bucket of an `ecat_shm_histogram` that a time belongs to."""
+    return int(LIBRARY.ecat_histogram_bucket(ns))
+
+
+def bound(number: int) -> int:
+    """The smallest time in ns that belongs to a bucket."""
+    return int(LIBRARY.ecat_histogram_bound(number))

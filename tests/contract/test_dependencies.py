@@ -61,6 +61,19 @@ def test_the_bus_server_never_sees_the_network() -> None:
     assert not wrong
 
 
+def test_statistics_need_the_segment_only() -> None:
+    allowed = ("ecatd.model", "ecatd.native", "ecatd.shm", "ecatd.stats")
+    wrong = {
+        (module, name)
+        for module, name in imports()
+        if module in ("ecatd.stats", "ecatd.stats_map", "ecatd.shm")
+        and name.split(".")[0] in ROOTS
+        and name != "ecatd"  # from . import shm
+        and not name.startswith(allowed)
+    }
+    assert not wrong
+
+
 def test_generator_and_simulator_use_the_model_only() -> None:
     allowed = ("ecatd.model", "ecatd.native", "ecatd.process", "ecatd.version")
     wrong = {

@@ -40,7 +40,7 @@ def test_the_c_program(troll: Daemon, tmp_path: Path) -> None:
 
 
 def test_the_python_program(troll: Daemon) -> None:
-    (source,) = blocks("docs/clients.md", "python")
+    (source, _statistics) = blocks("docs/clients.md", "python")
     result = subprocess.run(
         [sys.executable, "-c", source.replace('"ecat0"', f'"{troll.bus}"')],
         text=True,
@@ -49,6 +49,20 @@ def test_the_python_program(troll: Daemon) -> None:
     )
     assert result.returncode == 0, result.stderr
     assert len(result.stdout.splitlines()) == 3
+
+
+def test_the_python_statistics(troll: Daemon) -> None:
+    (_program, source) = blocks("docs/clients.md", "python")
+    result = subprocess.run(
+        [sys.executable, "-c", source.replace('"ecat0"', f'"{troll.bus}"')],
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    first, second = result.stdout.splitlines()
+    assert re.fullmatch(r"[1-9]\d* cycles, \d+ frames lost", first)
+    assert re.fullmatch(r"P99 [\d.]+ µs, longest [\d.]+ µs", second)
 
 
 def test_every_link_leads_somewhere() -> None:

@@ -14,9 +14,10 @@ from typing import NoReturn
 from ecatd.client.remote import Remote
 from ecatd.model.datatypes import TYPE_NAMES
 from ecatd.model.errors import EcatError, UsageError
+from ecatd.stats import TIMES
 from ecatd.version import VERSION
 
-from . import library, sdo, show
+from . import info, library, sdo, show, stats
 from .output import SCHEMA
 
 _EPILOG = """\
@@ -73,6 +74,20 @@ def _seconds(text: str) -> float:
     return value
 
 
+def _interval(text: str) -> float:
+    value = _seconds(text)
+    if value < 0.05:
+        raise argparse.ArgumentTypeError(f"'{text}' is too short: give 0.05 s or more")
+    return value
+
+
+def _times(text: str) -> int:
+    value = _number(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not 1 or more")
+    return value
+
+
 def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
     """Options that may stand before or behind the command; only the first place has defaults."""
 
@@ -120,15 +135,37 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(run=run)
         return command
 
+    def add_local(
+        name: str, run: Callable[[argparse.Namespace], None], summary: str
+    ) -> argparse.ArgumentParser:
+        """A command that finds its own way to the bus."""
+        command = commands.add_parser(name, help=summary, description=summary)
+        _add_common(command, defaults=False)
+        command.set_defaults(offline=run)
+        return command
+
     add("slaves", show.slaves, "List the slaves in the order of the wire.")
     command = add("pdos", show.pdos, "List the process data of the slaves.")
     command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
     command = add("state", show.state, "Show the AL states, or bring slaves to one.", "states")
     command.add_argument("state", nargs="?", metavar="STATE", help="INIT, PREOP, SAFEOP or OP")
     command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
-    command = add("stats", show.stats, "Show counters and timing of the cyclic exchange.")
-    command.add_argument("--watch", action="store_true", help="show them again every second")
-    add("info", show.info, "Show version, interface and cycle time of the daemon.")
+    command = add_local("stats", stats.stats, "Show counters and timing of the cyclic exchange.")
+    command.add_argument(
+        "--watch",
+        nargs="?",
+        type=_interval,
+        const=1.0,
+        metavar="SECONDS",
+        help="show them again every SECONDS (default: 1), with those of the last interval",
+    )
+    command.add_argument(
+        "--count", type=_times, metavar="N", help="with --watch: end after N times"
+    )
+    command.add_argument(
+        "--histogram", choices=TIMES, metavar="NAME", help=f"show one time: {', '.join(TIMES)}"
+    )
+    add_local("info", info.info, "Show what the daemon is, and which real time it was granted.")
     for name, run, summary, alias in (
         ("sdo-read", sdo.sdo_read, "Read an object of a slave.", "upload"),
         ("sdo-write", sdo.sdo_write, "Write an object of a slave.", "download"),

@@ -14,8 +14,8 @@ def print_json(document: dict[str, Any]) -> None:
     print(json.dumps({"schema": SCHEMA, **document}, indent=2, ensure_ascii=False))
 
 
-def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:
-    """Prints columns under their heads.
+def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> list[str]:
+    """Columns under their heads.
 
     Args:
         head: Column heads.
@@ -25,9 +25,16 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str =
     table = [list(head), *([str(cell) for cell in row] for row in rows)]
     widths = [max(len(row[column]) for row in table) for column in range(len(head))]
     right = right.ljust(len(head))
+    lines = []
     for row in table:
         cells = [
             cell.rjust(width) if side == ">" else cell.ljust(width)
             for cell, width, side in zip(row, widths, right, strict=True)
         ]
-        print("  ".join(cells).rstrip())
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:
+    """Prints columns under their heads; the arguments are those of `table_lines`."""
+    print("\n".join(table_lines(head, rows, right)))

@@ -1,11 +1,8 @@
-"""Commands that show the bus: `slaves`, `pdos`, `state`, `stats`, `info`."""
+"""Commands that show the slaves: `slaves`, `pdos`, `state`."""
 
 from __future__ import annotations
 
 import argparse
-import sys
-import time
-from typing import Any
 
 from ecatd.client.remote import Remote
 from ecatd.model.al import al_state_text
@@ -139,83 +136,4 @@ def state(remote: Remote, options: argparse.Namespace) -> None:
         return
     print_table(
         ("POS", "NAME", "STATE"), ((row["position"], row["name"], row["text"]) for row in rows), ">"
-    )
-
-
-def info(remote: Remote, options: argparse.Namespace) -> None:
-    """Shows what the daemon is."""
-    document = remote.info()
-    if options.json:
-        print_json({"bus": remote.bus, **document})
-        return
-    started = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(document["started"]))
-    print(f"bus         {remote.bus}")
-    print(f"interface   {document['interface']}")
-    print(f"cycle time  {document['cycle_time_us']} µs")
-    print(
-        f"wire time   {document['wire_us']:g} µs in the longest cycle: {document['wire_bytes']} "
-        f"bytes, {document['wire_frames']} frame{'s' * (document['wire_frames'] != 1)}, and the "
-        f"way through the slaves"
-    )
-    print(f"in OP since {started}")
-    print(f"version     {document['version']}")
-
-
-_TIMES = (
-    ("wakeup", "wake-up after deadline"),
-    ("exchange", "exchange with the slaves"),
-    ("cycle", "whole cycle"),
-    ("delay", "commit to bus"),
-)
-_COLUMNS = ("mean", "p50", "p90", "p99", "p999", "max")
-
-
-def stats(remote: Remote, options: argparse.Namespace) -> None:
-    """Shows the timing of the cyclic exchange, once or every second."""
-    while True:
-        document = remote.stats()
-        if options.json:
-            print_json(document)
-        else:
-            if options.watch and sys.stdout.isatty():
-                print("\033[H\033[2J", end="")
-            print_stats(document)
-        if not options.watch:
-            return
-        sys.stdout.flush()
-        time.sleep(1)
-
-
-def print_stats(document: dict[str, Any]) -> None:
-    """Prints counters and percentiles as tables."""
-    real_time = document["realtime"]
-    scheduling = real_time["scheduling"]
-    if real_time["priority"]:
-        scheduling += f" priority {real_time['priority']}"
-    if real_time["cpu"] >= 0:
-        scheduling += f", CPU {real_time['cpu']}"
-    memory = "locked" if real_time["memory_locked"] else "not locked"
-    print(
-        f"bus {document['bus']}: {document['state']}, cycle {document['cycle_time_us']:g} µs, "
-        f"{scheduling}, memory {memory}"
-    )
-    print(
-        f"cycles {document['cycles']}, missed {document['missed']}; frames {document['frames']}, "
-        f"lost {document['lost']}, late {document['late']}, wrong counter {document['wkc_bad']}, "
-        f"not sent {document['send_errors']}"
-    )
-    delays = document["delay_cycles"]
-    print(
-        f"commits {document['commits']}, leases lost {document['lapses']}; sample to bus in "
-        f"cycles: 1: {delays[1]}, 2: {delays[2]}, 3 or more: {delays[3]}"
-    )
-    print()
-    print_table(
-        ("TIMES IN µs", *(column.replace("p999", "p99.9") for column in _COLUMNS)),
-        (
-            (title, *(f"{document[key].get(column, 0):.1f}" for column in _COLUMNS))
-            for key, title in _TIMES
-            if document[key]["count"]
-        ),
-        " >>>>>>",
     )

@@ -22,6 +22,8 @@ from ecatd.model.errors import (
     UsageError,
 )
 from ecatd.paths import search_dirs, zenoh_socket
+from ecatd.stats import Snapshot
+from ecatd.stats_map import from_map
 from ecatd.wire import MAX_REPLY, pack, unpack
 
 _START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
@@ -179,9 +181,9 @@ class Remote:
         """AL states of all slaves: `position`, `name`, `al_state`, `al_code`, `text`."""
         return list(self._ask("ro", "state")["slaves"])
 
-    def stats(self) -> dict[str, Any]:
-        """Counters and percentiles of the cyclic exchange (see `gateway/stats.py`)."""
-        return self._ask("ro", "stats")
+    def stats(self) -> Snapshot:
+        """Statistics of the bus since the start of the exchange."""
+        return from_map(self._ask("ro", "stats", parameters="buckets=1"))
 
     def sdo_read(
         self, slave: int, index: int, subindex: int = 0, *, complete: bool = False

@@ -16,12 +16,13 @@ from ecatd.model.config import Config
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
 from ecatd.model.messages import MAX_MESSAGE, Describe, ReadStates, Request, parse_request
 from ecatd.paths import control_socket, zenoh_socket
+from ecatd.stats import read
+from ecatd.stats_map import to_map
 from ecatd.wire import pack, unpack
 
 from .bus_client import BusClient
 from .keys import SCHEMA, bus_key, session_config
 from .publisher import Publisher
-from .stats import read_stats
 
 _REMEMBERED = 1024
 """Changes whose answers are kept, so that a request that arrives twice is carried out once."""
@@ -173,11 +174,11 @@ class Gateway:
             case ["ro", "state"]:
                 return await self._bus.ask(ReadStates())
             case ["ro", "stats"]:
-                return read_stats(self._config.bus)
+                return to_map(read(self._config.bus), buckets=_asked(query, "buckets"))
             case ["ro", "sdo", slave, index, subindex]:
-                complete = query.parameters.get("complete", "0") in ("1", "true")
+                complete = {"complete": _asked(query, "complete")}
                 return await self._bus.ask(
-                    _object_request("sdo_read", slave, index, subindex, {"complete": complete})
+                    _object_request("sdo_read", slave, index, subindex, complete)
                 )
             case ["rw", "sdo", slave, index, subindex]:
                 identity, values = _change(payload, "slave", "index", "subindex")
@@ -212,6 +213,11 @@ class Gateway:
         if self._session is not None:
             await asyncio.to_thread(self._session.close)
         self._socket.unlink(missing_ok=True)
+
+
+def _asked(query: zenoh.Query, name: str) -> bool:
+    """Whether a query has `?name=1`."""
+    return query.parameters.get(name, "0") in ("1", "true")
 
 
 def _object_request(

@@ -1,0 +1,198 @@
+"""Command `info`: what runs, and which real time the system has granted to it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import textwrap
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from ecatd import shm
+from ecatd.model.errors import NoAnswerError, UnreachableError
+from ecatd.stats import Grant, Snapshot
+from ecatd.stats_map import to_map
+
+from .output import print_json, table_lines
+from .source import Source
+from .stats_screen import clock_line, duration, ring_line, word
+
+
+@dataclass(frozen=True, slots=True)
+class _Setting:
+    """What to say about one kind of real time.
+
+    Attributes:
+        title: How it is called.
+        value: Its value in words; `{}` stands for the number.
+        with_it: What it does or costs.
+        without: What its absence may cost.
+        how: How to get it.
+    """
+
+    title: str
+    value: str
+    with_it: str
+    without: str
+    how: str
+
+
+_SETTINGS = {
+    shm.Setting.SCHEDULING: _Setting(
+        "SCHED_FIFO",
+        "priority {}",
+        "comes before all ordinary programs",
+        "cycles are late when others are busy",
+        "needs CAP_SYS_NICE, or RLIMIT_RTPRIO of at least the priority: the service has it; by "
+        "hand use sudo, or a line '@ecat - rtprio 98' in /etc/security/limits.conf",
+    ),
+    shm.Setting.AFFINITY: _Setting(
+        "CPU",
+        "{}",
+        "stays on its CPU; best an isolated one",
+        "may move between CPUs: some µs each time",
+        "set realtime.cpu to a CPU that exists and that the service may use (CPUAffinity=, "
+        "AllowedCPUs= in the unit)",
+    ),
+    shm.Setting.MEMORY: _Setting(
+        "locked memory",
+        "yes",
+        "the bus server is never swapped out",
+        "a page fault may cost a cycle",
+        "needs CAP_IPC_LOCK, or RLIMIT_MEMLOCK without limit: the service has it; by hand use "
+        "sudo, or 'ulimit -l unlimited'",
+    ),
+    shm.Setting.TIMER_SLACK: _Setting(
+        "timer slack",
+        "{} ns",
+        "the timer rings when it should",
+        "up to 50 µs later without SCHED_FIFO",
+        "prctl(PR_SET_TIMERSLACK) was refused: see the system calls that the unit allows "
+        "(SystemCallFilter=)",
+    ),
+    shm.Setting.DMA_LATENCY: _Setting(
+        "DMA latency",
+        "{} µs",
+        "no deep sleep of CPUs: power, heat",
+        "CPUs sleep deeply: late by 1 to 200 µs",
+        "needs the right to write /dev/cpu_dma_latency: run as root, or give the file to the "
+        "group of the service (udev rule); in the unit DeviceAllow=/dev/cpu_dma_latency rw",
+    ),
+    shm.Setting.BUSY_RECEIVE: _Setting(
+        "busy receive",
+        "yes",
+        "one core is always busy",
+        "some µs more for each exchange",
+        "set realtime.busy_receive, and give the engine a CPU of its own (realtime.cpu)",
+    ),
+}
+
+
+def info(options: argparse.Namespace) -> None:
+    """Shows what the daemon is, how the bus is, and what real time costs or would bring."""
+    with Source(options) as source:
+        snapshot = source.read()
+        running: dict[str, Any] = {}
+        silent = ""
+        try:
+            running = source.remote().info()
+        except (UnreachableError, NoAnswerError) as error:
+            if not source.local:
+                raise
+            silent = str(error)
+    if options.json:
+        print_json(_document(snapshot, running, silent))
+    else:
+        print("\n".join([*_lines(snapshot, running, silent), "", *real_time_lines(snapshot)]))
+
+
+def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[str, Any]:
+    known = to_map(snapshot)
+    kept = ("bus", "version", "state", "cycle_time_us", "slaves", "ring", "links", "dc", "domains")
+    document = {key: known[key] for key in kept}
+    document["started"] = snapshot.instance * 1e-9
+    document["interface"] = None  # only the gateway knows it
+    document["settings"] = [
+        {
+            **row,
+            "effect": _effect(grant),
+            "how": _SETTINGS[grant.setting].how if _refused(grant) else "",
+        }
+        for row, grant in zip(known["realtime"]["settings"], snapshot.grants, strict=True)
+    ]
+    document["gateway"] = {"error": silent} if silent else {"error": None}
+    return {**document, **{key: value for key, value in running.items() if key != "schema"}}
+
+
+def _lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list[str]:
+    first, second = snapshot.links
+    interface = str(running.get("interface", "(the gateway does not say)"))
+    if first != shm.Link.UNUSED:
+        interface += f", {word(first)}"
+    rows = [
+        ("bus", f"{snapshot.bus}, {word(snapshot.state)}"),
+        ("interface", interface),
+        ("cycle time", f"{snapshot.cycle_time_ns / 1000:g} µs"),
+        ("slaves", f"{snapshot.slaves_found} found, {snapshot.slaves_expected} expected"),
+        ("ring", ring_line(snapshot).removeprefix("ring ")),
+        ("DC", clock_line(snapshot).removeprefix("DC ")),
+    ]
+    if {"wire_us", "wire_frames", "wire_bytes"} <= running.keys():
+        frames = f"{running['wire_frames']} frame{'s' * (running['wire_frames'] != 1)}"
+        rows.insert(
+            3,
+            (
+                "wire time",
+                f"{running['wire_us']} µs in the longest cycle: {running['wire_bytes']} bytes, "
+                f"{frames}",
+            ),
+        )
+    if second != shm.Link.UNUSED or "second_interface" in running:
+        name = running.get("second_interface") or "(the gateway does not say)"
+        rows.insert(2, ("second", f"{name}, {word(second)}"))
+    rows.append(("started", f"{_date(snapshot.instance)}, {duration(snapshot.seconds)} ago"))
+    rows.append(("version", snapshot.version))
+    if silent:
+        rows.append(("gateway", "does not answer; all this is from shared memory"))
+    if snapshot.silence:
+        rows.append(("NO CYCLE", f"for {snapshot.silence:.1f} s: the exchange stands still"))
+    return [f"{name:<12}{value}" for name, value in rows]
+
+
+def _date(ns: int) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(ns * 1e-9))
+
+
+def _refused(grant: Grant) -> bool:
+    return grant.wanted and not grant.granted
+
+
+def _effect(grant: Grant) -> str:
+    texts = _SETTINGS[grant.setting]
+    return texts.with_it if grant.granted else texts.without
+
+
+def real_time_lines(snapshot: Snapshot) -> list[str]:
+    """A table of what was asked for and granted, and how to get what was refused."""
+    refused = [grant for grant in snapshot.grants if _refused(grant)]
+    rows = []
+    for grant in snapshot.grants:
+        texts = _SETTINGS[grant.setting]
+        wanted = texts.value.format(grant.value) if grant.wanted else "no"
+        granted = "yes" if grant.granted else "REFUSED" if grant.wanted else "-"
+        rows.append((texts.title, wanted, granted, _effect(grant)))
+    lines = table_lines(("REAL TIME", "WANTED", "GRANTED", "WHAT THAT MEANS"), rows)
+    for grant in refused:
+        texts = _SETTINGS[grant.setting]
+        why = os.strerror(grant.error) if grant.error else "not in force"
+        lines += [
+            "",
+            *textwrap.wrap(
+                f"{texts.title} was refused ({why}): {texts.how}.",
+                79,
+                subsequent_indent="  ",
+                break_on_hyphens=False,
+            ),
+        ]
+    return lines

@@ -1,0 +1,70 @@
+"""Where commands get statistics from: shared memory on this machine, else the gateway."""
+
+from __future__ import annotations
+
+import argparse
+from types import TracebackType
+from typing import Self
+
+from ecatd import shm
+from ecatd.client.remote import Remote
+from ecatd.model.errors import EcatError
+from ecatd.stats import Snapshot, read
+
+
+class Source:
+    """Reads statistics of the bus that the options name.
+
+    The segment is read where there is one, which needs nobody's answer and works without a
+    gateway. With `--connect`, or without a segment, the gateway is asked.
+    """
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options = options
+        self._remote: Remote | None = None
+
+    @property
+    def local(self) -> bool:
+        """Whether the bus has shared memory on this machine, and that one is meant."""
+        bus = self._options.bus
+        return self._options.connect is None and (shm.FOLDER / f"ecat.{bus}").exists()
+
+    def read(self) -> Snapshot:
+        """The statistics of now.
+
+        Raises:
+            EcatError: They cannot be had; a later try may succeed.
+        """
+        return read(self._options.bus) if self.local else self.ask()
+
+    def remote(self) -> Remote:
+        """The session with the gateway, opened when it is first needed."""
+        if self._remote is None:
+            options = self._options
+            self._remote = Remote(options.bus, options.connect, options.timeout)
+        return self._remote
+
+    def ask(self) -> Snapshot:
+        """The same from the gateway, wherever it is."""
+        try:
+            return self.remote().stats()
+        except EcatError:
+            self.close()  # the next try begins with a new session
+            raise
+
+    def close(self) -> None:
+        """Ends the session with the gateway."""
+        if self._remote is not None:
+            self._remote.close()
+            self._remote = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

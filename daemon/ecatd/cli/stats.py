@@ -1,0 +1,115 @@
+"""Command `stats`: counters and timing of the cyclic exchange, once or again and again."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from ecatd.model.errors import EcatError, UsageError
+from ecatd.stats import Snapshot
+from ecatd.stats_map import histogram_to_map, interval_to_map, to_map
+
+from .output import SCHEMA, print_json
+from .source import Source
+from .stats_screen import histogram_lines, stats_lines
+from .terminal import Screen
+
+
+def stats(options: argparse.Namespace) -> None:
+    """Shows statistics since the start, and with `--watch` of the last interval."""
+    if options.count is not None and options.watch is None:
+        raise UsageError("--count says how often to show statistics: use it with --watch")
+    with Source(options) as source:
+        if options.watch is None:
+            snapshot = source.read()
+            if options.json:
+                print_json(_document(snapshot, options.histogram))
+            else:
+                print("\n".join(_lines(snapshot, None, options.histogram)))
+        elif options.json:
+            for now, interval, _notice in _watch(source, options):
+                print(json.dumps(_line(now, interval, options)), flush=True)
+        else:
+            with Screen() as screen:
+                for now, interval, notice in _watch(source, options):
+                    screen.draw(_screen(now, interval, notice, options))
+
+
+def _watch(
+    source: Source, options: argparse.Namespace
+) -> Iterator[tuple[Snapshot | EcatError, Snapshot | None, str]]:
+    """Statistics at every interval, or why there are none; the interval; what happened meanwhile.
+
+    Raises:
+        EcatError: There are none at the first look: then there is nothing to watch.
+    """
+    now: Snapshot | EcatError = source.read()
+    last: Snapshot | None = None
+    notice = ""
+    due, shown = time.monotonic(), 0
+    while True:
+        interval = None
+        if isinstance(now, Snapshot):
+            if last is not None and now.instance != last.instance:
+                notice = f"{_clock()}  the daemon was restarted: it counts anew"
+            elif last is not None:
+                interval = now - last
+            last = now
+        yield now, interval, notice
+        shown += 1
+        if shown == options.count:
+            return
+        # On a grid, so that showing takes nothing from the interval; late ones are left out.
+        due = max(due + options.watch, time.monotonic())
+        time.sleep(due - time.monotonic() if due > time.monotonic() else 0)
+        try:
+            now = source.read()
+        except EcatError as error:
+            now = error
+
+
+def _clock() -> str:
+    return time.strftime("%H:%M:%S")
+
+
+def _document(snapshot: Snapshot, histogram: str | None) -> dict[str, Any]:
+    if histogram is None:
+        return to_map(snapshot)
+    return {
+        "bus": snapshot.bus,
+        "histogram": histogram,
+        "seconds": round(snapshot.seconds, 9),
+        **histogram_to_map(getattr(snapshot.times, histogram), buckets=True),
+    }
+
+
+def _line(
+    now: Snapshot | EcatError, interval: Snapshot | None, options: argparse.Namespace
+) -> dict[str, Any]:
+    """The document of one look; `interval` is null in the first one and after a restart."""
+    if isinstance(now, EcatError):
+        return {"schema": SCHEMA, "bus": options.bus, "error": now.to_reply()}
+    last: dict[str, Any] | None = None
+    if interval is not None:
+        last = interval_to_map(interval)
+        if options.histogram is not None:
+            last = _document(interval, options.histogram)
+    return {"schema": SCHEMA, **_document(now, options.histogram), "interval": last}
+
+
+def _lines(snapshot: Snapshot, interval: Snapshot | None, histogram: str | None) -> list[str]:
+    if histogram is None:
+        return stats_lines(snapshot, interval)
+    return histogram_lines(histogram, snapshot, interval)
+
+
+def _screen(
+    now: Snapshot | EcatError, interval: Snapshot | None, notice: str, options: argparse.Namespace
+) -> list[str]:
+    notices = [notice] if notice else []
+    if isinstance(now, EcatError):
+        return [f"{_clock()}  {now}", *notices, "Waiting for it to come back; Ctrl-C ends."]
+    return [*_lines(now, interval, options.histogram), *notices]

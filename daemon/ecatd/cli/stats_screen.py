@@ -1,0 +1,255 @@
+"""How statistics look: tables of 80 columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from ecatd import shm
+from ecatd.stats import Domain, Histogram, Snapshot
+from ecatd.stats_map import QUANTILES
+
+from .output import table_lines
+
+_TIMES = {
+    "wakeup": "wake-up",
+    "exchange": "exchange",
+    "cycle": "cycle",
+    "delay": "commit to bus",
+    "dc_offset": "DC offset",
+    "mailbox": "mailbox",
+}
+_ROWS = 20  # of a histogram, at most
+_BAR = 20
+_NAME = 22  # of a domain, so that the table fits
+
+
+def stats_lines(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
+    """Counters, times and, where there are several, domains; beside them those of an interval."""
+    lines = [*_head(snapshot), "", *_counters(snapshot, interval)]
+    parts = [("SINCE START", snapshot)]
+    if interval is not None:
+        parts.append((_last(interval), interval))
+    for title, part in parts:
+        lines += ["", *_times(f"{title}, µs", part.times.items())]
+    if len(snapshot.domains) > 1:
+        for title, part in parts:
+            lines += ["", *_domains(title, part.domains)]
+    return lines
+
+
+def _last(interval: Snapshot) -> str:
+    seconds = interval.seconds
+    return f"LAST {seconds:.1f} s" if seconds < 100 else f"LAST {seconds:.0f} s"
+
+
+def duration(seconds: float) -> str:
+    """A time as `2 d 03:04:05` or `3:04:05`."""
+    minutes, second = divmod(int(seconds), 60)
+    hours, minute = divmod(minutes, 60)
+    days, hour = divmod(hours, 24)
+    if days:
+        return f"{days} d {hour:02d}:{minute:02d}:{second:02d}"
+    return f"{hour}:{minute:02d}:{second:02d}"
+
+
+def word(member: shm.Link | shm.Ring | shm.BusState | shm.DcState) -> str:
+    """A state in words: `no carrier`."""
+    return member.name.lower().replace("_", " ")
+
+
+def _head(snapshot: Snapshot) -> list[str]:
+    state = word(snapshot.state)
+    if snapshot.state == shm.BusState.RUNNING:
+        state += f" for {duration(snapshot.seconds)}"
+    parts = [
+        f"bus {snapshot.bus}: {state}",
+        f"cycle {snapshot.cycle_time_ns / 1000:g} µs",
+        f"{snapshot.slaves_found} of {snapshot.slaves_expected} slaves",
+    ]
+    link = snapshot.links[0]
+    if link != shm.Link.UNUSED:
+        parts.append(f"interface {word(link)}")
+    lines = [", ".join(parts), real_time_line(snapshot)]
+    if snapshot.ring != shm.Ring.NONE:
+        lines.append(ring_line(snapshot))
+    if snapshot.clock.state != shm.DcState.OFF:
+        lines.append(clock_line(snapshot))
+    if snapshot.silence:
+        lines.append(f"NO CYCLE for {snapshot.silence:.1f} s: the exchange stands still")
+    return lines
+
+
+def real_time_line(snapshot: Snapshot) -> str:
+    """What matters most of real time."""
+    scheduling, affinity = (
+        snapshot.grants[kind] for kind in (shm.Setting.SCHEDULING, shm.Setting.AFFINITY)
+    )
+    parts = [f"SCHED_FIFO priority {scheduling.value}" if scheduling.granted else "SCHED_OTHER"]
+    if affinity.granted:
+        parts.append(f"CPU {affinity.value}")
+    locked = snapshot.grants[shm.Setting.MEMORY].granted
+    parts.append("memory locked" if locked else "memory not locked")
+    refused = sum(grant.wanted and not grant.granted for grant in snapshot.grants)
+    if refused:
+        parts.append(f"{refused} not granted (see ecatctl info)")
+    return ", ".join(parts)
+
+
+def ring_line(snapshot: Snapshot) -> str:
+    """State of cable redundancy."""
+    second = f"second interface {word(snapshot.links[1])}"
+    if snapshot.ring == shm.Ring.NONE:
+        return "none: one interface"
+    if snapshot.ring == shm.Ring.CLOSED:
+        return f"ring closed, {second}"
+    return f"ring OPEN: {snapshot.ring_break} slaves before the break, {second}"
+
+
+def clock_line(snapshot: Snapshot) -> str:
+    """State of the distributed clocks."""
+    clock = snapshot.clock
+    if clock.state == shm.DcState.OFF:
+        return "off: the cycle runs on the clock of this machine"
+    return (
+        f"DC {word(clock.state)}, reference clock slave {clock.reference}, "
+        f"offset {clock.offset_ns / 1000:.3f} µs, drift {clock.drift_ppb / 1000:+.3f} ppm"
+    )
+
+
+def _counters(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
+    """Counters in two columns; each with the interval's beside those since the start."""
+    parts = [snapshot] if interval is None else [snapshot, interval]
+    columns = [_counted(part) for part in parts]
+    titles = ["SINCE START"] if interval is None else ["SINCE START", _last(interval)]
+    head = "".join(f"{title:>{width}}" for title, width in zip(titles, (12, 11), strict=False))
+    cells = [
+        f"{name:<14}" + f"{columns[0][name]:>12}" + "".join(f"{c[name]:>11}" for c in columns[1:])
+        for name in columns[0]
+    ]
+    half = len(cells) // 2
+    pairs = zip(cells[:half], cells[half:], strict=True)
+    return [f"{'':14}{head}  {'':14}{head}", *(f"{left}  {right}" for left, right in pairs)]
+
+
+def _counted(part: Snapshot) -> dict[str, str]:
+    counters, delays = part.counters, part.delay_cycles
+    load = counters.mailbox_ns * 1e-7 / max(part.seconds, 1e-9)
+    values = {
+        "cycles": counters.cycles,
+        "missed": counters.missed,
+        "frames": counters.frames,
+        "lost": counters.lost,
+        "late": counters.late,
+        "foreign": counters.foreign,
+        "not sent": counters.send_errors,
+        "wrong counter": counters.wkc_bad,
+        "commits": counters.commits,
+        " in 1 cycle": delays[0] + delays[1],
+        " in 2 cycles": delays[2],
+        " in 3 or more": delays[3],
+        "leases lost": counters.lapses,
+        "mailbox frames": counters.mailbox_frames,
+        "mailbox lost": counters.mailbox_lost,
+    }
+    return {**{name: str(value) for name, value in values.items()}, "mailbox load": f"{load:.2f} %"}
+
+
+def _times(title: str, histograms: Iterable[tuple[str, Histogram]]) -> list[str]:
+    rows = [
+        (_TIMES[name], *_percentiles(histogram))
+        for name, histogram in histograms
+        if histogram.count
+    ]
+    columns = ("MIN", "MEAN", "P50", "P90", "P99", "P99.9", "P99.99", "MAX")
+    # As wide as most times need, so that columns stay where they are.
+    head = (f"{title:<15}", *(f"{column:>6}" for column in columns))
+    lines = table_lines(head, rows, " >>>>>>>>")
+    return lines if rows else [lines[0], "none"]
+
+
+def _percentiles(histogram: Histogram) -> list[str]:
+    values = [
+        histogram.min_ns,
+        histogram.mean_ns,
+        *(histogram.quantile(q) for q in QUANTILES.values()),
+        histogram.max_ns,
+    ]
+    return [f"{ns / 1000:.{_digits(histogram)}f}" for ns in values]
+
+
+def _digits(histogram: Histogram) -> int:
+    """Decimals of times in µs: as many as make sense, and fit."""
+    if histogram.max_ns < 10_000:
+        return 3
+    return 1 if histogram.max_ns < 100_000_000 else 0
+
+
+def _domains(title: str, domains: tuple[Domain, ...]) -> list[str]:
+    head = f"DOMAIN, {title}".ljust(_NAME)
+    return table_lines(
+        (head, "EVERY", "WKC", "EXCHANGES", "LEFT OUT", "LOST", "LATE", "WRONG"),
+        (
+            (
+                f"{domain.number} {domain.name}"[:_NAME],
+                domain.divider,
+                f"{domain.wkc}/{domain.wkc_expected}",
+                domain.exchanges,
+                domain.overruns,
+                domain.lost,
+                domain.late,
+                domain.wkc_bad,
+            )
+            for domain in domains
+        ),
+        " >>>>>>>",
+    )
+
+
+def histogram_lines(name: str, snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
+    """The distribution of one time as bars; with an interval, the bars are the interval's."""
+    whole: Histogram = getattr(snapshot.times, name)
+    last: Histogram | None = None if interval is None else getattr(interval.times, name)
+    lines = [f"bus {snapshot.bus}: {_TIMES[name]}, {whole.count} samples"]
+    if not whole.count:
+        return lines
+    lines += ["", *_times("SINCE START, µs", [(name, whole)])]
+    if interval is not None and last is not None:
+        lines += _times(f"{_last(interval)}, µs", [(name, last)])
+    return [*lines, "", *_bars(whole, last)]
+
+
+def _bars(whole: Histogram, last: Histogram | None) -> list[str]:
+    """A row for each step that has samples; `…` where several have none."""
+    shift = 0  # 2^shift buckets make a row
+    while len(rows := _grouped(whole, shift)) > _ROWS:
+        shift += 1
+    shown = whole if last is None else last
+    most = max(_grouped(shown, shift).values(), default=1)
+    total = max(1, shown.count)
+    digits = _digits(whole)
+    columns = f"{'SAMPLES':>11}" if last is None else f"{'ALL':>11}{'LAST':>9}"
+    lines = [f"{'FROM':>9}    {'BELOW':>9}    {columns} {'UP TO HERE':>10}"]
+    below, next_row = 0, min(rows)
+    for row, count in sorted(rows.items()):
+        if row > next_row:
+            lines.append("                …")
+        next_row = row + 1
+        part = count if last is None else _grouped(last, shift).get(row, 0)
+        below += part
+        bar = "#" * round(_BAR * part / most) or ("." if part else "")
+        low, high = shm.bound(row << shift), shm.bound(next_row << shift)
+        counts = f"{count:>11}" if last is None else f"{count:>11}{part:>9}"
+        lines.append(
+            f"{low / 1000:>9.{digits}f} to {high / 1000:>9.{digits}f} µs {counts}"
+            f" {100 * below / total:>8.4f} %  {bar}".rstrip()
+        )
+    return lines
+
+
+def _grouped(histogram: Histogram, shift: int) -> dict[int, int]:
+    """Samples of every 2^shift buckets, of those that have any."""
+    groups: dict[int, int] = {}
+    for number, count in enumerate(histogram.buckets):
+        if count:
+            groups[number >> shift] = groups.get(number >> shift, 0) + count
+    return groups

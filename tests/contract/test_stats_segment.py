@@ -1,0 +1,237 @@
+"""Statistics of a real segment: all of it is read, and damage is an error."""
+
+import ctypes
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_segment import make_bus, name_of
+
+from ecatd import shm
+from ecatd.bus.engine import Grant
+from ecatd.bus.layout import lay_out
+from ecatd.bus.segment import Segment
+from ecatd.cli import info
+from ecatd.cli.stats_screen import histogram_lines, stats_lines
+from ecatd.model.errors import (
+    EcatError,
+    NotPermittedError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
+from ecatd.stats import COUNTERS, DOMAIN_COUNTERS, TIMES, read
+from ecatd.stats_map import from_map, to_map
+
+pytestmark = pytest.mark.unprivileged
+
+
+@contextmanager
+def made_segment() -> Iterator[Segment]:
+    bus = make_bus()
+    made = Segment(bus.name)
+    try:
+        made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
+        made.header.state = shm.BusState.RUNNING
+        made.publish()
+        yield made
+    finally:
+        made.close()
+
+
+@pytest.fixture
+def segment() -> Iterator[Segment]:
+    with made_segment() as made:
+        yield made
+
+
+def row(segment: Segment, table: str, name: str) -> ctypes.Structure:
+    offset = getattr(segment.header, f"{table}_offset")
+    made: ctypes.Structure = shm.struct(name).from_address(segment.address + offset)
+    return made
+
+
+def test_everything_is_read(segment: Segment) -> None:
+    health = segment.health
+    for number, name in enumerate(COUNTERS):
+        setattr(health, name, number + 10)
+    for number, name in enumerate(TIMES):
+        histogram = getattr(health, name)
+        histogram.buckets[shm.bucket(1000 * number + 1000)] = 5
+        histogram.min_ns = histogram.max_ns = 1000 * number + 1000
+        histogram.sum_ns = 5 * histogram.max_ns
+    health.start_ns, health.slaves_found, health.al_status = 7, 2, 8
+    health.ring, health.ring_break = shm.Ring.OPEN, 1
+    health.link_first, health.link_second = shm.Link.UP, shm.Link.GONE
+    health.dc_state, health.dc_reference = shm.DcState.LOCKING, 1
+    health.dc_time_ns, health.dc_offset_ns, health.dc_drift_ppb = 1 << 63, -5, -70
+    health.delay_cycles[3] = 4
+    status = row(segment, "domain_status", "ecat_shm_domain_status")
+    for number, name in enumerate(DOMAIN_COUNTERS):
+        setattr(status, name, number + 1)
+    page = shm.struct("ecat_shm_page").from_address(
+        segment.address + row(segment, "domains", "ecat_shm_domain").page_offset  # type: ignore[attr-defined]
+    )
+    page.cycle, page.wkc, page.wkc_state = 33, 2, shm.WkcState.INCOMPLETE
+    segment.set_grants([Grant(shm.Setting.SCHEDULING, True, 80, errno.EPERM)])
+    segment.header.cycle, segment.header.cycle_end_ns = 34, 99
+
+    found = read(name_of(segment))
+    assert (found.bus, found.state) == (name_of(segment), shm.BusState.RUNNING)
+    assert (found.cycle_time_ns, found.cycle, found.cycle_end_ns) == (500_000, 34, 99)
+    assert (found.start_ns, found.instance) == (7, segment.header.instance)
+    assert (found.slaves_expected, found.slaves_found, found.al_status) == (2, 2, 8)
+    assert (found.ring, found.ring_break) == (shm.Ring.OPEN, 1)
+    assert found.links == (shm.Link.UP, shm.Link.GONE)
+    assert found.clock.state == shm.DcState.LOCKING
+    assert (found.clock.reference, found.clock.time_ns) == (1, 1 << 63)
+    assert (found.clock.offset_ns, found.clock.drift_ppb) == (-5, -70)
+    assert [getattr(found.counters, name) for name in COUNTERS] == [
+        number + 10 for number in range(len(COUNTERS))
+    ]
+    assert found.delay_cycles == (0, 0, 0, 4)
+    for number, (name, histogram) in enumerate(found.times.items()):
+        assert (name, histogram.count) == (TIMES[number], 5)
+        assert histogram.mean_ns == histogram.quantile(0.5) == 1000 * number + 1000
+    (domain,) = found.domains
+    assert (domain.wkc, domain.wkc_expected, domain.cycle) == (2, 3, 33)
+    assert domain.wkc_state == shm.WkcState.INCOMPLETE
+    assert [getattr(domain, name) for name in DOMAIN_COUNTERS] == [1, 2, 3, 4, 5]
+    assert (domain.divider, domain.output_bytes, domain.input_bytes) == (1, 2, 30)
+    first, *others = found.grants
+    assert (first.wanted, first.granted, first.value, first.error) == (True, False, 80, 1)
+    assert not any(grant.wanted for grant in others)
+    assert found.silence > 1
+    assert from_map(to_map(found, buckets=True)).counters == found.counters
+
+
+def test_a_fresh_segment_is_all_zero(segment: Segment) -> None:
+    found = read(name_of(segment))
+    assert found.counters.cycles == 0
+    assert all(histogram.count == 0 for _name, histogram in found.times.items())
+    assert found.clock.reference == -1 or found.clock.state == shm.DcState.OFF
+
+
+def test_who_is_not_there_is_told(segment: Segment) -> None:
+    with pytest.raises(UnreachableError, match=r"no ecatd serves bus 'nobody'; start it with"):
+        read("nobody")
+    for name in ("../x", "", "a" * 32, "a/b"):
+        with pytest.raises(UsageError, match="is no bus name"):
+            read(name)
+    name = name_of(segment)
+    left = shm.FOLDER / f"ecat.{name}x"
+    try:
+        left.write_bytes(segment.path.read_bytes())  # nobody holds its lock
+        with pytest.raises(UnreachableError, match="no ecatd serves bus"):
+            read(f"{name}x")
+        left.write_bytes(b"")
+        with pytest.raises(UnreachableError, match="no ecatd serves bus"):
+            read(f"{name}x")
+        left.unlink()
+        left.symlink_to(segment.path)
+        with pytest.raises(EcatError, match="cannot open"):
+            read(f"{name}x")
+        left.unlink()
+        left.mkdir()
+        with pytest.raises(UnreachableError, match="no ecatd serves bus"):
+            read(f"{name}x")
+    finally:
+        left.rmdir() if left.is_dir() else left.unlink(missing_ok=True)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_who_may_not_read_is_told(segment: Segment) -> None:
+    segment.path.chmod(0)
+    with pytest.raises(NotPermittedError, match="become a member of the group 'ecat'"):
+        read(name_of(segment))
+
+
+def test_a_daemon_that_starts_is_waited_for_by_others(segment: Segment) -> None:
+    segment.header.layout = 0
+    with pytest.raises(UnreachableError, match="is still starting"):
+        read(name_of(segment))
+    segment.header.layout = (7 << 16) | 1
+    with pytest.raises(StateError, match=r"speaks layout 7\.1, this program 1\.0"):
+        read(name_of(segment))
+    segment.header.layout = shm.LAYOUT + 3  # a newer minor version only appends
+    assert read(name_of(segment)).slaves_expected == 2
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("health_offset", 0xFFFFFFF8),
+        ("settings_offset", 4),
+        ("domains_offset", 1 << 31),
+        ("domain_status_offset", 0xFFFFFFF8),
+        ("domain_count", 17),
+        ("domain_count", 0xFFFFFFFF),
+        ("cycle_time_ns", 0),
+        ("size", 1 << 40),
+        ("magic", 1),
+        ("state", 77),
+    ],
+)
+def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -> None:
+    setattr(segment.header, field, value)
+    with pytest.raises(StateError, match=r"is damaged|speaks layout"):
+        read(name_of(segment))
+
+
+def test_a_damaged_table_is_refused(segment: Segment) -> None:
+    domain = row(segment, "domains", "ecat_shm_domain")
+    for field, value in (("page_offset", 0xFFFFFFF8), ("page_offset", 3)):
+        kept = getattr(domain, field)
+        setattr(domain, field, value)
+        with pytest.raises(StateError, match=r"is damaged \(table ecat_shm_page\)"):
+            read(name_of(segment))
+        setattr(domain, field, kept)
+    for field in ("ring", "link_first", "link_second", "dc_state"):
+        setattr(segment.health, field, 9)
+        with pytest.raises(StateError, match=r"is damaged \(\w+ 9\)"):
+            read(name_of(segment))
+        setattr(segment.health, field, 0)
+    read(name_of(segment))
+
+
+def test_a_file_that_is_cut_short_is_refused(segment: Segment) -> None:
+    os.truncate(segment.path, segment.header.health_offset + 8)
+    with pytest.raises(StateError, match="is damaged"):
+        read(name_of(segment))
+    os.truncate(segment.path, 100)
+    with pytest.raises(UnreachableError, match="is still starting"):
+        read(name_of(segment))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_random_bytes_are_errors_or_values(data: st.DataObject) -> None:
+    with made_segment() as segment:
+        name = name_of(segment)
+        before = read(name)
+        size = segment.header.size
+        tables = [
+            *(getattr(segment.header, f"{table}_offset") for table in ("domains", "settings")),
+            *(segment.header.health_offset, segment.header.domain_status_offset, 0),
+        ]
+        for _ in range(data.draw(st.integers(1, 5))):
+            garbage = data.draw(st.binary(min_size=1, max_size=200))
+            start = data.draw(st.sampled_from(tables)) + data.draw(st.integers(0, 400))
+            if 0 <= start < 12:  # what says that this is a segment at all
+                start += 12
+            count = min(len(garbage), size - start)
+            fd = os.open(segment.path, os.O_RDWR)
+            os.pwrite(fd, garbage[:count], start)
+            os.close(fd)
+        with suppress(EcatError):
+            found = read(name)
+            shown = [*stats_lines(found, None), *info.real_time_lines(found)]
+            assert all(line.isprintable() for line in shown)
+            histogram_lines("exchange", found, None)
+            with suppress(EcatError):
+                from_map(to_map(found, buckets=True))
+                stats_lines(found, found - before)
