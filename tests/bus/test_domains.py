@@ -267,6 +267,13 @@ def test_sixteen_domains(start_daemon: Callable[..., Daemon]) -> None:
             7,
             "domain 1 (coupler) has nothing to exchange",
         ),
+        (
+            "troll",
+            "[[domain]]\n[[domain]]\nname = 'slow'\ndivider = 100\nslaves = [3]\n",
+            7,
+            "domain 1 (slow) is exchanged every 100 ms, but the watchdog of slave 3 (EL2008) waits "
+            "100 ms for outputs, so it would not stay in OP: choose a smaller divider",
+        ),
         ("line:64", "cycle_time_us = 200\n", 7, "IO larger than the wire allows at this cycle: "),
         ("line:16", "cycle_time_us = 100\n", 7, "cycle time too short for the bus: "),
     ],
@@ -279,6 +286,13 @@ def test_what_cannot_work_is_refused(
     assert found == status, log
     assert f"ecatd: error: {what}" in log
     assert "Traceback" not in log
+
+
+def test_outputs_just_in_time_for_the_watchdog(start_daemon: Callable[..., Daemon]) -> None:
+    tables = "[[domain]]\n[[domain]]\ndivider = 60\nslaves = [3]\n"
+    daemon = start_daemon("troll", config=f"[gateway]\nlisten = []\n{tables}")
+    assert "warning: domain 1 is exchanged every 60 ms, but the watchdog of slave 3" in daemon.log
+    assert "one lost exchange takes it out of OP" in daemon.log
 
 
 def test_little_room_is_told(start_daemon: Callable[..., Daemon]) -> None:

@@ -27,6 +27,7 @@ from .mapping import Scanned, configure, scan_slaves
 from .master import Master
 from .safe import safe_images
 from .segment import Segment
+from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
 _FIRST_CYCLES = 3
@@ -171,6 +172,8 @@ class BringUp:
             clock=self._config.dc.enabled,
         )
         if warning := self.wire.check():
+            self._log.warning(warning)
+        for warning in check_watchdogs(master, self.bus, self._scanned):
             self._log.warning(warning)
         configure(master, self._scanned, image)
         if self._config.dc.enabled:
