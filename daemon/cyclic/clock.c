@@ -9,10 +9,12 @@
 #include "engine.h"
 
 enum {
+  DRIFT_BITS = 12,         /* of the unit of the integral, in which its mean is kept */
   FRACTION_BITS = 12,      /* of a nanosecond, in which deadlines are corrected */
   PROPORTIONAL_BITS = 7,   /* gains: 2^(7-12) = 1/32, and 1/4096 */
   FILTER_BITS = 4,         /* of the phase that decides about the lock: 16 cycles */
   SETTLED_CYCLES = 100,
+  DRIFT_CYCLES = 4096,     /* over which the published drift is averaged: noise moves the integral */
   LIMIT = 1000             /* a deadline moves by 1/LIMIT of the cycle at most */
 };
 
@@ -50,6 +52,15 @@ static void decide(cyclic_t *c, struct clock *clock, int64_t offset) {
     cyclic_count(&c->health->dc_offset, (uint64_t)(offset < 0 ? -offset : offset));
 }
 
+/* Deadlines come sooner (negative integral) when the reference clock is the faster one. */
+static void publish_drift(cyclic_t *c, struct clock *clock, int64_t period) {
+  if (clock->drifts < DRIFT_CYCLES) clock->drifts++;
+  clock->drift += (-clock->integral * (1 << DRIFT_BITS) - clock->drift) / clock->drifts;
+  __atomic_store_n(&c->health->dc_drift_ppb,
+                   (clock->drift >> DRIFT_BITS) * (1000000000 >> FRACTION_BITS) / period,
+                   __ATOMIC_RELAXED);
+}
+
 void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns) {
   struct clock *clock = &c->clock;
   int64_t period = (int64_t)c->header->cycle_time_ns, limit = period / LIMIT, offset, wanted;
@@ -75,9 +86,7 @@ void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns) {
   wanted = clock->fraction + clock->integral - offset * (1 << PROPORTIONAL_BITS);
   clock->correction = clamp(wanted >> FRACTION_BITS, limit);
   clock->fraction = wanted & ((1 << FRACTION_BITS) - 1);
-  /* Deadlines come sooner (negative integral) when the reference clock is the faster one. */
-  __atomic_store_n(&c->health->dc_drift_ppb,
-                   -(clock->integral * (1000000000 >> FRACTION_BITS)) / period, __ATOMIC_RELAXED);
+  publish_drift(c, clock, period);
 }
 
 void cyclic_clock_follow(cyclic_t *c) {

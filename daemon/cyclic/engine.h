@@ -81,6 +81,7 @@ struct clock {
   uint64_t time_ns;        /* of the reference clock, when the frame of `send_ns` passed it */
   uint64_t send_ns;
   int64_t integral, fraction, filtered;
+  int64_t drift, drifts;   /* mean of the integral, and of how many of them */
   int64_t correction;      /* of the next deadline, in ns */
   uint32_t settled, state, told_state;
 };
