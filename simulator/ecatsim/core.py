@@ -138,6 +138,7 @@ def _library() -> ctypes.CDLL:
         "esc_peek": (number, [segment, number, address, ctypes.c_void_p, size]),
         "esc_write": (number, [segment, number, address, data, size]),
         "esc_set_carrier": (number, [segment, number, number]),
+        "esc_reopen": (number, [segment, number, ctypes.c_char_p]),
         "esc_set_al_status": (number, [segment, number, address, address]),
         "esc_lock_sync_manager": (number, [segment, number, number, number]),
         "esc_mailbox_take": (number, [segment, number, ctypes.c_void_p, size]),
@@ -173,6 +174,7 @@ class Segment(Wire, Clocks):
         self._mail = ctypes.create_string_buffer(_MAX_MAIL)
         self._images: tuple[object, object] = (None, None)
         self._carriers: dict[str, bool] = {}
+        self._indices: dict[str, int] = {}
         self.outputs = memoryview(b"")
         self.inputs = memoryview(b"")
 
@@ -216,9 +218,9 @@ class Segment(Wire, Clocks):
             StateError: It serves an interface already.
         """
         other = None if second is None else second.encode()
-        self._carriers = dict.fromkeys(
-            (interface,) if second is None else (interface, second), True
-        )
+        interfaces = (interface,) if second is None else (interface, second)
+        self._carriers = dict.fromkeys(interfaces, True)
+        self._indices = {name: netlink.index(name) for name in interfaces}
         result = self._lib.esc_start(self._handle, interface.encode(), other)
         names = interface if second is None else f"{interface}' or '{second}"
         if result in (-errno.ENODEV, -errno.ENXIO):
@@ -233,8 +235,16 @@ class Segment(Wire, Clocks):
         checked(result)
 
     def follow_carriers(self) -> None:
-        """Has links to interfaces come and go with their carriers, as loops of real slaves do."""
+        """Has links to interfaces come and go with their carriers, as loops of real slaves do.
+
+        An interface that was made again is served again: to the slaves it is the same socket.
+        """
         for number, (interface, before) in enumerate(list(self._carriers.items())):
+            index = netlink.index(interface)
+            if index not in (0, self._indices[interface]):
+                # One that has gone again already will be seen when it is back.
+                if self._lib.esc_reopen(self._handle, number, interface.encode()) == 0:
+                    self._indices[interface] = index
             now = netlink.has_carrier(interface)
             if now != before:
                 self._carriers[interface] = now

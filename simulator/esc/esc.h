@@ -139,6 +139,8 @@ ESC_API int esc_close_ring(struct esc_segment *segment, int slave, int port);
 ESC_API int esc_break_link(struct esc_segment *segment, int slave, int port, int broken);
 /* Says whether an interface (0 or 1) has a carrier: without one there is no link to it. */
 ESC_API int esc_set_carrier(struct esc_segment *segment, int interface, int carrier);
+/* Serves an interface (0 or 1) again that was made again under the same name. */
+ESC_API int esc_reopen(struct esc_segment *segment, int interface, const char *name);
 /* The slaves whose processing units a frame from an interface passes, in order. Their number. */
 ESC_API int esc_order(struct esc_segment *segment, int interface, uint16_t *order, int capacity);
 

@@ -3,6 +3,7 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <linux/if_packet.h>
 #include <net/if.h>
 #include <poll.h>
@@ -253,6 +254,20 @@ int esc_start(struct esc_segment *segment, const char *first, const char *second
     }
     segment->server = server;
     return 0;
+}
+
+int esc_reopen(struct esc_segment *segment, int interface, const char *name)
+{
+    struct server *server = segment->server;
+    if (server == NULL || interface < 0 || interface >= INTERFACES || server->sockets[interface] < 0)
+        return -ENOTCONN;
+    int fd = open_socket(name);
+    if (fd < 0)
+        return fd;
+    /* The thread goes on with the same descriptor, which is another socket from now on. */
+    int result = dup3(fd, server->sockets[interface], O_CLOEXEC) < 0 ? -errno : 0;
+    close(fd);
+    return result;
 }
 
 int esc_stop(struct esc_segment *segment)

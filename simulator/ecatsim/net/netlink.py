@@ -99,6 +99,14 @@ def check_up(name: str) -> None:
         raise StateError(f"network interface '{name}' is down: `ip link set {name} up`")
 
 
+def index(name: str) -> int:
+    """Number of an interface, which is another one after it was made again; 0 if there is none."""
+    try:
+        return socket.if_nametoindex(name)
+    except OSError:
+        return 0
+
+
 def has_carrier(name: str) -> bool:
     """Whether an interface is up and has a link; False where there is none of this name."""
     # Not IFF_RUNNING, which follows up to a second later.
