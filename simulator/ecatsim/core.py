@@ -241,10 +241,10 @@ class Segment(Wire, Clocks):
         """
         for number, (interface, before) in enumerate(list(self._carriers.items())):
             index = netlink.index(interface)
-            if index not in (0, self._indices[interface]):
-                # One that has gone again already will be seen when it is back.
-                if self._lib.esc_reopen(self._handle, number, interface.encode()) == 0:
-                    self._indices[interface] = index
+            made_again = index not in (0, self._indices[interface])
+            # One that has gone again already will be seen when it is back.
+            if made_again and self._lib.esc_reopen(self._handle, number, interface.encode()) == 0:
+                self._indices[interface] = index
             now = netlink.has_carrier(interface)
             if now != before:
                 self._carriers[interface] = now

@@ -92,6 +92,7 @@ class ForeignWatch:
         program = struct.pack("@HP", count, ctypes.addressof(code))
         new.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
         new.setblocking(False)
+        _drain(new)  # of what came in before the filter was there
         return new
 
     def reopen(self, number: int) -> None:
@@ -101,23 +102,31 @@ class ForeignWatch:
 
     def look(self, number: int) -> Foreign:
         """What has come in on an interface since the last look."""
-        found = Foreign()
-        for _ in range(_LOOK_AT):
-            try:
-                head = self._sockets[number].recv(_HEAD_BYTES)
-            except OSError:  # nothing more, or the interface is down
-                break
+        heads, count = _drain(self._sockets[number])
+        found = Foreign(count)
+        for head in heads:
             source = _describe(head) if len(head) > _INDEX_AT else "a frame cut short"
             if source not in found.sources:
                 found.sources.append(source)
-        statistics = self._sockets[number].getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8)
-        found.count = struct.unpack("=II", statistics)[0]
         return found
 
     def close(self) -> None:
         """Closes the sockets."""
         for item in self._sockets:
             item.close()
+
+
+def _drain(item: socket.socket) -> tuple[list[bytes], int]:
+    """Beginnings of the frames that wait in a socket, and how many have come since it was asked."""
+    heads = []
+    for _ in range(_LOOK_AT):
+        try:
+            heads.append(item.recv(_HEAD_BYTES))
+        except OSError:  # nothing more, or the interface is down
+            break
+    statistics = item.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8)
+    count: int = struct.unpack("=II", statistics)[0]
+    return heads, count
 
 
 def _describe(head: bytes) -> str:

@@ -21,6 +21,8 @@ from .foreign import ForeignWatch
 from .link import LinkState, LinkWatch, switch_on
 
 _PERIOD = 1.0
+_GOING = 0.1
+"""Seconds after which an interface that was switched off is not about to vanish."""
 
 _COUNTERS = {
     "missed": "deadlines missed",
@@ -179,12 +181,19 @@ class WireWatch:
 
     def _on_link(self, number: int, before: LinkState, now: LinkState) -> None:
         self._publish_links()
-        interface = self._interfaces[number]
         if now.index not in (0, self._indices[number]):
             self._take_new(number, now)
             if now.link == shm.Link.DOWN:
                 return  # it has just been switched on, which will be told
-        if now.link == before.link:
+        if now.link == shm.Link.DOWN and before.link != shm.Link.GONE:
+            # Whoever takes an interface away switches it off first.
+            asyncio.get_running_loop().call_later(_GOING, self._tell_link, number, now)
+        elif now.link != before.link:
+            self._tell_link(number, now)
+
+    def _tell_link(self, number: int, now: LinkState) -> None:
+        interface = self._interfaces[number]
+        if now != self._links.states[number]:
             return
         text = f"{interface}: {_LINKS[now.link].format(interface)}"
         (self._log.info if now.link == shm.Link.UP else self._log.error)(text)

@@ -1,0 +1,71 @@
+"""What tests do in the network namespace of a simulator: `python inside.py PID COMMAND …`.
+
+A process of its own, since only one without threads can enter a namespace.
+"""
+
+import fcntl
+import socket
+import struct
+import sys
+import time
+
+from ecatsim.net import namespace, netlink
+
+DELLINK, REQUEST_ACK = 17, 5
+
+
+def switch(interface, state):
+    """Switches an interface on or off, as an administrator does."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        request = struct.pack("16sH14x", interface.encode(), 0)
+        (flags,) = struct.unpack("16xH14x", fcntl.ioctl(control, 0x8913, request))
+        flags = flags | 1 if state == "up" else flags & ~1
+        fcntl.ioctl(control, 0x8914, struct.pack("16sH14x", interface.encode(), flags))
+
+
+def delete(interface):
+    """Takes an interface away, and with it its peer."""
+    index = socket.if_nametoindex(interface)
+    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as link:
+        link.bind((0, 0))
+        body = struct.pack("=BxHiII", socket.AF_UNSPEC, 0, index, 0, 0)
+        link.send(struct.pack("=IHHII", 16 + len(body), DELLINK, REQUEST_ACK, 1, 0) + body)
+        (code,) = struct.unpack_from("=i", link.recv(4096), 16)
+        assert code == 0, code
+
+
+def make(interface, peer):
+    """Makes a pair of interfaces."""
+    netlink.create_veth(peer, interface)
+
+
+def send(interface, frame, count, pause):
+    """Sends a frame again and again."""
+    raw = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
+    raw.bind((interface, 0x88A4))
+    for _ in range(int(count)):
+        raw.send(bytes.fromhex(frame))
+        time.sleep(float(pause))
+
+
+def soem(interface, seconds):
+    """Another master with SOEM, which brings the slaves to OP and exchanges process data."""
+    import pysoem
+
+    master = pysoem.Master()
+    master.open(interface)
+    assert master.config_init() > 0
+    master.config_map()
+    end = time.monotonic() + float(seconds)
+    while time.monotonic() < end:
+        master.send_processdata()
+        master.receive_processdata(2000)
+        time.sleep(0.001)
+    master.close()
+
+
+if __name__ == "__main__":
+    namespace.join(int(sys.argv[1]))
+    {"switch": switch, "delete": delete, "make": make, "send": send, "soem": soem}[sys.argv[2]](
+        *sys.argv[3:]
+    )
