@@ -25,6 +25,7 @@ from .engine import Engine, Grant, Index, RealTime, open_socket
 from .layout import Image, assign_domains, lay_out
 from .mapping import Scanned, configure, scan_slaves
 from .master import Master
+from .round_trip import measure_round_trip
 from .safe import safe_images
 from .segment import Segment
 from .watchdogs import check_watchdogs
@@ -170,6 +171,7 @@ class BringUp:
             self._config.cycle_time_us,
             len(self.bus.slaves),
             clock=self._config.dc.enabled,
+            delay_ns=measure_round_trip(master),
         )
         if warning := self.wire.check():
             self._log.warning(warning)
