@@ -21,6 +21,7 @@ import stat
 import struct as binary
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any, TypeVar
@@ -339,6 +340,13 @@ def read(bus: str = "ecat0") -> Snapshot:
         NotPermittedError: This user may not read it.
         StateError: The segment is damaged, or of another version.
     """
+    with opened(bus) as segment:
+        return segment.snapshot()
+
+
+@contextmanager
+def opened(bus: str) -> Iterator[OpenSegment]:
+    """The segment of a bus, to read tables of it; raises as `read`."""
     if not BUS_NAME.fullmatch(bus):
         raise UsageError(f"'{bus}' is no bus name: use 1 to 31 letters, digits, '_' or '-'")
     path = shm.FOLDER / f"ecat.{bus}"
@@ -354,7 +362,7 @@ def read(bus: str = "ecat0") -> Snapshot:
     except OSError as error:
         raise EcatError(f"cannot open {path}: {error.strerror}") from error
     try:
-        return _Segment(fd, bus).snapshot()
+        yield OpenSegment(fd, bus)
     finally:
         os.close(fd)
 
@@ -366,7 +374,7 @@ def _not_running(bus: str) -> UnreachableError:
     )
 
 
-class _Segment:
+class OpenSegment:
     """The open segment of a bus, of which nothing is believed that was not checked."""
 
     def __init__(self, fd: int, bus: str) -> None:
@@ -377,21 +385,21 @@ class _Segment:
         """Reads until no cycle ended meanwhile, but not for ever."""
         for _ in range(_TRIES):
             snapshot = self._read()
-            if self._header().cycle == snapshot.cycle:
+            if self.header().cycle == snapshot.cycle:
                 break
         return snapshot
 
     def _read(self) -> Snapshot:
-        head = self._header()
-        (health,) = self._rows("ecat_shm_health", head.health_offset, 1)
-        settings = self._rows("ecat_shm_setting", head.settings_offset, len(shm.Setting))
+        head = self.header()
+        (health,) = self.rows("ecat_shm_health", head.health_offset, 1)
+        settings = self.rows("ecat_shm_setting", head.settings_offset, len(shm.Setting))
         domains = self._domains(head)
         read_ns = time.monotonic_ns()
         if head.cycle_time_ns == 0:
-            raise self._damaged("cycle time")
+            raise self.damaged("cycle time")
         return Snapshot(
             bus=self._bus,
-            version=_text(head.version),
+            version=printable(head.version),
             state=self._enum(shm.BusState, head.state),
             instance=head.instance,
             cycle_time_ns=head.cycle_time_ns,
@@ -425,7 +433,7 @@ class _Segment:
             ),
         )
 
-    def _header(self) -> Any:
+    def header(self) -> Any:
         """The header, checked as far as it can be by itself."""
         status = os.fstat(self._fd)
         data = b""
@@ -445,22 +453,22 @@ class _Segment:
                 f"install the same version of both"
             )
         if head.size > status.st_size:
-            raise self._damaged("size")
+            raise self.damaged("size")
         return head
 
     def _domains(self, head: Any) -> tuple[Domain, ...]:
         count = head.domain_count
         if count > DOMAINS_MAX:
-            raise self._damaged("number of domains")
-        tables = self._rows("ecat_shm_domain", head.domains_offset, count)
-        statuses = self._rows("ecat_shm_domain_status", head.domain_status_offset, count)
+            raise self.damaged("number of domains")
+        tables = self.rows("ecat_shm_domain", head.domains_offset, count)
+        statuses = self.rows("ecat_shm_domain_status", head.domain_status_offset, count)
         made = []
         for number, (table, status) in enumerate(zip(tables, statuses, strict=True)):
-            (page,) = self._rows("ecat_shm_page", table.page_offset, 1)
+            (page,) = self.rows("ecat_shm_page", table.page_offset, 1)
             made.append(
                 Domain(
                     number=number,
-                    name=_text(table.name),
+                    name=printable(table.name),
                     divider=table.divider,
                     output_bytes=table.output_bytes,
                     input_bytes=max(0, table.image_bytes - table.output_bytes),
@@ -473,12 +481,12 @@ class _Segment:
             )
         return tuple(made)
 
-    def _rows(self, name: str, offset: int, count: int) -> list[Any]:
+    def rows(self, name: str, offset: int, count: int) -> list[Any]:
         """Copies of the rows of a table."""
         length = count * shm.size(name)
         data = os.pread(self._fd, length, offset) if offset % 8 == 0 else b""
         if len(data) != length:
-            raise self._damaged(f"table {name}")
+            raise self.damaged(f"table {name}")
         return list((shm.struct(name) * count).from_buffer_copy(data))
 
     def _daemon_lives(self) -> bool:
@@ -494,9 +502,10 @@ class _Segment:
         try:
             return kind(value)
         except ValueError:
-            raise self._damaged(f"{kind.__name__} {value}") from None
+            raise self.damaged(f"{kind.__name__} {value}") from None
 
-    def _damaged(self, what: str) -> StateError:
+    def damaged(self, what: str) -> StateError:
+        """The error that something in the segment makes no sense."""
         return StateError(
             f"the shared memory of bus '{self._bus}' is damaged ({what}); restart the daemon"
         )
@@ -511,7 +520,7 @@ def _histogram(raw: Any) -> Histogram:
     return Histogram(buckets, raw.sum_ns, smallest, raw.max_ns)
 
 
-def _text(raw: bytes) -> str:
+def printable(raw: bytes) -> str:
     """Text that can be shown: of a damaged segment it may hold anything."""
     text = raw.decode("utf-8", "replace")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)

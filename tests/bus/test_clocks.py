@@ -302,6 +302,44 @@ def test_clocks_of_32_bits(
         assert (origin + signed(pulse - origin)) % CYCLE == CYCLE // 2, position
 
 
+def test_ecatctl_dc(start: Callable[..., Daemon], tmp_path: Path) -> None:
+    rig = line(tmp_path, "", "", "dc = false", "dc_bits = 32", drifts=(300.0, 50.0, 0.0, -50.0))
+    daemon = start(
+        rig,
+        f"[dc]\nreference = 1\n{GENEROUS}[[dc.slave]]\nslave = 3\nsync1_us = 10.5\n",
+    )
+    wait_until(lambda: daemon.ctl_json("dc")["phase"]["count"] > 0)
+    here = daemon.ctl_json("dc")
+    endpoint = f"unixsock-stream/{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}.zenoh"
+    there = daemon.ctl_json("dc", "--connect", endpoint)
+    for document in (here, there):
+        assert (document["bus"], document["reference"]) == (daemon.bus, 1)
+        assert document["phase"]["p50"] <= document["phase"]["p99"] <= document["phase"]["max"]
+        differences = [row["dc_difference_ns"] for row in document["slaves"]]
+        assert differences[:3] == [None, None, None]
+        assert abs(differences[3]) < IN_STEP
+        assert [row["dc_bits"] for row in document["slaves"]] == [64, 64, 0, 32]
+        assert document["slaves"][3]["dc_delay_ns"] == pytest.approx(2 * HOP, abs=2)
+    assert {k: type(v) for k, v in here.items()} == {k: type(v) for k, v in there.items()}
+    wait_until(lambda: daemon.ctl_json("dc")["state"] == "locked")
+    summary, text = daemon.ctl("dc").stdout.split("\n\n")
+    assert "the clock of slave 1 (S1)" in summary.splitlines()[0]
+    assert [line.split()[0] for line in summary.splitlines()[1:]] == ["time", "drift", "phase"]
+    rows = text.splitlines()
+    assert rows[0].split()[:5] == ["POS", "NAME", "CLOCK", "DELAY", "DIFFERENCE"]
+    assert rows[1].split()[4:9] == ["0", "ns", "does", "not", "follow"]
+    assert rows[2].split() == ["1", "S1", "64", "bit", "0", "ns", "reference", "-", "-", "-"]
+    assert rows[3].split() == ["2", "S2", *"------"]
+    assert rows[4].split()[-6:] == ["1000", "µs", "500", "µs", "10.5", "µs"]
+
+
+def test_ecatctl_dc_without_dc(troll: Daemon) -> None:
+    assert (troll.ctl_json("dc")["state"], troll.ctl_json("dc")["reference"]) == ("off", -1)
+    first, second, *_ = troll.ctl("dc").stdout.splitlines()
+    assert first.endswith("distributed clocks are off; the cycle runs on the clock of this machine")
+    assert int(second.removeprefix("slaves with a clock: ")) > 0
+
+
 def test_a_lock_that_is_lost_and_found_again(
     start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path
 ) -> None:

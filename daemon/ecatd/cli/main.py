@@ -17,7 +17,7 @@ from ecatd.model.errors import EcatError, UsageError
 from ecatd.stats import TIMES
 from ecatd.version import VERSION
 
-from . import info, library, sdo, show, stats
+from . import dc, info, library, sdo, show, stats
 from .output import SCHEMA
 
 _EPILOG = """\
@@ -165,6 +165,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--histogram", choices=TIMES, metavar="NAME", help=f"show one time: {', '.join(TIMES)}"
     )
+    add_local("dc", dc.dc, "Show the distributed clocks.")
     add_local("info", info.info, "Show what the daemon is, and which real time it was granted.")
     for name, run, summary, alias in (
         ("sdo-read", sdo.sdo_read, "Read an object of a slave.", "upload"),

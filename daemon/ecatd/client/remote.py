@@ -185,6 +185,10 @@ class Remote:
         """Statistics of the bus since the start of the exchange."""
         return from_map(self._ask("ro", "stats", parameters="buckets=1"))
 
+    def clocks(self) -> dict[str, Any]:
+        """The distributed clocks of the bus; see `ecatd.dc.read_clocks`."""
+        return self._ask("ro", "dc")
+
     def sdo_read(
         self, slave: int, index: int, subindex: int = 0, *, complete: bool = False
     ) -> SdoValue:

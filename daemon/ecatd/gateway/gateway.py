@@ -11,6 +11,7 @@ from typing import Any
 
 import zenoh
 
+from ecatd.dc import read_clocks
 from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
@@ -175,6 +176,8 @@ class Gateway:
                 return await self._bus.ask(ReadStates())
             case ["ro", "stats"]:
                 return to_map(read(self._config.bus), buckets=_asked(query, "buckets"))
+            case ["ro", "dc"]:
+                return read_clocks(self._config.bus)
             case ["ro", "sdo", slave, index, subindex]:
                 complete = {"complete": _asked(query, "complete")}
                 return await self._bus.ask(

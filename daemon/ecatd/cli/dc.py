@@ -1,0 +1,99 @@
+"""Command `dc`: distributed clocks."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from typing import Any
+
+from ecatd.dc import read_clocks
+from ecatd.model.errors import EcatError
+
+from .output import print_json, print_table
+from .source import Source
+
+_EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
+
+
+def dc(options: argparse.Namespace) -> None:
+    """Shows the reference clock, how the cycle follows it, and the clocks of all slaves."""
+    with Source(options) as source:
+        document = read_clocks(options.bus) if source.local else source.remote().clocks()
+    if options.json:
+        print_json(document)
+        return
+    try:
+        summary = _summary(document)
+        rows = [_row(slave, document) for slave in document["slaves"]]
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise EcatError(
+            f"the daemon's clocks cannot be understood ({error!r}): is it of another version? Run "
+            f"'ecatctl info', and install the same version here"
+        ) from error
+    print("\n".join(summary))
+    print()
+    head = ("POS", "NAME", "CLOCK", "DELAY", "DIFFERENCE", "SYNC0", "SHIFT", "SYNC1")
+    print_table(head, rows, "> >>>>>>")
+
+
+def _summary(document: dict[str, Any]) -> list[str]:
+    bus, slaves = document["bus"], document["slaves"]
+    if document["state"] == "off":
+        return [
+            f"bus {bus}: distributed clocks are off; the cycle runs on the clock of this machine",
+            f"slaves with a clock: {sum(slave['dc_bits'] > 0 for slave in slaves)}",
+        ]
+    reference = slaves[document["reference"]]
+    state, phase = document["state"], document["phase"]
+    lines = [
+        f"bus {bus}: {state}; the cycle of {document['cycle_time_us']:g} µs "
+        f"{'follows' if state == 'locked' else 'does not follow'} the clock of slave "
+        f"{reference['position']} ({reference['name']})",
+        f"time   {_time(document['time_ns'])} UTC, on the reference clock",
+        f"drift  {document['drift_ppb'] / 1000:+.1f} ppm, reference clock to this machine",
+        f"phase  {document['offset']:+.1f} µs in the last cycle",
+    ]
+    if phase["count"]:
+        lines[-1] += (
+            f"; since the start p50 {phase['p50']:.1f}, p99 {phase['p99']:.1f}, "
+            f"max {phase['max']:.1f} µs"
+        )
+    return lines
+
+
+def _time(ns: int) -> str:
+    """A time of a clock: ns since 2000; a clock of 32 bits has not more than its last 4.3 s."""
+    if ns < 1 << 33:
+        return f"{ns / 1e9:.9f} s"
+    seconds, rest = divmod(ns, 10**9)
+    try:
+        moment = _EPOCH + datetime.timedelta(seconds=seconds)
+    except OverflowError:
+        return f"{ns} ns"
+    return f"{moment:%Y-%m-%d %H:%M:%S}.{rest:09d}"
+
+
+def _row(slave: dict[str, Any], document: dict[str, Any]) -> tuple[Any, ...]:
+    on = document["state"] != "off" and slave["dc_bits"]
+    difference = slave["dc_difference_ns"]
+    if slave["position"] == document["reference"]:
+        text = "reference"
+    elif difference is not None:
+        text = f"{difference:+d} ns"
+    else:
+        text = "does not follow" if on else "-"
+    signal = slave["sync0_ns"] > 0
+    return (
+        slave["position"],
+        slave["name"] or "(no name)",
+        f"{slave['dc_bits']} bit" if slave["dc_bits"] else "-",
+        f"{slave['dc_delay_ns']} ns" if on else "-",
+        text,
+        _us(slave["sync0_ns"]) if signal else "-",
+        _us(slave["sync_shift_ns"]) if signal else "-",
+        _us(slave["sync1_ns"]) if slave["sync1_ns"] else "-",
+    )
+
+
+def _us(ns: int) -> str:
+    return f"{ns / 1000:g} µs"

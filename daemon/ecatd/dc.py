@@ -1,0 +1,61 @@
+"""The distributed clocks of a bus, read from its shared memory; see `stats.py` for how."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from . import shm
+from .stats import OpenSegment, Snapshot, opened, printable
+from .stats_map import histogram_to_map
+
+
+def read_clocks(bus: str) -> dict[str, Any]:
+    """What is known of the distributed clocks of a bus on this machine; asks nobody.
+
+    Returns:
+        A map, as it travels over Zenoh (`ro/dc`) and as `ecatctl dc --json` prints it: `state`,
+        `reference` (position, -1 for none), `time_ns` (of the reference clock), `offset` and
+        `phase` (µs; distribution of the offset, without its sign), `drift_ppb`, and `slaves`. A
+        slave that does not follow the reference clock has null for its difference.
+
+    Raises:
+        EcatError: As `stats.read`.
+    """
+    with opened(bus) as segment:
+        snapshot = segment.snapshot()
+        clock = snapshot.clock
+        if clock.state != shm.DcState.OFF and not 0 <= clock.reference < snapshot.slaves_expected:
+            raise segment.damaged(f"reference clock {clock.reference}")
+        return {
+            "bus": bus,
+            "state": clock.state.name.lower(),
+            "cycle_time_us": snapshot.cycle_time_ns / 1000,
+            "reference": clock.reference,
+            "time_ns": clock.time_ns,
+            "offset": clock.offset_ns / 1000,
+            "phase": histogram_to_map(snapshot.times.dc_offset),
+            "drift_ppb": clock.drift_ppb,
+            "slaves": _slaves(segment, snapshot),
+        }
+
+
+def _slaves(segment: OpenSegment, snapshot: Snapshot) -> list[dict[str, Any]]:
+    head, count = segment.header(), snapshot.slaves_expected
+    rows = segment.rows("ecat_shm_slave", head.slaves_offset, count)
+    statuses = segment.rows("ecat_shm_slave_status", head.slave_status_offset, count)
+    clock = snapshot.clock
+    return [
+        {
+            "position": row.position,
+            "name": printable(row.name),
+            "dc_bits": row.dc_bits,
+            "dc_delay_ns": row.dc_delay_ns,
+            "dc_difference_ns": status.dc_difference_ns
+            if clock.state != shm.DcState.OFF and row.dc_bits and row.position > clock.reference
+            else None,
+            "sync0_ns": row.sync0_ns,
+            "sync1_ns": row.sync1_ns,
+            "sync_shift_ns": row.sync_shift_ns,
+        }
+        for row, status in zip(rows, statuses, strict=True)
+    ]
