@@ -2,8 +2,11 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ecatd.model.config import Config, DcConfig, DcSlaveConfig, DomainConfig
 from ecatd.model.errors import ConfigError
@@ -248,3 +251,61 @@ def test_missing_and_unreadable_files(tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes(b"bus = '\xe4'")
     with pytest.raises(ConfigError, match="no UTF-8"):
         Config.load(tmp_path / "latin.toml")
+
+
+SCALARS = st.one_of(
+    st.integers(-3, 1200),
+    st.integers(),
+    st.floats(),
+    st.booleans(),
+    st.text(max_size=5),
+    st.sampled_from(["5-7", "zero", "hold", "0x60FF:00", "tcp/127.0.0.1:7447", "eth1"]),
+)
+
+
+def table(*keys: str) -> st.SearchStrategy[dict[str, Any]]:
+    """A table with some of these keys, with right values, wrong ones, and others."""
+    values = st.one_of(SCALARS, st.lists(SCALARS, max_size=3), st.dictionaries(st.text(), SCALARS))
+    return st.fixed_dictionaries({}, optional=dict.fromkeys(keys, values))
+
+
+def rows(*keys: str) -> st.SearchStrategy[Any]:
+    return st.one_of(st.lists(table(*keys), max_size=3), SCALARS)
+
+
+CONFIGURATIONS = st.fixed_dictionaries(
+    {},
+    optional={
+        **dict.fromkeys(("bus", "interface", "second_interface", "cycle_time_us"), SCALARS),
+        "domain": rows("name", "divider", "slaves", "a\nb"),
+        "dc": st.one_of(
+            SCALARS,
+            st.fixed_dictionaries(
+                {},
+                optional={
+                    "phase_us": SCALARS,
+                    "lock_us": SCALARS,
+                    "enabled": SCALARS,
+                    "slave": rows("slave", "sync0_us", "shift_us", "sync1_us"),
+                },
+            ),
+        ),
+        "mailbox": st.one_of(SCALARS, table("share")),
+        "realtime": st.one_of(SCALARS, table("priority", "cpu", "dma_latency_us", "\n")),
+        "outputs": st.one_of(
+            SCALARS, st.fixed_dictionaries({}, optional={"safe": rows("slave", "entry", "value")})
+        ),
+        "gateway": st.one_of(SCALARS, table("listen", "publish_hz")),
+    },
+)
+
+
+@given(CONFIGURATIONS)
+def test_anything_is_taken_or_refused_in_one_line(data: dict[str, Any]) -> None:
+    said = ""
+    try:
+        config = Config.from_dict(data)
+        assert Config.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    except ConfigError as error:
+        said = str(error)
+    assert "\n" not in said

@@ -517,7 +517,8 @@ class _Reader:
     def _fail(self, table: str, key: str, message: str, row: int = 0) -> NoReturn:
         line = self._line(table, key, row)
         where = f"{self._file}:{line}" if line else self._file
-        raise ConfigError(f"{where}: {f'{table}.{key}' if table else key}: {message}")
+        name = f"{table}.{key}" if table else key
+        raise ConfigError(f"{where}: {name if name.isprintable() else repr(name)}: {message}")
 
     def _line(self, table: str, key: str, row: int) -> int:
         """Line of a key in the table (of an array: in the one with that number).
