@@ -145,15 +145,18 @@ static void accept_frame(cyclic_t *c, uint32_t port, size_t length) {
   cyclic_frame_take(c, frame, frame->answer);
 }
 
+enum { DRAIN_FRAMES = 128 }; /* between two looks at the clock, whoever floods the wire */
+
 /* Takes what is there; 0 when the socket of a port is of no use in this cycle. */
 static int drain(cyclic_t *c, uint32_t port) {
-  while (c->waiting > 0) {
+  int i;
+  for (i = 0; c->waiting > 0 && i < DRAIN_FRAMES; i++) {
     ssize_t length = recv(c->fd[port], c->receive_buffer, sizeof c->receive_buffer, MSG_DONTWAIT);
-    if (length >= 0)
+    if (length > 0)
       accept_frame(c, port, (size_t)length);
-    else if (errno == EAGAIN)
+    else if (length < 0 && errno == EAGAIN)
       return 1;
-    else if (errno != EINTR)
+    else if (length == 0 || errno != EINTR)
       return 0; /* ENETDOWN and its kind: the next cycle is soon enough to try again */
   }
   return 1;

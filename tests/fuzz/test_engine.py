@@ -1,0 +1,71 @@
+"""The cyclic engine between a bus and clients that do what they must not, with sanitizers."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CYCLIC = ROOT / "daemon" / "cyclic"
+SOURCES = ("clock", "control", "engine", "frames", "publish", "setup", "slots", "wire")
+SANITIZERS = {"memory": "address,undefined", "races": "thread"}
+CYCLES = 6000
+
+
+@pytest.fixture(scope="session")
+def driver(tmp_path_factory):
+    """Builds the driver with a sanitizer; skips where the compiler has none."""
+    folder = tmp_path_factory.mktemp("engine")
+
+    def build(kind: str) -> Path:
+        flag = f"-fsanitize={SANITIZERS[kind]}"
+        if not shutil.which("gcc"):
+            pytest.skip("gcc is not installed")
+        probe = folder / "probe.c"
+        probe.write_text("int main(void) { return 0; }\n")
+        try_it = subprocess.run(["gcc", flag, probe, "-o", folder / "probe"], check=False)
+        if try_it.returncode or subprocess.run([folder / "probe"], check=False).returncode:
+            pytest.skip(f"programs built with {flag} do not run here")
+        program = folder / kind
+        subprocess.run(
+            [
+                *("gcc", "-std=c11", "-D_GNU_SOURCE", "-O1", "-g", "-Wall", "-Wextra", "-Werror"),
+                # gcc says that its thread sanitizer knows no fences; what they order is atomic.
+                *("-Wno-tsan", flag, "-fno-sanitize-recover=all"),
+                *(f"-I{CYCLIC}", f"-I{ROOT / 'client_c' / 'include'}"),
+                *(CYCLIC / f"{name}.c" for name in SOURCES),
+                *(
+                    ROOT / "client_c" / "src" / "histogram.c",
+                    Path(__file__).parent / "engine/engine.c",
+                ),
+                *("-o", program, "-lpthread"),
+            ],
+            check=True,
+        )
+        return program
+
+    return build
+
+
+@pytest.mark.parametrize("ports", [1, 2])
+@pytest.mark.parametrize("kind", SANITIZERS)
+def test_nothing_from_outside_ends_the_engine_or_mixes_frames(driver, kind, ports):
+    result = subprocess.run(
+        [driver(kind), "1", str(CYCLES), str(ports)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, "TSAN_OPTIONS": "halt_on_error=1"},
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr[-4000:]
+    found = json.loads(result.stdout)
+    assert found["exchanges"] >= CYCLES
+    # It was not left in peace.
+    for what in ("damaged", "invented", "held", "swaps", "truncated", "late", "foreign", "lost"):
+        assert found[what] > 3, what
+    assert found["bad"] < found["exchanges"] / 2, "most frames arrived"
+    assert found["snapshots"] > 1000
