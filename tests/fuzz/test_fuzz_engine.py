@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
 CYCLIC = ROOT / "daemon" / "cyclic"
 SOURCES = ("clock", "control", "engine", "frames", "publish", "setup", "slots", "wire")
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
