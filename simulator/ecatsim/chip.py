@@ -24,6 +24,7 @@ class Chip:
             SII word 0 switches its units off (bits 10 and 11), there are only the receive times of
             the ports.
         dc_bits: Width of its clock: 64 or 32.
+        lrw: Whether it can do LRW (register 0x0008, bit 9); some cannot, and need LRD and LWR.
         eeprom_bytes: Bytes that one read of the EEPROM brings: 8 or 4.
         eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs.
         eeprom_write_us: How long it is busy writing a word, in µs.
@@ -38,6 +39,7 @@ class Chip:
     ports: int = 0x0F
     dc: bool = True
     dc_bits: int = 64
+    lrw: bool = True
     eeprom_bytes: int = 8
     eeprom_read_us: int = 0
     eeprom_write_us: int = 0
@@ -56,6 +58,7 @@ class Config(ctypes.Structure):
         ("ports", ctypes.c_uint8),
         ("dc_bits", ctypes.c_uint8),
         ("eeprom_bytes", ctypes.c_uint8),
+        ("no_lrw", ctypes.c_uint8),
         ("eeprom_read_us", ctypes.c_uint32),
         ("eeprom_write_us", ctypes.c_uint32),
     )
@@ -78,6 +81,7 @@ def config(chip: Chip) -> Config:
         chip.ports,
         chip.dc_bits if chip.dc else 0,
         chip.eeprom_bytes,
+        not chip.lrw,
         chip.eeprom_read_us,
         chip.eeprom_write_us,
     )

@@ -54,6 +54,7 @@ struct esc_config {
     uint8_t ports;         /* port descriptor: 2 bits a port, 2 = EBUS, 3 = MII */
     uint8_t dc_bits;       /* width of the distributed clock: 0 = none, 32, 64 */
     uint8_t eeprom_bytes;  /* bytes that one read of the EEPROM brings: 4 or 8 */
+    uint8_t no_lrw;        /* LRW passes by: such a slave needs LRD and LWR */
     uint32_t eeprom_read_us, eeprom_write_us; /* how long the EEPROM is busy */
 };
 

@@ -183,6 +183,11 @@ unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *dat
         const struct slave *slave = fmmu->slave;
         const struct fmmu *first = fmmu;
         bool written = false, was_read = false;
+        if (read && write && slave->config.no_lrw) {
+            while (fmmu < last && fmmu->slave == slave)
+                fmmu++;
+            continue;
+        }
         for (; fmmu < last && fmmu->slave == slave; fmmu++)
             if (write && fmmu->write && fmmu->start < end && address < fmmu->end)
                 written |= access_channel(fmmu, address, data, end, true);

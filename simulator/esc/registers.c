@@ -47,6 +47,7 @@ enum {
     FEATURES = 0x00E0,   /* enhanced link detection, separate counters of forwarded errors */
     FEATURE_DC = 0x0114, /* distributed clocks with the newer registers of the SYNC unit */
     FEATURE_DC_64_BITS = 0x0008,
+    FEATURE_NO_LRW = 0x0200,
     PDI_SYNC_UNIT = 0x04, /* of register 0x0141 */
     PDI_LATCH_UNIT = 0x08,
     WATCHDOG_DIVIDER_DEFAULT = 2498, /* (2498 + 2) * 40 ns = 100 us */
@@ -76,7 +77,8 @@ static void power_on_identity(uint8_t *memory, const struct esc_config *config)
     memory[REG_RAM_SIZE] = config->ram_kib;
     memory[REG_PORTS] = config->ports;
     store16(memory + REG_FEATURES, FEATURES | (config->dc_bits > 0 ? FEATURE_DC : 0U) |
-                                       (config->dc_bits == 64 ? FEATURE_DC_64_BITS : 0U));
+                                       (config->dc_bits == 64 ? FEATURE_DC_64_BITS : 0U) |
+                                       (config->no_lrw ? FEATURE_NO_LRW : 0U));
 }
 
 /* Everything in the controller is as after power-on, but for the links of the ports. */

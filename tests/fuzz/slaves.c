@@ -22,6 +22,7 @@ static size_t random_chip(struct source *source, unsigned number, struct esc_con
         .sync_managers = (uint8_t)(number % 7 == 6 ? below(source, 17) : 8),
         .ram_kib = (uint8_t)(number % 3 == 2 ? 60 : 8),
         .ports = number % 2 == 0 ? 0xFF : 0x0F,
+        .no_lrw = number % 5 == 3,
         .dc_bits = number % 4 == 1 ? 32 : number % 4 == 2 ? 0 : 64,
         .eeprom_bytes = number % 2 == 0 ? 8 : 4,
         .eeprom_read_us = number % 3 == 1 ? 20 : 0,

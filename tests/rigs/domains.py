@@ -1,26 +1,31 @@
-"""Forty slaves that return their 32 bytes; slaves 1 and 10 say that they cannot do LRW."""
+"""Forty slaves that return their 32 bytes; slaves 1 and 10 cannot do LRW.
 
-import struct
+The first of them says so in its SII, the other only in its controller.
+"""
 
-from ecatsim import Rig
+from ecatsim import Chip, Rig
 from ecatsim.devices.generic import Loopback
-
-WITHOUT_LRW = (1, 10)
-_CATEGORIES, _GENERAL = 0x80, 30
-_FLAGS, _NO_LRW = 0x0B, 0x02
+from ecatsim.slave import sii
 
 
 class WithoutLrw(Loopback):
     order = "NoLRW32"
+    chip = Chip(fmmus=4, sync_managers=4, lrw=False)
+
+
+class Silent(WithoutLrw):
+    order = "Silent32"
 
     def sii_image(self) -> bytes:
         image = bytearray(super().sii_image())
-        at = _CATEGORIES
-        while (head := struct.unpack_from("<HH", image, at))[0] != _GENERAL:
-            at += 4 + 2 * head[1]
-        image[at + 4 + _FLAGS] |= _NO_LRW
+        at = 0x80
+        while int.from_bytes(image[at : at + 2], "little") != sii.Category.GENERAL:
+            at += 4 + 2 * int.from_bytes(image[at + 2 : at + 4], "little")
+        assert image[at + 4 + 0x0B] == 0x02
+        image[at + 4 + 0x0B] = 0
         return bytes(image)
 
 
 def rig() -> Rig:
-    return Rig("domains", [WithoutLrw() if n in WITHOUT_LRW else Loopback() for n in range(40)])
+    special = {1: WithoutLrw(), 10: Silent()}
+    return Rig("domains", [special.get(n) or Loopback() for n in range(40)])

@@ -265,6 +265,27 @@ def test_logical_bytes_and_working_counters(segment):
     assert logical(segment, LRW, 0x20000, bytes(4))[1] == 0
 
 
+def test_a_controller_without_lrw():
+    """It lets LRW pass, and the others take part; by LRD and LWR it takes part, too."""
+    segment = Segment()
+    for chip in (Chip(), Chip(lrw=False), Chip()):
+        segment.add(chip, build(Description(1, 2, 3)))
+    features = [int.from_bytes(segment.read(n, 0x0008, 2), "little") for n in range(3)]
+    assert [value & 0x0200 for value in features] == [0, 0x0200, 0]
+    for position in range(3):
+        set_sm(segment, position, 2, 0x1100, 2, 0x64)
+        set_sm(segment, position, 3, 0x1180, 2, 0x20)
+        set_fmmu(segment, position, 0, 2 * position, 2, (0, 7, 0), 0x1100, 2)
+        set_fmmu(segment, position, 1, 6 + 2 * position, 2, (0, 7, 0), 0x1180, 1)
+        segment.write(position, 0x1180, b"in")
+    data, counter = logical(segment, LRW, 0, b"outout" + bytes(6))
+    assert (data[6:], counter) == (b"in\0\0in", 6)
+    assert [segment.read(n, 0x1100, 2) for n in range(3)] == [b"ou", b"\0\0", b"ut"]
+    assert logical(segment, LWR, 0, b"tuotuo")[1] == 3
+    assert segment.read(1, 0x1100, 2) == b"ot"
+    assert logical(segment, LRD, 6, bytes(6)) == (b"ininin", 3)
+
+
 def test_windows_on_the_same_logical_bytes(segment):
     """As some masters map: the slave takes its outputs and puts its inputs in their place."""
     set_sm(segment, 0, 2, 0x1100, 2, 0x64)

@@ -97,7 +97,9 @@ def test_the_chip_is_that_of_the_slave(tmp_path: Path) -> None:
     assert (chip.fmmus, chip.sync_managers, chip.ram_kib, chip.ports) == (4, 6, 2, 0x3B)
     assert not chip.dc
     (device,) = read_back(tmp_path, slave(chip=registers[:8] + b"\x04\x00"))
-    assert (device.chip.dc, device.chip.dc_bits) == (True, 32)
+    assert (device.chip.dc, device.chip.dc_bits, device.chip.lrw) == (True, 32, True)
+    (device,) = read_back(tmp_path, slave(chip=registers[:8] + b"\x0c\x02"))
+    assert (device.chip.dc_bits, device.chip.lrw) == (64, False)
 
 
 def test_notes_stay_within_their_comment(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from ecatd.model.errors import StateError
 from .clocks import Clocks, clock_bits
 from .engine import Engine, Grant, Index, RealTime, open_socket
 from .layout import Image, assign_domains, lay_out
-from .mapping import Scanned, configure, scan_slaves
+from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .master import Master
 from .round_trip import measure_round_trip
 from .safe import safe_images
@@ -164,8 +164,7 @@ class BringUp:
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""
         assign_domains(self.bus, self._config.domain)
-        without_lrw = {item.slave.position for item in self._scanned if item.sii.without_lrw}
-        self.image = image = lay_out(self.bus, without_lrw)
+        self.image = image = lay_out(self.bus, without_lrw(master, self._scanned))
         self.wire = wire_time(
             image,
             self._config.cycle_time_us,

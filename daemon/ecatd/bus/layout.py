@@ -5,7 +5,7 @@ A domain's image is, slave after slave:
     outputs of slaves without LRW | outputs of the others | their inputs | inputs of slaves without
 
 so outputs lie in front of inputs, as clients expect, and three rows of bytes are exchanged by
-LWR, LRW and LRD. Only slaves that cannot do LRW (SII category 30) cost a second datagram. The rows
+LWR, LRW and LRD. Only slaves that cannot do LRW cost a second datagram. The rows
 are cut at slave boundaries, so that the working counter of each datagram is known.
 """
 

@@ -20,6 +20,7 @@ from .master import Master
 
 _PROTOCOL_COE = 0x04
 _USAGE_OUTPUTS, _USAGE_INPUTS = 3, 4
+_FEATURES, _NO_LRW = 0x0008, 0x0200
 _SYNC_MANAGER = 0x0800
 _FMMU = 0x0600
 _FMMU_COUNT = 0x0004
@@ -142,6 +143,16 @@ def _add_names(master: Master, slave: Slave, sii: Sii) -> None:
 def _type_by_size(bits: int) -> int:
     """An unsigned type of that size (BOOLEAN for one bit), where the slave tells nothing."""
     return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)
+
+
+def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:
+    """Positions of slaves that cannot do LRW: their SII says so, or their controller."""
+    wanted = [(item.slave.position, _FEATURES, 2) for item in scanned]
+    return {
+        item.slave.position
+        for item, features in zip(scanned, master.read_registers(wanted), strict=True)
+        if item.sii.without_lrw or int.from_bytes(features, "little") & _NO_LRW
+    }
 
 
 def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:

@@ -22,7 +22,7 @@ from .sii_image import device_from_sii
 
 _BASE64_LINE = 76
 _PORT_DESCRIPTOR = 7
-_DC, _DC_64_BITS = 0x04, 0x08  # features, register 0x0008
+_DC, _DC_64_BITS, _NO_LRW = 0x0004, 0x0008, 0x0200  # features, register 0x0008
 _EBUS = 2  # lower values say that there is no port
 _CHIP_KEYS = (
     "type",
@@ -83,12 +83,14 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
 
 def _chip(registers: bytes) -> Iterator[str]:
     """Registers 0x0000 to 0x0009."""
-    kind, revision, low, high, fmmus, managers, ram, ports, features, _ = registers
+    kind, revision, low, high, fmmus, managers, ram, ports, *last = registers
+    features = int.from_bytes(bytes(last), "little")
     values: tuple[object, ...] = (kind, revision, low | high << 8)
     values += (fmmus, managers, ram, ports, "true" if features & _DC else "false")
     values += ((64 if features & _DC_64_BITS else 32),) if features & _DC else ()
-    pairs = ", ".join(f"{k} = {v}" for k, v in zip(_CHIP_KEYS, values, strict=False))
-    yield f"chip = {{ {pairs} }}"
+    pairs = [f"{k} = {v}" for k, v in zip(_CHIP_KEYS, values, strict=False)]
+    pairs += ["lrw = false"] if features & _NO_LRW else []
+    yield f"chip = {{ {', '.join(pairs)} }}"
 
 
 def _rights(slave: CapturedSlave, base: Device) -> Iterator[str]:

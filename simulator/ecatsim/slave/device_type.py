@@ -135,6 +135,7 @@ class DeviceType:
                 rx_pdos=self.rx_pdos,
                 ebus_current=self.ebus_current,
                 physical_ports=self.physical_ports,
+                no_lrw=not self.chip.lrw,
                 dc_modes=self.dc_modes,
             )
         )
