@@ -1,12 +1,13 @@
-"""The distributed clocks of a bus, read from its shared memory; see `stats.py` for how."""
+"""The distributed clocks of a bus, read from its shared memory; see `stats/` for how."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from . import shm
-from .stats import OpenSegment, Snapshot, opened, printable
-from .stats_map import histogram_to_map
+from .stats import Snapshot
+from .stats.maps import histogram_to_map
+from .stats.segment import OpenSegment, opened, printable
 
 
 def read_clocks(bus: str) -> dict[str, Any]:

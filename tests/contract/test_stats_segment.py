@@ -24,8 +24,8 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.stats import COUNTERS, DOMAIN_COUNTERS, TIMES, read
-from ecatd.stats_map import from_map, to_map
+from ecatd.stats import TIMES, from_map, read, to_map
+from ecatd.stats.snapshot import COUNTERS, DOMAIN_COUNTERS
 
 pytestmark = pytest.mark.unprivileged
 

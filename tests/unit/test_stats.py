@@ -17,7 +17,8 @@ from ecatd.cli import info
 from ecatd.cli.stats import stats as stats_command
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
 from ecatd.model.errors import EcatError, StateError, UsageError
-from ecatd.stats import (
+from ecatd.stats.maps import from_map, histogram_to_map, interval_to_map, to_map
+from ecatd.stats.snapshot import (
     COUNTERS,
     TIMES,
     Bin,
@@ -29,7 +30,6 @@ from ecatd.stats import (
     Snapshot,
     Times,
 )
-from ecatd.stats_map import from_map, histogram_to_map, interval_to_map, to_map
 
 EDGE = 1 << 33  # from here on times share the last bucket
 SAMPLES = st.lists(st.integers(0, 2 * EDGE), max_size=300)
@@ -281,3 +281,17 @@ def test_count_needs_watch() -> None:
     options = argparse.Namespace(count=2, watch=None)
     with pytest.raises(UsageError, match="use it with --watch"):
         stats_command(options)
+
+
+def test_info_has_the_names_of_the_gateway_and_the_states_of_now() -> None:
+    made = snapshot()
+    at_start = {"links": {"eth1": "up", "eth2": "up"}, "ring": "closed"}
+    lines = info.info_lines(made, at_start, "")
+    assert lines[1:3] == ["interface   eth1, up", "interface   eth2, no carrier"]
+    assert "ring        OPEN: 3 slaves before the break, second interface no carrier" in lines
+    for nothing in ({}, {"links": None}, {"links": {"eth1": "up"}}):
+        assert info.info_lines(made, nothing, "")[1:3] == [
+            "interface   first, up",
+            "interface   second, no carrier",
+        ]
+    assert "gateway     does not answer" in "\n".join(info.info_lines(made, {}, "silence"))

@@ -11,8 +11,7 @@ from typing import Any
 
 from ecatd import shm
 from ecatd.model.errors import NoAnswerError, UnreachableError
-from ecatd.stats import Grant, Snapshot
-from ecatd.stats_map import to_map
+from ecatd.stats import Grant, Snapshot, to_map
 
 from .output import print_json, table_lines
 from .source import Source
@@ -104,7 +103,7 @@ def info(options: argparse.Namespace) -> None:
     if options.json:
         print_json(_document(snapshot, running, silent))
     else:
-        print("\n".join([*_lines(snapshot, running, silent), "", *real_time_lines(snapshot)]))
+        print("\n".join([*info_lines(snapshot, running, silent), "", *real_time_lines(snapshot)]))
 
 
 def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[str, Any]:
@@ -113,6 +112,7 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
     document = {key: known[key] for key in kept}
     document["started"] = snapshot.instance * 1e-9
     document["interface"] = None  # only the gateway knows it
+    document["links"] = dict(_links(snapshot, running))
     document["settings"] = [
         {
             **row,
@@ -122,42 +122,44 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
         for row, grant in zip(known["realtime"]["settings"], snapshot.grants, strict=True)
     ]
     document["gateway"] = {"error": silent} if silent else {"error": None}
-    return {**document, **{key: value for key, value in running.items() if key != "schema"}}
+    # What the gateway knows of links and ring is from its start.
+    later = {key: running[key] for key in running.keys() - {"schema", "links", "ring"}}
+    return {**document, **later}
 
 
-def _lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list[str]:
-    first, second = snapshot.links
-    interface = str(running.get("interface", "(the gateway does not say)"))
-    if first != shm.Link.UNUSED:
-        interface += f", {word(first)}"
+def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list[str]:
+    """What the daemon is and how its bus is; `running` is what the gateway says, if it does."""
     rows = [
         ("bus", f"{snapshot.bus}, {word(snapshot.state)}"),
-        ("interface", interface),
+        *(("interface", f"{name}, {state}") for name, state in _links(snapshot, running)),
         ("cycle time", f"{snapshot.cycle_time_ns / 1000:g} µs"),
-        ("slaves", f"{snapshot.slaves_found} found, {snapshot.slaves_expected} expected"),
-        ("ring", ring_line(snapshot).removeprefix("ring ")),
-        ("DC", clock_line(snapshot).removeprefix("DC ")),
     ]
     if {"wire_us", "wire_frames", "wire_bytes"} <= running.keys():
         frames = f"{running['wire_frames']} frame{'s' * (running['wire_frames'] != 1)}"
-        rows.insert(
-            3,
-            (
-                "wire time",
-                f"{running['wire_us']} µs in the longest cycle: {running['wire_bytes']} bytes, "
-                f"{frames}",
-            ),
-        )
-    if second != shm.Link.UNUSED or "second_interface" in running:
-        name = running.get("second_interface") or "(the gateway does not say)"
-        rows.insert(2, ("second", f"{name}, {word(second)}"))
-    rows.append(("started", f"{_date(snapshot.instance)}, {duration(snapshot.seconds)} ago"))
-    rows.append(("version", snapshot.version))
+        size = f"{running['wire_bytes']} bytes, {frames}"
+        rows.append(("wire time", f"{running['wire_us']} µs in the longest cycle: {size}"))
+    rows += [
+        ("slaves", f"{snapshot.slaves_found} found, {snapshot.slaves_expected} expected"),
+        ("ring", ring_line(snapshot).removeprefix("ring ")),
+        ("DC", clock_line(snapshot).removeprefix("DC ")),
+        ("started", f"{_date(snapshot.instance)}, {duration(snapshot.seconds)} ago"),
+        ("version", snapshot.version),
+    ]
     if silent:
         rows.append(("gateway", "does not answer; all this is from shared memory"))
     if snapshot.silence:
         rows.append(("NO CYCLE", f"for {snapshot.silence:.1f} s: the exchange stands still"))
     return [f"{name:<12}{value}" for name, value in rows]
+
+
+def _links(snapshot: Snapshot, running: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name and state of each interface; names only the gateway knows."""
+    used = [link for link in snapshot.links if link != shm.Link.UNUSED]
+    known = running.get("links")
+    names = [str(name) for name in known] if isinstance(known, dict) else []
+    if len(names) != len(used):
+        names = ["first", "second"]
+    return [(name, word(link)) for name, link in zip(names, used, strict=False)]
 
 
 def _date(ns: int) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.stats import Snapshot
-from ecatd.stats_map import histogram_to_map, interval_to_map, to_map
+from ecatd.stats.maps import histogram_to_map, interval_to_map, to_map
 
 from .output import SCHEMA, print_json
 from .source import Source

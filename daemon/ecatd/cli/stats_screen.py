@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from ecatd import shm
 from ecatd.stats import Domain, Histogram, Snapshot
-from ecatd.stats_map import QUANTILES
+from ecatd.stats.maps import QUANTILES
 
 from .output import table_lines
 

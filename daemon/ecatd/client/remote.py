@@ -22,8 +22,7 @@ from ecatd.model.errors import (
     UsageError,
 )
 from ecatd.paths import search_dirs, zenoh_socket
-from ecatd.stats import Snapshot
-from ecatd.stats_map import from_map
+from ecatd.stats import Snapshot, from_map
 from ecatd.wire import MAX_REPLY, pack, unpack
 
 _START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"

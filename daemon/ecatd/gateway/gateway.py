@@ -17,8 +17,7 @@ from ecatd.model.config import Config
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
 from ecatd.model.messages import MAX_MESSAGE, Describe, ReadStates, Request, parse_request
 from ecatd.paths import control_socket, zenoh_socket
-from ecatd.stats import read
-from ecatd.stats_map import to_map
+from ecatd.stats import read, to_map
 from ecatd.wire import pack, unpack
 
 from .bus_client import BusClient

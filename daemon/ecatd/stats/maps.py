@@ -10,9 +10,10 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from . import shm
-from .model.errors import EcatError
-from .stats import (
+from ecatd import shm
+from ecatd.model.errors import EcatError
+
+from .snapshot import (
     COUNTERS,
     DOMAIN_COUNTERS,
     TIMES,
