@@ -217,7 +217,7 @@ def test_screens_fit_80_columns_and_show_what_matters() -> None:
     text = "\n".join(lines := stats_lines(late, interval))
     assert max(len(line) for line in lines) <= 80
     for expected in (
-        "bus ecat0: running for 0:00:05, cycle 1000 µs, 8 of 8 slaves, interface up",
+        "bus ecat0: running for 0:00:05, cycle 1000 µs, 8 of 8 slaves",
         "SCHED_FIFO priority 7, memory locked, 3 not granted (see ecatctl info)",
         "ring OPEN: 3 slaves before the break, second interface no carrier",
         "DC locked, reference clock slave 0, offset -0.123 µs, drift -12.345 ppm",
@@ -228,6 +228,14 @@ def test_screens_fit_80_columns_and_show_what_matters() -> None:
     assert "DOMAIN" not in "\n".join(stats_lines(replace(late, domains=late.domains[:1]), None))
     quiet = stats_lines(snapshot(read_ns=12 * 10**9), None)
     assert "NO CYCLE for 10.0 s: the exchange stands still" in quiet
+    gone = stats_lines(snapshot(links=(shm.Link.NO_CARRIER, shm.Link.UNUSED)), None)
+    assert "INTERFACE no carrier" in gone
+    slow = histogram([3_000] * 1000 + [12_345_678, 987_654_321])
+    lines = stats_lines(snapshot(times=Times(*(slow for _ in TIMES))), None)
+    (row,) = (line for line in lines if line.startswith("wake-up"))
+    columns = row.split()[1:]
+    assert (columns[0], columns[2], columns[-3:]) == ("3.0", "3.0", ["12583", "987654", "987654"])
+    assert max(len(line) for line in lines) <= 80
     for name in TIMES:
         for last in (None, interval):
             lines = histogram_lines(name, late, last)

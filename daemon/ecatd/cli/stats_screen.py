@@ -66,10 +66,9 @@ def _head(snapshot: Snapshot) -> list[str]:
         f"cycle {snapshot.cycle_time_ns / 1000:g} µs",
         f"{snapshot.slaves_found} of {snapshot.slaves_expected} slaves",
     ]
-    link = snapshot.links[0]
-    if link != shm.Link.UNUSED:
-        parts.append(f"interface {word(link)}")
     lines = [", ".join(parts), real_time_line(snapshot)]
+    if snapshot.links[0] not in (shm.Link.UNUSED, shm.Link.UP):
+        lines.append(f"INTERFACE {word(snapshot.links[0])}")
     if snapshot.ring != shm.Ring.NONE:
         lines.append(ring_line(snapshot))
     if snapshot.clock.state != shm.DcState.OFF:
@@ -174,14 +173,13 @@ def _percentiles(histogram: Histogram) -> list[str]:
         *(histogram.quantile(q) for q in QUANTILES.values()),
         histogram.max_ns,
     ]
-    return [f"{ns / 1000:.{_digits(histogram)}f}" for ns in values]
+    # What is long needs no decimals, and then fits into its column.
+    return [f"{ns / 1000:.{_digits(histogram) if ns < 9_999_950 else 0}f}" for ns in values]
 
 
 def _digits(histogram: Histogram) -> int:
-    """Decimals of times in µs: as many as make sense, and fit."""
-    if histogram.max_ns < 10_000:
-        return 3
-    return 1 if histogram.max_ns < 100_000_000 else 0
+    """Decimals of times in µs."""
+    return 3 if histogram.max_ns < 10_000 else 1
 
 
 def _domains(title: str, domains: tuple[Domain, ...]) -> list[str]:
