@@ -137,6 +137,7 @@ struct cyclic {
   uint8_t *slot_image;            /* ecat_out_image and its data, as read */
   int make_safe;                  /* set by control */
 
+  struct cyclic_relay *relay;     /* that follows this engine, or NULL; control */
   cyclic_settings settings;
   uint64_t cycle;
   uint64_t deadline_ns;           /* of the current cycle, until its end */

@@ -1,5 +1,6 @@
 /* The life of an engine: what is allocated, locked and started before the first cycle. */
 #include "engine.h"
+#include "relay.h"
 
 #include <errno.h>
 #include <sched.h>
@@ -240,6 +241,7 @@ void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd) {
 void cyclic_make_safe(cyclic_t *c) { __atomic_store_n(&c->make_safe, 1, __ATOMIC_RELAXED); }
 
 void cyclic_stop(cyclic_t *c) {
+  if (c->relay != NULL) cyclic_relay_follow(c->relay, NULL);
   if (c->started == 0) return;
   __atomic_store_n(&c->stop, 1, __ATOMIC_RELAXED);
   pthread_join(c->thread, NULL);

@@ -88,7 +88,7 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
         StateError: A master is using the slaves, or some do not reach PREOP.
         EcatError: As `Master`.
     """
-    master = Master(interface)
+    master = Master([interface])
     try:
         before = _states(interface)
         if before & (AlState.SAFEOP | AlState.OP):

@@ -24,7 +24,7 @@ from ecatd.model.errors import StateError
 from ecatsim.core import Chip, Segment
 from ecatsim.slave.sii import Description, build
 
-SOURCE = source_address(0, b"test")
+SOURCE = source_address(0, int.from_bytes(b"test", "little"))
 PROCESS_MEMORY = 0x1000
 HOUR_US = 3_600_000_000
 

@@ -135,10 +135,16 @@ class BringUp:
         """
         # First what keeps others away, so that nothing is done to a bus that somebody else runs.
         self.segment = segment = Segment(self._config.bus)
-        self.master = master = Master(self._interface, self._cancelled)
+        self.master = master = Master(
+            self._interfaces,
+            self._cancelled,
+            run=self._run,
+            share=self._config.mailbox.share,
+            priority=max(self._config.realtime.priority - 1, 0),
+        )
         self._read(master, self._scan(master))
         image = self._map(master)
-        engine = self._exchange(segment, image)
+        engine = self._exchange(segment, master, image)
         self._synchronise(segment)
         master.reach(AlState.SAFEOP, self._config.state_timeout_s)
         self._reach_op(master, segment)
@@ -182,7 +188,7 @@ class BringUp:
             self.clocks.measure()
         return image
 
-    def _exchange(self, segment: Segment, image: Image) -> Engine:
+    def _exchange(self, segment: Segment, master: Master, image: Image) -> Engine:
         """Starts the cyclic exchange with all outputs safe."""
         config = self._config
         cycle_ns = config.cycle_time_us * 1000
@@ -212,6 +218,7 @@ class BringUp:
                 wanted.dma_latency_us,
             )
         )
+        master.relay.follow(engine)
         segment.set_grants(grants)
         self._tell_grants(grants)
         return engine

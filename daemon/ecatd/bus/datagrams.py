@@ -7,7 +7,6 @@ cyclic engine takes them for its own. Commands and addressing: ETG.1000.4, 5.4.
 
 from __future__ import annotations
 
-import os
 import select
 import socket
 import struct
@@ -268,11 +267,11 @@ def _take(
     return True
 
 
-def source_address(port: int, run: bytes | None = None) -> bytes:
-    """Source address of frames: a locally administered one that names the run and the interface.
+def source_address(port: int, run: int) -> bytes:
+    """Source address of frames: a locally administered one that names run and interface.
 
     Args:
         port: 0 first interface, 1 second one.
-        run: 4 bytes that no other run has; random ones if None.
+        run: 32 bits that no other run has.
     """
-    return b"\x02" + (run or os.urandom(4)) + bytes([port])
+    return struct.pack("<BIB", 0x02, run, port)

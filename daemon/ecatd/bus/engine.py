@@ -133,7 +133,6 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_wait_event.argtypes = [pointer, pointer, ctypes.c_int64]
     lib.cyclic_reply.argtypes = [pointer, u32, u32, u32, u32, i32, u32, ctypes.c_char_p, u32]
     lib.cyclic_reply.restype = None
-    lib.cyclic_filter_index.argtypes = [ctypes.c_int, u32, u32]
     for name in ("scheduling_error", "affinity_error", "memory_error", "slack_error"):
         getattr(lib, f"cyclic_{name}").argtypes = [pointer]
     lib.cyclic_publish_layout.argtypes = [pointer]
@@ -144,14 +143,8 @@ def _library() -> ctypes.CDLL:
     return lib
 
 
-_LIB = _library()
-
-
-def filter_index(fd: int, first: int, last: int) -> None:
-    """Lets only EtherCAT frames with an index from `first` to `last` into a raw socket."""
-    code = _LIB.cyclic_filter_index(fd, first, last)
-    if code != 0:
-        raise EcatError(f"cannot filter EtherCAT frames: {os.strerror(-code)}")
+LIBRARY = _LIB = _library()
+"""The engine's library, for the relay, which is part of it."""
 
 
 def open_socket(interface: str, first: int, last: int) -> socket.socket:

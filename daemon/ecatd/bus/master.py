@@ -31,7 +31,8 @@ from ecatd.model.errors import (
 
 from .datagrams import Datagram, Datagrams, aprd, fprd, fpwr, source_address
 from .eeprom import Words, read_eeproms
-from .engine import Index, filter_index, open_socket
+from .engine import Index, open_socket
+from .relay import ANSWER_US, Relay
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
@@ -43,6 +44,7 @@ _TOO_MANY = -4
 _STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130
 
 _TRIES = 3
+_MARGIN_US = 1000
 _POLL = 0.002
 _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5
@@ -69,13 +71,17 @@ class SlaveState:
 
 
 class Master:
-    """An EtherCAT master on one interface, through its own socket.
+    """An EtherCAT master.
 
     Args:
-        interface: Name of the interface.
+        interfaces: Names of its interfaces: one, or two with cable redundancy.
         cancelled: Asked while waiting for slaves; when true, waiting ends with `StateError`.
+        run: 32 bits that tell frames with register access of this run from those of others.
+        share: Share of the time that frames may be on the wire beside the cyclic exchange.
+        priority: SCHED_FIFO priority of the relay, below that of the engine; 0 for none.
 
     Attributes:
+        relay: The way of all frames of the master.
         registers: Access to registers, of many slaves at once.
         stations: Configured station addresses by position, from `scan` on.
 
@@ -85,31 +91,60 @@ class Master:
         StateError: Another ecatd uses the interface.
     """
 
-    def __init__(self, interface: str, cancelled: Callable[[], bool] = lambda: False) -> None:
-        self._interface = interface
+    def __init__(
+        self,
+        interfaces: Sequence[str],
+        cancelled: Callable[[], bool] = lambda: False,
+        *,
+        run: int = 0,
+        share: float = 1.0,
+        priority: int = 0,
+    ) -> None:
+        self._interface = interfaces[0]
+        self._names = list(interfaces)
         self._cancelled = cancelled
-        self._reservation = _reserve(interface)
-        self._flags = _interface_flags(interface)
-        _set_interface_flags(interface, self._flags | _IFF_UP)
         self._master = pysoem.Master()
         self._master.always_release_gil = True
         # SOEM would ask for SAFEOP by itself when mapping; the state machine is ours.
         self._master.manual_state_change = 1
+        self.stations: list[int] = []
+        with contextlib.ExitStack() as stack:
+            for name in interfaces:
+                stack.enter_context(_own(name))
+            self.relay = Relay(
+                [open_socket(name, Index.SOEM, Index.ENGINE - 1) for name in interfaces],
+                share,
+                priority,
+            )
+            stack.callback(self.relay.close)
+            self._connect_soem()
+            stack.callback(self._master.close)
+            self.registers = Datagrams(self.relay.registers, source_address(0, run))
+            self._opened = stack.pop_all()
+
+    def _connect_soem(self) -> None:
+        """Has SOEM talk to the relay in place of the interface, which it does not notice."""
         before = _packet_sockets()
         try:
-            self._master.open(interface)
+            self._master.open(self._interface)
         except ConnectionError as error:
-            self._reservation.close()
-            raise NotPermittedError(_needs_rights(interface)) from error
-        self._sockets = []
+            raise NotPermittedError(_needs_rights(self._interface)) from error
         for fd in _packet_sockets() - before:
-            filter_index(fd, Index.SOEM, Index.REGISTERS - 1)
-            os.set_blocking(fd, False)  # its receive time-out would be rounded up to a jiffy
-            self._sockets.append(socket.socket(fileno=os.dup(fd)))
-        self.registers = Datagrams(
-            open_socket(interface, Index.REGISTERS, Index.ENGINE - 1), source_address(0)
-        )
-        self.stations: list[int] = []
+            os.dup2(self.relay.soem.fileno(), fd, inheritable=False)
+        # A frame may wait for its turn and then for its answer; SOEM is to wait a little longer.
+        pysoem.settings.timeouts.ret = round(self.relay.patience_us) + ANSWER_US + _MARGIN_US
+
+    def reopen(self, port: int) -> None:
+        """Opens a new socket on an interface that went and came back.
+
+        Args:
+            port: 0 first interface, 1 second one.
+
+        Raises:
+            UnreachableError: The interface is not there.
+            NotPermittedError: The process may not use raw sockets any more.
+        """
+        self.relay.set_socket(port, open_socket(self._names[port], Index.SOEM, Index.ENGINE - 1))
 
     def scan(self) -> int:
         """Finds the slaves and asks all of them for PREOP; returns their number.
@@ -255,10 +290,9 @@ class Master:
         waits in the socket until its index is used again, when SOEM would take it for an answer.
         """
         self._master._collect_mailbox_errors()
-        for soem in self._sockets:
-            with contextlib.suppress(OSError):  # nothing more, or the interface is down
-                while True:
-                    soem.recv(1, socket.MSG_DONTWAIT)
+        with contextlib.suppress(BlockingIOError):  # nothing more
+            while self.relay.soem.recv(1, socket.MSG_DONTWAIT):
+                continue
 
     @contextlib.contextmanager
     def _mailbox(self, position: int, index: int, subindex: int) -> Iterator[None]:
@@ -393,14 +427,8 @@ class Master:
         return f"slave {position} ({self.identity(position)[0]})"
 
     def close(self) -> None:
-        """Closes the socket, and leaves the interface to others as it was."""
-        self._master.close()
-        for soem in self._sockets:
-            soem.close()
-        self.registers.close()
-        with contextlib.suppress(OSError, NotPermittedError):
-            _set_interface_flags(self._interface, self._flags)
-        self._reservation.close()
+        """Closes all sockets, and leaves the interfaces to others as they were."""
+        self._opened.close()
 
 
 def _persist(error: type[Exception], call: Callable[[], T]) -> T:
@@ -439,6 +467,26 @@ def _needs_rights(interface: str) -> str:
         f"CAP_NET_ADMIN: run as root (`sudo`; the daemon: `systemctl start ecatd`), or try "
         f"without hardware: `ecatd --simulate troll`, `ecatsim run troll`"
     )
+
+
+@contextlib.contextmanager
+def _own(interface: str) -> Iterator[None]:
+    """Makes an interface ours, and switches it on; afterwards it is as it was before.
+
+    Raises:
+        UnreachableError: There is no such interface.
+        NotPermittedError: The process may not configure it.
+        StateError: Another ecatd uses it.
+    """
+    with _reserve(interface):
+        flags = _interface_flags(interface)
+        _set_interface_flags(interface, flags | _IFF_UP)
+        try:
+            yield
+        finally:
+            # SOEM leaves it promiscuous. It may be gone by now.
+            with contextlib.suppress(OSError, NotPermittedError, UnreachableError):
+                _set_interface_flags(interface, flags)
 
 
 def _reserve(interface: str) -> socket.socket:

@@ -57,6 +57,7 @@ class WireWatch:
     def __init__(self, running: RunningBus, log: Log, tell: Callable[..., None]) -> None:
         self._bus = running.bus
         self._engine = running.engine
+        self._master = running.master
         self._interfaces = running.interfaces
         self._health = running.segment.health
         self._log = log
@@ -204,6 +205,7 @@ class WireWatch:
         interface = self._interfaces[number]
         try:
             self._engine.set_socket(number, open_socket(interface, Index.ENGINE, Index.LAST))
+            self._master.reopen(number)
             self._foreign.reopen(number)
             if now.link == shm.Link.DOWN:
                 switch_on(interface)

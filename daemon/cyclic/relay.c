@@ -1,0 +1,336 @@
+/* The relay: see relay.h. One frame at a time is on the wire. The relay sleeps in ppoll() or in a
+ * futex, and allocates nothing after its start. Its lock is for control, which changes sockets or
+ * the engine that is followed; the engine never waits for it. */
+#include "relay.h"
+
+#include "engine.h"
+
+#include <errno.h>
+#include <linux/futex.h>
+#include <poll.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+enum {
+  STACK_BYTES = 64 * 1024,
+  FRAME_MIN = FIRST_DATAGRAM + DATAGRAM_FRAMING,
+  SECOND_COPY_NS = 500000,   /* how long the second copy may come after the first */
+  NS_PER_BYTE = 80           /* at 100 Mbit/s */
+};
+
+struct cyclic_relay {
+  pthread_mutex_t lock;
+  cyclic_relay_settings settings;
+  int client[CYCLIC_RELAY_CLIENTS]; /* -1: gone */
+  int port[MAX_PORTS];
+  uint32_t ports;
+  int stop_fd;
+  cyclic_t *engine;
+  pthread_t thread;
+
+  uint64_t free_ns;     /* when the share allows the next frame */
+  uint64_t typical_ns;  /* that a frame is on the wire, averaged */
+
+  /* The frame that is being served. */
+  size_t length;
+  uint32_t pending;     /* bit per port: its copy is on the wire */
+  uint32_t copies;      /* that are back */
+  uint8_t frame[2048], answer[2048], received[2048];
+};
+
+/* --- pacing --------------------------------------------------------------------------------- */
+
+static void sleep_until(uint64_t at_ns) {
+  struct timespec at = {(time_t)(at_ns / 1000000000u), (long)(at_ns % 1000000000u)};
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) continue;
+}
+
+/* Sleeps until the cycle with the futex value `word` is no longer the last one that has ended. */
+static void wait_for_end_of_cycle(const ecat_shm_header *header, uint32_t word, uint64_t until_ns) {
+  struct timespec at = {(time_t)(until_ns / 1000000000u), (long)(until_ns % 1000000000u)};
+  /* FUTEX_WAIT_BITSET has an absolute time-out. */
+  syscall(SYS_futex, &header->cycle_word, FUTEX_WAIT_BITSET, word, &at, NULL,
+          FUTEX_BITSET_MATCH_ANY);
+}
+
+/* Whether a frame that is on the wire for `need_ns` should leave now: if it is back before the next
+ * deadline. One for which the free time is too short anyway leaves at its beginning. */
+static int is_free(uint64_t now, uint64_t end_ns, uint64_t deadline_ns, uint64_t need_ns) {
+  if (end_ns >= deadline_ns) return 1; /* that cycle is over, and the next deadline not set yet */
+  if (now >= deadline_ns) return 0;    /* the exchange is under way */
+  if (now + need_ns <= deadline_ns) return 1;
+  return end_ns + need_ns > deadline_ns && now < end_ns + (deadline_ns - end_ns) / 2;
+}
+
+/* Sleeps until a frame may leave, or until it has waited long enough. */
+static void wait_for_turn(cyclic_relay_t *r, uint64_t since_ns) {
+  const ecat_shm_header *header;
+  uint64_t until = since_ns + r->settings.patience_ns, wire_ns = r->length * NS_PER_BYTE;
+  uint64_t need = r->typical_ns > wire_ns ? r->typical_ns : wire_ns;
+  if (r->engine == NULL) return;
+  header = r->engine->header;
+  if (r->free_ns > since_ns) sleep_until(r->free_ns < until ? r->free_ns : until);
+  for (;;) {
+    uint32_t word = __atomic_load_n(&header->cycle_word, __ATOMIC_ACQUIRE);
+    uint64_t deadline = cyclic_deadline(r->engine);
+    uint64_t end = __atomic_load_n(&header->cycle_end_ns, __ATOMIC_RELAXED);
+    uint64_t now = cyclic_now();
+    if (deadline == 0 || now >= until || is_free(now, end, deadline, need)) return;
+    wait_for_end_of_cycle(header, word, until);
+  }
+}
+
+/* --- the wire ------------------------------------------------------------------------------- */
+
+/* Copies of the second port differ in the last bit of the source address, so that it is known which
+ * one came back, and one that comes twice is not taken for both. */
+static void mark(uint8_t *frame, uint32_t port) { frame[SOURCE_PORT_AT] ^= (uint8_t)port; }
+
+static void send_copies(cyclic_relay_t *r) {
+  uint32_t port;
+  r->pending = r->copies = 0;
+  for (port = 0; port < r->ports; port++) {
+    mark(r->frame, port);
+    if (send(r->port[port], r->frame, r->length, MSG_DONTWAIT) == (ssize_t)r->length)
+      r->pending |= 1u << port;
+    mark(r->frame, port);
+  }
+}
+
+/* The datagrams of a frame, one after the other: the offset of the next one, 0 after the last, or
+ * -1 if it does not fit into `length`. */
+static int next_datagram(const uint8_t *frame, size_t length, size_t at) {
+  size_t size = get16(frame + at + 6) & 0x7FFu, next = at + DATAGRAM_FRAMING + size;
+  if (next > length) return -1;
+  if ((frame[at + 7] & 0x80) == 0) return 0;
+  return next + DATAGRAM_FRAMING <= length ? (int)next : -1;
+}
+
+static int is_sound(const uint8_t *frame, size_t length) {
+  int at = FIRST_DATAGRAM;
+  if (length < FRAME_MIN) return 0;
+  while (at > 0) at = next_datagram(frame, length, (size_t)at);
+  return at == 0;
+}
+
+/* Whether the datagrams of `other` are those of our sound frame: command, index, register or the
+ * upper half of the logical address, and length. Slaves count positions up, in the lower half. */
+static int is_answer(const cyclic_relay_t *r, const uint8_t *other, size_t length) {
+  int at = FIRST_DATAGRAM;
+  if (length < r->length) return 0;
+  if (memcmp(other + SOURCE_RUN_AT, r->frame + SOURCE_RUN_AT, 4) != 0) return 0;
+  while (at > 0) {
+    const uint8_t *ours = r->frame + at, *theirs = other + at;
+    if (memcmp(ours, theirs, 2) != 0 || memcmp(ours + 4, theirs + 4, 2) != 0 ||
+        ((get16(ours + 6) ^ get16(theirs + 6)) & 0x87FF) != 0)
+      return 0;
+    at = next_datagram(r->frame, r->length, (size_t)at);
+  }
+  return 1;
+}
+
+/* Adds a copy to the answer: working counters are added; of data, that counts which a slave has
+ * seen, and where both copies have met slaves, as in a broadcast, it is ORed. */
+static void merge(cyclic_relay_t *r, const uint8_t *copy) {
+  int at = FIRST_DATAGRAM;
+  if (r->copies++ == 0) {
+    memcpy(r->answer, copy, r->length);
+    return;
+  }
+  while (at > 0) {
+    uint8_t *to = r->answer + at + DATAGRAM_HEADER;
+    const uint8_t *from = copy + at + DATAGRAM_HEADER;
+    size_t i, size = get16(r->frame + at + 6) & 0x7FFu;
+    uint32_t before = get16(to + size), more = get16(from + size);
+    if (before == 0) memcpy(to, from, size);
+    for (i = 0; before > 0 && more > 0 && i < size; i++) to[i] |= from[i];
+    put16(to + size, before + more);
+    at = next_datagram(r->frame, r->length, (size_t)at);
+  }
+}
+
+/* Takes what a port has; 0 when it is of no use for now. */
+static int take(cyclic_relay_t *r, uint32_t port) {
+  while (r->pending) {
+    ssize_t length = recv(r->port[port], r->received, sizeof r->received, MSG_DONTWAIT);
+    uint32_t sent_by;
+    if (length < 0 && errno == EINTR) continue;
+    if (length < 0) return errno == EAGAIN; /* if not, ENETDOWN and its kind */
+    if (!is_answer(r, r->received, (size_t)length)) continue;
+    sent_by = r->received[SOURCE_PORT_AT] != r->frame[SOURCE_PORT_AT];
+    if (!(r->pending >> sent_by & 1)) continue; /* twice the same */
+    r->pending &= ~(1u << sent_by);
+    merge(r, r->received);
+  }
+  return 1;
+}
+
+/* Receives until all copies are back, or time is up. When that was, or 0 if nothing came. */
+static uint64_t receive(cyclic_relay_t *r, uint64_t until_ns) {
+  int usable[MAX_PORTS] = {1, 1};
+  uint64_t now = cyclic_now(), back = 0;
+  while (r->pending && now < until_ns && (usable[0] || (r->ports > 1 && usable[1]))) {
+    struct pollfd ports[MAX_PORTS];
+    struct timespec left = {(time_t)((until_ns - now) / 1000000000u),
+                            (long)((until_ns - now) % 1000000000u)};
+    uint32_t port, copies = r->copies;
+    for (port = 0; port < r->ports; port++)
+      ports[port] = (struct pollfd){usable[port] ? r->port[port] : -1, POLLIN, 0};
+    (void)ppoll(ports, r->ports, &left, NULL); /* whatever it says, recv() knows */
+    for (port = 0; port < r->ports; port++)
+      if (usable[port]) usable[port] = take(r, port);
+    now = cyclic_now();
+    if (r->copies > copies) {
+      back = now;
+      if (until_ns > now + SECOND_COPY_NS) until_ns = now + SECOND_COPY_NS;
+    }
+  }
+  return back;
+}
+
+/* --- serving -------------------------------------------------------------------------------- */
+
+static void account(cyclic_relay_t *r, uint64_t came_ns, uint64_t sent_ns, uint64_t back_ns) {
+  uint64_t on_wire = back_ns > 0 ? back_ns - sent_ns : r->typical_ns;
+  ecat_shm_health *health;
+  if (back_ns > 0) {
+    uint64_t most = 4 * r->typical_ns + 10000; /* one that was held up says little about others */
+    r->typical_ns = (7 * r->typical_ns + (on_wire < most ? on_wire : most)) / 8;
+  }
+  if (r->engine == NULL) return;
+  if (r->free_ns < sent_ns) r->free_ns = sent_ns;
+  r->free_ns += (uint64_t)((double)on_wire / r->settings.share);
+  health = r->engine->health;
+  counter_add(&health->mailbox_frames, 1);
+  if (back_ns > 0) {
+    counter_add(&health->mailbox_ns, on_wire);
+    cyclic_count(&health->mailbox, back_ns - came_ns);
+  } else {
+    counter_add(&health->mailbox_lost, 1);
+  }
+}
+
+static int has_index_of(const uint8_t *frame, uint32_t client) {
+  static const uint8_t first[] = {CYCLIC_INDEX_SOEM, CYCLIC_INDEX_REGISTERS, CYCLIC_INDEX_ENGINE};
+  return frame[INDEX_AT] >= first[client] && frame[INDEX_AT] < first[client + 1];
+}
+
+static void serve(cyclic_relay_t *r, uint32_t client) {
+  uint64_t came, sent, back;
+  ssize_t length = recv(r->client[client], r->frame, sizeof r->frame, MSG_DONTWAIT);
+  if (length == 0) r->client[client] = -1;
+  if (length <= 0) return;
+  r->length = (size_t)length;
+  if (r->length > FRAME_BYTES || !is_sound(r->frame, r->length) ||
+      !has_index_of(r->frame, client))
+    return;
+  came = cyclic_now();
+  wait_for_turn(r, came);
+  sent = cyclic_now();
+  send_copies(r);
+  back = receive(r, sent + r->settings.answer_ns);
+  account(r, came, sent, back);
+  /* A client that does not read is not waited for. */
+  if (back > 0) (void)send(r->client[client], r->answer, r->length, MSG_DONTWAIT | MSG_NOSIGNAL);
+}
+
+static void *thread_main(void *argument) {
+  cyclic_relay_t *r = argument;
+  struct pollfd fds[CYCLIC_RELAY_CLIENTS + 1];
+  uint32_t i;
+  prctl(PR_SET_NAME, "ecat-relay");
+  prctl(PR_SET_TIMERSLACK, 1);
+  if (r->settings.priority > 0) {
+    struct sched_param parameter = {.sched_priority = r->settings.priority};
+    (void)sched_setscheduler(0, SCHED_FIFO, &parameter); /* the engine reports what is refused */
+  }
+  for (;;) {
+    fds[CYCLIC_RELAY_CLIENTS] = (struct pollfd){r->stop_fd, POLLIN, 0};
+    for (i = 0; i < CYCLIC_RELAY_CLIENTS; i++) fds[i] = (struct pollfd){r->client[i], POLLIN, 0};
+    (void)ppoll(fds, CYCLIC_RELAY_CLIENTS + 1, NULL, NULL);
+    if (fds[CYCLIC_RELAY_CLIENTS].revents) return NULL;
+    for (i = 0; i < CYCLIC_RELAY_CLIENTS; i++) {
+      if (!fds[i].revents) continue;
+      pthread_mutex_lock(&r->lock);
+      serve(r, i);
+      pthread_mutex_unlock(&r->lock);
+    }
+  }
+}
+
+/* --- life ----------------------------------------------------------------------------------- */
+
+static int create_thread(cyclic_relay_t *r) {
+  pthread_attr_t attributes;
+  sigset_t all, before;
+  int code;
+  sigfillset(&all);
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, STACK_BYTES);
+  pthread_sigmask(SIG_SETMASK, &all, &before); /* signals are for the other threads */
+  code = pthread_create(&r->thread, &attributes, thread_main, r);
+  pthread_sigmask(SIG_SETMASK, &before, NULL);
+  pthread_attr_destroy(&attributes);
+  return code;
+}
+
+cyclic_relay_t *cyclic_relay_new(int soem_fd, int registers_fd, int first_fd, int second_fd,
+                                 const cyclic_relay_settings *settings) {
+  cyclic_relay_t *r;
+  int code;
+  if (!(settings->share > 0 && settings->share <= 1)) {
+    errno = EINVAL;
+    return NULL;
+  }
+  r = calloc(1, sizeof *r);
+  if (r == NULL) return NULL;
+  r->settings = *settings;
+  r->client[0] = soem_fd;
+  r->client[1] = registers_fd;
+  r->port[0] = first_fd;
+  r->port[1] = second_fd;
+  r->ports = second_fd >= 0 ? 2 : 1;
+  r->stop_fd = eventfd(0, EFD_CLOEXEC);
+  pthread_mutex_init(&r->lock, NULL);
+  code = r->stop_fd < 0 ? errno : create_thread(r);
+  if (code == 0) return r;
+  if (r->stop_fd >= 0) close(r->stop_fd);
+  pthread_mutex_destroy(&r->lock);
+  free(r);
+  errno = code;
+  return NULL;
+}
+
+void cyclic_relay_follow(cyclic_relay_t *r, cyclic_t *engine) {
+  pthread_mutex_lock(&r->lock);
+  if (r->engine != NULL) r->engine->relay = NULL;
+  r->engine = engine;
+  if (engine != NULL) engine->relay = r;
+  r->free_ns = 0;
+  pthread_mutex_unlock(&r->lock);
+}
+
+void cyclic_relay_set_socket(cyclic_relay_t *r, uint32_t port, int fd) {
+  if (port >= r->ports) return;
+  pthread_mutex_lock(&r->lock);
+  r->port[port] = fd;
+  pthread_mutex_unlock(&r->lock);
+}
+
+void cyclic_relay_free(cyclic_relay_t *r) {
+  uint64_t one = 1;
+  if (r == NULL) return;
+  (void)!write(r->stop_fd, &one, sizeof one);
+  pthread_join(r->thread, NULL);
+  if (r->engine != NULL) r->engine->relay = NULL;
+  close(r->stop_fd);
+  pthread_mutex_destroy(&r->lock);
+  free(r);
+}
