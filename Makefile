@@ -9,14 +9,15 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo test bench check clean
+.PHONY: help demo test bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
 	@echo "make test    run all tests"
-	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default)"
+	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
+	@echo "             bench-full: everything, for hours"
 	@echo "make check   lint, types, formatting"
 	@echo "make clean   remove what the other commands made"
 
@@ -44,6 +45,10 @@ $(VENV)/.test: $(BIN)/python $(SOURCES)
 	$(call install,demo$(comma)test$(comma)check)
 	@touch $@ $(VENV)/.demo
 
+$(VENV)/.bench: $(BIN)/python $(SOURCES)
+	$(call install,bench)
+	@touch $@
+
 demo: $(VENV)/.demo
 	@$(BIN)/python examples/figure9/demo.py --out demo --bus "$(BUS)"
 
@@ -57,9 +62,9 @@ test: $(VENV)/.test
 	    $(BIN)/python -m pytest -p no:cacheprovider -m unprivileged; fi
 
 # On an idle machine; as root with real-time priority, as everyone else without.
-bench: $(VENV)/.demo
+bench bench-full: $(VENV)/.bench
 	@[ "$$(id -u)" = 0 ] || echo "Without root there is no real-time priority: the load of the machine will show."
-	@$(BIN)/python -m benchmarks --out "$(OUT)"
+	@$(BIN)/python -m benchmarks $(if $(filter bench-full,$@),--full) --out "$(OUT)"
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

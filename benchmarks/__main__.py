@@ -11,37 +11,50 @@ from typing import Any
 
 from ecatd.model.errors import EcatError, UsageError
 
-from . import machine, report, simulator
+from . import engine, machine, report, simulator
 
-BENCHMARKS = {simulator.NAME: simulator}
+BENCHMARKS: dict[str, Any] = {module.NAME: module for module in (simulator, engine)}
+"""By name: modules with `SETTINGS` and `measure`."""
 
 
 def main() -> int:
     """Measures, writes FOLDER/performance.md and FOLDER/performance/; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder for the results")
-    parser.add_argument("--quick", action="store_true", help="seconds instead of minutes: a trial")
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--quick", action="store_true", help="seconds instead of minutes: a trial")
+    length.add_argument("--full", action="store_true", help="everything, and for long: hours")
+    parser.add_argument("--only", choices=BENCHMARKS, help="this one; results of others stay")
     parser.add_argument("--report-only", action="store_true", help="write the page again")
     options = parser.parse_args()
     folder = options.out / "performance"
+    extent = "quick" if options.quick else "full" if options.full else "normal"
     try:
         if not options.report_only:
             _prepare(folder)
-            result = {
-                "schema": 1,
-                "benchmark": simulator.NAME,
-                "machine": machine.describe(),
-                **simulator.measure(
-                    simulator.QUICK if options.quick else simulator.Settings(),
-                    lambda text: print(f"  {text} ...", file=sys.stderr, flush=True),
-                ),
-            }
-            (folder / f"{simulator.NAME}.json").write_text(_as_json(result))
+            facts = machine.describe()  # before the first one enters a namespace
+            for name in [options.only] if options.only else BENCHMARKS:
+                (folder / f"{name}.json").write_text(_as_json(_measure(name, extent, facts)))
         print(report.write(options.out))
         return 0
     except EcatError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_code
+
+
+def _measure(name: str, extent: str, facts: dict[str, Any]) -> dict[str, Any]:
+    """The result of one benchmark, with the facts of the machine that it was found on."""
+    module = BENCHMARKS[name]
+    found = module.measure(
+        module.SETTINGS[extent], lambda text: print(f"  {text} ...", file=sys.stderr, flush=True)
+    )
+    return {
+        "schema": 1,
+        "benchmark": name,
+        "extent": extent,
+        "machine": facts,
+        **found,
+    }
 
 
 def _as_json(result: dict[str, Any]) -> str:

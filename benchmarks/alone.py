@@ -14,6 +14,7 @@ from ecatsim.rig import make
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sii import Description, build
 
+from .least_squares import fit
 from .segment import BYTES, MAX_DATA, Line, logical_frame
 
 _CALLS = 20
@@ -68,38 +69,7 @@ def _frame_ns(timing: ctypes.CDLL, batches: int, slaves: int, size: int, others:
 def _fit(points: Sequence[dict[str, Any]]) -> dict[str, float]:
     """Least squares: nanoseconds of a frame, and of each slave, byte and bystander more."""
     keys = ("slaves", "bytes", "bystanders")
-    rows = [[1.0, *(float(point[key]) for key in keys)] for point in points]
-    # Each point counts by its relative error: the long frames must not drown the short ones.
-    weights = [1.0 / point["ns"] for point in points]
-    values = [point["ns"] for point in points]
-    return dict(
-        zip(("frame", "slave", "byte", "bystander"), _solve(rows, values, weights), strict=True)
-    )
-
-
-def _solve(
-    rows: Sequence[Sequence[float]], values: Sequence[float], weights: Sequence[float]
-) -> list[float]:
-    """Weighted normal equations by Gaussian elimination."""
-    size = len(rows[0])
-    scaled = [
-        ([w * x for x in row], w * y) for row, y, w in zip(rows, values, weights, strict=True)
-    ]
-    matrix = [
-        [sum(row[i] * row[k] for row, _ in scaled) for k in range(size)]
-        + [sum(row[i] * y for row, y in scaled)]
-        for i in range(size)
-    ]
-    for i in range(size):
-        pivot = max(range(i, size), key=lambda k: abs(matrix[k][i]))
-        matrix[i], matrix[pivot] = matrix[pivot], matrix[i]
-        matrix[i] = [x / matrix[i][i] for x in matrix[i]]
-        for k in range(size):
-            if k != i:
-                matrix[k] = [
-                    x - matrix[k][i] * y for x, y in zip(matrix[k], matrix[i], strict=True)
-                ]
-    return [round(row[size], 3) for row in matrix]
+    return dict(zip(("frame", "slave", "byte", "bystander"), fit(points, keys, "ns"), strict=True))
 
 
 def steps(batches: int, say: Callable[[str], None]) -> list[dict[str, Any]]:

@@ -38,6 +38,10 @@ class Processors:
         *rest, master, peer = all_of_them
         return Processors(frozenset([master]), frozenset([peer]), frozenset(rest) or every)
 
+    def to_json(self) -> dict[str, list[int]]:
+        """Their numbers."""
+        return {name: sorted(getattr(self, name)) for name in ("master", "peer", "rest")}
+
 
 def _first(pattern: str, file: str) -> str:
     try:

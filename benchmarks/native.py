@@ -13,8 +13,14 @@ _FLAGS = (
 )
 
 
-def build(folder: Path, name: str, *, library: bool = False) -> Path:
+def build(folder: Path, name: str, *more: str, library: bool = False) -> Path:
     """Compiles `benchmarks/NAME.c` into a program or a shared library in `folder`.
+
+    Args:
+        folder: Where to.
+        name: What.
+        more: Further arguments for gcc.
+        library: Whether to make a library.
 
     Raises:
         StateError: There is no gcc, or it refused.
@@ -23,7 +29,7 @@ def build(folder: Path, name: str, *, library: bool = False) -> Path:
     kind = ("-shared", "-fPIC") if library else ()
     source = Path(__file__).with_name(f"{name}.c")
     try:
-        subprocess.run(["gcc", *_FLAGS, *kind, source, "-o", output], check=True)
+        subprocess.run(["gcc", *_FLAGS, *kind, source, *more, "-o", output], check=True)
     except FileNotFoundError as error:
         raise StateError("gcc is needed for the benchmarks") from error
     except subprocess.CalledProcessError as error:

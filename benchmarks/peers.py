@@ -65,13 +65,14 @@ def echo(program: Path, processors: Processors) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def simulator(count: int, processors: Processors) -> Iterator[Line]:
-    """`ecatsim run line:COUNT`, all slaves in OP and exchanging process data."""
+def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None]:
+    """`ecatsim run RIG`, ready to answer."""
     reader, writer = os.pipe()
     process = subprocess.Popen(
         [
-            *(sys.executable, "-m", "ecatsim", "run", f"line:{count}"),
+            *(sys.executable, "-m", "ecatsim", "run", str(rig)),
             *("--interface", SIMULATOR.far, "--ready-fd", str(writer), "--die-with-parent"),
+            *options,
         ],
         pass_fds=[writer],
         text=True,
@@ -82,13 +83,27 @@ def simulator(count: int, processors: Processors) -> Iterator[Line]:
         if not ready.readline():
             raise StateError("ecatsim does not start")
         _place_frame_thread(process.pid, processors)
-        wire = Wire(SIMULATOR.near)
-        try:
-            line = Line(wire.exchange, count)
+        yield
+
+
+@contextlib.contextmanager
+def wire() -> Iterator[Wire]:
+    """A way to ask single frames."""
+    opened = Wire(SIMULATOR.near)
+    try:
+        yield opened
+    finally:
+        opened.close()
+
+
+@contextlib.contextmanager
+def simulator(count: int, processors: Processors) -> Iterator[Line]:
+    """`ecatsim run line:COUNT`, all slaves in OP and exchanging process data."""
+    with ecatsim(f"line:{count}", processors):
+        with wire() as opened:
+            line = Line(opened.exchange, count)
             line.bring_to_op()
             line.check_exchange()
-        finally:
-            wire.close()
         yield line
 
 

@@ -6,6 +6,7 @@
  *   --rate HZ       cycles a second on a fixed grid; 0 = the next cycle follows at once (0)
  *   --spin          poll the socket instead of sleeping in it
  *   --counter N     expected sum of all working counters of a cycle (not checked)
+ *   --buckets       also print the histogram of the samples: pairs of bucket and count
  *   --first         ends with the first cycle that is answered; sends one each millisecond
  *
  * FRAMES are the frames of one cycle, each behind its size (16 bits, little-endian). The index of
@@ -15,6 +16,7 @@
  */
 #include "wire.h"
 
+#include "histogram.h"
 #include <errno.h>
 #include <inttypes.h>
 #include <string.h>
@@ -33,7 +35,7 @@ enum {
 static struct {
     const char *interface;
     double seconds, warm_up, rate;
-    bool spin, first;
+    bool spin, first, buckets;
     long counter;
 } options = {.seconds = 1, .warm_up = 0.05, .counter = -1};
 
@@ -167,10 +169,13 @@ static void report(double seconds, bool real_time)
     printf("{\"cycles\": %" PRIu64 ", \"frames\": %u, \"seconds\": %.6f, \"rate\": %.1f, "
            "\"lost_frames\": %" PRIu64 ", \"lost_cycles\": %" PRIu64 ", \"wrong\": %" PRIu64
            ", \"late_frames\": %" PRIu64 ", \"missed_cycles\": %" PRIu64 ", \"real_time\": %s, "
-           "\"min\": %u, \"p50\": %u, \"p90\": %u, \"p99\": %u, \"p999\": %u, \"max\": %u}\n",
+           "\"min\": %u, \"p50\": %u, \"p90\": %u, \"p99\": %u, \"p999\": %u, \"max\": %u",
            sample_count, frame_count, seconds, (double)sample_count / seconds, lost_frames,
            lost_cycles, wrong, late, missed, real_time ? "true" : "false", quantile(0),
            quantile(0.5), quantile(0.9), quantile(0.99), quantile(0.999), quantile(1));
+    if (options.buckets)
+        print_buckets(samples, sample_count);
+    printf("}\n");
 }
 
 /* When the first cycle is answered: CLOCK_MONOTONIC, seconds. */
@@ -216,6 +221,8 @@ static void read_options(int count, char **arguments)
             options.counter = atol(arguments[++i]);
         else if (strcmp(name, "--spin") == 0)
             options.spin = true;
+        else if (strcmp(name, "--buckets") == 0)
+            options.buckets = true;
         else if (strcmp(name, "--first") == 0)
             options.first = true;
         else if (name[0] != '-' && options.interface == NULL)

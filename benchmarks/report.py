@@ -8,18 +8,18 @@ from typing import Any
 
 from ecatd.model.errors import UsageError
 
-from . import simulator_report
+from . import engine_report, simulator_report
 
-SECTIONS = {"simulator": simulator_report}
+SECTIONS: dict[str, Any] = {"simulator": simulator_report, "engine": engine_report}
 """Reports by the name of the benchmark, in the order of the page."""
 
 _HEAD = """\
 # Performance
 
-Measured by `make bench`, which needs gcc and a few minutes and leaves its results in `bench/`; this
-page is what `make bench OUT=docs` wrote. It needs no root, but an ordinary user gets no real-time
-priority, and then the load of the machine shows in the numbers. Compare ratios, not times: both
-sides of a ratio are measured in one run, in turns.
+Measured by `make bench`, which needs gcc and some eight minutes and leaves its results in `bench/`;
+this page is what `make bench OUT=docs` wrote (`make bench-full` does more, and for hours). It needs
+no root, but an ordinary user gets no real-time priority, and then the load of the machine shows in
+the numbers. Compare ratios, not times: both sides of a ratio are measured in one run, in turns.
 """
 
 
@@ -33,6 +33,7 @@ def page(results: dict[str, dict[str, Any]]) -> str:
 
 
 def _machine(machine: dict[str, Any]) -> str:
+    """What the results above it were found on."""
     kind = "virtual machine" if machine["virtual"] else "machine"
     rights = "as root" if machine["root"] else "as an ordinary user"
     return (

@@ -6,17 +6,18 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatsim.slave.sync_managers import derive
 
-APWR, BRD, BWR, LRW = 2, 7, 8, 12
+APRD, APWR, BRD, BWR, LRW = 1, 2, 7, 8, 12
 BYTES = 32
 """Outputs of each slave, and as many inputs, as `ecatsim`'s `line:N` has them."""
 MAX_DATA = 1486
 """Bytes of data that fit in a frame with one datagram."""
-_ETHERTYPE = 0x88A4
-_INDEX, _DATA = 17, 26  # where the first datagram of a frame has its index and its data
+ETHERTYPE = 0x88A4
+_INDEX = 17  # where the first datagram of a frame has it
 _AL_CONTROL, _AL_STATUS, _WATCHDOG = 0x0120, 0x0130, 0x0420
 _FMMU, _SYNC_MANAGER = 0x0600, 0x0800
 _ACKNOWLEDGE = 0x10
@@ -32,7 +33,7 @@ def frame(command: int, position: int, address: int, data: bytes) -> bytes:
     """An Ethernet frame with one datagram."""
     datagram = struct.pack("<BBHHHH", command, 0, position & 0xFFFF, address, len(data), 0)
     body = datagram + data + bytes(2)
-    head = b"\xff" * 6 + bytes(6) + struct.pack(">H", _ETHERTYPE)
+    head = b"\xff" * 6 + bytes(6) + struct.pack(">H", ETHERTYPE)
     return (head + struct.pack("<H", 0x1000 | len(body)) + body).ljust(60, b"\0")
 
 
@@ -46,7 +47,7 @@ class Wire:
 
     def __init__(self, interface: str) -> None:
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
-        self._socket.bind((interface, _ETHERTYPE))
+        self._socket.bind((interface, ETHERTYPE))
         self._socket.settimeout(0.1)
         self._index = 0
 
@@ -67,6 +68,26 @@ class Wire:
         self._socket.close()
 
 
+class Datagram(NamedTuple):
+    """A datagram in a frame."""
+
+    command: int
+    data: bytes
+    counter: int
+
+
+def datagrams(frame: bytes) -> list[Datagram]:
+    """All datagrams of an Ethernet frame."""
+    found, at, more = [], 16, True
+    while more:
+        command, length = frame[at], struct.unpack_from("<H", frame, at + 6)[0]
+        more, end = bool(length & 0x8000), at + 10 + (length & 0x7FF)
+        counter = struct.unpack_from("<H", frame, end)[0]
+        found.append(Datagram(command, frame[at + 10 : end], counter))
+        at = end + 2
+    return found
+
+
 def ask(exchange: Exchange, sent: bytes) -> tuple[bytes, int]:
     """Data and working counter of a frame with one datagram.
 
@@ -76,9 +97,8 @@ def ask(exchange: Exchange, sent: bytes) -> tuple[bytes, int]:
     for _ in range(_ATTEMPTS):
         back = exchange(sent)
         if back is not None:
-            size: int = struct.unpack_from("<H", back, 22)[0] & 0x7FF
-            counter: int = struct.unpack_from("<H", back, _DATA + size)[0]
-            return back[_DATA : _DATA + size], counter
+            _, data, counter = datagrams(back)[0]
+            return data, counter
     raise NoAnswerError("the segment does not answer")
 
 
@@ -128,15 +148,20 @@ class Line:
             self._broadcast(_SYNC_MANAGER + 8 * channel, registers)
         self._broadcast(_WATCHDOG, bytes(2))
         for slave in range(self.count):
-            fmmus = b"".join(
-                struct.pack("<IHBBHBBB3x", start, self.size, 0, 7, sm.start, 0, kind, 1)
-                for start, sm, kind in (
-                    (2 * self.size * slave, settings[0], 2),
-                    (2 * self.size * slave + self.size, settings[1], 1),
-                )
-            )
-            if ask(self._exchange, frame(APWR, -slave, _FMMU, fmmus))[1] != 1:
+            if ask(self._exchange, frame(APWR, -slave, _FMMU, self._fmmus(slave)))[1] != 1:
                 raise StateError(f"slave {slave} does not take its FMMUs")
+
+    def _fmmus(self, slave: int) -> bytes:
+        """FMMU registers of a slave, from the first one on."""
+        return self._pair(2 * self.size * slave, 2 * self.size * slave + self.size)
+
+    def _pair(self, outputs: int, inputs: int) -> bytes:
+        """Two FMMUs, which map the outputs and the inputs of a slave to logical addresses."""
+        settings = derive(None, self.size, self.size)
+        return b"".join(
+            struct.pack("<IHBBHBBB3x", start, self.size, 0, 7, sm.start, 0, kind, 1)
+            for start, sm, kind in ((outputs, settings[0], 2), (inputs, settings[1], 1))
+        )
 
     def bring_to_op(self) -> None:
         """Sets everything up and goes through all states.

@@ -56,8 +56,11 @@ class Settings:
     counts: tuple[int, ...] = COUNTS
 
 
-QUICK = Settings(rounds=1, seconds=0.03, endurance=0.3, starts=1, batches=20)
-"""Shows that everything works; the numbers are worth little."""
+SETTINGS = {
+    "quick": Settings(rounds=1, seconds=0.03, endurance=0.3, starts=1, batches=20),
+    "normal": Settings(),
+    "full": Settings(rounds=60, endurance=600.0),
+}
 
 
 def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
@@ -69,9 +72,7 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         bench = _Bench(settings, processors, Path(folder), say)
         return {
-            "processors": {
-                name: sorted(getattr(processors, name)) for name in ("master", "peer", "rest")
-            },
+            "processors": processors.to_json(),
             "turn_around": bench.turn_around(),
             "endurance": bench.endurance(),
             "start": bench.start(),

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from .words import US, met, pace, table, us
 
 TITLE = "The simulator"
 TARGETS = {8: 1.15, 64: 2.0}
 """Largest ratio of the turn-around to that of the echo, by slaves."""
 START_TARGET = 1.0
-_US = 1000.0
 _NOISE_NS = 0.02
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A Markdown table; all columns but the first are numbers."""
-    lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
-
-
-def _us(ns: float) -> str:
-    return f"{ns / _US:.1f}"
-
-
-def _pace(case: dict[str, Any]) -> str:
-    return f"{case['rate'] / 1000:g} kHz" if case["rate"] else "free-running"
 
 
 def _receive(case: dict[str, Any]) -> str:
@@ -64,9 +51,9 @@ def _targets(result: dict[str, Any]) -> str:
     for case in result["turn_around"]:
         target = TARGETS.get(case["slaves"])
         if target is not None:
-            what = f"turn-around, {case['slaves']} slaves, {_pace(case)}, {_receive(case)}"
+            what = f"turn-around, {case['slaves']} slaves, {pace(case['rate'])}, {_receive(case)}"
             ratio = case["ratio_p50"]
-            rows.append((what, f"≤ {target} × echo", f"{ratio:.2f} ×", _met(ratio <= target)))
+            rows.append((what, f"≤ {target} × echo", f"{ratio:.2f} ×", met(ratio <= target)))
     long = result["endurance"]
     lost = long["lost_frames"] + long["wrong"]
     rows.append(
@@ -75,7 +62,7 @@ def _targets(result: dict[str, Any]) -> str:
             f"{long['cycles'] * long['frames']} frames",
             "none lost",
             f"{long['lost_frames']} lost, {long['wrong']} with a wrong working counter",
-            _met(lost == 0),
+            met(lost == 0),
         )
     )
     for key, what in (
@@ -84,13 +71,9 @@ def _targets(result: dict[str, Any]) -> str:
     ):
         worst = max(result["start"][key])
         rows.append(
-            (what, f"< {START_TARGET:g} s", f"at most {worst:.2f} s", _met(worst < START_TARGET))
+            (what, f"< {START_TARGET:g} s", f"at most {worst:.2f} s", met(worst < START_TARGET))
         )
     return table(("what", "target", "measured", "met"), rows)
-
-
-def _met(yes: bool) -> str:
-    return "yes" if yes else "**no**"
 
 
 def _turn_around(cases: Sequence[dict[str, Any]]) -> str:
@@ -100,9 +83,9 @@ def _turn_around(cases: Sequence[dict[str, Any]]) -> str:
         low, high = case["ratio_p50_quartiles"]
         rows.append(
             (
-                f"{case['slaves']}, {_pace(case)}, {_receive(case)}",
-                *(_us(echo[key]) for key in ("p50", "p99", "max")),
-                *(_us(ours[key]) for key in ("p50", "p99", "max")),
+                f"{case['slaves']}, {pace(case['rate'])}, {_receive(case)}",
+                *(us(echo[key]) for key in ("p50", "p99", "max")),
+                *(us(ours[key]) for key in ("p50", "p99", "max")),
                 f"{case['ratio_p50']:.2f} ({low:.2f} to {high:.2f})",
                 f"{case['ratio_p99']:.2f}",
                 ours["lost_frames"],
@@ -138,7 +121,7 @@ def _alone(result: dict[str, Any]) -> str:
 
 
 def _steps(steps: Sequence[dict[str, Any]]) -> str:
-    rows = [(step["rig"], _us(step["p50"]), _us(step["p99"])) for step in steps]
+    rows = [(step["rig"], us(step["p50"]), us(step["p99"])) for step in steps]
     return (
         "The device side in Python makes a step each millisecond. It does not hold up frames: "
         "they are answered by a thread of their own. One step takes, in µs:\n\n"
@@ -172,9 +155,9 @@ def _draw_turn_around(axes: Any, cases: Sequence[dict[str, Any]]) -> None:
         (("echo", _ECHO, "bare echo"), ("simulator", _OURS, "ecatsim"))
     ):
         at = [i + 0.38 * (k - 0.5) for i in range(len(chosen))]
-        median = [case[peer]["p50"] / _US for case in chosen]
+        median = [case[peer]["p50"] / US for case in chosen]
         tail = [
-            max(0.0, case[peer]["p99"] / _US - m) for case, m in zip(chosen, median, strict=True)
+            max(0.0, case[peer]["p99"] / US - m) for case, m in zip(chosen, median, strict=True)
         ]
         axes.bar(at, median, 0.36, color=color, label=name)
         axes.errorbar(at, median, [[0.0] * len(at), tail], fmt="none", ecolor="#333", capsize=3)

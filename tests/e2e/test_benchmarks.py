@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,10 +27,22 @@ def benchmarks(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_simulator(tmp_path: Path) -> None:
-    run = benchmarks("--quick", "--out", tmp_path)
+def measured(name: str, folder: Path) -> tuple[dict[str, Any], str]:
+    """The results of a benchmark, and their page."""
+    run = benchmarks("--quick", "--only", name, "--out", folder)
     assert run.returncode == 0, run.stderr
-    result = json.loads((tmp_path / "performance" / "simulator.json").read_text())
+    result = json.loads((folder / "performance" / f"{name}.json").read_text())
+    assert result["extent"] == "quick"
+    for key in ("processor", "cores", "kernel", "governor", "revision"):
+        assert result["machine"][key]
+    page = (folder / "performance.md").read_text()
+    assert result["machine"]["processor"] in page
+    assert "</svg>" in (folder / "performance" / f"{name}.svg").read_text()
+    return result, page
+
+
+def test_simulator(tmp_path: Path) -> None:
+    result, page = measured("simulator", tmp_path)
     cases = result["turn_around"]
     assert {case["slaves"] for case in cases} == {1, 8, 64, 200}
     for case in cases:
@@ -43,12 +56,42 @@ def test_simulator(tmp_path: Path) -> None:
     assert all(len(times) == 1 and times[0] > 0 for times in result["start"].values())
     assert result["processing"]["fit"]["slave"] > 0
     assert [step["slaves"] for step in result["step"]] == [8, 8, 64, 200]
-    for key in ("processor", "cores", "kernel", "governor", "revision"):
-        assert result["machine"][key]
-    page = (tmp_path / "performance.md").read_text()
     assert "turn-around, 64 slaves" in page
-    assert result["machine"]["processor"] in page
-    assert "</svg>" in (tmp_path / "performance" / "simulator.svg").read_text()
+
+
+def test_engine(tmp_path: Path) -> None:
+    result, page = measured("engine", tmp_path)
+    (line,) = result["lines"]
+    assert (line["slaves"], line["frames"], line["missing"]) == (8, 1, {})
+    loops = {"bare", "engine", "bare busy", "engine busy", "pysoem", "kickcat"}
+    for case in line["exchange"]:
+        assert set(case["loops"]) == loops
+        for name, found in case["loops"].items():
+            assert found["cycles"] > 0, name
+            assert 0 < found["p50"] <= found["p99"], name
+        assert case["loops"]["bare"]["wrong"] == 0, "each cycle has the counters of the engine's"
+        assert set(case["ratios"]) == {"blocking", "busy"}
+    assert [case["rate"] for case in line["exchange"]] == [1000, 0]
+    assert "limit" in line["exchange"][1]["ratios"]["busy"]
+    (deadlines,) = line["deadlines"]
+    assert {name: loop["cycles"] > 0 for name, loop in deadlines["loops"].items()} == {
+        "sleep": True,
+        "engine": True,
+        "engine busy": True,
+    }
+    assert len(result["loads"]) == 5
+    for load in result["loads"]:
+        assert min(load["on"]["cycles"], load["off"]["cycles"]) > 0
+        assert load["failed"] == 0, load
+        assert load["rate"] > 0 or not load["counted"], load
+    clocks = result["clocks"]
+    assert clocks["locked"] > 0
+    assert [len(start["seconds"]) for start in result["start"]] == [1, 1, 1]
+    work = result["work"]
+    # Processors in some virtual machines count no instructions.
+    assert "reason" in work or all(point["instructions"] > 0 for point in work["points"])
+    assert "exchange beside 64 readers of the shared memory" in page
+    assert "free-running, 8 slaves, busy" in page
 
 
 def test_without_results() -> None:

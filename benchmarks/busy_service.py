@@ -1,0 +1,31 @@
+"""`ecatd` with a bus server that can be told to compute: `python -m benchmarks.busy_service FILE`.
+
+FILE is a configuration. The bus server is `busy_bus`, everything else is as the command `ecatd`
+has it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.config import Config
+from ecatd.service.supervisor import Supervisor
+
+LEVEL = "warning"
+
+
+class _Service(Supervisor):
+    async def _start_python(
+        self, module: str, settings: dict[str, Any]
+    ) -> asyncio.subprocess.Process:
+        ours = "benchmarks.busy_bus" if module == "ecatd.bus" else module
+        return await super()._start_python(ours, settings)
+
+
+if __name__ == "__main__":
+    config = Config.load(Path(sys.argv[1]))
+    sys.exit(asyncio.run(_Service(config, None, Log("ecatd", LEVEL), LEVEL).run()))

@@ -1,0 +1,54 @@
+"""How many cycles are missed, beside a loop that only wakes up, which is the machine's limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from . import histogram
+from .turns import ENGINE, SLEEP, Turns
+
+_SLICE = 2.0
+"""Seconds of a turn: short enough for both to see the same disturbances of the machine."""
+
+
+def measure(turns: Turns, rates: Sequence[float], seconds: float) -> list[dict[str, Any]]:
+    """Every rate for some seconds, as long for the engine, blocking and busy, as for the loop.
+
+    Args:
+        turns: The loops.
+        rates: Cycles a second.
+        seconds: How long each of them runs at each rate.
+    """
+    return [_case(turns, rate, seconds) for rate in rates]
+
+
+def _case(turns: Turns, rate: float, seconds: float) -> dict[str, Any]:
+    count = max(1, round(seconds / _SLICE))
+    loops = ((SLEEP, False), (ENGINE, False), (ENGINE, True))
+    totals: dict[str, dict[str, Any]] = {}
+    late: dict[str, histogram.Buckets] = {}
+    for number in range(count):
+        for loop, busy in reversed(loops) if number % 2 else loops:
+            found = turns.run(loop, rate=rate, seconds=seconds / count, busy=busy)
+            name = f"{loop} busy" if busy else loop
+            total = totals.setdefault(name, {"cycles": 0, "missed_cycles": 0, "real_time": True})
+            total["cycles"] += found["cycles"]
+            total["missed_cycles"] += found["missed_cycles"]
+            total["real_time"] &= found["real_time"]
+            for item in ("lost_frames", "late_frames", "wrong"):
+                if item in found:
+                    total[item] = total.get(item, 0) + found[item]
+            pairs = found["buckets"] if loop == SLEEP else found["buckets"]["wakeup"]
+            late[name] = late.get(name, histogram.Buckets()) + histogram.of_pairs(pairs)
+    for name, total in totals.items():
+        for q in (50, 99, 99.9):
+            total[f"wakeup_p{q:g}"] = round(histogram.quantile(late[name], q / 100))
+    return {"rate": rate, "seconds": seconds, "loops": totals}
+
+
+def allowed(case: dict[str, Any], loop: str) -> float:
+    """Cycles that the engine may miss: 1.1 × what the machine does, and one in 100 000."""
+    sleep, cycles = case["loops"][SLEEP], case["loops"][loop]["cycles"]
+    expected = sleep["missed_cycles"] / max(1, sleep["cycles"]) * cycles
+    return float(1.1 * expected + 1e-5 * cycles)

@@ -1,0 +1,79 @@
+/* What the machine allows a cyclic program: wakes up on a fixed grid and does nothing else.
+ *
+ * usage: nanosleep --rate HZ --seconds S
+ * A deadline is missed when the one before it is woken up for after it. Prints one line of JSON;
+ * the samples are the lateness of the wake-ups, in nanoseconds.
+ */
+#include "wire.h"
+
+#include "histogram.h"
+#include <errno.h>
+#include <inttypes.h>
+#include <string.h>
+#include <time.h>
+
+enum { PRIORITY = 80, MAX_SAMPLES = 1 << 22, WARM_UP = 20 };
+
+static uint32_t samples[MAX_SAMPLES];
+
+static int64_t now_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
+}
+
+static int compare(const void *a, const void *b)
+{
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* Wakes up so many times; returns how many deadlines were missed. */
+static uint64_t run(int64_t period, uint64_t cycles)
+{
+    int64_t due = now_ns();
+    uint64_t i, missed = 0;
+    for (i = 0; i < cycles; i++) {
+        struct timespec at;
+        int64_t now;
+        due += period;
+        at = (struct timespec){due / 1000000000, due % 1000000000};
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) {
+        }
+        now = now_ns();
+        samples[i] = now - due < UINT32_MAX ? (uint32_t)(now - due) : UINT32_MAX;
+        for (; due + period <= now; due += period)
+            missed++; /* the grid stays */
+    }
+    return missed;
+}
+
+int main(int count, char **arguments)
+{
+    double rate = 0, seconds = 0;
+    uint64_t cycles, missed;
+    bool real_time;
+    for (int i = 1; i + 1 < count; i += 2) {
+        if (strcmp(arguments[i], "--rate") == 0)
+            rate = atof(arguments[i + 1]);
+        if (strcmp(arguments[i], "--seconds") == 0)
+            seconds = atof(arguments[i + 1]);
+    }
+    if (rate <= 0 || seconds <= 0 || rate * seconds > MAX_SAMPLES) {
+        fprintf(stderr, "usage: nanosleep --rate HZ --seconds S\n");
+        return 2;
+    }
+    die_with_parent();
+    real_time = ask_for_real_time(PRIORITY);
+    memset(samples, 0, sizeof samples); /* no page fault later */
+    cycles = (uint64_t)(rate * seconds);
+    (void)run((int64_t)(1e9 / rate), WARM_UP);
+    missed = run((int64_t)(1e9 / rate), cycles);
+    qsort(samples, cycles, sizeof samples[0], compare);
+    printf("{\"cycles\": %" PRIu64 ", \"missed_cycles\": %" PRIu64 ", \"real_time\": %s", cycles,
+           missed, real_time ? "true" : "false");
+    print_buckets(samples, cycles);
+    printf("}\n");
+    return 0;
+}

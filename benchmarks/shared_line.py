@@ -1,0 +1,78 @@
+"""One line of slaves for several masters that take turns.
+
+Every master maps the process data to logical addresses of its own, by FMMUs of its own; those
+whose turn it is not are switched off. The slaves stay in OP, so that turns can be short.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+
+from ecatd.bus.layout import Image
+from ecatd.model.bus import Bus
+
+from .segment import APRD, Exchange, Line, ask, frame
+
+PER_MASTER = 2
+_FMMU, _FMMU_BYTES, _ACTIVATE = 0x0600, 16, 12
+
+Map = Sequence[bytes]
+"""What a master has written to its FMMUs, by slave."""
+
+
+class SharedLine(Line):
+    """The slaves of `cells.line`.
+
+    Args:
+        exchange: How to reach them.
+        bus: The slaves as laid out for the engine.
+        image: Where it has their process data.
+    """
+
+    def __init__(self, exchange: Exchange, bus: Bus, image: Image) -> None:
+        super().__init__(exchange, len(bus.slaves), bus.slaves[0].output_bytes)
+        self._bus = bus
+        (self._domain,) = image.domains
+        self._maps: list[Map] = []
+
+    @contextlib.contextmanager
+    def over(self, exchange: Exchange) -> Iterator[None]:
+        """Reaches them by another way for a while."""
+        before, self._exchange = self._exchange, exchange
+        try:
+            yield
+        finally:
+            self._exchange = before
+
+    def saved(self) -> Map:
+        """What the master that has just set the slaves up has in its FMMUs."""
+        size = PER_MASTER * _FMMU_BYTES
+        return [
+            ask(self._exchange, frame(APRD, -slave, _FMMU, bytes(size)))[0]
+            for slave in range(self.count)
+        ]
+
+    def share(self, others: Sequence[Map]) -> None:
+        """Brings the slaves to OP for the engine, whose turn is number 0, and for others."""
+        self._maps = [*others]
+        self.bring_to_op()
+
+    def _fmmus(self, slave: int) -> bytes:
+        base, where = self._domain.address, self._bus.slaves[slave]
+        ours = self._pair(base + where.output_offset, base + where.input_offset)
+        return ours + b"".join(self._switched_off(map[slave]) for map in self._maps)
+
+    @staticmethod
+    def _switched_off(fmmus: bytes) -> bytes:
+        return b"".join(
+            fmmus[at : at + _ACTIVATE] + bytes(1) + fmmus[at + _ACTIVATE + 1 : at + _FMMU_BYTES]
+            for at in range(0, len(fmmus), _FMMU_BYTES)
+        )
+
+    def turn(self, number: int) -> None:
+        """Whose FMMUs are switched on: 0 for the engine's, then the others as in `share`."""
+        for master in range(1 + len(self._maps)):
+            for channel in range(PER_MASTER):
+                at = _FMMU + _FMMU_BYTES * (PER_MASTER * master + channel) + _ACTIVATE
+                self._broadcast(at, bytes([master == number]))
