@@ -70,6 +70,9 @@ def test_domains_travel_with_the_description() -> None:
     read = Bus.from_dict(json.loads(json.dumps(made.to_dict())))
     assert read == made
     assert (read.domain_label(0), read.domain_label(1)) == ("domain 0", "domain 1 (slow)")
+    assert read.output_cycles == 4
+    made.slaves[0].outputs = []  # inputs alone are not waited for
+    assert made.output_cycles == 1
     old = made.to_dict()
     del old["domains"]
     assert Bus.from_dict(old).domain_label(1) == "domain 1"

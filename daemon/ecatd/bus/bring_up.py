@@ -245,8 +245,7 @@ class BringUp:
 
     def _reach_op(self, master: Master, segment: Segment) -> None:
         """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
-        # Every domain at least once.
-        cycles = max(_FIRST_CYCLES, *(domain.divider + 1 for domain in self.bus.domains))
+        cycles = _FIRST_CYCLES + self.bus.output_cycles - 1
         cycle_s = self._config.cycle_time_us * 1e-6
         first = segment.header.cycle
         deadline = time.monotonic() + cycles * cycle_s + self._config.state_timeout_s

@@ -214,7 +214,8 @@ class BusServer:
             segment.set_state(shm.BusState.STOPPING)
         if engine is not None:
             engine.make_safe()
-            await asyncio.sleep((_STOP_CYCLES + 1) * self._config.cycle_time_us * 1e-6)
+            cycles = _STOP_CYCLES + self.bus.output_cycles
+            await asyncio.sleep(cycles * self._config.cycle_time_us * 1e-6)
         if self._monitor is not None:
             self._monitor.close()
         await asyncio.to_thread(self._mailbox.close)

@@ -184,6 +184,13 @@ class Bus:
         return f"domain {number} ({name})" if name else f"domain {number}"
 
     @property
+    def output_cycles(self) -> int:
+        """Base cycles in which the outputs of every slave are sent at least once."""
+        used = {slave.domain for slave in self.slaves if slave.output_bytes}
+        dividers = [domain.divider for n, domain in enumerate(self.domains) if n in used]
+        return max(dividers, default=1)
+
+    @property
     def fingerprint(self) -> int:
         """64 bits that differ when identities, order or mappings of the slaves differ.
 
