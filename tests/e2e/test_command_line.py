@@ -126,6 +126,14 @@ def test_wrong_usage_is_status_2(arguments: str) -> None:
     assert "usage: ecatctl" in result.stderr
 
 
+def test_every_document_names_its_bus(troll: Daemon, tmp_path: Path) -> None:
+    for arguments in (
+        *("slaves", "pdos", "state", "stats", "dc", "info"),
+        *("sdo-read 0 0x6060", "sdo-write 0 0x6060 0 8", f"generate Named {tmp_path}"),
+    ):
+        assert troll.ctl_json(*arguments.split())["bus"] == troll.bus, arguments
+
+
 def test_options_may_stand_before_the_command(troll: Daemon) -> None:
     before = troll.ctl("--bus", troll.bus, "--json", "pdos")
     assert before.stdout == troll.ctl("pdos", "--json").stdout

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from ecatd import shm
 from ecatd.cli import info
+from ecatd.cli.output import print_json, print_json_line
 from ecatd.cli.stats import stats as stats_command
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
 from ecatd.model.errors import EcatError, StateError, UsageError
@@ -303,3 +304,12 @@ def test_info_has_the_names_of_the_gateway_and_the_states_of_now() -> None:
             "interface   second, no carrier",
         ]
     assert "gateway     does not answer" in "\n".join(info.info_lines(made, {}, "silence"))
+
+
+def test_json_knows_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:
+    document = {"value": math.nan, "rows": [(1.5, -math.inf)], "text": "µ"}
+    print_json(document)
+    print_json_line(document)
+    first, line = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    wanted = {"schema": 1, "value": None, "rows": [[1.5, None]], "text": "µ"}
+    assert json.loads(first) == json.loads(line) == wanted

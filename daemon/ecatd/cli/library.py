@@ -20,7 +20,7 @@ def generate(remote: Remote, options: argparse.Namespace) -> None:
     bus = remote.describe()
     report = write_library(bus, options.name, options.out)
     if options.json:
-        print_json(report.to_dict())
+        print_json({"bus": bus.name, **report.to_dict()})
         return
     print(report.summary())
 

@@ -141,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
         """A command that finds its own way to the bus."""
         command = commands.add_parser(name, help=summary, description=summary)
         _add_common(command, defaults=False)
-        command.set_defaults(offline=run)
+        command.set_defaults(alone=run)
         return command
 
     add("slaves", show.slaves, "List the slaves in the order of the wire.")
@@ -202,7 +202,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Prints the flags with which a C compiler builds a program with the client.",
     )
     command.add_argument("--json", action="store_true", help="print JSON for programs")
-    command.set_defaults(offline=library.client_flags)
+    command.set_defaults(alone=library.client_flags)
     return parser
 
 
@@ -210,8 +210,10 @@ def main() -> int:
     """Runs one command; returns the exit status."""
     options = _parser().parse_args()
     try:
-        if offline := getattr(options, "offline", None):
-            offline(options)
+        if alone := getattr(
+            options, "alone", None
+        ):  # finds its own way to the bus, if it needs one
+            alone(options)
             return 0
         with Remote(options.bus, options.connect, options.timeout) as remote:
             options.run(remote, options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -11,7 +12,21 @@ SCHEMA = 1
 
 def print_json(document: dict[str, Any]) -> None:
     """Prints one JSON document; `schema` tells programs what to expect."""
-    print(json.dumps({"schema": SCHEMA, **document}, indent=2, ensure_ascii=False))
+    print(json.dumps(_plain({"schema": SCHEMA, **document}), indent=2, ensure_ascii=False))
+
+
+def print_json_line(document: dict[str, Any]) -> None:
+    """The same on a line of its own, for programs that read one document after the other."""
+    print(json.dumps(_plain({"schema": SCHEMA, **document}), ensure_ascii=False), flush=True)
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinity and no "not a number", which objects of slaves can be: null."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> list[str]:

@@ -65,6 +65,7 @@ def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     if options.json:
         print_json(
             {
+                "bus": remote.bus,
                 "slave": slave.position,
                 "index": options.index,
                 "subindex": options.subindex,
@@ -112,6 +113,7 @@ def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
     if options.json:
         print_json(
             {
+                "bus": remote.bus,
                 "slave": slave.position,
                 "index": options.index,
                 "subindex": options.subindex,

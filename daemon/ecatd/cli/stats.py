@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -12,7 +11,7 @@ from ecatd.model.errors import EcatError, UsageError
 from ecatd.stats import Snapshot
 from ecatd.stats.maps import histogram_to_map, interval_to_map, to_map
 
-from .output import SCHEMA, print_json
+from .output import print_json, print_json_line
 from .source import Source
 from .stats_screen import histogram_lines, stats_lines
 from .terminal import Screen
@@ -31,7 +30,7 @@ def stats(options: argparse.Namespace) -> None:
                 print("\n".join(_lines(snapshot, None, options.histogram)))
         elif options.json:
             for now, interval, _notice in _watch(source, options):
-                print(json.dumps(_line(now, interval, options)), flush=True)
+                print_json_line(_line(now, interval, options))
         else:
             with Screen() as screen:
                 for now, interval, notice in _watch(source, options):
@@ -91,13 +90,13 @@ def _line(
 ) -> dict[str, Any]:
     """The document of one look; `interval` is null in the first one and after a restart."""
     if isinstance(now, EcatError):
-        return {"schema": SCHEMA, "bus": options.bus, "error": now.to_reply()}
+        return {"bus": options.bus, "error": now.to_reply()}
     last: dict[str, Any] | None = None
     if interval is not None:
         last = interval_to_map(interval)
         if options.histogram is not None:
             last = _document(interval, options.histogram)
-    return {"schema": SCHEMA, **_document(now, options.histogram), "interval": last}
+    return {**_document(now, options.histogram), "interval": last}
 
 
 def _lines(snapshot: Snapshot, interval: Snapshot | None, histogram: str | None) -> list[str]:

@@ -29,11 +29,13 @@ class Screen:
         return self
 
     def draw(self, lines: list[str]) -> None:
-        """Shows lines, cut to the size of the terminal."""
+        """Shows lines, cut to the size of the terminal; empty ones are left out first."""
         if not self._terminal:
             sys.stdout.write("\n" * (self._drawn > 0) + "\n".join(lines) + "\n")
         else:
             width, height = shutil.get_terminal_size()
+            if len(lines) >= height:
+                lines = [line for line in lines if line]
             if len(lines) >= height:
                 room = max(1, height - 2)
                 lines = [*lines[:room], f"({len(lines) - room} more lines: enlarge the window)"]
