@@ -30,7 +30,14 @@ class Daemon:
         env: Environment with which its clients find it.
     """
 
-    def __init__(self, folder: Path, rig: str, *options: str, config: str | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        rig: str,
+        *options: str,
+        config: str | None = None,
+        preexec: Callable[[], None] | None = None,
+    ) -> None:
         self.bus = f"t{uuid.uuid4().hex[:10]}"
         self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": self.bus}
         file = folder / "ecat.toml"
@@ -53,6 +60,7 @@ class Daemon:
                 ],
                 env={**self.env, "NOTIFY_SOCKET": address},
                 stderr=log,
+                preexec_fn=preexec,
             )
 
     @property
@@ -160,10 +168,16 @@ def start_daemon(tmp_path: Path) -> Iterator[Callable[..., Daemon]]:
     """Starts daemons, which are ended after the test; `start_daemon("troll")`."""
     daemons: list[Daemon] = []
 
-    def start(rig: str, *options: str, ready: bool = True, config: str | None = None) -> Daemon:
+    def start(
+        rig: str,
+        *options: str,
+        ready: bool = True,
+        config: str | None = None,
+        preexec: Callable[[], None] | None = None,
+    ) -> Daemon:
         folder = tmp_path / f"d{len(daemons)}"
         folder.mkdir()
-        daemon = Daemon(folder, rig, *options, config=config)
+        daemon = Daemon(folder, rig, *options, config=config, preexec=preexec)
         daemons.append(daemon)
         return daemon.wait_ready() if ready else daemon
 

@@ -48,6 +48,29 @@ def send(interface, frame, count, pause):
         time.sleep(float(pause))
 
 
+def replay(interface, peer, seconds):
+    """Sends answers of another run: those of this one with another number and other inputs."""
+    raw = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88A4))
+    raw.bind((interface, 0x88A4))
+    out = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
+    out.bind((peer, 0x88A4))
+    end = time.monotonic() + float(seconds)
+    while time.monotonic() < end:
+        data, address = raw.recvfrom(2048)
+        if data[17] < 0x80 or address[2] == socket.PACKET_OUTGOING or data[7:11] == b"old!":
+            continue
+        old = bytearray(data)
+        old[7:11] = b"old!"
+        at, more = 16, True
+        while more:
+            length = int.from_bytes(old[at + 6 : at + 8], "little")
+            more, length = bool(length & 0x8000), length & 0x7FF
+            if old[at] >= 10:
+                old[at + 10 : at + 10 + length] = b"\xff" * length
+            at += 12 + length
+        out.send(old)
+
+
 def soem(interface, seconds):
     """Another master with SOEM, which brings the slaves to OP and exchanges process data."""
     import pysoem
@@ -66,6 +89,5 @@ def soem(interface, seconds):
 
 if __name__ == "__main__":
     namespace.join(int(sys.argv[1]))
-    {"switch": switch, "delete": delete, "make": make, "send": send, "soem": soem}[sys.argv[2]](
-        *sys.argv[3:]
-    )
+    commands = (switch, delete, make, send, replay, soem)
+    {command.__name__: command for command in commands}[sys.argv[2]](*sys.argv[3:])

@@ -4,7 +4,10 @@ The daemon runs on a simulated segment; what goes wrong is done to its interface
 namespace, or by the simulator.
 """
 
+import ctypes
 import os
+import resource
+import signal
 import subprocess
 import sys
 import time
@@ -25,6 +28,7 @@ from ecatd.wire import unpack
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 INSIDE = Path(__file__).with_name("inside.py")
+PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
 MASTER, SIMULATOR = "ecat-master", "ecat-sim"
 
 
@@ -156,7 +160,7 @@ def test_carrier_lost_and_back(bench: Bench) -> None:
     assert bench.busy() < 0.5
     bench.inside("switch", SIMULATOR, "up")
     bench.wait_for_log(f"{MASTER}: the link is up")
-    bench.wait_for_log("all 8 slaves answer again")
+    bench.wait_for_log("all 8 slaves answer, and no others")
     bench.wait_for_event("slaves", found=8)
     bench.wait_for_data()
     bench.wait_for_op()
@@ -172,6 +176,8 @@ def test_interface_gone_and_back(bench: Bench) -> None:
     bench.wait_for_log(f"{MASTER} is back as another interface")
     bench.wait_for_event("link", interface=MASTER, state="up")
     bench.wait_for_data()
+    bench.wait_for_op()
+    assert bench.daemon.ctl("sdo-read", "0", "0x1018", "1").stdout.startswith("0x0000009A")
 
 
 def test_slaves_missing_and_back(bench: Bench) -> None:
@@ -187,7 +193,7 @@ def test_slaves_missing_and_back(bench: Bench) -> None:
     assert states == [AlState.OP] * 5 + [0] * 3
     assert bench.health().wkc_bad > 0
     bench.ctl("heal-link", "5")
-    bench.wait_for_log("all 8 slaves answer again")
+    bench.wait_for_log("all 8 slaves answer, and no others")
     bench.wait_for_event("slaves", found=8, expected=8)
     bench.wait_for_data()
     bench.wait_for_op()
@@ -204,3 +210,224 @@ def test_slave_that_leaves_op_is_named(bench: Bench) -> None:
     bench.wait_for_data()
     with bench.daemon.client() as client:
         assert client.slaves()[4].al_state == AlState.SAFEOP | 0x10
+
+
+def test_another_master_on_the_wire(bench: Bench) -> None:
+    """One that does nothing but to send, with indices of the engine and addresses of its own."""
+    lrd = "0a85000000702000 0000" + "00" * 34
+    frame = "ffffffffffff 001122334455 88a4 2c10" + lrd
+    other = bench.start_inside("send", MASTER, frame, "3000", "0.001")
+    # A slave sets a bit of the source address.
+    bench.wait_for_log(
+        f"frames of another EtherCAT master on {MASTER} (source 02:11:22:33:44:55): "
+    )
+    bench.wait_for_event("foreign_master", interface=MASTER, source="02:11:22:33:44:55")
+    assert bench.health().foreign > 0
+    bench.wait_for_data()
+    other.wait()
+    bench.wait_for_log(f"no more frames of another EtherCAT master on {MASTER}")
+    bench.wait_for_event("foreign_master", interface=MASTER, over=True)
+    assert bench.daemon.log.count("frames of another EtherCAT master") < 8
+    bench.wait_for_op()
+
+
+def test_frames_of_an_earlier_run_are_not_taken(bench: Bench) -> None:
+    """Answers as ours, but for the number of the run; their inputs are all ones."""
+    before = bench.health().foreign
+    other = bench.start_inside("replay", MASTER, SIMULATOR, "3")
+    bench.wait_for_log("another ecatd or an earlier run of this one")
+    with bench.daemon.client() as client:
+        constant = client.bind(5, 0x6010, 0x11)
+        while other.poll() is None:
+            client.wait()
+            client.sample()
+            assert client.read(constant) == pytest.approx(-4 / 10 * 32767, abs=1)
+    assert bench.health().foreign > before
+    bench.wait_for_data()
+    bench.wait_for_op()
+
+
+def test_a_second_master_that_uses_the_slaves(bench: Bench) -> None:
+    """It takes the slaves out of OP and maps them its own way; nothing of that may end us."""
+    bench.start_inside("soem", MASTER, "2").wait()
+    bench.wait_for_log("a master with SOEM")
+    bench.wait_for_event("foreign_master", interface=MASTER, over=False)
+    bench.wait_for_event("al_state")
+    bench.wait_for_log("no more frames of another EtherCAT master")
+    assert bench.busy() < 0.5
+    assert bench.daemon.ctl_json("state")["slaves"]
+
+
+RIG = """
+name = "growing"
+[[slave]]
+device = "EK1100"
+[[slave]]
+device = "EL2008"
+[[slave]]
+device = "EL1018"
+[[slave]]
+device = "EL1008"
+[[fault]]
+kind = "break-link"
+slave = 3
+"""
+
+
+def test_more_slaves_than_at_the_start(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    rig = tmp_path / "growing.toml"
+    rig.write_text(RIG)
+    bench = Bench(start_daemon(str(rig)))
+    assert "3 slaves found" in bench.daemon.log
+    bench.ctl("heal-link", "3")
+    bench.wait_for_log("slave count changed: 3, now 4: a slave was added behind slave 2 (EL1018)")
+    bench.wait_for_event("slaves", found=4, expected=3)
+    assert bench.health().slaves_found == 4
+    bench.wait_for_data()
+    bench.ctl("break-link", "3")
+    bench.wait_for_log("all 3 slaves answer, and no others")
+    bench.close()
+
+
+def test_slaves_that_lost_their_power_are_told_from_missing_ones(bench: Bench) -> None:
+    bench.ctl("power-off", "7")
+    bench.wait_for_log("now 7: no answer from slave 7 (EL6751) on: 1 slave missing")
+    bench.ctl("power-on", "7")
+    bench.wait_for_log("no answer from slave 7 (EL6751) at its address, though 8 slaves are there")
+    bench.wait_for_event("slaves", found=8)
+    with bench.daemon.client() as client:
+        assert [slave.al_state for slave in client.slaves()] == [AlState.OP] * 7 + [0]
+
+
+def take_real_time_away() -> None:
+    """In a process that becomes the daemon: as a user who may not have real time."""
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+    libc = ctypes.CDLL(None)
+    for capability in (CAP_IPC_LOCK, CAP_SYS_NICE):
+        libc.prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
+
+
+def test_no_permission_for_real_time(start_daemon: Callable[..., Daemon]) -> None:
+    config = "[gateway]\nlisten = []\n[realtime]\ncpu = 1023\n"
+    daemon = start_daemon("troll", config=config, preexec=take_real_time_away)
+    for what, remedy in (
+        ("SCHED_FIFO (priority 80) was refused (Operation not permitted)", "CAP_SYS_NICE"),
+        ("CPU (1023) was refused (Invalid argument)", "set realtime.cpu to a CPU that exists"),
+        ("locked memory (yes) was refused", "CAP_IPC_LOCK"),
+    ):
+        lines = [line for line in daemon.log.splitlines() if f"no real time: {what}" in line]
+        assert len(lines) == 1, daemon.log
+        assert remedy in lines[0]
+    bench = Bench(daemon)
+    bench.wait_for_data()
+    bench.close()
+
+
+def test_a_cycle_that_is_held_up_is_counted(bench: Bench) -> None:
+    before = bench.health().missed
+    os.kill(bench.server, signal.SIGSTOP)
+    time.sleep(0.05)  # less than the watchdog of the slaves
+    os.kill(bench.server, signal.SIGCONT)
+    bench.wait_for(lambda: bench.health().missed >= before + 40)
+    bench.wait_for_log("deadlines missed")
+    bench.wait_for_event("disturbance")
+    bench.wait_for_data()
+
+
+SLAVES = 5
+RING = "name = 'ring'\nring = true\n" + "[[slave]]\ndevice = 'Loopback32'\n" * SLAVES
+SECOND = "ecat-master2"
+
+
+@pytest.fixture
+def ring(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Iterator[Bench]:
+    rig = tmp_path / "ring.toml"
+    rig.write_text(RING)
+    made = Bench(start_daemon(str(rig)))
+    made.wait_for_data()
+    yield made
+    made.close()
+
+
+def exchange_everything(bench: Bench, value: int) -> None:
+    """Writes outputs of every slave and waits until they have come back as inputs."""
+    with bench.daemon.client() as client:
+        outputs = [client.bind(slave, 0x7000, 1) for slave in range(SLAVES)]
+        inputs = [client.bind(slave, 0x6000, 1) for slave in range(SLAVES)]
+        for slave in range(SLAVES):
+            client.claim(slave, lease=0.5)
+        wanted = [value + slave for slave in range(SLAVES)]
+
+        def arrived() -> bool:
+            for output, number in zip(outputs, wanted, strict=True):
+                client.write(output, number)
+            client.commit()
+            client.wait()
+            client.sample()
+            return [client.read(item) for item in inputs] == wanted
+
+        bench.wait_for(arrived)
+
+
+def ring_of(bench: Bench) -> str:
+    """What `ecatctl info` says about the ring."""
+    lines = bench.daemon.ctl("info").stdout.splitlines()
+    return next(line for line in lines if line.startswith("ring "))
+
+
+@pytest.mark.parametrize("place", range(SLAVES + 1))
+def test_a_ring_that_is_cut_anywhere(ring: Bench, place: int) -> None:
+    """Every slave goes on being exchanged, and the place is told."""
+    ring.wait_for_log("the ring is closed")
+    assert ring.health().ring == shm.Ring.CLOSED
+    assert "closed" in ring_of(ring)
+    exchange_everything(ring, 10)
+    names = [MASTER, *(f"slave {i} (Loopback32)" for i in range(SLAVES)), SECOND]
+    cable = [str(place)] if place < SLAVES else [str(SLAVES - 1), "--port", "1"]
+    ring.ctl("break-link", *cable)
+    text = f"the ring is broken between {names[place]} and {names[place + 1]}"
+    ring.wait_for_log(text)
+    ring.wait_for_event("ring", state="open", slaves_before=place)
+    assert ring.health().ring == shm.Ring.OPEN
+    assert ring.health().ring_break == place
+    assert f"OPEN: {place} slaves before the break" in ring_of(ring)
+    exchange_everything(ring, 20)
+    ring.wait_for_data()
+    assert ring.health().slaves_found == SLAVES
+    # Mailbox and registers reach all of them, too.
+    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+    ring.ctl("heal-link", *cable)
+    ring.wait_for_log("the ring is closed", 2)
+    ring.wait_for_event("ring", state="closed")
+    assert ring.health().ring == shm.Ring.CLOSED
+    exchange_everything(ring, 30)
+    assert "slaves missing" not in ring.daemon.log
+
+
+@pytest.mark.parametrize("interface", [MASTER, SECOND])
+def test_a_ring_survives_the_loss_of_an_interface(ring: Bench, interface: str) -> None:
+    exchange_everything(ring, 10)
+    ring.inside("switch", interface, "down")
+    ring.wait_for_event("link", interface=interface, state="down")
+    exchange_everything(ring, 20)
+    assert ring.busy() < 0.5
+    ring.inside("switch", interface, "up")
+    ring.wait_for_event("link", interface=interface, state="up")
+    ring.wait_for_log("the ring is closed", 2)
+    exchange_everything(ring, 30)
+    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+
+
+def test_a_second_break_loses_the_slaves_between(ring: Bench) -> None:
+    ring.ctl("break-link", "1")
+    ring.wait_for_log("the ring is broken between slave 0 ")
+    ring.ctl("break-link", "3")
+    ring.wait_for_log("no answer from slaves 1-2: 2 slaves missing")
+    ring.wait_for_event("slaves", found=3, expected=SLAVES)
+    ring.ctl("heal-link", "1")
+    ring.wait_for_log("all 5 slaves answer, and no others")
+    ring.ctl("heal-link", "3")
+    ring.wait_for_log("the ring is closed", 2)
+    ring.wait_for_data()
+    ring.wait_for_op()

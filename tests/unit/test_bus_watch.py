@@ -85,7 +85,7 @@ def test_a_try_that_leaves_the_slave_in_safeop_is_followed_by_another() -> None:
     ("found", "lost", "words"),
     [
         (4, [], ""),
-        (5, [], "slave count changed: 4, now 5: 1 more than at the start"),
+        (5, [], "slave count changed: 4, now 5: a slave was added in front of all others"),
         (
             2,
             [2, 3],

@@ -1,6 +1,7 @@
 """The process of the bus server: `python -m ecatd.bus`, started by the service.
 
-It reads its settings as one JSON document from stdin: `config`, `interface`, `runtime_dir`,
+It reads its settings as one JSON document from stdin: `config`, `interface` and `second_interface`
+(which may be those of a simulator instead of those of the configuration), `runtime_dir`,
 `namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent`
 and `log_level`. It writes `ready` to stdout when the bus is in OP.
 """
@@ -28,6 +29,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     from .server import BusServer
 
     config = Config.from_dict(settings["config"])
+    config.second_interface = settings["second_interface"]
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
     server = BusServer(config, settings["interface"], log, control.publish)
     stop = asyncio.Event()

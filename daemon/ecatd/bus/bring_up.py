@@ -13,12 +13,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
+from ecatd.real_time import SETTINGS
 
 from .clocks import Clocks, clock_bits
 from .engine import Engine, Grant, Index, RealTime, open_socket
@@ -33,37 +33,6 @@ from .wire_time import WireTime, wire_time
 
 _FIRST_CYCLES = 3
 """Cycles with valid outputs before slaves are asked for OP."""
-
-_RIGHTS = "grant the service CAP_SYS_NICE (the shipped unit does), or set LimitRTPRIO={}"
-
-_REFUSED = {
-    shm.Setting.SCHEDULING: (
-        "SCHED_FIFO priority {}",
-        "other programs delay cycles, on a busy machine by milliseconds",
-        _RIGHTS,
-    ),
-    shm.Setting.AFFINITY: (
-        "running on CPU {} alone",
-        "the engine moves between CPUs and shares them",
-        "realtime.cpu must be a CPU of this machine that the service may use (CPUAffinity=)",
-    ),
-    shm.Setting.MEMORY: (
-        "locked memory",
-        "a page that was swapped out delays a cycle by milliseconds",
-        "grant the service CAP_IPC_LOCK, or set LimitMEMLOCK=infinity",
-    ),
-    shm.Setting.TIMER_SLACK: (
-        "timer slack of {} ns",
-        "an engine without SCHED_FIFO wakes up to 50 µs late",
-        "this needs no right: the kernel or a sandbox forbids prctl(PR_SET_TIMERSLACK)",
-    ),
-    shm.Setting.DMA_LATENCY: (
-        "/dev/cpu_dma_latency held at {} µs",
-        "CPUs that sleep deeply wake up to 200 µs late",
-        "give the service write access to the device, or leave it: realtime.dma_latency_us = -1",
-    ),
-}
-"""For each kind of real time: what was asked for, what its absence may cost, how to grant it."""
 
 
 @dataclass(slots=True)
@@ -237,10 +206,10 @@ class BringUp:
     def _tell_grants(self, grants: list[Grant]) -> None:
         for grant in grants:
             if grant.error:
-                what, cost, remedy = _REFUSED[grant.setting]
+                words = SETTINGS[grant.setting]
                 self._log.warning(
-                    f"no real time: not granted is {what.format(grant.value)} "
-                    f"({os.strerror(grant.error)}): {cost}; {remedy.format(grant.value)}"
+                    f"no real time: {words.title} ({words.value.format(grant.value)}) was refused "
+                    f"({os.strerror(grant.error)}): {words.without}; {words.how}"
                 )
 
     def _reach_op(self, master: Master, segment: Segment) -> None:

@@ -89,7 +89,7 @@ class Monitor:
         await self._slaves.look()
 
     def describe(self) -> dict[str, Any]:
-        """State of links and ring, for `ecatctl info`."""
+        """What `ecatctl info` shows of links, beside what is in shared memory."""
         return self._wire.describe()
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:

@@ -18,6 +18,7 @@ from ecatd.model.bus import Bus
 from ecatd.model.errors import StateError
 
 from .bring_up import RunningBus
+from .datagrams import aprd
 from .mailbox import Mailbox
 from .master import SlaveState
 from .recovery import TRIES, Recovery
@@ -27,10 +28,11 @@ _SLOW_PERIOD = 2.0
 this is the safety net."""
 _PERIOD = 0.25
 """The same while they are not: then the state of one can hide the change of another."""
-_PAUSE = 0.02
-"""Shortest time between two looks, however often the engine tells of changes."""
+_PAUSE, _LONGEST_PAUSE = 0.02, 1.0
+"""Shortest time between two looks, which grows while each of them finds something to tell."""
 _RECOVERY_TIMEOUT = 1.0
-_NAMES_MAX = 8
+_STATION_ADDRESS = 0x0010
+_NAMES_MAX = 3
 """Slaves that change alike and are named in lines of their own; more share one."""
 
 
@@ -59,6 +61,8 @@ class SlaveWatch:
         self._tell = tell
         self._recovery = Recovery(len(self._bus.slaves))
         self._changed = asyncio.Event()
+        self._pause = _PAUSE
+        self._found = self._added = 0
         self._told = ""  # what was last told about missing and new slaves
         self.states: list[SlaveState] = []
 
@@ -78,10 +82,24 @@ class SlaveWatch:
         """
         before, self.states = self.states, self._master.states()
         changed = [now for i, now in enumerate(self.states) if not before or now != before[i]]
+        self._found = int(self._health.slaves_found)
+        self._added = self._find_added(self._found) if self._found > len(self.states) else 0
         for now in changed:
             row = self._rows[now.position]
             row.al_state, row.al_code = now.al_state, now.al_code
         return changed
+
+    def _find_added(self, found: int) -> int:
+        """Position of the first slave that was not there at the start; on the mailbox worker."""
+        answers = self._master.registers.exchange(
+            [aprd(position, _STATION_ADDRESS, 2) for position in range(found)]
+        )
+        for position, (answer, station) in enumerate(
+            zip(answers, self._master.stations, strict=False)
+        ):
+            if answer.wkc and int.from_bytes(answer.data, "little") != station:
+                return position
+        return len(self._master.stations)
 
     async def watch(self) -> None:
         """Waits for the next change, or for a while, and looks."""
@@ -89,12 +107,13 @@ class SlaveWatch:
         with suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), _SLOW_PERIOD if healthy else _PERIOD)
         self._changed.clear()
-        await self.look()
+        something = await self.look()
         await self._recover()
-        await asyncio.sleep(_PAUSE)
+        await asyncio.sleep(self._pause)
+        self._pause = min(2 * self._pause, _LONGEST_PAUSE) if something else _PAUSE
 
-    async def look(self) -> None:
-        """Reads the AL states, and tells of every change."""
+    async def look(self) -> bool:
+        """Reads the AL states, and tells of every change; returns whether there was one."""
         changed = await self._mailbox.run(self.read)
         self._tell_presence()
         present = [item for item in changed if item.al_state & 0x0F]
@@ -110,19 +129,20 @@ class SlaveWatch:
             # OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
             tell = self._log.info if item.al_state == AlState.OP else self._log.warning
             tell(f"{_name(self._bus, positions)}: {item.describe()}")
+        return bool(changed)
 
     def _tell_presence(self) -> None:
         """Tells, once, that slaves are missing or that there are more, and when that is over."""
-        found = int(self._health.slaves_found)
+        found = self._found
         lost = [item.position for item in self.states if not item.al_state & 0x0F]
-        text = describe_presence(self._bus, found, lost)
+        text = describe_presence(self._bus, found, lost, self._added)
         if text == self._told:
             return
         self._told = text
         if text:
             self._log.error(text)
         else:
-            self._log.info(f"all {len(self._bus.slaves)} slaves answer again")
+            self._log.info(f"all {len(self._bus.slaves)} slaves answer, and no others")
         self._tell("slaves", found=found, expected=len(self._bus.slaves), missing=lost, text=text)
 
     async def _recover(self) -> None:
@@ -175,19 +195,22 @@ def _name(bus: Bus, positions: Sequence[int]) -> str:
     return f"slaves {', '.join(ranges)}"
 
 
-def describe_presence(bus: Bus, found: int, lost: Sequence[int]) -> str:
+def describe_presence(bus: Bus, found: int, lost: Sequence[int], added: int = 0) -> str:
     """What is wrong with the number of slaves, in words; empty if nothing is.
 
     Args:
         bus: The bus as it was brought up.
         found: Slaves that answer a broadcast.
         lost: Positions of those that do not answer at their address.
+        added: Where there are more: position of the first new one.
     """
     count = len(bus.slaves)
     if found > count:
+        who = "a slave was" if found == count + 1 else f"{found - count} slaves were"
+        where = f"behind {bus.slaves[added - 1].label}" if added else "in front of all others"
         return (
-            f"slave count changed: {count}, now {found}: {found - count} more than at the start; "
-            f"restart ecatd to use {'it' if found == count + 1 else 'them'}"
+            f"slave count changed: {count}, now {found}: {who} added {where}; restart ecatd to use "
+            f"{'it' if found == count + 1 else 'them'}"
         )
     if not lost:
         return ""

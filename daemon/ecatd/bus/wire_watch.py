@@ -21,8 +21,9 @@ from .foreign import ForeignWatch
 from .link import LinkState, LinkWatch, switch_on
 
 _PERIOD = 1.0
-_GOING = 0.1
-"""Seconds after which an interface that was switched off is not about to vanish."""
+_SETTLED = 0.1
+"""Seconds after which a change is what it is: whoever takes an interface away switches it off
+first."""
 
 _COUNTERS = {
     "missed": "deadlines missed",
@@ -62,7 +63,9 @@ class WireWatch:
         self._health = running.segment.health
         self._log = log
         self._tell = tell
-        self._ring = (shm.Ring.NONE, 0)
+        self._ring: Event | None = None
+        self._ring_told = ""
+        self._ring_timer: asyncio.TimerHandle | None = None
         self._links = LinkWatch(running.interfaces, self._on_link)
         self._indices = [state.index for state in self._links.states]  # that sockets belong to
         self._publish_links()
@@ -81,23 +84,19 @@ class WireWatch:
 
     def close(self) -> None:
         """Ends the watch; on the event loop's thread."""
+        if self._ring_timer is not None:
+            self._ring_timer.cancel()
         self._links.close()
         self._foreign.close()
 
     def describe(self) -> dict[str, Any]:
-        """State of links and ring, as `ecatctl info` shows it."""
-        facts: dict[str, Any] = {
+        """Names and states of the links; the rest of it is in shared memory."""
+        return {
             "links": {
-                name: state.link.name.lower().replace("_", " ")
+                name: state.link.name.lower()
                 for name, state in zip(self._interfaces, self._links.states, strict=True)
             }
         }
-        if len(self._interfaces) > 1:
-            state = shm.Ring(self._health.ring)
-            facts["ring"] = describe_ring(
-                self._bus, self._interfaces, state, int(self._health.ring_break)
-            )
-        return facts
 
     async def watch(self) -> None:
         """Waits for a while, and looks at what only counters tell."""
@@ -163,10 +162,23 @@ class WireWatch:
 
     def on_ring(self, event: Event) -> None:
         """The ring has opened, closed, or is open at another place."""
+        self._ring = event
+        if self._ring_timer is None:
+            # A break is under way for a moment: the first cycle may find it at another place.
+            self._ring_timer = asyncio.get_running_loop().call_later(_SETTLED, self._tell_ring)
+
+    def _tell_ring(self) -> None:
+        """Tells the state of the ring if it is another one; at most once a second."""
+        self._ring_timer = None
+        event = self._ring
+        if event is None:
+            return
         state = shm.Ring(event.value)
         text = describe_ring(self._bus, self._interfaces, state, event.slave)
-        tell = self._log.info if state == shm.Ring.CLOSED else self._log.error
-        tell(text)
+        if text == self._ring_told:
+            return
+        self._ring_told = text
+        (self._log.info if state == shm.Ring.CLOSED else self._log.error)(text)
         self._tell(
             "ring",
             state=state.name.lower(),
@@ -174,6 +186,7 @@ class WireWatch:
             text=text,
             cycle=event.cycle,
         )
+        self._ring_timer = asyncio.get_running_loop().call_later(_PERIOD, self._tell_ring)
 
     def _publish_links(self) -> None:
         states = self._links.states
@@ -187,8 +200,8 @@ class WireWatch:
             if now.link == shm.Link.DOWN:
                 return  # it has just been switched on, which will be told
         if now.link == shm.Link.DOWN and before.link != shm.Link.GONE:
-            # Whoever takes an interface away switches it off first.
-            asyncio.get_running_loop().call_later(_GOING, self._tell_link, number, now)
+            # Perhaps it is about to vanish.
+            asyncio.get_running_loop().call_later(_SETTLED, self._tell_link, number, now)
         elif now.link != before.link:
             self._tell_link(number, now)
 

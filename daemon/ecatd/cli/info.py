@@ -6,86 +6,16 @@ import argparse
 import os
 import textwrap
 import time
-from dataclasses import dataclass
 from typing import Any
 
 from ecatd import shm
 from ecatd.model.errors import NoAnswerError, UnreachableError
+from ecatd.real_time import SETTINGS
 from ecatd.stats import Grant, Snapshot, to_map
 
 from .output import print_json, table_lines
 from .source import Source
 from .stats_screen import clock_line, duration, ring_line, word
-
-
-@dataclass(frozen=True, slots=True)
-class _Setting:
-    """What to say about one kind of real time.
-
-    Attributes:
-        title: How it is called.
-        value: Its value in words; `{}` stands for the number.
-        with_it: What it does or costs.
-        without: What its absence may cost.
-        how: How to get it.
-    """
-
-    title: str
-    value: str
-    with_it: str
-    without: str
-    how: str
-
-
-_SETTINGS = {
-    shm.Setting.SCHEDULING: _Setting(
-        "SCHED_FIFO",
-        "priority {}",
-        "comes before all ordinary programs",
-        "cycles are late when others are busy",
-        "needs CAP_SYS_NICE, or RLIMIT_RTPRIO of at least the priority: the service has it; by "
-        "hand use sudo, or a line '@ecat - rtprio 98' in /etc/security/limits.conf",
-    ),
-    shm.Setting.AFFINITY: _Setting(
-        "CPU",
-        "{}",
-        "stays on its CPU; best an isolated one",
-        "may move between CPUs: some µs each time",
-        "set realtime.cpu to a CPU that exists and that the service may use (CPUAffinity=, "
-        "AllowedCPUs= in the unit)",
-    ),
-    shm.Setting.MEMORY: _Setting(
-        "locked memory",
-        "yes",
-        "the bus server is never swapped out",
-        "a page fault may cost a cycle",
-        "needs CAP_IPC_LOCK, or RLIMIT_MEMLOCK without limit: the service has it; by hand use "
-        "sudo, or 'ulimit -l unlimited'",
-    ),
-    shm.Setting.TIMER_SLACK: _Setting(
-        "timer slack",
-        "{} ns",
-        "the timer rings when it should",
-        "up to 50 µs later without SCHED_FIFO",
-        "prctl(PR_SET_TIMERSLACK) was refused: see the system calls that the unit allows "
-        "(SystemCallFilter=)",
-    ),
-    shm.Setting.DMA_LATENCY: _Setting(
-        "DMA latency",
-        "{} µs",
-        "no deep sleep of CPUs: power, heat",
-        "CPUs sleep deeply: late by 1 to 200 µs",
-        "needs the right to write /dev/cpu_dma_latency: run as root, or give the file to the "
-        "group of the service (udev rule); in the unit DeviceAllow=/dev/cpu_dma_latency rw",
-    ),
-    shm.Setting.BUSY_RECEIVE: _Setting(
-        "busy receive",
-        "yes",
-        "one core is always busy",
-        "some µs more for each exchange",
-        "set realtime.busy_receive, and give the engine a CPU of its own (realtime.cpu)",
-    ),
-}
 
 
 def info(options: argparse.Namespace) -> None:
@@ -117,7 +47,7 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
         {
             **row,
             "effect": _effect(grant),
-            "how": _SETTINGS[grant.setting].how if _refused(grant) else "",
+            "how": SETTINGS[grant.setting].how if _refused(grant) else "",
         }
         for row, grant in zip(known["realtime"]["settings"], snapshot.grants, strict=True)
     ]
@@ -171,7 +101,7 @@ def _refused(grant: Grant) -> bool:
 
 
 def _effect(grant: Grant) -> str:
-    texts = _SETTINGS[grant.setting]
+    texts = SETTINGS[grant.setting]
     return texts.with_it if grant.granted else texts.without
 
 
@@ -180,13 +110,13 @@ def real_time_lines(snapshot: Snapshot) -> list[str]:
     refused = [grant for grant in snapshot.grants if _refused(grant)]
     rows = []
     for grant in snapshot.grants:
-        texts = _SETTINGS[grant.setting]
+        texts = SETTINGS[grant.setting]
         wanted = texts.value.format(grant.value) if grant.wanted else "no"
         granted = "yes" if grant.granted else "REFUSED" if grant.wanted else "-"
         rows.append((texts.title, wanted, granted, _effect(grant)))
     lines = table_lines(("REAL TIME", "WANTED", "GRANTED", "WHAT THAT MEANS"), rows)
     for grant in refused:
-        texts = _SETTINGS[grant.setting]
+        texts = SETTINGS[grant.setting]
         why = os.strerror(grant.error) if grant.error else "not in force"
         lines += [
             "",

@@ -73,6 +73,7 @@ class Supervisor:
         settings: dict[str, Any] = {
             "config": self._config.to_dict(),
             "interface": self._config.interface,
+            "second_interface": self._config.second_interface,
             "runtime_dir": str(runtime_dir),
             "namespace_of": 0,
             "parent": os.getpid(),
@@ -82,6 +83,7 @@ class Supervisor:
         if self._rig:
             simulator, ready = await self._start_simulator(self._rig)
             settings["interface"] = ready["interface"]
+            settings["second_interface"] = ready.get("second", "")
             settings["namespace_of"] = ready["pid"]
             fatal.append(simulator)
         server = await self._start_python("ecatd.bus", settings)
