@@ -178,6 +178,25 @@ def test_branches(start: Callable[..., Daemon], simulator: Callable[[], Simulato
     assert len({clocks[position].delay_ns for position in positions}) == len(positions)
 
 
+def test_a_ring(
+    start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path
+) -> None:
+    """Frames leave by the second interface, and yet the delays are measured; the ring is whole."""
+    rig = Path(line(tmp_path))
+    rig.write_text(f"ring = true\n{rig.read_text()}")
+    config = f'second_interface = "ecat-master2"\n[dc]\n{GENEROUS}[[dc.slave]]\nslave = 5\n'
+    daemon = start(str(rig), config)
+    there = simulator()
+    assert [clock.delay_ns for clock in there.clocks()] == pytest.approx(
+        [position * HOP for position in range(len(DRIFTS))], abs=2
+    )
+    for _ in range(10):
+        assert max(map(abs, ahead(there))) < IN_STEP
+        time.sleep(0.05)
+    wait_until(lambda: health(daemon).ring == shm.Ring.CLOSED)
+    assert there.registers(len(DRIFTS) - 1, 0x0101, 1) == b"\0"
+
+
 def test_sync_signals(
     start: Callable[..., Daemon], simulator: Callable[[], Simulator], tmp_path: Path
 ) -> None:

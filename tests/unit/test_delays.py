@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from ecatd.bus.delays import Ports, arrivals
+from ecatd.bus.delays import Ports, arrivals, way_out
 from ecatd.model.errors import StateError
 
 CABLE, FORWARD = 100, 300
@@ -104,6 +104,18 @@ def test_a_port_with_a_link_and_nothing_behind_it() -> None:
     found, truth = frame(line(0, 5, 9))
     found[2] = Ports(found[2].open | {1}, found[2].times)
     assert arrivals(found) == truth
+
+
+def test_the_way_out_of_a_ring() -> None:
+    found, _ = frame(line(0, 5, None))
+    assert way_out(found) is None
+    found[2] = Ports(found[2].open | {1})
+    assert way_out(found) == (2, 1)
+    # Behind the last slave of a branch, and at the slave in front of one.
+    found, _ = frame(Slave({3: line(1, 2), 1: line(3, 4)}))
+    assert way_out([*found[:4], Ports(found[4].open | {3}, found[4].times)]) == (4, 3)
+    assert way_out([Ports(found[0].open | {2}, found[0].times), *found[1:]]) == (0, 2)
+    assert way_out([]) is None
 
 
 def test_a_slave_alone_and_none() -> None:

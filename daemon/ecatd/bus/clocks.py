@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from statistics import mode
 
@@ -23,12 +23,13 @@ from ecatd.model.sii import read_dc_modes
 from ecatd.shm import DcState
 
 from .datagrams import bwr
-from .delays import Ports, arrivals
+from .delays import Ports, arrivals, way_out
 from .engine import Clock
 from .master import Master
 from .segment import Segment
 
 _FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08
+_LOOP_CONTROL, _LOOP_CLOSED = 0x0101, 0x03  # two bits a port
 _DL_STATUS = 0x0110
 _PORT_TIMES = 0x0900
 _SYSTEM_TIME = 0x0910
@@ -175,7 +176,8 @@ class Clocks:
         Raises:
             StateError: The measurement makes no sense, or a slave does not answer.
         """
-        times, now = self._latch()
+        with self._ring_open():
+            times, now = self._latch()
         origin = times[self.reference.position] or 0.0
         places = [slave.position for slave in self._clocks]
         units = self._read(
@@ -194,6 +196,26 @@ class Clocks:
         delays = self._read([(place, _DELAY, 4) for place in places])
         for slave, delay in zip(self._clocks, delays, strict=True):
             slave.dc_delay_ns = delay
+
+    @contextmanager
+    def _ring_open(self) -> Iterator[None]:
+        """Meanwhile frames come back the way they went; else no slave could tell how long it took.
+
+        In a closed ring they leave by the second interface. So the last slave closes the port
+        that leads there (DL control, ETG.1000.4).
+        """
+        end = way_out(self._ports()) if self._config.second_interface else None
+        if end is None:
+            yield
+            return
+        position, port = end
+        control = self._master.register_read(position, _LOOP_CONTROL, 1)
+        closed = bytes([control[0] | _LOOP_CLOSED << 2 * port])
+        self._master.register_write(position, _LOOP_CONTROL, closed)
+        try:
+            yield
+        finally:
+            self._master.register_write(position, _LOOP_CONTROL, control)
 
     def _latch(self) -> tuple[list[float | None], int]:
         """Sends the frame whose way is measured; when it came to each slave, and the time."""

@@ -101,6 +101,27 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
     return found
 
 
+def way_out(slaves: Sequence[Ports]) -> tuple[int, int] | None:
+    """By which slave and port the frame leaves for good: the cable to the second interface.
+
+    It comes back by all other ports, so this is the first one without a slave on the way back from
+    the last slave. None if there is none: the ring is open.
+
+    Raises:
+        StateError: There are not enough links for all slaves.
+    """
+    # Times are of no help: at a port by which no frame comes back, they are of long ago.
+    nodes = _tree([Ports(slave.open) for slave in slaves])
+    parents = {child: position for position, node in enumerate(nodes) for _, child in node.behind}
+    position: int | None = len(nodes) - 1 if nodes else None
+    while position is not None:
+        node = nodes[position]
+        if len(node.behind) < len(node.exits):
+            return position, node.exits[len(node.behind)]
+        position = parents.get(position)
+    return None
+
+
 class _Walk:
     """The frame's way from a port of a slave to what is plugged in there, and back.
 
