@@ -137,6 +137,7 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
         ("\n[realtime]\nprio = 1", ":3: realtime.prio:", "did you mean 'priority'?"),
         ("[gateway]\npublish = 1", ":2: gateway.publish:", "did you mean 'publish_hz'?"),
         ("zzz = 1", ":1: zzz:", "valid are bus, interface"),
+        ("[dc]\ncycle_time_us = 500", ":2: dc.cycle_time_us:", "in front of the first [table]"),
         ("cycle_time_us = 10", ":1: cycle_time_us:", "must be from 100 to 1000000"),
         ("cycle_time_us = '1000'", ":1: cycle_time_us:", "must be a whole number"),
         ("cycle_time_us = true", ":1: cycle_time_us:", "must be a whole number"),

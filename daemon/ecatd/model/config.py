@@ -501,6 +501,8 @@ class _Reader:
             if key not in rules:
                 near = difflib.get_close_matches(key, rules, 1, 0.4)
                 hint = f"did you mean '{near[0]}'?" if near else f"valid are {', '.join(rules)}"
+                if key in _TOP:
+                    hint = f"'{key}' belongs in front of the first [table] of the file"
                 self._fail(table, key, f"is no key; {hint}", row)
             if value is None:
                 continue  # from `to_dict`, for a default that other keys decide; TOML has no null
