@@ -235,11 +235,14 @@ def drawn_screens(output: str) -> list[list[str]]:
     """The lines of every drawing, without the signs that steer the terminal."""
     return [
         re.sub(r"\033\[[?0-9]*[a-zA-Z]", "", text).replace("\r", "").split("\n")[:-1]
-        for text in output.split("\033[H")[2:]
+        for text in output.split("\033[H")[1:]
     ]
 
 
-def test_watch_redraws_in_place_and_gives_the_cursor_back(rates: Daemon) -> None:
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, -15)])
+def test_watch_redraws_in_place_and_gives_the_cursor_back(
+    rates: Daemon, number: signal.Signals, status: int
+) -> None:
     main, child = pty.openpty()
     fcntl.ioctl(child, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     env = {name: value for name, value in rates.env.items() if name not in ("COLUMNS", "LINES")}
@@ -254,18 +257,18 @@ def test_watch_redraws_in_place_and_gives_the_cursor_back(rates: Daemon) -> None
     deadline = time.monotonic() + 30
     while output.count(b"\033[H") < 4 and time.monotonic() < deadline:
         output += os.read(main, 65536)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _nothing, errors = process.communicate(timeout=20)
     os.set_blocking(main, False)
     with contextlib.suppress(BlockingIOError):
         output += os.read(main, 65536)
     os.close(main)
     os.close(child)
-    assert (process.returncode, errors) == (130, b"")
+    assert (process.returncode, errors) == (status, b"")
     text = output.decode()
-    assert text.startswith("\033[?25l")  # no cursor while it draws
+    assert text.startswith("\033[?25l\033[2J\033[H")  # no cursor while it draws
     assert text.endswith("\033[?25h")
-    assert text.count("\033[2J") == 1  # the screen is cleared once; then only what changes does
+    assert text.count("\033[2J") == 1  # the screen is cleared once, then written over
     first, *others = drawn_screens(text)
     assert "LAST 0.1 s" not in "\n".join(first)
     assert "LAST 0.1 s" in "\n".join(others[0])

@@ -306,6 +306,18 @@ def test_info_has_the_names_of_the_gateway_and_the_states_of_now() -> None:
     assert "gateway     does not answer" in "\n".join(info.info_lines(made, {}, "silence"))
 
 
+def test_info_tells_the_states_of_the_slaves() -> None:
+    for al_status, found, text in (
+        (0x08, 8, "8 found, 8 expected, all in OP"),
+        (0x0C, 7, "7 found, 8 expected, in different AL states"),
+        (0x14, 8, "8 found, 8 expected, all in SAFEOP, with errors (see ecatctl state)"),
+        (0x03, 8, "8 found, 8 expected, in different AL states"),
+        (0x00, 0, "0 found, 8 expected"),
+    ):
+        made = snapshot(al_status=al_status, slaves_found=found)
+        assert f"slaves      {text}" in info.info_lines(made, {}, "")
+
+
 def test_json_knows_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:
     document = {"value": math.nan, "rows": [(1.5, -math.inf)], "text": "µ"}
     print_json(document)

@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from ecatd import shm
+from ecatd.model.al import AlState, al_state_text
 from ecatd.model.errors import NoAnswerError, UnreachableError
 from ecatd.real_time import SETTINGS
 from ecatd.stats import Grant, Snapshot, to_map
@@ -16,6 +17,9 @@ from ecatd.stats import Grant, Snapshot, to_map
 from .output import print_json, table_lines
 from .source import Source
 from .stats_screen import clock_line, duration, ring_line, word
+
+# AL states that are not the OR of others: BOOT is that of INIT and PREOP.
+_SINGLE = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
 
 
 def info(options: argparse.Namespace) -> None:
@@ -69,7 +73,7 @@ def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list
         size = f"{running['wire_bytes']} bytes, {frames}"
         rows.append(("wire time", f"{running['wire_us']} µs in the longest cycle: {size}"))
     rows += [
-        ("slaves", f"{snapshot.slaves_found} found, {snapshot.slaves_expected} expected"),
+        ("slaves", _slaves(snapshot)),
         ("ring", ring_line(snapshot).removeprefix("ring ")),
         ("DC", clock_line(snapshot).removeprefix("DC ")),
         ("started", f"{_date(snapshot.instance)}, {duration(snapshot.seconds)} ago"),
@@ -80,6 +84,16 @@ def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list
     if snapshot.silence:
         rows.append(("NO CYCLE", f"for {snapshot.silence:.1f} s: the exchange stands still"))
     return [f"{name:<12}{value}" for name, value in rows]
+
+
+def _slaves(snapshot: Snapshot) -> str:
+    """How many there are, and their AL states as far as these are known ORed."""
+    text = f"{snapshot.slaves_found} found, {snapshot.slaves_expected} expected"
+    if not snapshot.slaves_found:
+        return text
+    state = snapshot.al_status & 0x0F
+    text += f", all in {al_state_text(state)}" if state in _SINGLE else ", in different AL states"
+    return text + (", with errors (see ecatctl state)" if snapshot.al_status & 0x10 else "")
 
 
 def _links(snapshot: Snapshot, running: dict[str, Any]) -> list[tuple[str, str]]:

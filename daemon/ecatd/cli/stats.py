@@ -32,9 +32,9 @@ def stats(options: argparse.Namespace) -> None:
             for now, interval, _notice in _watch(source, options):
                 print_json_line(_line(now, interval, options))
         else:
-            with Screen() as screen:
-                for now, interval, notice in _watch(source, options):
-                    screen.draw(_screen(now, interval, notice, options))
+            screen = Screen()
+            for now, interval, notice in _watch(source, options):
+                screen.draw(_screen(now, interval, notice, options))
 
 
 def _watch(
