@@ -4,6 +4,7 @@ What is judged are the clocks and SYNC signals of the simulated slaves, as the s
 tells them, at one moment. How well the host keeps step depends on the machine: limits are wide.
 """
 
+import base64
 import os
 import struct
 import subprocess
@@ -18,6 +19,7 @@ import pytest
 from conftest import Daemon, one_line_error
 from ecatd import shm
 from ecatsim.control import Simulator
+from ecatsim.slave.sii import Description, build
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -223,17 +225,21 @@ def test_sync_signals(
         [[dc.slave]]
         slave = 4
         sync1_us = 3200
+        [[dc.slave]]
+        slave = 5
+        sync0_us = 4_000_000
         """,
     )
     there = simulator()
     activations = [there.registers(position, 0x0981, 1)[0] for position in range(6)]
-    assert activations == [0x03, 0x00, 0x03, 0x07, 0x07, 0x00]
+    assert activations == [0x03, 0x00, 0x03, 0x07, 0x07, 0x03]
     start_of_cycle_0 = zero(daemon)
     for position, period, shift in (
         (0, CYCLE, CYCLE // 2),
         (2, 4 * CYCLE, 100_000),  # with the cycles in which its domain is exchanged
         (3, CYCLE // 2, -50_000),
         (4, CYCLE, CYCLE // 2),
+        (5, 4000 * CYCLE, CYCLE // 2),
     ):
         pulse, _ = next_pulses(there, position)
         assert (pulse - start_of_cycle_0 - shift) % period == 0, position
@@ -248,7 +254,7 @@ def test_sync_signals(
         (4_000_000, 0, 100_000),
         (500_000, 125_000, -50_000),
         (1_000_000, 3_200_000, 500_000),
-        (0, 0, 0),
+        (4_000_000_000, 0, 500_000),
     ]
     # SYNC0 and the frames stay where they are to each other, though the clocks drift.
     wait_until(lambda: health(daemon).dc_state == shm.DcState.LOCKED)
@@ -272,6 +278,42 @@ def test_a_drive_that_goes_by_sync0(
     assert there.registers(1, 0x0980, 2) == b"\x20\x03"
     assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
     assert daemon.ctl("sdo-read", "0", "0x1C32", "10").stdout.split()[1] == str(CYCLE)
+
+
+def test_signals_that_come_too_fast_for_the_device(
+    start: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    rig = tmp_path / "slow.toml"
+    rig.write_text(
+        "name = 'slow'\n[[slave]]\nvendor = 0xFFFF\nproduct = 1\nname = 'Slow'\n"
+        "minimum_cycle_ns = 2000000\n[slave.mailbox]\n[[slave.dc_mode]]\nname = 'DC'\n"
+        "[[slave.pdo]]\nindex = 0x1A00\n"
+        "entry = [{ index = 0x6000, subindex = 1, name = 'Byte', type = 'uint8' }]\n"
+    )
+    daemon = start(str(rig), f"[dc]\n{GENEROUS}[[dc.slave]]\nslave = 0\n", ready=False)
+    status, log = daemon.wait_end()
+    assert status == 7
+    refusal = "slave 0 (Slow) does not reach SAFEOP: PREOP+ERROR (AL status 0x0036: "
+    assert refusal in one_line_error(log, "ecatd")
+
+
+def test_signals_that_come_too_fast_for_their_pulses(
+    start: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """An EEPROM wants pulses of 655.35 µs."""
+    image = build(Description(0xFFFF, 1, 1, pdi_control=0x0C00, sync_pulse=0xFFFF))
+    text = base64.b64encode(image).decode()
+    rig = tmp_path / "pulses.toml"
+    rig.write_text(
+        f"name = 'pulses'\n[[slave]]\nsii = 'base64:{text}'\n[[slave]]\ndevice = 'Loopback32'\n"
+    )
+    config = f"[dc]\n{GENEROUS}[[dc.slave]]\nslave = 0\nsync0_us = "
+    daemon = start(str(rig), f"{config}500\n", ready=False)
+    status, log = daemon.wait_end()
+    assert status == 2
+    refusal = "makes pulses of 655.35 µs, so SYNC0 cannot come every 500 µs"
+    assert refusal in one_line_error(log, "ecatd")
+    start(str(rig), f"{config}1000\n")
 
 
 def test_another_reference_clock(

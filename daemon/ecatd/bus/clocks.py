@@ -53,6 +53,7 @@ IN_STEP_NS = 1000
 _STEADY = 3  # looks in a row
 _POLL = 0.01
 _TRIES = 3
+_CYCLES_ASKED = 5
 _LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
 _NEAR_NS = 2_000_000_000  # what a clock of 32 bits can tell from the past
 
@@ -151,7 +152,16 @@ class Clocks:
                 f"dc.slave: {slave.label} has a clock of 32 bits, which cannot tell times that are "
                 f"more than {_NEAR_NS * 1e-9:g} s away: its signals must come more often"
             )
+        self._check_pulse_length(slave)
         return _Signals(slave, self._activation(slave))
+
+    def _check_pulse_length(self, slave: Slave) -> None:
+        length = _number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
+        if slave.sync0_ns <= length * _PULSE_UNIT_NS:
+            raise ConfigError(
+                f"dc.slave: {slave.label} makes pulses of {length * _PULSE_UNIT_NS / 1000:g} µs, "
+                f"so SYNC0 cannot come every {slave.sync0_ns / 1000:g} µs"
+            )
 
     def _activation(self, slave: Slave) -> int:
         """Which signals, and who controls them: as the EEPROM has it, if it knows such a mode."""
@@ -344,14 +354,16 @@ class Clocks:
         period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
 
         def zero() -> int:
-            before = segment.header.cycle
+            before, deadline = segment.header.cycle, time.monotonic() + 1 + 10 * period * 1e-9
             while segment.header.cycle == before:
+                if time.monotonic() > deadline:
+                    raise StateError("the cyclic engine does not run")
                 time.sleep(period * 1e-9 / 8)
             cycle, now = segment.header.cycle, segment.health.dc_time_ns
             # The frame passed the reference clock after the deadline, hardly ever before.
             return int((now - phase + period // 4) // period - cycle) * period
 
-        return mode(zero() for _ in range(_TRIES))
+        return mode(zero() for _ in range(_CYCLES_ASKED))
 
     def _start(self, signals: _Signals, segment: Segment, zero: int) -> None:
         """Sets the signals of a slave up; again if this takes so long that the start has passed."""
@@ -361,7 +373,6 @@ class Clocks:
         whole, base = _whole_period(slave), zero + slave.sync_shift_ns
         for tries in range(1, _TRIES + 1):
             master.register_write(position, _SYNC_CONTROL, bytes(2))  # off, and ours
-            self._check_pulse_length(slave)
             own = self._system_time(slave)
             reference = segment.health.dc_time_ns
             now = reference + _signed(own - reference)  # the upper half may be another one
@@ -370,21 +381,13 @@ class Clocks:
             master.register_write(position, _CYCLES, cycles)
             master.register_write(position, _START, struct.pack("<Q", start))
             master.register_write(position, _SYNC_CONTROL, struct.pack("<H", signals.activation))
-            if _signed(start - self._system_time(slave)) > 0:
+            if _signed(start - self._system_time(slave), slave.dc_bits) > 0:
                 return
         raise StateError(f"{slave.label}: its SYNC signals cannot be set up before they begin")
 
     def _system_time(self, slave: Slave) -> int:
         data = self._master.register_read(slave.position, _SYSTEM_TIME, slave.dc_bits // 8)
         return _number(data)
-
-    def _check_pulse_length(self, slave: Slave) -> None:
-        length = _number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
-        if slave.sync0_ns <= length * _PULSE_UNIT_NS:
-            raise ConfigError(
-                f"dc.slave: {slave.label} makes pulses of {length * _PULSE_UNIT_NS / 1000:g} µs, "
-                f"so SYNC0 cannot come every {slave.sync0_ns / 1000:g} µs"
-            )
 
     def _wait_for_pulse(self, slave: Slave) -> None:
         patience = (_TRIES * _LEAD_NS + 2 * _whole_period(slave)) * 1e-9 + 1.0
@@ -414,9 +417,10 @@ def _number(data: bytes) -> int:
     return int.from_bytes(data, "little")
 
 
-def _signed(value: int) -> int:
-    """A difference of two times of which the lower 32 bits are known."""
-    return (value + (1 << 31)) % (1 << 32) - (1 << 31)
+def _signed(value: int, bits: int = 32) -> int:
+    """A difference of two times of which the lower bits are known."""
+    half = 1 << bits - 1
+    return (value + half) % (2 * half) - half
 
 
 def _difference(data: bytes) -> int:
