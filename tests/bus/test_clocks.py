@@ -5,6 +5,7 @@ tells them, at one moment. How well the host keeps step depends on the machine: 
 """
 
 import base64
+import contextlib
 import os
 import struct
 import subprocess
@@ -15,9 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 from conftest import Daemon, one_line_error
 from ecatd import shm
+from ecatd.gateway.keys import bus_key, session_config
+from ecatd.wire import unpack
 from ecatsim.control import Simulator
 from ecatsim.slave.sii import Description, build
 
@@ -95,6 +99,19 @@ def table(bus: str, kind: str, name: str) -> list[Any]:
 def health(daemon: Daemon) -> Any:
     (row,) = table(daemon.bus, "ecat_shm_health", "health")
     return row
+
+
+@contextlib.contextmanager
+def events(daemon: Daemon) -> Iterator[list[dict[str, Any]]]:
+    """What the daemon publishes meanwhile."""
+    endpoint = f"unixsock-stream/{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}.zenoh"
+    heard: list[dict[str, Any]] = []
+    with zenoh.open(session_config("client", {"connect/endpoints": [endpoint]})) as session:
+        session.declare_subscriber(
+            bus_key(daemon.bus, "ro", "event"),
+            lambda sample: heard.append(unpack(bytes(sample.payload))),
+        )
+        yield heard
 
 
 def wait_until(condition: Callable[[], bool], what: object = "") -> None:
@@ -409,7 +426,15 @@ def test_a_lock_that_is_lost_and_found_again(
         "[dc]\nenabled = true\nlock_us = 100.0\ntimeout_s = 30.0\n",
     )
     there = simulator()
-    there.faults.clock(0, step_ns=450_000)
+    with events(daemon) as heard:
+        there.faults.clock(0, step_ns=450_000)
+        for state in ("locking", "locked"):
+            wait_until(
+                lambda state=state: any(
+                    event["event"] == "clock" and event["state"] == state for event in heard
+                ),
+                lambda: heard,
+            )
     lost = "warning: the cycle has lost the clock of slave 0 (S0): it is "
     found = "the cycle follows the clock of slave 0 (S0) again"
     wait_until(lambda: lost in daemon.log, lambda: daemon.log)
@@ -419,7 +444,12 @@ def test_a_lock_that_is_lost_and_found_again(
 
 def test_a_clock_out_of_step(drifting: Daemon, simulator: Callable[[], Simulator]) -> None:
     there = simulator()
-    there.faults.clock(3, step_ns=3_000_000)  # for which it needs four seconds
+    with events(drifting) as heard:
+        there.faults.clock(3, step_ns=3_000_000)  # for which it needs four seconds
+        wait_until(lambda: any(event["event"] == "clock_difference" for event in heard))
+    (event,) = (event for event in heard if event["event"] == "clock_difference")
+    assert event["slave"] == 3
+    assert IN_STEP < event["difference_ns"] <= 3_000_000
     wait_until(lambda: "warning: the clock of slave 3 (S3) is out of step: +" in drifting.log)
     row = table(drifting.bus, "ecat_shm_slave_status", "slave_status")[3]
     assert IN_STEP < row.dc_difference_ns <= 3_000_000

@@ -1,8 +1,9 @@
 """The distributed clocks of a bus (ETG.1000.4): found, measured, followed; SYNC signals.
 
-Order matters: `check` and `measure` in PREOP; then the engine starts, which distributes the time of
-the reference clock in every cycle; `wait_for_lock`; `start_signals`; and only then SAFEOP, where
-slaves want to see their signals. `stop_signals` comes when slaves are back in INIT.
+Order matters: `Clocks()`, which checks what is wanted, and `measure` in PREOP; then the engine
+starts, which distributes the time of the reference clock in every cycle; `wait_for_lock`;
+`start_signals`; and only then SAFEOP, where slaves want to see their signals. `stop_signals` comes
+when slaves are back in INIT.
 
 Times of a clock are ns since 2000-01-01 00:00 UTC, and in a clock of 32 bits their lower half.
 """
@@ -311,8 +312,8 @@ class Clocks:
             return f"{text}the reference clock, {self.reference.label}, tells no time"
         text += (
             f"the cycle is {'' if locked else 'not locked, '}{health.dc_offset_ns / 1000:.1f} µs "
-            f"from the reference clock, {self.reference.label}, which runs "
-            f"{health.dc_drift_ppb / 1000:.1f} ppm faster than this computer"
+            f"from the reference clock, {self.reference.label}, whose rate differs from this "
+            f"computer's by {health.dc_drift_ppb / 1000:+.1f} ppm"
         )
         astray = [
             f"slave {position} by {difference / 1000:.1f} µs"
