@@ -69,14 +69,17 @@ static int is_free(uint64_t now, uint64_t end_ns, uint64_t deadline_ns, uint64_t
   return end_ns + need_ns > deadline_ns && now < end_ns + (deadline_ns - end_ns) / 2;
 }
 
-/* Sleeps until a frame may leave, or until it has waited long enough. */
-static void wait_for_turn(cyclic_relay_t *r, uint64_t since_ns) {
-  const ecat_shm_header *header;
-  uint64_t until = since_ns + r->settings.patience_ns, wire_ns = r->length * NS_PER_BYTE;
+/* Sleeps until the share of the time allows another frame. */
+static void wait_for_share(const cyclic_relay_t *r, uint64_t now) {
+  uint64_t until = now + r->settings.patience_ns;
+  if (r->free_ns > now) sleep_until(r->free_ns < until ? r->free_ns : until);
+}
+
+/* Sleeps until the exchange leaves the wire to a frame. */
+static void wait_for_window(const cyclic_relay_t *r) {
+  const ecat_shm_header *header = r->engine->header;
+  uint64_t wire_ns = r->length * NS_PER_BYTE, until = cyclic_now() + CYCLIC_RELAY_WINDOW_NS;
   uint64_t need = r->typical_ns > wire_ns ? r->typical_ns : wire_ns;
-  if (r->engine == NULL) return;
-  header = r->engine->header;
-  if (r->free_ns > since_ns) sleep_until(r->free_ns < until ? r->free_ns : until);
   for (;;) {
     uint32_t word = __atomic_load_n(&header->cycle_word, __ATOMIC_ACQUIRE);
     uint64_t deadline = cyclic_deadline(r->engine);
@@ -232,7 +235,10 @@ static void serve(cyclic_relay_t *r, uint32_t client) {
       !has_index_of(r->frame, client))
     return;
   came = cyclic_now();
-  wait_for_turn(r, came);
+  if (r->engine != NULL) {
+    wait_for_share(r, came);
+    wait_for_window(r);
+  }
   sent = cyclic_now();
   send_copies(r);
   back = receive(r, sent + r->settings.answer_ns);

@@ -9,11 +9,14 @@
 
 typedef struct cyclic_relay cyclic_relay_t;
 
-enum { CYCLIC_RELAY_CLIENTS = 2 };
+enum {
+  CYCLIC_RELAY_CLIENTS = 2,
+  CYCLIC_RELAY_WINDOW_NS = 1000000 /* the longest time that a frame waits for the exchange to end */
+};
 
 typedef struct cyclic_relay_settings {
   double share;          /* of the time that its frames may be on the wire, above 0 to 1 */
-  uint64_t patience_ns;  /* the longest time that a frame waits for its turn */
+  uint64_t patience_ns;  /* the longest time that a frame waits for its share */
   uint64_t answer_ns;    /* a frame that is not back after this time is lost */
   int32_t priority;      /* SCHED_FIFO priority, below that of the engine; 0: ordinary scheduling */
 } cyclic_relay_settings;

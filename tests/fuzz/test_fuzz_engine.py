@@ -11,7 +11,7 @@ import pytest
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 CYCLIC = ROOT / "daemon" / "cyclic"
-SOURCES = ("clock", "control", "engine", "frames", "publish", "setup", "slots", "wire")
+SOURCES = ("clock", "control", "engine", "frames", "publish", "relay", "setup", "slots", "wire")
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 CYCLES = 6000
 

@@ -33,8 +33,8 @@ _WINDOW = 8
 """Frames on the wire at once: enough to keep it busy, few enough for every receive buffer."""
 
 _TRIES = 3
-_PATIENCE = 0.02
-"""Seconds without any frame coming back after which those on the wire are lost."""
+_TIMEOUT_MIN = 0.02
+"""Seconds; several frames are under way, and this thread does not always run at once."""
 
 _HEAD = struct.Struct("<BBIHH")
 
@@ -125,10 +125,12 @@ class Datagrams:
     Args:
         link: The socket; it belongs to this object from now on.
         source: Source address of the frames, 6 bytes.
+        timeout: Seconds without any frame coming back after which those on their way are lost.
     """
 
-    def __init__(self, link: socket.socket, source: bytes) -> None:
+    def __init__(self, link: socket.socket, source: bytes, timeout: float = 0.02) -> None:
         self._link = link
+        self._timeout = max(timeout, _TIMEOUT_MIN)
         self._link.setblocking(False)
         self._poll = select.poll()
         self._poll.register(link, select.POLLIN)
@@ -160,7 +162,7 @@ class Datagrams:
                 frame.tries -= 1
                 self._send(frame, datagrams)
                 flying[frame.index] = frame
-                deadline = time.monotonic() + _PATIENCE
+                deadline = time.monotonic() + self._timeout
                 continue
             received = self._receive(deadline)
             if received is None:  # late or lost
@@ -168,7 +170,7 @@ class Datagrams:
                 flying.clear()
             elif (sent := flying.get(received[17])) and _take(received, sent, datagrams, answers):
                 del flying[sent.index]
-                deadline = time.monotonic() + _PATIENCE
+                deadline = time.monotonic() + self._timeout
         return answers
 
     def read_all(self, stations: Iterable[int], register: int, size: int) -> list[Answer]:

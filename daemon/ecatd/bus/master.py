@@ -32,7 +32,7 @@ from ecatd.model.errors import (
 from .datagrams import Datagram, Datagrams, aprd, fprd, fpwr, source_address
 from .eeprom import Words, read_eeproms
 from .engine import Index, open_socket
-from .relay import ANSWER_US, Relay
+from .relay import Relay
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
@@ -44,7 +44,6 @@ _TOO_MANY = -4
 _STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130
 
 _TRIES = 3
-_MARGIN_US = 1000
 _POLL = 0.002
 _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5
@@ -119,7 +118,9 @@ class Master:
             stack.callback(self.relay.close)
             self._connect_soem()
             stack.callback(self._master.close)
-            self.registers = Datagrams(self.relay.registers, source_address(0, run))
+            self.registers = Datagrams(
+                self.relay.registers, source_address(0, run), self.relay.timeout_us * 1e-6
+            )
             self._opened = stack.pop_all()
 
     def _connect_soem(self) -> None:
@@ -131,8 +132,7 @@ class Master:
             raise NotPermittedError(_needs_rights(self._interface)) from error
         for fd in _packet_sockets() - before:
             os.dup2(self.relay.soem.fileno(), fd, inheritable=False)
-        # A frame may wait for its turn and then for its answer; SOEM is to wait a little longer.
-        pysoem.settings.timeouts.ret = round(self.relay.patience_us) + ANSWER_US + _MARGIN_US
+        pysoem.settings.timeouts.ret = self.relay.timeout_us
 
     def reopen(self, port: int) -> None:
         """Opens a new socket on an interface that went and came back.

@@ -12,12 +12,17 @@ from ecatd.model.errors import EcatError
 
 from .engine import LIBRARY, Engine
 
-ANSWER_US = 2000
+_WINDOW_US = 1000
+"""CYCLIC_RELAY_WINDOW_NS of `relay.h`."""
+
+_ANSWER_US = 2000
 """A frame that is not back after this time is lost; a round through 1000 slaves takes a half."""
 
-_PATIENCE_US = 1000.0
-_TYPICAL_US = 100.0
-_PATIENCE_MAX_US = 20_000.0
+_LONG_US = 500
+"""A frame is hardly ever longer on the wire, also where the machine is busy."""
+
+_PATIENCE_MAX_US = 50_000
+_MARGIN_US = 1000
 _RECEIVE_US = 1000
 _SEND_US = 20_000
 
@@ -62,7 +67,7 @@ class Relay:
     Attributes:
         soem: The end for SOEM. Receiving blocks for a millisecond at most.
         registers: The end for `Datagrams`.
-        patience_us: The longest time that a frame waits for its turn.
+        timeout_us: When a client that got no answer can be sure that none will come.
 
     Raises:
         EcatError: The relay cannot be made.
@@ -71,9 +76,9 @@ class Relay:
     def __init__(
         self, sockets: Sequence[socket.socket], share: float = 1.0, priority: int = 0
     ) -> None:
-        # A frame of usual length should not have to go before its share allows it.
-        wanted = _TYPICAL_US * (1 - share) / share
-        self.patience_us = min(max(wanted, _PATIENCE_US), _PATIENCE_MAX_US)
+        # No frame should have to go before its share allows it.
+        patience_us = min(round(_LONG_US * (1 - share) / share), _PATIENCE_MAX_US)
+        self.timeout_us = patience_us + _WINDOW_US + _ANSWER_US + _MARGIN_US
         self._ports = list(sockets)
         self.soem, soem_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.registers, registers_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -81,7 +86,7 @@ class Relay:
         for option, limit_us in ((socket.SO_RCVTIMEO, _RECEIVE_US), (socket.SO_SNDTIMEO, _SEND_US)):
             limit = struct.pack("@ll", 0, limit_us)  # struct timeval
             self.soem.setsockopt(socket.SOL_SOCKET, option, limit)
-        settings = _Settings(share, round(self.patience_us * 1e3), ANSWER_US * 1000, priority)
+        settings = _Settings(share, patience_us * 1000, _ANSWER_US * 1000, priority)
         fds = [item.fileno() for item in (*self._ends, *self._ports)]
         self._relay = _LIB.cyclic_relay_new(
             *(fds if len(fds) == 4 else (*fds, -1)), ctypes.byref(settings)
