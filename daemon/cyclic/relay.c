@@ -25,6 +25,9 @@ enum {
   NS_PER_BYTE = 80           /* at 100 Mbit/s */
 };
 
+/* Commands with positions (ETG.1000.4). */
+enum { APRD = 1, APWR = 2, APRW = 3, ARMW = 13 };
+
 struct cyclic_relay {
   pthread_mutex_t lock;
   cyclic_relay_settings settings;
@@ -42,6 +45,8 @@ struct cyclic_relay {
   size_t length;
   uint32_t pending;     /* bit per port: its copy is on the wire */
   uint32_t copies;      /* that are back */
+  uint32_t back_at;     /* port at which the last one came back */
+  int in_turn;          /* by one port after the other */
   uint8_t frame[2048], answer[2048], received[2048];
 };
 
@@ -96,15 +101,11 @@ static void wait_for_window(const cyclic_relay_t *r) {
  * one came back, and one that comes twice is not taken for both. */
 static void mark(uint8_t *frame, uint32_t port) { frame[SOURCE_PORT_AT] ^= (uint8_t)port; }
 
-static void send_copies(cyclic_relay_t *r) {
-  uint32_t port;
-  r->pending = r->copies = 0;
-  for (port = 0; port < r->ports; port++) {
-    mark(r->frame, port);
-    if (send(r->port[port], r->frame, r->length, MSG_DONTWAIT) == (ssize_t)r->length)
-      r->pending |= 1u << port;
-    mark(r->frame, port);
-  }
+static void send_copy(cyclic_relay_t *r, uint32_t port) {
+  mark(r->frame, port);
+  if (send(r->port[port], r->frame, r->length, MSG_DONTWAIT) == (ssize_t)r->length)
+    r->pending |= 1u << port;
+  mark(r->frame, port);
 }
 
 /* The datagrams of a frame, one after the other: the offset of the next one, 0 after the last, or
@@ -121,6 +122,26 @@ static int is_sound(const uint8_t *frame, size_t length) {
   if (length < FRAME_MIN) return 0;
   while (at > 0) at = next_datagram(frame, length, (size_t)at);
   return at == 0;
+}
+
+/* Whether a frame asks slaves by their position, which they count along its way. */
+static int is_positional(const uint8_t *frame, size_t length) {
+  int at = FIRST_DATAGRAM;
+  while (at > 0) {
+    if (frame[at] == APRD || frame[at] == APWR || frame[at] == APRW || frame[at] == ARMW) return 1;
+    at = next_datagram(frame, length, (size_t)at);
+  }
+  return 0;
+}
+
+/* Sends a frame by all ports; but one with positions, which a second copy would count anew behind
+ * a break, by the first alone: receive() sends it on. */
+static void send_copies(cyclic_relay_t *r) {
+  uint32_t port;
+  r->pending = r->copies = 0;
+  r->in_turn = r->ports > 1 && is_positional(r->frame, r->length);
+  for (port = 0; port < r->ports; port++)
+    if (port == 0 || !r->in_turn) send_copy(r, port);
 }
 
 /* Whether the datagrams of `other` are those of our sound frame: command, index, register or the
@@ -170,13 +191,14 @@ static int take(cyclic_relay_t *r, uint32_t port) {
     sent_by = r->received[SOURCE_PORT_AT] != r->frame[SOURCE_PORT_AT];
     if (!(r->pending >> sent_by & 1)) continue; /* twice the same */
     r->pending &= ~(1u << sent_by);
+    r->back_at = port;
     merge(r, r->received);
   }
   return 1;
 }
 
 /* Receives until all copies are back, or time is up. When that was, or 0 if nothing came. */
-static uint64_t receive(cyclic_relay_t *r, uint64_t until_ns) {
+static uint64_t receive_copies(cyclic_relay_t *r, uint64_t until_ns) {
   int usable[MAX_PORTS] = {1, 1};
   uint64_t now = cyclic_now(), back = 0;
   while (r->pending && now < until_ns && (usable[0] || (r->ports > 1 && usable[1]))) {
@@ -196,6 +218,22 @@ static uint64_t receive(cyclic_relay_t *r, uint64_t until_ns) {
     }
   }
   return back;
+}
+
+/* The same, also of a frame that goes by one port after the other. If the first copy comes back where
+ * it left, the ring is broken: as it is, with what it has counted, it meets the slaves behind the
+ * break by the other port. If it does not come back, all slaves are there. */
+static uint64_t receive(cyclic_relay_t *r, uint64_t until_ns) {
+  uint64_t now = cyclic_now(), back, second;
+  if (!r->in_turn) return receive_copies(r, until_ns);
+  back = receive_copies(r, until_ns < now ? until_ns : now + (until_ns - now) / 2);
+  if (back > 0 && r->back_at == 1) return back;
+  if (back > 0)
+    memcpy(r->frame + FIRST_DATAGRAM, r->answer + FIRST_DATAGRAM, r->length - FIRST_DATAGRAM);
+  r->pending = r->copies = 0;
+  send_copy(r, 1);
+  second = receive_copies(r, until_ns);
+  return second > 0 ? second : back;
 }
 
 /* --- serving -------------------------------------------------------------------------------- */

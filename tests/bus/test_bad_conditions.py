@@ -405,6 +405,26 @@ def test_a_ring_that_is_cut_anywhere(ring: Bench, place: int) -> None:
     assert "slaves missing" not in ring.daemon.log
 
 
+@pytest.mark.parametrize(
+    ("cable", "text"),
+    [
+        ("slave = 0", f"between {MASTER} and slave 0 (Loopback32)"),
+        ("slave = 2", "between slave 1 (Loopback32) and slave 2 (Loopback32)"),
+        ("slave = 4\nport = 1", f"between slave 4 (Loopback32) and {SECOND}"),
+    ],
+)
+def test_a_ring_that_was_cut_before_the_start(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, cable: str, text: str
+) -> None:
+    rig = tmp_path / "ring.toml"
+    rig.write_text(RING + f"[[fault]]\nkind = 'break-link'\n{cable}\n")
+    bench = Bench(start_daemon(str(rig)))
+    bench.wait_for_log(f"the ring is broken {text}")
+    exchange_everything(bench, 5)
+    assert len(bench.daemon.ctl_json("state")["slaves"]) == SLAVES
+    bench.close()
+
+
 @pytest.mark.parametrize("interface", [MASTER, SECOND])
 def test_a_ring_survives_the_loss_of_an_interface(ring: Bench, interface: str) -> None:
     exchange_everything(ring, 10)
