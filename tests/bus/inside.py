@@ -35,7 +35,9 @@ def delete(interface):
 
 
 def make(interface, peer):
-    """Makes a pair of interfaces."""
+    """Makes a pair of interfaces, of which the first is off, as those of new devices are."""
+    set_up = netlink.set_up
+    netlink.set_up = lambda name: set_up(name) if name == peer else None
     netlink.create_veth(peer, interface)
 
 
