@@ -54,6 +54,7 @@ static void decide(cyclic_t *c, struct clock *clock, int64_t offset) {
 
 /* Deadlines come sooner (negative integral) when the reference clock is the faster one. */
 static void publish_drift(cyclic_t *c, struct clock *clock, int64_t period) {
+  if (clock->state != ECAT_DC_LOCKED) clock->drifts = 0; /* it corrects more than the drift */
   if (clock->drifts < DRIFT_CYCLES) clock->drifts++;
   clock->drift += (-clock->integral * (1 << DRIFT_BITS) - clock->drift) / clock->drifts;
   __atomic_store_n(&c->health->dc_drift_ppb,

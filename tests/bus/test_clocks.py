@@ -7,6 +7,7 @@ tells them, at one moment. How well the host keeps step depends on the machine: 
 import base64
 import contextlib
 import os
+import statistics
 import struct
 import subprocess
 import sys
@@ -338,7 +339,7 @@ def test_another_reference_clock(
 ) -> None:
     daemon = start(
         line(tmp_path, drifts=(50.0, -50.0, 300.0, 20.0, -20.0)),
-        f"[dc]\nreference = 2\n{GENEROUS}[[dc.slave]]\nslave = 4\n",
+        f"[dc]\nreference = 2\nphase_us = 300\n{GENEROUS}[[dc.slave]]\nslave = 4\n",
     )
     there = simulator()
     assert health(daemon).dc_reference == 2
@@ -348,8 +349,14 @@ def test_another_reference_clock(
     assert [clock.delay_ns for clock in there.clocks()] == pytest.approx(
         [0, 0, 0, HOP, 2 * HOP], abs=2
     )
+    # Signals go by the clock; frames leave when its cycle is 300 µs old, or somewhat later.
     pulse, _ = next_pulses(there, 4)
-    assert (pulse - zero(daemon)) % CYCLE == CYCLE // 2
+    assert pulse % CYCLE == CYCLE // 2
+    phases = []
+    for _ in range(100):
+        phases.append(health(daemon).dc_time_ns % CYCLE)
+        time.sleep(0.005)
+    assert 290_000 < statistics.median(phases) < 800_000
 
 
 @pytest.mark.parametrize("narrow", [0, 2])

@@ -197,8 +197,9 @@ class BringUp:
         if self.clocks is None:
             return
         seconds = self.clocks.wait_for_lock(segment, self._cancelled)
+        count = len(self.clocks.followers)
         self._log.info(
-            f"cycle and {len(self.clocks.followers)} clocks follow that of "
+            f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{self.clocks.reference.label} (after {seconds:.1f} s)"
         )
         self.clocks.start_signals(segment)
