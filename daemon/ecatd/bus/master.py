@@ -111,7 +111,7 @@ class Master:
             for name in interfaces:
                 stack.enter_context(_own(name))
             self.relay = Relay(
-                [open_socket(name, Index.SOEM, Index.ENGINE - 1) for name in interfaces],
+                [_open(name) for name in interfaces],
                 share,
                 priority,
             )
@@ -144,7 +144,7 @@ class Master:
             UnreachableError: The interface is not there.
             NotPermittedError: The process may not use raw sockets any more.
         """
-        self.relay.set_socket(port, open_socket(self._names[port], Index.SOEM, Index.ENGINE - 1))
+        self.relay.set_socket(port, _open(self._names[port]))
 
     def scan(self) -> int:
         """Finds the slaves and asks all of them for PREOP; returns their number.
@@ -467,6 +467,19 @@ def _needs_rights(interface: str) -> str:
         f"CAP_NET_ADMIN: run as root (`sudo`; the daemon: `systemctl start ecatd`), or try "
         f"without hardware: `ecatd --simulate troll`, `ecatsim run troll`"
     )
+
+
+def _open(interface: str) -> socket.socket:
+    """The relay's socket on an interface.
+
+    Raises:
+        UnreachableError: The interface cannot be used.
+        NotPermittedError: The process may not use raw sockets.
+    """
+    try:
+        return open_socket(interface, Index.SOEM, Index.ENGINE - 1)
+    except NotPermittedError as error:
+        raise NotPermittedError(_needs_rights(interface)) from error
 
 
 @contextlib.contextmanager
