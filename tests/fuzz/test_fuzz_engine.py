@@ -1,4 +1,6 @@
-"""The cyclic engine between a bus and clients that do what they must not, with sanitizers."""
+"""The cyclic engine, and the relay, between a bus and clients that do what they must not, with
+sanitizers.
+"""
 
 import json
 import os
@@ -14,6 +16,7 @@ CYCLIC = ROOT / "daemon" / "cyclic"
 SOURCES = ("clock", "control", "engine", "frames", "publish", "relay", "setup", "slots", "wire")
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 CYCLES = 6000
+FRAMES = 1000
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +24,7 @@ def driver(tmp_path_factory):
     """Builds the driver with a sanitizer; skips where the compiler has none."""
     folder = tmp_path_factory.mktemp("engine")
 
-    def build(kind: str) -> Path:
+    def build(kind: str, name: str) -> Path:
         flag = f"-fsanitize={SANITIZERS[kind]}"
         if not shutil.which("gcc"):
             pytest.skip("gcc is not installed")
@@ -30,17 +33,17 @@ def driver(tmp_path_factory):
         try_it = subprocess.run(["gcc", flag, probe, "-o", folder / "probe"], check=False)
         if try_it.returncode or subprocess.run([folder / "probe"], check=False).returncode:
             pytest.skip(f"programs built with {flag} do not run here")
-        program = folder / kind
+        program = folder / f"{name}-{kind}"
         subprocess.run(
             [
                 *("gcc", "-std=c11", "-D_GNU_SOURCE", "-O1", "-g", "-Wall", "-Wextra", "-Werror"),
                 # gcc says that its thread sanitizer knows no fences; what they order is atomic.
                 *("-Wno-tsan", flag, "-fno-sanitize-recover=all"),
                 *(f"-I{CYCLIC}", f"-I{ROOT / 'client_c' / 'include'}"),
-                *(CYCLIC / f"{name}.c" for name in SOURCES),
+                *(CYCLIC / f"{source}.c" for source in SOURCES),
                 *(
                     ROOT / "client_c" / "src" / "histogram.c",
-                    Path(__file__).parent / "engine/engine.c",
+                    HERE / "engine" / f"{name}.c",
                 ),
                 *("-o", program, "-lpthread"),
             ],
@@ -51,11 +54,9 @@ def driver(tmp_path_factory):
     return build
 
 
-@pytest.mark.parametrize("ports", [1, 2])
-@pytest.mark.parametrize("kind", SANITIZERS)
-def test_nothing_from_outside_ends_the_engine_or_mixes_frames(driver, kind, ports):
+def run(program: Path, count: int, ports: int) -> dict[str, int]:
     result = subprocess.run(
-        [driver(kind), "1", str(CYCLES), str(ports)],
+        [program, "1", str(count), str(ports)],
         capture_output=True,
         text=True,
         timeout=100,
@@ -63,10 +64,29 @@ def test_nothing_from_outside_ends_the_engine_or_mixes_frames(driver, kind, port
         check=False,
     )
     assert result.returncode == 0, result.stderr[-4000:]
-    found = json.loads(result.stdout)
+    found: dict[str, int] = json.loads(result.stdout)
+    return found
+
+
+@pytest.mark.parametrize("ports", [1, 2])
+@pytest.mark.parametrize("kind", SANITIZERS)
+def test_nothing_from_outside_ends_the_engine_or_mixes_frames(driver, kind, ports):
+    found = run(driver(kind, "engine"), CYCLES, ports)
     assert found["exchanges"] >= CYCLES
     # It was not left in peace.
     for what in ("damaged", "invented", "held", "swaps", "truncated", "late", "foreign", "lost"):
         assert found[what] > 3, what
     assert found["bad"] < found["exchanges"] / 2, "most frames arrived"
     assert found["snapshots"] > 1000
+
+
+@pytest.mark.parametrize("ports", [1, 2])
+@pytest.mark.parametrize("kind", SANITIZERS)
+def test_the_relay_answers_or_keeps_silent_but_never_hangs_or_lies(driver, kind, ports):
+    found = run(driver(kind, "relay"), FRAMES, ports)
+    assert found["sent"] >= FRAMES
+    assert found["answered"] > found["sent"] / 2
+    assert found["answered"] + found["silent"] == found["sent"]
+    for what in ("silent", "junk", "lost", "repeated", "damaged", "swaps", "follows"):
+        assert found[what] > 3, what
+    assert 3 < found["relayed"] < found["sent"], "with the engine, and without"
