@@ -94,6 +94,9 @@ CYCLIC_API int cyclic_slack_error(const cyclic_t *c);
 CYCLIC_API void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd);
 /* CLOCK_MONOTONIC of the next cycle, in ns; 0 before the first one. */
 CYCLIC_API uint64_t cyclic_deadline(const cyclic_t *c);
+/* Begins all counters and histograms of the engine anew, and returns when that is done: what
+ * happened before the slaves were in OP says nothing about the bus. */
+CYCLIC_API void cyclic_restart_counting(cyclic_t *c);
 /* From the next cycle on all outputs are safe and claims are refused. */
 CYCLIC_API void cyclic_make_safe(cyclic_t *c);
 /* Ends the thread after the current cycle and waits for it. */

@@ -131,5 +131,9 @@ void cyclic_run(cyclic_t *c) {
     cyclic_publish_cycle(c, end);
     cyclic_count(&c->health->cycle, end - c->now_ns);
     advance(c, period, end);
+    if (__atomic_load_n(&c->restart, __ATOMIC_RELAXED)) {
+      cyclic_publish_restart(c);
+      __atomic_store_n(&c->restart, 0, __ATOMIC_RELEASE);
+    }
   }
 }

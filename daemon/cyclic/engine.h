@@ -135,7 +135,7 @@ struct cyclic {
   uint32_t used;                  /* bit per slot that has a client in this cycle, or just lost it */
   uint8_t *outputs, *safe, *hold; /* output images */
   uint8_t *slot_image;            /* ecat_out_image and its data, as read */
-  int make_safe;                  /* set by control */
+  int make_safe, restart;         /* set by control */
 
   struct cyclic_relay *relay;     /* that follows this engine, or NULL; control */
   cyclic_settings settings;
@@ -194,6 +194,7 @@ void cyclic_slots_make_safe(cyclic_t *c);
 /* publish.c */
 void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns);
 void cyclic_publish_bus(cyclic_t *c);     /* slaves, ring, clock */
+void cyclic_publish_restart(cyclic_t *c); /* zeroes counters and histograms */
 void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns);
 void cyclic_count(ecat_shm_histogram *histogram, uint64_t ns);
 

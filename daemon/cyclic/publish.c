@@ -3,6 +3,7 @@
 
 #include <limits.h>
 #include <linux/futex.h>
+#include <string.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -48,6 +49,21 @@ void cyclic_publish_bus(cyclic_t *c) {
     if (cyclic_emit(c, CYCLIC_EVENT_CLOCK, -1, -1, c->clock.state))
       c->clock.told_state = c->clock.state;
   }
+}
+
+static void forget(void *base, size_t from, size_t to) { memset((uint8_t *)base + from, 0, to - from); }
+
+/* Those of the relay, which another thread counts, stay. */
+void cyclic_publish_restart(cyclic_t *c) {
+  ecat_shm_health *health = c->health;
+  uint32_t i;
+  c->overruns = 0;
+  forget(health, offsetof(ecat_shm_health, start_ns), offsetof(ecat_shm_health, mailbox_frames));
+  forget(health, offsetof(ecat_shm_health, delay_cycles), offsetof(ecat_shm_health, mailbox));
+  health->wakeup.min_ns = health->exchange.min_ns = health->cycle.min_ns = UINT64_MAX;
+  health->delay.min_ns = health->dc_offset.min_ns = UINT64_MAX;
+  for (i = 0; i < c->domains; i++) memset(c->domain[i].status, 0, sizeof *c->domain[i].status);
+  __atomic_store_n(&health->start_ns, c->deadline_ns, __ATOMIC_RELAXED);
 }
 
 void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns) {

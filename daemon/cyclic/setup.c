@@ -51,8 +51,7 @@ static void set_sockets(cyclic_t *c, int first_fd, int second_fd) {
 
 cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint32_t run) {
   cyclic_t *c = calloc(1, sizeof *c);
-  ecat_shm_histogram *histogram[6];
-  int code = -EINVAL, i;
+  int code = -EINVAL;
   if (c == NULL) return NULL;
   c->header = header;
   c->out_fd = out_fd;
@@ -64,21 +63,17 @@ cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint
   c->slot_status = at_offset(c, c->header->slot_status_offset);
   c->replies = at_offset(c, c->header->replies_offset);
   c->health = at_offset(c, c->header->health_offset);
-  histogram[0] = &c->health->wakeup;
-  histogram[1] = &c->health->exchange;
-  histogram[2] = &c->health->cycle;
-  histogram[3] = &c->health->delay;
-  histogram[4] = &c->health->dc_offset;
-  histogram[5] = &c->health->mailbox;
-  for (i = 0; i < 6; i++) histogram[i]->min_ns = UINT64_MAX;
+  c->health->mailbox.min_ns = UINT64_MAX;
   c->health->dc_reference = -1;
   c->domains = c->header->domain_count;
   cyclic_frames_init(c);
   c->timer_fd = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
   if (c->timer_fd < 0) code = -errno;
   if (c->timer_fd >= 0 && c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
-      (code = cyclic_slots_init(c)) == 0)
+      (code = cyclic_slots_init(c)) == 0) {
+    cyclic_publish_restart(c);
     return c;
+  }
   cyclic_free(c);
   errno = -code;
   return NULL;
@@ -239,6 +234,12 @@ void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd) {
 }
 
 void cyclic_make_safe(cyclic_t *c) { __atomic_store_n(&c->make_safe, 1, __ATOMIC_RELAXED); }
+
+void cyclic_restart_counting(cyclic_t *c) {
+  __atomic_store_n(&c->restart, 1, __ATOMIC_RELAXED);
+  while (c->started != 0 && __atomic_load_n(&c->restart, __ATOMIC_ACQUIRE))
+    nanosleep(&(struct timespec){0, 100000}, NULL);
+}
 
 void cyclic_stop(cyclic_t *c) {
   if (c->relay != NULL) cyclic_relay_follow(c->relay, NULL);

@@ -117,6 +117,7 @@ class BringUp:
         self._synchronise(segment)
         master.reach(AlState.SAFEOP, self._config.state_timeout_s)
         self._reach_op(master, segment)
+        engine.restart_counting()  # until now working counters could not be complete
         self._tell(image)
         return RunningBus(
             self.bus, self._interfaces, self._run, segment, master, engine, self.clocks

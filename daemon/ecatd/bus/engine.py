@@ -137,7 +137,7 @@ def _library() -> ctypes.CDLL:
         getattr(lib, f"cyclic_{name}").argtypes = [pointer]
     lib.cyclic_publish_layout.argtypes = [pointer]
     lib.cyclic_publish_layout.restype = None
-    for name in ("make_safe", "stop", "free"):
+    for name in ("make_safe", "restart_counting", "stop", "free"):
         getattr(lib, f"cyclic_{name}").argtypes = [pointer]
         getattr(lib, f"cyclic_{name}").restype = None
     return lib
@@ -270,6 +270,10 @@ class Engine:
             except OSError as refused:
                 error = refused.errno or errno.EIO
         return Grant(Setting.DMA_LATENCY, wanted_us >= 0, wanted_us, error)
+
+    def restart_counting(self) -> None:
+        """Begins all counters and histograms of the engine anew."""
+        _LIB.cyclic_restart_counting(self._engine)
 
     def make_safe(self) -> None:
         """From the next cycle on all outputs are at their safe values."""
