@@ -439,6 +439,35 @@ def test_a_ring_survives_the_loss_of_an_interface(ring: Bench, interface: str) -
     assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
 
 
+def test_a_contact_that_fails_for_a_moment(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    fault = "[[fault]]\nkind = '{}-link'\nslave = 2\nat_cycle = {}\n"
+    rig = tmp_path / "ring.toml"
+    rig.write_text(RING + fault.format("break", 2000) + fault.format("heal", 2020))
+    bench = Bench(start_daemon(str(rig)))
+    bench.wait_for_log("the ring was broken between slave 1 (Loopback32) and slave 2 ")
+    bench.wait_for_event("ring", state="closed", slaves_before=2)
+    exchange_everything(bench, 5)
+    bench.close()
+
+
+@pytest.mark.parametrize(("interface", "peer"), [(MASTER, SIMULATOR), (SECOND, f"{SIMULATOR}2")])
+def test_a_ring_survives_that_an_interface_is_another_one(
+    ring: Bench, interface: str, peer: str
+) -> None:
+    exchange_everything(ring, 10)
+    ring.inside("delete", interface)
+    ring.wait_for_event("link", interface=interface, state="gone")
+    exchange_everything(ring, 20)
+    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+    ring.inside("make", interface, peer)
+    ring.wait_for_log(f"{interface} is back as another interface")
+    ring.wait_for_log("the ring is closed", 2)
+    exchange_everything(ring, 30)
+    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+
+
 def test_a_second_break_loses_the_slaves_between(ring: Bench) -> None:
     ring.ctl("break-link", "1")
     ring.wait_for_log("the ring is broken between slave 0 ")

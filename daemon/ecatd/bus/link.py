@@ -100,7 +100,7 @@ class LinkWatch:
     def _receive(self) -> None:
         while True:
             try:
-                data = self._socket.recv(_RECEIVE_SIZE)
+                data, (sender, _groups) = self._socket.recvfrom(_RECEIVE_SIZE)
             except BlockingIOError:
                 return
             except OSError as error:
@@ -108,8 +108,9 @@ class LinkWatch:
                     self._ask()
                     continue
                 raise
-            for kind, number, body in _messages(data):
-                self._take(kind, number, body)
+            if sender == 0:  # the kernel
+                for kind, number, body in _messages(data):
+                    self._take(kind, number, body)
 
     def _take(self, kind: int, number: int, body: bytes) -> None:
         if kind == _NLMSG_ERROR:  # an answer: there is no such interface

@@ -64,6 +64,7 @@ class WireWatch:
         self._log = log
         self._tell = tell
         self._ring: Event | None = None
+        self._untold_break: Event | None = None
         self._ring_told = ""
         self._ring_timer: asyncio.TimerHandle | None = None
         self._links = LinkWatch(running.interfaces, self._on_link)
@@ -163,6 +164,8 @@ class WireWatch:
     def on_ring(self, event: Event) -> None:
         """The ring has opened, closed, or is open at another place."""
         self._ring = event
+        if event.value == shm.Ring.OPEN:
+            self._untold_break = event
         if self._ring_timer is None:
             # A break is under way for a moment: the first cycle may find it at another place.
             self._ring_timer = asyncio.get_running_loop().call_later(_SETTLED, self._tell_ring)
@@ -170,19 +173,23 @@ class WireWatch:
     def _tell_ring(self) -> None:
         """Tells the state of the ring if it is another one; at most once a second."""
         self._ring_timer = None
-        event = self._ring
+        event, brief = self._ring, self._untold_break
+        self._untold_break = None
         if event is None:
             return
         state = shm.Ring(event.value)
         text = describe_ring(self._bus, self._interfaces, state, event.slave)
-        if text == self._ring_told:
+        if text == self._ring_told and (state == shm.Ring.OPEN or brief is None):
             return
         self._ring_told = text
-        (self._log.info if state == shm.Ring.CLOSED else self._log.error)(text)
+        if state == shm.Ring.CLOSED and brief is not None:
+            place = _place(self._bus, self._interfaces, brief.slave)
+            text = f"the ring was broken {place} for a moment: a bad contact? Now {text}"
+        (self._log.info if state == shm.Ring.CLOSED and not brief else self._log.error)(text)
         self._tell(
             "ring",
             state=state.name.lower(),
-            slaves_before=event.slave,
+            slaves_before=event.slave if brief is None else brief.slave,
             text=text,
             cycle=event.cycle,
         )
@@ -241,9 +248,14 @@ def describe_ring(bus: Bus, interfaces: list[str], state: shm.Ring, before: int)
     """
     if state != shm.Ring.OPEN:
         return "the ring is closed" if state == shm.Ring.CLOSED else "no frame has come back yet"
+    return (
+        f"the ring is broken {_place(bus, interfaces, before)}: the slaves are reached from both "
+        f"ends; a second break would lose some"
+    )
+
+
+def _place(bus: Bus, interfaces: list[str], before: int) -> str:
+    """Between whom a break is."""
     first = bus.slaves[before - 1].label if before else interfaces[0]
     second = bus.slaves[before].label if before < len(bus.slaves) else interfaces[1]
-    return (
-        f"the ring is broken between {first} and {second}: the slaves are reached from both ends; "
-        f"a second break would lose some"
-    )
+    return f"between {first} and {second}"
