@@ -132,7 +132,7 @@ def bench(start_daemon: Callable[..., Daemon]) -> Iterator[Bench]:
 def test_interface_switched_off_and_on(bench: Bench) -> None:
     bench.inside("switch", MASTER, "down")
     bench.wait_for_log(f"{MASTER}: was switched off: no frames until somebody does")
-    bench.wait_for_log(f"frames cannot be sent on {MASTER}: Network is down")
+    bench.wait_for_log(f"frames cannot be sent on {MASTER}: ")
     bench.wait_for_event("link", interface=MASTER, state="down")
     bench.wait_for(lambda: bench.health().link_first == shm.Link.DOWN)
     assert bench.busy() < 0.5

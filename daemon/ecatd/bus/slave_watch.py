@@ -32,6 +32,7 @@ _PAUSE, _LONGEST_PAUSE = 0.02, 1.0
 """Shortest time between two looks, which grows while each of them finds something to tell."""
 _RECOVERY_TIMEOUT = 1.0
 _STATION_ADDRESS = 0x0010
+_TRIES = 3
 _NAMES_MAX = 3
 """Slaves that change alike and are named in lines of their own; more share one."""
 
@@ -80,9 +81,14 @@ class SlaveWatch:
 
         On the mailbox worker.
         """
-        before, self.states = self.states, self._master.states()
+        before = self.states
+        for _ in range(_TRIES):
+            self.states = self._master.states()
+            self._found = int(self._health.slaves_found)
+            # If the engine sees all slaves, it was perhaps only the answer that got lost.
+            if self._found < len(self.states) or all(item.al_state for item in self.states):
+                break
         changed = [now for i, now in enumerate(self.states) if not before or now != before[i]]
-        self._found = int(self._health.slaves_found)
         self._added = self._find_added(self._found) if self._found > len(self.states) else 0
         for now in changed:
             row = self._rows[now.position]
