@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from ecatd.bus.delays import Ports, arrivals, way_out
+from ecatd.bus.delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
 from ecatd.model.errors import StateError
 
 CABLE, FORWARD = 100, 300
@@ -116,6 +116,28 @@ def test_the_way_out_of_a_ring() -> None:
     assert way_out([*found[:4], Ports(found[4].open | {3}, found[4].times)]) == (4, 3)
     assert way_out([Ports(found[0].open | {2}, found[0].times), *found[1:]]) == (0, 2)
     assert way_out([]) is None
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_a_broken_ring(count: int) -> None:
+    """The slaves behind the break are entered by port 1, the last one first."""
+    clocks = (3, 1, 4, None, 5)
+    front, _ = frame(line(*clocks[:count]))
+    back = Slave(clock=clocks[count], entry=1)
+    for clock in clocks[count + 1 :]:
+        back = Slave({0: back}, clock, entry=1)
+    behind, _ = frame(back)
+    ring = [*front, *reversed(behind)]
+    assert reached(ring) == count
+    expected = [None if clock is None else position * HOP for position, clock in enumerate(clocks)]
+    times = arrivals_at_both_ends(ring, count)
+    assert [None if time is None else round(time) for time in times] == expected
+
+
+def test_without_a_break_all_are_reached() -> None:
+    found, _ = frame(Slave({3: line(1, None), 1: line(3, 4)}))
+    assert reached(found) == len(found)
+    assert reached([]) == 0
 
 
 def test_a_slave_alone_and_none() -> None:

@@ -24,7 +24,7 @@ from ecatd.model.sii import read_dc_modes
 from ecatd.shm import DcState
 
 from .datagrams import bwr
-from .delays import Ports, arrivals, way_out
+from .delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
 from .engine import Clock
 from .master import Master
 from .segment import Segment
@@ -110,6 +110,7 @@ class Clocks:
         self._clocks = [slave for slave in bus.slaves if slave.dc_bits]
         self.reference = self._choose_reference()
         self.followers = [s for s in self._clocks if s.position > self.reference.position]
+        self._hearing = self.followers  # those that the time comes to, and not only an estimate
         self._signals = [self._plan(item) for item in config.dc.slave]
 
     def _choose_reference(self) -> Slave:
@@ -215,7 +216,8 @@ class Clocks:
         In a closed ring they leave by the second interface. So the last slave closes the port
         that leads there (DL control, ETG.1000.4).
         """
-        end = way_out(self._ports()) if self._config.second_interface else None
+        ports = self._ports() if self._config.second_interface else []
+        end = way_out(ports) if reached(ports) == len(ports) else None
         if end is None:
             yield
             return
@@ -235,11 +237,21 @@ class Clocks:
             now = time.time_ns() - _EPOCH_NS
             try:
                 if latch.wkc:  # else it was lost on its way, and some slaves did not see it return
-                    return arrivals(self._ports()), now
+                    return self._arrivals(), now
             except StateError as error:
                 if tries_left == 0:
                     raise StateError(f"propagation delays cannot be measured: {error}") from error
         raise StateError("propagation delays cannot be measured: frames get lost")
+
+    def _arrivals(self) -> list[float | None]:
+        """When the frame came to each slave; with a broken ring, as if it were whole."""
+        ports = self._ports()
+        count = reached(ports)
+        if count == len(ports) or not self._config.second_interface:
+            return arrivals(ports)
+        near = self.reference.position < count
+        self._hearing = [slave for slave in self.followers if (slave.position < count) == near]
+        return arrivals_at_both_ends(ports, count)
 
     def _ports(self) -> list[Ports]:
         """Open ports with somebody at the other end, and receive times where there are any."""
@@ -293,9 +305,11 @@ class Clocks:
         while True:
             locked = segment.health.dc_state == DcState.LOCKED
             differences = self.differences()
-            astray = [p for p, difference in differences.items() if abs(difference) > IN_STEP_NS]
-            complete = len(differences) == len(self.followers)
-            steady = steady + 1 if locked and complete and not astray else 0
+            in_step = all(
+                abs(differences.get(slave.position, IN_STEP_NS + 1)) <= IN_STEP_NS
+                for slave in self._hearing
+            )
+            steady = steady + 1 if locked and in_step else 0
             waited = time.monotonic() - begin
             if steady == _STEADY:
                 return waited

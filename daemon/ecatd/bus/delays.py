@@ -101,6 +101,35 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
     return found
 
 
+def reached(slaves: Sequence[Ports]) -> int:
+    """How many slaves, from the first on, are linked to those before them: all, without a break."""
+    open_ends = 1
+    for position, slave in enumerate(slaves):
+        if open_ends == 0:
+            return position
+        open_ends += max(len(slave.open), 1) - 2  # one leads back, and one before led here
+    return len(slaves)
+
+
+def arrivals_at_both_ends(slaves: Sequence[Ports], count: int) -> list[float | None]:
+    """What `arrivals` would say of a ring that is broken behind `count` slaves, if it were whole.
+
+    Those behind the break see another frame, which came from the other end. Nobody can tell how
+    long the cable is that is broken: it is taken to be as long as the others on average.
+
+    Raises:
+        StateError: As `arrivals`; also where the slaves behind the break are no line.
+    """
+    front, back = arrivals(slaves[:count]), arrivals(slaves[count:][::-1])[::-1]
+    known = [position for position, time in enumerate(front + back) if time is not None]
+    last = max((position for position in known if position < count), default=0)
+    first = min((position for position in known if position >= count), default=count)
+    end, begin = front[last] or 0.0, (back[first - count] or 0.0)
+    measured = last + len(slaves) - 1 - first
+    gap = (end + begin) / max(1, measured) * (first - last)
+    return front + [None if time is None else end + gap + begin - time for time in back]
+
+
 def way_out(slaves: Sequence[Ports]) -> tuple[int, int] | None:
     """By which slave and port the frame leaves for good: the cable to the second interface.
 
