@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from ecatd.model.bus import Entry, Pdo, Slave
-from ecatd.model.errors import SdoAbortError, StateError
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.sii import Sii, SiiSyncManager, read_sii
 
 from .layout import Image
 from .master import Master
 
 _PROTOCOL_COE = 0x04
+_COMPLETE_ACCESS = 0x20  # of the CoE details in the SII
 _USAGE_OUTPUTS, _USAGE_INPUTS = 3, 4
 _FEATURES, _NO_LRW = 0x0008, 0x0200
 _SYNC_MANAGER = 0x0800
@@ -89,19 +91,34 @@ def _sync_managers(sii: Sii, usage: int) -> list[int]:
 
 
 def _assigned(master: Master, slave: Slave, sii: Sii, usage: int) -> list[Pdo]:
+    at_once = bool(sii.coe & _COMPLETE_ACCESS)
     pdos = []
     for number in _sync_managers(sii, usage):
-        for index in _list(master, slave, 0x1C10 + number, 2, _PDOS_MAX):
+        for index in _list(master, slave, 0x1C10 + number, 2, _PDOS_MAX, at_once=at_once):
             entries = [
                 Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF)
-                for value in _list(master, slave, index, 4, _ENTRIES_MAX)
+                for value in _list(master, slave, index, 4, _ENTRIES_MAX, at_once=at_once)
             ]
             pdos.append(Pdo(index, "", number, entries))
     return pdos
 
 
-def _list(master: Master, slave: Slave, index: int, size: int, most: int) -> list[int]:
-    """The values of an object that is a list; a slave without the object has an empty one."""
+def _list(
+    master: Master, slave: Slave, index: int, size: int, most: int, *, at_once: bool
+) -> list[int]:
+    """The values of an object that is a list; a slave without the object has an empty one.
+
+    With `at_once` by complete access, where the number of values is followed by a byte of padding
+    (ETG.1000.6, 5.6.2); one by one if the slave does not answer that as it should.
+    """
+    if at_once:
+        with suppress(SdoAbortError, NoAnswerError, StateError):
+            data = master.sdo_read(slave.position, index, 0, complete=True)
+            if data and data[0] <= most and len(data) == 2 + data[0] * size:
+                return [
+                    int.from_bytes(data[at : at + size], "little")
+                    for at in range(2, len(data), size)
+                ]
     try:
         count = master.sdo_read(slave.position, index, 0)
     except SdoAbortError:
