@@ -1,9 +1,13 @@
 """What the watch over a bus decides and says, apart from any bus."""
 
+import asyncio
+
 import pytest
 
 from ecatd.bus.counters import Disturbance, Report
+from ecatd.bus.engine import Event
 from ecatd.bus.master import SlaveState
+from ecatd.bus.paced import Paced
 from ecatd.bus.recovery import TRIES, Recovery
 from ecatd.bus.slave_watch import describe_presence
 from ecatd.bus.wire_watch import describe_ring
@@ -41,6 +45,25 @@ def test_a_lasting_disturbance_is_told_at_growing_intervals_and_at_its_end() -> 
 def test_disturbances_that_come_again_and_again_do_not_fill_the_log() -> None:
     told = [report for report in reports([i // 10 for i in range(600)]) if report]
     assert 10 < len(told) < 30
+
+
+def test_events_of_every_cycle_are_told_at_a_bounded_rate() -> None:
+    told: list[int] = []
+
+    async def flap() -> None:
+        paced = Paced(lambda event: told.append(event.value), 0.05)
+        for value in [5] + 500 * [0, 7] + [0]:
+            paced.note(Event(value=value))
+        assert told == [5]  # the first one at once
+        while told != [5, 0]:  # the last one in any case
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.1)
+        paced.note(Event(value=0))  # says nothing new
+        paced.note(Event(value=3))
+        paced.close()
+
+    asyncio.run(flap())
+    assert told == [5, 0, 3]
 
 
 def test_the_watchdog_is_undone_three_times_and_told_once() -> None:

@@ -23,11 +23,14 @@ from .clock_watch import ClockWatch
 from .engine import Event, EventType
 from .mailbox import Mailbox
 from .master import SlaveState
+from .paced import Paced
 from .slave_watch import SlaveWatch
 from .slot_requests import SlotRequests
 from .wire_watch import WireWatch
 
 _EVENT_PATIENCE = 0.2
+_COUNTER_PAUSE = 0.1
+"""Seconds between two events about a domain's working counter, which may change in every cycle."""
 
 _REASONS = {
     shm.Reason.RELEASED: "their owner released them",
@@ -68,6 +71,9 @@ class Monitor:
             if running.clocks is None
             else ClockWatch(running.clocks, running.segment, mailbox, log, self._tell)
         )
+        self._working_counters = [
+            Paced(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
+        ]
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -106,6 +112,8 @@ class Monitor:
         """Waits until nothing uses the engine any more; after `stop`."""
         if self._thread is not None:
             self._thread.join()
+        for item in self._working_counters:
+            item.close()
         self._wire.close()
 
     def _watch_events(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -125,9 +133,7 @@ class Monitor:
             case EventType.SAFE:
                 self._on_safe(event)
             case EventType.WKC:
-                state = shm.WkcState(event.value).name.lower()
-                self._log.debug(f"domain {event.slave}: working counter {state}")
-                self._tell("working_counter", domain=event.slave, state=state, cycle=event.cycle)
+                self._working_counters[event.slave].note(event)
             case EventType.SEND:
                 self._wire.on_send(event)
             case EventType.SLAVES:
@@ -139,6 +145,11 @@ class Monitor:
                     self._clocks.handle(event)
             case EventType.OVERRUN:
                 self._wire.look()
+
+    def _tell_working_counter(self, event: Event) -> None:
+        state = shm.WkcState(event.value).name.lower()
+        self._log.debug(f"domain {event.slave}: working counter {state}")
+        self._tell("working_counter", domain=event.slave, state=state, cycle=event.cycle)
 
     def _on_safe(self, event: Event) -> None:
         cause = shm.Reason(event.value)

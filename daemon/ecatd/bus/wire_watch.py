@@ -19,6 +19,7 @@ from .counters import Disturbance, Report
 from .engine import Event, Index, open_socket
 from .foreign import ForeignWatch
 from .link import LinkState, LinkWatch, switch_on
+from .paced import Paced
 
 _PERIOD = 1.0
 _SETTLED = 0.1
@@ -63,6 +64,7 @@ class WireWatch:
         self._health = running.segment.health
         self._log = log
         self._tell = tell
+        self._sending = [Paced(self._tell_sending, _PERIOD) for _ in running.interfaces]
         self._ring: Event | None = None
         self._untold_break: Event | None = None
         self._ring_told = ""
@@ -85,6 +87,8 @@ class WireWatch:
 
     def close(self) -> None:
         """Ends the watch; on the event loop's thread."""
+        for item in self._sending:
+            item.close()
         if self._ring_timer is not None:
             self._ring_timer.cancel()
         self._links.close()
@@ -153,6 +157,9 @@ class WireWatch:
 
     def on_send(self, event: Event) -> None:
         """Sending on an interface has begun to fail, or works again."""
+        self._sending[event.slot].note(event)
+
+    def _tell_sending(self, event: Event) -> None:
         interface = self._interfaces[event.slot]
         reason = os.strerror(event.value) if event.value else ""
         if reason:

@@ -1,0 +1,47 @@
+"""Events that may come in every cycle, told at a bounded rate."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from .engine import Event
+
+
+class Paced:
+    """Passes events on: the first one at once, then the latest after a pause.
+
+    An event whose value is that of the one before says nothing new and is left out. For the thread
+    of the event loop.
+
+    Args:
+        tell: Gets the events.
+        pause: Seconds between two of them.
+    """
+
+    def __init__(self, tell: Callable[[Event], None], pause: float) -> None:
+        self._tell = tell
+        self._pause = pause
+        self._latest: Event | None = None
+        self._told: int | None = None
+        self._timer: asyncio.TimerHandle | None = None
+
+    def note(self, event: Event) -> None:
+        """Takes an event."""
+        self._latest = event
+        if self._timer is None:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        self._timer = None
+        event, self._latest = self._latest, None
+        if event is None or event.value == self._told:
+            return
+        self._told = event.value
+        self._timer = asyncio.get_running_loop().call_later(self._pause, self._pass_on)
+        self._tell(event)
+
+    def close(self) -> None:
+        """Tells nothing any more."""
+        if self._timer is not None:
+            self._timer.cancel()
