@@ -52,11 +52,16 @@ static void decide(cyclic_t *c, struct clock *clock, int64_t offset) {
     cyclic_count(&c->health->dc_offset, (uint64_t)(offset < 0 ? -offset : offset));
 }
 
-/* Deadlines come sooner (negative integral) when the reference clock is the faster one. */
+/* Deadlines come sooner (negative integral) when the reference clock is the faster one. A cycle that
+ * approaches the clock corrects more than the drift: it does not count, but before the first lock. */
 static void publish_drift(cyclic_t *c, struct clock *clock, int64_t period) {
-  if (clock->state != ECAT_DC_LOCKED) clock->drifts = 0; /* it corrects more than the drift */
-  if (clock->drifts < DRIFT_CYCLES) clock->drifts++;
-  clock->drift += (-clock->integral * (1 << DRIFT_BITS) - clock->drift) / clock->drifts;
+  int64_t now = -clock->integral * (1 << DRIFT_BITS);
+  if (clock->state == ECAT_DC_LOCKED) {
+    if (clock->drifts < DRIFT_CYCLES) clock->drifts++;
+    clock->drift += (now - clock->drift) / clock->drifts;
+  } else if (clock->drifts == 0) {
+    clock->drift = now;
+  }
   __atomic_store_n(&c->health->dc_drift_ppb,
                    (clock->drift >> DRIFT_BITS) * (1000000000 >> FRACTION_BITS) / period,
                    __ATOMIC_RELAXED);
