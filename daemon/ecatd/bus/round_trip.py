@@ -32,8 +32,8 @@ def measure_round_trip(master: Master) -> int | None:
         return None
     for _ in range(_TRIES):
         (latch,) = master.registers.exchange([bwr(_PORT_TIMES, bytes(4))], repeat=False)
-        if latch.wkc < len(master.stations):
-            continue  # it was lost on the way, or somebody did not see it
+        if latch.wkc == 0:
+            continue  # it was lost on the way; slaves without a clock need not count it
         status = int.from_bytes(read(0, _DL_STATUS, 2), "little")
         data = read(0, _PORT_TIMES, 16)
         times = [int.from_bytes(data[4 * port : 4 * port + 4], "little") for port in range(4)]
