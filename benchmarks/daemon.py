@@ -51,7 +51,7 @@ class Daemon:
             "ECATD_RUNTIME_DIR": str(folder / "run"),
             "NOTIFY_SOCKET": str(address),
             # The service does not look for modules in the working directory.
-            "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])),
         }
         address.unlink(missing_ok=True)
         self._messages = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

@@ -59,8 +59,8 @@ class Settings:
         *((64, 8), (100, 2), (200, 2), (200, 8)),
     )
     work_seconds: float = 0.3
-    load_rounds: int = 5
-    load_seconds: float = 1.0
+    load_rounds: int = 16
+    load_seconds: float = 0.3
     load_busy: tuple[bool, ...] = (False,)
     clock_seconds: float = 10.0
     starts: int = 3
@@ -93,8 +93,8 @@ SETTINGS = {
         deadline_rates=_RATES,
         deadline_seconds=60.0,
         work_seconds=1.0,
-        load_rounds=20,
-        load_seconds=3.0,
+        load_rounds=200,
+        load_seconds=0.3,
         load_busy=(False, True),
         clock_seconds=60.0,
         starts=10,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .engine_plot import plot
-from .engine_targets import targets
+from .engine_targets import RATE, targets
 from .words import met, pace, table, us
 
 __all__ = ["plot", "section"]
@@ -36,10 +36,10 @@ steps are 3 % wide. A ratio of medians is the median over the rounds, each again
 
 _LOADS = """\
 The whole daemon on the rig `troll` at 1 kHz, its Python on the remaining processors, as are the \
-loads. Each load is on for a while and off for as long, in turns; the values are differences of \
-what stands in shared memory. SDO reads come from two clients over Zenoh, each asking again at \
-once; the busy thread computes in the interpreter of the bus server; each reader is a process \
-that waits for every cycle and samples. Exchange in µs:"""
+loads. Each load is on for a fraction of a second and off for as long, in turns; the values are \
+differences of what stands in shared memory. SDO reads come from two clients over Zenoh, each \
+asking again at once; the busy thread computes in the interpreter of the bus server; each reader \
+is a process that waits for every cycle and samples. Exchange in µs:"""
 
 _WORK = """\
 Instructions of the engine's thread outside the kernel, counted by the processor \
@@ -62,8 +62,9 @@ def section(result: dict[str, Any]) -> str:
             _exchange(result, ("bare", "engine", "pysoem", "kickcat")),
             "Exchange in µs, busy:",
             _exchange(result, ("bare busy", "engine busy")),
-            "Cycles a second, free-running:",
+            "Cycles a second, free-running; in brackets how often the loop sleeps in a cycle:",
             _rates(result),
+            _limits(result),
             "Wake-ups after their deadline in µs, and cycles missed:",
             _deadlines(result),
             _LOADS,
@@ -117,10 +118,35 @@ def _rates(result: dict[str, Any]) -> str:
                 rows.append(
                     (
                         line["slaves"],
-                        *(f"{loops[n]['rate']:.0f}" if n in loops else "–" for n in names),
+                        *(_rate(loops[n]) if n in loops else "–" for n in names),
                     )
                 )
     return table(("slaves", *names), rows)
+
+
+def _rate(loop: dict[str, Any]) -> str:
+    return f"{loop['rate']:.0f} ({loop['sleeps']:.2f})"
+
+
+def _limits(result: dict[str, Any]) -> str:
+    """Why a rate is out of reach, where it is."""
+    parts = []
+    for line in result["lines"]:
+        for case in line["exchange"]:
+            loops, ratios = case["loops"], case["ratios"]["busy"]
+            if "limit" in ratios and ratios["limit"] < RATE["busy"]:
+                wanted = RATE["busy"] * loops["pysoem"]["rate"]
+                parts.append(
+                    f"with {line['slaves']} slaves an exchange of {1e6 / wanted:.1f} µs, where the "
+                    f"bare loop that polls needs {us(loops['bare busy']['p50'])} µs"
+                )
+    if not parts:
+        return ""
+    return (
+        f"{RATE['busy']:g} × pysoem is out of reach of any program on this machine: it would need "
+        f"{'; '.join(parts)}. To sleep and to be woken costs little here: compare the bare loop "
+        f"that sleeps with the one that polls."
+    )
 
 
 def _deadlines(result: dict[str, Any]) -> str:

@@ -74,11 +74,17 @@ class _Bench:
         wanted = RealTime(PRIORITY, cpu, busy_receive=busy, free_running=not rate)
         with self._running(rate or _ANY_RATE, wanted) as granted:
             time.sleep(_WARM_UP)
-            counter = Counter(_thread(_THREAD)) if count else None
+            thread = _thread(_THREAD)
+            counter = Counter(thread) if count else None
             before, first = Health(self._bus), counter.read() if counter else 0
+            slept = _sleeps(thread)
             time.sleep(seconds)
             after, last = Health(self._bus), counter.read() if counter else 0
-            result = {**after.since(before).to_json(), "real_time": granted}
+            result = {
+                **after.since(before).to_json(),
+                "real_time": granted,
+                "sleeps": _sleeps(thread) - slept,
+            }
             if counter:
                 counter.close()
                 result["instructions"] = (last - first) / result["cycles"]
@@ -91,6 +97,12 @@ def _thread(name: str) -> int:
         if (task / "comm").read_text().strip() == name:
             return int(task.name)
     raise LookupError(name)
+
+
+def _sleeps(thread: int) -> int:
+    """How often a thread of this process has gone to sleep so far."""
+    text = Path(f"/proc/self/task/{thread}/status").read_text()
+    return int(text.partition("voluntary_ctxt_switches:")[2].split()[0])
 
 
 if __name__ == "__main__":

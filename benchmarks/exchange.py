@@ -74,10 +74,12 @@ def _pooled(results: Sequence[dict[str, Any]]) -> histogram.Buckets:
 
 def _summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     pooled = _pooled(results)
+    cycles = sum(result["cycles"] for result in results)
     return {
         **{f"p{q:g}": round(histogram.quantile(pooled, q / 100)) for q in (50, 90, 99, 99.9)},
         **{name: sum(result.get(name, 0) for result in results) for name in _TOTALS},
         "rate": round(statistics.median(result["rate"] for result in results), 1),
+        "sleeps": round(sum(result["sleeps"] for result in results) / cycles, 3),
         "real_time": all(result["real_time"] for result in results),
     }
 

@@ -1,7 +1,7 @@
 """What disturbs the engine: the real daemon on the reference plant, beside loads of all kinds.
 
-Each load is switched on and off, every second or so, and what the engine has counted in shared
-memory meanwhile is compared.
+Each load is switched on and off, several times a second, so that both meet the same disturbances of
+the machine, and what the engine has counted in shared memory meanwhile is compared.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .worker import Worker
 RIG = "troll"
 READERS, REQUESTS = 64, 1000
 ATTACH = "clients that attach, claim outputs and leave"
-_SETTLE = 0.1
+_SETTLE = 0.05
 _QUANTILES = (50, 99, 99.9)
 
 Load = Callable[[float], contextlib.AbstractContextManager[dict[str, Any]]]
@@ -152,7 +152,7 @@ def _readers(tools: Tools, daemon: Daemon) -> Iterator[Load]:
     """Processes that wait for each cycle and sample the process image."""
     library = Path(shm.LIBRARY._name)
     headers, search = f"-I{ROOT / 'client_c' / 'include'}", f"-Wl,-rpath,{library.parent}"
-    program = native.build(tools.folder, "readers", headers, str(library), search)
+    program = native.build(tools.folder, "readers", headers, str(library), search, "-lm")
     process = subprocess.Popen(
         [program, daemon.bus, str(READERS)],
         stdin=subprocess.PIPE,

@@ -20,6 +20,7 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <time.h>
 
 enum {
@@ -163,15 +164,24 @@ static uint32_t quantile(double q)
     return sample_count == 0 ? 0 : samples[(uint64_t)(q * (double)(sample_count - 1))];
 }
 
-static void report(double seconds, bool real_time)
+/* How often this process has gone to sleep so far. */
+static long sleeps(void)
+{
+    struct rusage usage = {0};
+    (void)getrusage(RUSAGE_SELF, &usage);
+    return usage.ru_nvcsw;
+}
+
+static void report(double seconds, bool real_time, long slept)
 {
     qsort(samples, sample_count, sizeof samples[0], compare);
     printf("{\"cycles\": %" PRIu64 ", \"frames\": %u, \"seconds\": %.6f, \"rate\": %.1f, "
            "\"lost_frames\": %" PRIu64 ", \"lost_cycles\": %" PRIu64 ", \"wrong\": %" PRIu64
            ", \"late_frames\": %" PRIu64 ", \"missed_cycles\": %" PRIu64 ", \"real_time\": %s, "
+           "\"sleeps\": %ld, "
            "\"min\": %u, \"p50\": %u, \"p90\": %u, \"p99\": %u, \"p999\": %u, \"max\": %u",
            sample_count, frame_count, seconds, (double)sample_count / seconds, lost_frames,
-           lost_cycles, wrong, late, missed, real_time ? "true" : "false", quantile(0),
+           lost_cycles, wrong, late, missed, real_time ? "true" : "false", slept, quantile(0),
            quantile(0.5), quantile(0.9), quantile(0.99), quantile(0.999), quantile(1));
     if (options.buckets)
         print_buckets(samples, sample_count);
@@ -252,7 +262,8 @@ int main(int count, char **arguments)
     memset(samples, 0, sizeof samples); /* no page fault later */
     (void)run(fd, options.warm_up);
     sample_count = lost_frames = lost_cycles = wrong = late = missed = 0;
+    long before = sleeps();
     double seconds = run(fd, options.seconds);
-    report(seconds, real_time);
+    report(seconds, real_time, sleeps() - before);
     return 0;
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import time
 from collections.abc import Callable
 from typing import Any
@@ -35,7 +36,9 @@ class Loop:
         self._gate.open()
         try:
             self._cycles(rate, _WARM_UP)
+            slept = resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
             samples, lost, missed, taken = self._cycles(rate, seconds)
+            sleeps = resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw - slept
         finally:
             self._gate.close()
             if granted:
@@ -47,6 +50,7 @@ class Loop:
             "rate": len(samples) / taken,
             "lost_frames": lost,
             "missed_cycles": missed,
+            "sleeps": sleeps,
             "buckets": {"exchange": histogram.pairs(histogram.of_samples(samples))},
             "real_time": granted,
         }
