@@ -23,6 +23,8 @@ NAME = "engine"
 Line = tuple[int, int]
 """Slaves, and bytes of outputs and of inputs of each."""
 
+_EXCHANGE = exchange.Plan((1000, 4000, 0), (1000, 0), rounds=9, cycles=300, seconds=0.1)
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -30,10 +32,7 @@ class Settings:
 
     Attributes:
         lines: The lines of slaves. 200 slaves have fewer bytes: 100 Mbit/s carry no more in 1 ms.
-        rates: Cycles a second of exchanges, 0 for free-running.
-        python_rates: Those at which the loops in Python take part.
-        rounds: How often each loop has its turn.
-        seconds: How long a turn is.
+        exchange: What is measured of exchanges.
         deadline_lines: Lines on which missed cycles are counted.
         deadline_rates: And at which rates.
         deadline_seconds: How long each loop runs at each rate.
@@ -47,10 +46,7 @@ class Settings:
     """
 
     lines: tuple[Line, ...] = ((1, 32), (8, 32), (32, 32), (200, 8))
-    rates: tuple[float, ...] = (1000, 4000, 0)
-    python_rates: tuple[float, ...] = (1000, 0)
-    rounds: int = 8
-    seconds: float = 0.2
+    exchange: exchange.Plan = _EXCHANGE
     deadline_lines: tuple[Line, ...] = ((8, 32),)
     deadline_rates: tuple[float, ...] = (1000, 2000, 4000)
     deadline_seconds: float = 6.0
@@ -71,9 +67,7 @@ _RATES = (1000, 2000, 4000, 10000)
 SETTINGS = {
     "quick": Settings(
         lines=((8, 32),),
-        rates=(1000, 0),
-        rounds=1,
-        seconds=0.05,
+        exchange=exchange.Plan((1000, 0), (1000, 0), rounds=1, cycles=50, seconds=0.05),
         deadline_rates=(1000,),
         deadline_seconds=0.1,
         work_lines=((1, 32), (8, 8), (8, 32)),
@@ -85,10 +79,7 @@ SETTINGS = {
     ),
     "normal": Settings(),
     "full": Settings(
-        rates=(*_RATES, 0),
-        python_rates=(*_RATES, 0),
-        rounds=20,
-        seconds=0.5,
+        exchange=exchange.Plan((*_RATES, 0), (*_RATES, 0), rounds=40, cycles=1000, seconds=0.2),
         deadline_lines=Settings.lines,
         deadline_rates=_RATES,
         deadline_seconds=60.0,
@@ -136,9 +127,7 @@ def _line(
             "bytes": 2 * size,
             "frames": len(turns.frames),
             "missing": turns.missing,
-            "exchange": exchange.measure(
-                turns, settings.rates, settings.python_rates, settings.rounds, settings.seconds
-            ),
+            "exchange": exchange.measure(turns, settings.exchange),
         }
         if line in settings.deadline_lines:
             say(f"missed cycles, {slaves} slaves")

@@ -6,7 +6,7 @@ from typing import Any
 
 from .engine_plot import plot
 from .engine_targets import RATE, targets
-from .words import met, pace, table, us
+from .words import met, pace, slaves, table, us
 
 __all__ = ["plot", "section"]
 
@@ -31,8 +31,10 @@ own in the same slaves, which stay in OP without watchdogs; the FMMUs of the oth
 off while one has its turn. Master and simulator run at real-time priority on processors of their \
 own, everything else on the remaining ones. An exchange takes from before the first frame is sent \
 until the last one is back and checked. All times are sorted into the same histograms, whose \
-steps are 3 % wide. A ratio of medians is the median over the rounds, each against its neighbour; \
-99th percentiles are those of all rounds together."""
+steps are 3 % wide. A turn has some hundred cycles or more; times are medians over the rounds of \
+the median and of the 99th percentile of a turn. A ratio is the median over the rounds of the \
+ratio to the neighbour in the same round, with the quartiles behind it: what disturbs the machine \
+for a moment spoils few of them."""
 
 _LOADS = """\
 The whole daemon on the rig `troll` at 1 kHz, its Python on the remaining processors, as are the \
@@ -78,7 +80,7 @@ def section(result: dict[str, Any]) -> str:
 
 def _missing(result: dict[str, Any]) -> str:
     parts = [
-        f"{master} with {line['slaves']} slaves ({reason})"
+        f"{master} with {slaves(line['slaves'])} ({reason})"
         for line in result["lines"]
         for master, reason in line["missing"].items()
     ]
@@ -95,13 +97,14 @@ def _exchange(result: dict[str, Any], loops: tuple[str, ...]) -> str:
                 cells += [us(found["p50"]), us(found["p99"])] if found else ["–", "–"]
             kind = "busy" if "bare busy" in loops else "blocking"
             ratio = case["ratios"][kind]["exchange"]
-            low, high = ratio["p50_quartiles"]
             rows.append(
                 (
                     f"{line['slaves']}, {pace(case['rate'])}",
                     *cells,
-                    f"{ratio['p50']:.2f} ({low:.2f} to {high:.2f})",
-                    f"{ratio['p99']:.2f}",
+                    *(
+                        "{:.2f} ({:.2f} to {:.2f})".format(ratio[q], *ratio[f"{q}_quartiles"])
+                        for q in ("p50", "p99")
+                    ),
                 )
             )
     head = [cell for name in loops for cell in (f"{name.removesuffix(' busy')} p50", "p99")]
@@ -137,8 +140,8 @@ def _limits(result: dict[str, Any]) -> str:
             if "limit" in ratios and ratios["limit"] < RATE["busy"]:
                 wanted = RATE["busy"] * loops["pysoem"]["rate"]
                 parts.append(
-                    f"with {line['slaves']} slaves an exchange of {1e6 / wanted:.1f} µs, where the "
-                    f"bare loop that polls needs {us(loops['bare busy']['p50'])} µs"
+                    f"with {slaves(line['slaves'])} {1e6 / wanted:.1f} µs for an exchange, where "
+                    f"the bare loop that polls needs {us(loops['bare busy']['p50'])} µs"
                 )
     if not parts:
         return ""
@@ -174,11 +177,11 @@ def _loads(result: dict[str, Any]) -> str:
             (
                 load["load"] + (", busy receive" if load["busy"] else ""),
                 f"{load['rate']:.0f}" if load["rate"] else "–",
-                *(f"{us(off[key])} / {us(on[key])}" for key in ("p50", "p99", "p99.9")),
+                *(f"{us(off[key])} / {us(on[key])}" for key in ("p50", "p99")),
                 *(f"{off[key]} / {on[key]}" for key in ("cycles", "missed_cycles", "lost_frames")),
             )
         )
-    head = ("load", "done a second", "p50 off / on", "p99", "p99.9", "cycles", "missed", "lost")
+    head = ("load", "done a second", "p50 off / on", "p99", "cycles", "missed", "lost")
     return table(head, rows)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from .deadlines import allowed
 from .loads import ATTACH
-from .words import pace
+from .words import pace, slaves
 
 EXCHANGE = 1.10
 """Largest ratio of an exchange to that of the bare loop."""
@@ -61,7 +61,7 @@ def _exchange(line: dict[str, Any]) -> Iterator[Target]:
         for quantile, word in (("p50", "median"), ("p99", "99th percentile")):
             ratios = [case["ratios"][kind]["exchange"][quantile] for case in line["exchange"]]
             yield Target(
-                f"exchange, {line['slaves']} slaves, {kind}, {word}; {paces}",
+                f"exchange, {slaves(line['slaves'])}, {kind}, {word}; {paces}",
                 f"≤ {EXCHANGE:.2f} × bare",
                 ", ".join(f"{ratio:.2f}" for ratio in ratios) + " ×",
                 all(ratio <= EXCHANGE for ratio in ratios),
@@ -74,7 +74,7 @@ def _rate(line: dict[str, Any]) -> Iterator[Target]:
             found = case["ratios"][kind]
             if "rate" in found:
                 yield Target(
-                    f"free-running, {line['slaves']} slaves, {kind}",
+                    f"free-running, {slaves(line['slaves'])}, {kind}",
                     f"≥ {least} × pysoem",
                     f"{found['rate']:.2f} × (the bare loop {found['limit']:.2f} ×)",
                     found["rate"] >= least,
@@ -88,7 +88,7 @@ def _deadlines(line: dict[str, Any]) -> Iterator[Target]:
             most = allowed(case, name)
             kind = "busy" if name.endswith("busy") else "blocking"
             yield Target(
-                f"missed of {loop['cycles']} cycles, {line['slaves']} slaves, "
+                f"missed of {loop['cycles']} cycles, {slaves(line['slaves'])}, "
                 f"{pace(case['rate'])}, {kind}",
                 f"≤ {most:.1f} (sleep: {sleep['missed_cycles']} of {sleep['cycles']})",
                 str(loop["missed_cycles"]),
@@ -112,7 +112,7 @@ def _loads(loads: list[dict[str, Any]]) -> Iterator[Target]:
         yield Target(
             f"exchange beside {name}, 99th percentile",
             f"≤ {LOAD:.2f} × without",
-            f"{load['ratio_p99']:.2f} ×",
+            "{:.2f} × ({:.2f} to {:.2f})".format(load["ratio_p99"], *load["ratio_p99_quartiles"]),
             load["ratio_p99"] <= LOAD,
         )
         yield Target(
@@ -158,7 +158,7 @@ def _start(starts: list[dict[str, Any]]) -> Iterator[Target]:
     for start in starts:
         worst, most = max(start["seconds"]), START[start["slaves"]]
         yield Target(
-            f"`ecatd` to OP, {start['slaves']} slaves ({start['rig']})",
+            f"`ecatd` to OP, {slaves(start['slaves'])} ({start['rig']})",
             f"≤ {most:g} s",
             f"at most {worst:.2f} s",
             worst <= most,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from . import histogram
@@ -18,28 +19,41 @@ _TOTALS = ("cycles", "lost_frames", "wrong", "missed_cycles")
 _FREE_RUNNING = 0
 
 
-def measure(
-    turns: Turns, rates: Sequence[float], python_rates: Sequence[float], rounds: int, seconds: float
-) -> list[dict[str, Any]]:
-    """Every rate with every loop that is there, in rounds.
+@dataclass(frozen=True)
+class Plan:
+    """What is measured, and how long.
 
-    Args:
-        turns: The loops.
-        rates: Cycles a second.
+    Attributes:
+        rates: Cycles a second, 0 for free-running.
         python_rates: Those of them at which the loops in Python take part.
-        rounds: How often each has its turn.
-        seconds: How long a turn is.
+        rounds: How often each loop has its turn.
+        cycles: How many cycles a turn has at least, where they are paced.
+        seconds: How long a turn is at least.
     """
+
+    rates: tuple[float, ...]
+    python_rates: tuple[float, ...]
+    rounds: int
+    cycles: int
+    seconds: float
+
+    def turn(self, rate: float) -> float:
+        """Seconds of a turn."""
+        return max(self.seconds, self.cycles / rate if rate else 0.0)
+
+
+def measure(turns: Turns, plan: Plan) -> list[dict[str, Any]]:
+    """Every rate with every loop that is there, in rounds."""
     found: dict[tuple[float, Loop], list[dict[str, Any]]] = {}
-    for number in range(rounds):
-        for rate in rates:
+    for number in range(plan.rounds):
+        for rate in plan.rates:
             loops = [*_C]
-            if rate in python_rates:
+            if rate in plan.python_rates:
                 loops += [loop for loop in _PYTHON if turns.has(loop[0])]
             for name, busy in reversed(loops) if number % 2 else loops:
-                result = turns.run(name, rate=rate, seconds=seconds, busy=busy)
+                result = turns.run(name, rate=rate, seconds=plan.turn(rate), busy=busy)
                 found.setdefault((rate, (name, busy)), []).append(result)
-    return [_case(rate, found) for rate in rates]
+    return [_case(rate, found) for rate in plan.rates]
 
 
 def key(loop: Loop) -> str:
@@ -68,15 +82,16 @@ def _buckets(result: dict[str, Any]) -> histogram.Buckets:
     return histogram.of_pairs(pairs["exchange"] if isinstance(pairs, dict) else pairs)
 
 
-def _pooled(results: Sequence[dict[str, Any]]) -> histogram.Buckets:
-    return sum(map(_buckets, results), histogram.Buckets())
+def _quantiles(results: Sequence[dict[str, Any]], q: float) -> list[float]:
+    """Of each round."""
+    return [histogram.quantile(_buckets(result), q) for result in results]
 
 
 def _summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    pooled = _pooled(results)
+    """Medians over the rounds, and sums."""
     cycles = sum(result["cycles"] for result in results)
     return {
-        **{f"p{q:g}": round(histogram.quantile(pooled, q / 100)) for q in (50, 90, 99, 99.9)},
+        **{f"p{q}": round(statistics.median(_quantiles(results, q / 100))) for q in (50, 99)},
         **{name: sum(result.get(name, 0) for result in results) for name in _TOTALS},
         "rate": round(statistics.median(result["rate"] for result in results), 1),
         "sleeps": round(sum(result["sleeps"] for result in results) / cycles, 3),
@@ -87,17 +102,14 @@ def _summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _ratios(
     ours: Sequence[dict[str, Any]], theirs: Sequence[dict[str, Any]]
 ) -> dict[str, float | list[float]]:
-    """Medians: of the rounds, with quartiles. The 99th percentiles: of all rounds together."""
-    medians = sorted(
-        histogram.quantile(_buckets(mine), 0.5) / histogram.quantile(_buckets(other), 0.5)
-        for mine, other in zip(ours, theirs, strict=True)
-    )
-    p99 = histogram.quantile(_pooled(ours), 0.99) / histogram.quantile(_pooled(theirs), 0.99)
-    return {
-        "p50": round(statistics.median(medians), 4),
-        "p50_quartiles": _quartiles(medians),
-        "p99": round(p99, 4),
-    }
+    """Medians over the rounds, with quartiles."""
+    result: dict[str, float | list[float]] = {}
+    for q in (50, 99):
+        both = zip(_quantiles(ours, q / 100), _quantiles(theirs, q / 100), strict=True)
+        ratios = sorted(mine / other for mine, other in both)
+        result[f"p{q}"] = round(statistics.median(ratios), 4)
+        result[f"p{q}_quartiles"] = _quartiles(ratios)
+    return result
 
 
 def _rate_ratios(rounds: dict[Loop, list[dict[str, Any]]], busy: bool) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import statistics
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +30,6 @@ RIG = "troll"
 READERS, REQUESTS = 64, 1000
 ATTACH = "clients that attach, claim outputs and leave"
 _SETTLE = 0.05
-_QUANTILES = (50, 99, 99.9)
 
 Load = Callable[[float], contextlib.AbstractContextManager[dict[str, Any]]]
 """Is on while it is entered, for the time it is given; says then how much it did."""
@@ -77,27 +77,37 @@ def _compare(bus: str, load: Load, rounds: int, seconds: float) -> dict[str, Any
                 (loaded if is_on else alone).append(Health(bus).since(before))
             if is_on:
                 done.append(did)
-    with_load, without = _summary(loaded), _summary(alone)
+    ratios = sorted(
+        _quantile(with_load, 0.99) / _quantile(without, 0.99)
+        for with_load, without in zip(loaded, alone, strict=True)
+    )
+    quarter = len(ratios) // 4
     return {
-        "on": with_load,
-        "off": without,
-        "ratio_p99": round(with_load["p99"] / without["p99"], 4),
+        "on": _summary(loaded),
+        "off": _summary(alone),
+        "ratio_p99": round(statistics.median(ratios), 4),
+        "ratio_p99_quartiles": [round(ratios[quarter], 4), round(ratios[-1 - quarter], 4)],
         "counted": any("rate" in d for d in done),
         "rate": round(sum(d.get("rate", 0) for d in done) / len(done), 1),
         "failed": sum(d.get("failed", 0) for d in done),
     }
 
 
+def _quantile(interval: Interval, q: float) -> float:
+    return histogram.quantile(interval.buckets["exchange"], q)
+
+
 def _summary(intervals: list[Interval]) -> dict[str, Any]:
-    exchange = sum((item.buckets["exchange"] for item in intervals), histogram.Buckets())
+    """Medians over the rounds, and sums."""
     counts = {
         key: sum(item.counts[key] for item in intervals)
         for key in ("cycles", "frames", "lost_frames", "late_frames", "wrong", "missed_cycles")
     }
-    return {
-        **counts,
-        **{f"p{q:g}": round(histogram.quantile(exchange, q / 100)) for q in _QUANTILES},
+    times = {
+        f"p{q}": round(statistics.median(_quantile(item, q / 100) for item in intervals))
+        for q in (50, 99)
     }
+    return {**counts, **times}
 
 
 @contextlib.contextmanager

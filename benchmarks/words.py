@@ -27,3 +27,8 @@ def pace(rate: float) -> str:
 def met(yes: bool) -> str:
     """Whether a target is met."""
     return "yes" if yes else "**no**"
+
+
+def slaves(count: int) -> str:
+    """A number of slaves."""
+    return f"{count} slave" + "s" * (count != 1)
