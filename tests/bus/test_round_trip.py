@@ -24,7 +24,7 @@ def master_measures():
     from ecatd.bus.master import Master
     from ecatd.bus.round_trip import measure_round_trip
 
-    master = Master(INTERFACE)
+    master = Master([INTERFACE])
     try:
         master.scan()
         return [measure_round_trip(master) for _ in range(3)]
