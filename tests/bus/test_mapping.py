@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from test_simulator_topology import FIRST, run
 
-from ecatd.bus.mapping import scan_slaves
 from ecatd.bus.master import Master
+from ecatd.bus.start.mapping import scan_slaves
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo
 from ecatsim import Rig

@@ -14,9 +14,9 @@ import pytest
 from test_simulator_topology import FIRST, SECOND, run
 
 from ecatd import stats
-from ecatd.bus.bring_up import BringUp
 from ecatd.bus.datagrams import brd, fprd
 from ecatd.bus.master import Master
+from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.config import Config

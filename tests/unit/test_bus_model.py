@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ecatd.bus.safe import safe_images
+from ecatd.bus.start.safe import safe_images
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.config import SafeConfig
 from ecatd.model.errors import ConfigError, UsageError

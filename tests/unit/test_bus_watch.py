@@ -4,13 +4,13 @@ import asyncio
 
 import pytest
 
-from ecatd.bus.counters import Disturbance, Report
 from ecatd.bus.engine import Event
 from ecatd.bus.master import SlaveState
-from ecatd.bus.paced import Paced
-from ecatd.bus.recovery import TRIES, Recovery
-from ecatd.bus.slave_watch import describe_presence
-from ecatd.bus.wire_watch import describe_ring
+from ecatd.bus.watch.counters import Disturbance, Report
+from ecatd.bus.watch.paced import Paced
+from ecatd.bus.watch.recovery import TRIES, Recovery
+from ecatd.bus.watch.slaves import describe_presence
+from ecatd.bus.watch.wire import describe_ring
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.shm import Ring

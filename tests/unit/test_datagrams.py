@@ -19,7 +19,7 @@ from ecatd.bus.datagrams import (
     fpwr,
     source_address,
 )
-from ecatd.bus.eeprom import read_eeproms
+from ecatd.bus.start.eeprom import read_eeproms
 from ecatd.model.errors import StateError
 from ecatsim.core import Chip, Segment
 from ecatsim.slave.sii import Description, build

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from ecatd.bus.delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
+from ecatd.bus.start.delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
 from ecatd.model.errors import StateError
 
 CABLE, FORWARD = 100, 300

@@ -30,9 +30,9 @@ from ecatd.model.errors import (
 )
 
 from .datagrams import Datagram, Datagrams, aprd, fprd, fpwr, source_address
-from .eeprom import Words, read_eeproms
 from .engine import Index, open_socket
 from .relay import Relay
+from .start.eeprom import Words, read_eeproms
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""

@@ -1,6 +1,6 @@
 """The life of a bus, and the answers to requests about it.
 
-`bring_up.py` takes it from an interface to slaves in OP, `monitor.py` watches it there. Stopping
+`start/bring_up.py` takes it from an interface to slaves in OP, `watch/monitor.py` watches it there. Stopping
 goes the same way back: safe outputs, SAFEOP, INIT, no more frames.
 """
 
@@ -29,10 +29,10 @@ from ecatd.model.messages import (
 )
 from ecatd.version import VERSION
 
-from .bring_up import BringUp
 from .mailbox import Mailbox
 from .master import Master, SlaveState
-from .monitor import Monitor
+from .start.bring_up import BringUp
+from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
 _STOP_TIMEOUT = 1.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ecatd.model.errors import StateError
 
-from .layout import Image
+from ..layout import Image
 
 _NS_PER_BYTE = 80
 _PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12

@@ -14,9 +14,9 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError
 
-from .bring_up import RunningBus
+from ..engine import Event, Index, open_socket
+from ..start.bring_up import RunningBus
 from .counters import Disturbance, Report
-from .engine import Event, Index, open_socket
 from .foreign import ForeignWatch
 from .link import LinkState, LinkWatch, switch_on
 from .paced import Paced

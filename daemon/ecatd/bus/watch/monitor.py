@@ -1,6 +1,6 @@
 """Watches a running bus: brings the engine's events to those whom they concern, and keeps looking.
 
-`slave_watch.py` knows the slaves, `clock_watch.py` their clocks, `wire_watch.py` what lies between
+`slaves.py` knows the slaves, `clocks.py` their clocks, `wire.py` what lies between
 them and the engine. Whatever changes is written to shared memory, logged, and published as an
 event.
 """
@@ -18,15 +18,15 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.errors import StateError
 
-from .bring_up import RunningBus
-from .clock_watch import ClockWatch
-from .engine import Event, EventType
-from .mailbox import Mailbox
-from .master import SlaveState
+from ..engine import Event, EventType
+from ..mailbox import Mailbox
+from ..master import SlaveState
+from ..slot_requests import SlotRequests
+from ..start.bring_up import RunningBus
+from .clocks import ClockWatch
 from .paced import Paced
-from .slave_watch import SlaveWatch
-from .slot_requests import SlotRequests
-from .wire_watch import WireWatch
+from .slaves import SlaveWatch
+from .wire import WireWatch
 
 _EVENT_PATIENCE = 0.2
 _COUNTER_PAUSE = 0.1

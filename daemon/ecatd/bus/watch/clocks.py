@@ -9,10 +9,10 @@ from ecatd.log import Log
 from ecatd.model.bus import Slave
 from ecatd.shm import DcState
 
-from .clocks import IN_STEP_NS, Clocks
-from .engine import Event
-from .mailbox import Mailbox
-from .segment import Segment
+from ..engine import Event
+from ..mailbox import Mailbox
+from ..segment import Segment
+from ..start.clocks import IN_STEP_NS, Clocks
 
 _PERIOD = 1.0
 

@@ -20,14 +20,14 @@ from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.real_time import SETTINGS
 
+from ..engine import Engine, Grant, Index, RealTime, open_socket
+from ..layout import Image, assign_domains, lay_out
+from ..master import Master
+from ..segment import Segment
 from .clocks import Clocks, clock_bits
-from .engine import Engine, Grant, Index, RealTime, open_socket
-from .layout import Image, assign_domains, lay_out
 from .mapping import Scanned, configure, scan_slaves, without_lrw
-from .master import Master
 from .round_trip import measure_round_trip
 from .safe import safe_images
-from .segment import Segment
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from .engine import Event
+from ..engine import Event
 
 
 class Paced:

@@ -23,11 +23,11 @@ from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.sii import read_dc_modes
 from ecatd.shm import DcState
 
-from .datagrams import bwr
+from ..datagrams import bwr
+from ..engine import Clock
+from ..master import Master
+from ..segment import Segment
 from .delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
-from .engine import Clock
-from .master import Master
-from .segment import Segment
 
 _FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08
 _LOOP_CONTROL, _LOOP_CLOSED = 0x0101, 0x03  # two bits a port

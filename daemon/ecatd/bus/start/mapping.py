@@ -16,8 +16,8 @@ from ecatd.model.bus import Entry, Pdo, Slave
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.sii import Sii, SiiSyncManager, read_sii
 
-from .layout import Image
-from .master import Master
+from ..layout import Image
+from ..master import Master
 
 _PROTOCOL_COE = 0x04
 _COMPLETE_ACCESS = 0x20  # of the CoE details in the SII

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from ecatd.model.bus import Bus
 from ecatd.model.errors import StateError
 
+from ..master import Master
 from .mapping import Scanned
-from .master import Master
 
 _DIVIDER, _TIME = 0x0400, 0x0420
 _TICK_NS = 40  # of the divider, which counts from 2

@@ -17,10 +17,10 @@ from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.errors import StateError
 
-from .bring_up import RunningBus
-from .datagrams import aprd
-from .mailbox import Mailbox
-from .master import SlaveState
+from ..datagrams import aprd
+from ..mailbox import Mailbox
+from ..master import SlaveState
+from ..start.bring_up import RunningBus
 from .recovery import TRIES, Recovery
 
 _SLOW_PERIOD = 2.0

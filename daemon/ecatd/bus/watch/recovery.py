@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ecatd.model.al import AL_ERROR_FLAG, AL_WATCHDOG, AlState
 
-from .master import SlaveState
+from ..master import SlaveState
 
 TRIES = 3
 _PAUSES = (0.5, 2.0, 0.0)
