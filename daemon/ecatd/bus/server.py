@@ -1,7 +1,7 @@
 """The life of a bus, and the answers to requests about it.
 
-`start/bring_up.py` takes it from an interface to slaves in OP, `watch/monitor.py` watches it there. Stopping
-goes the same way back: safe outputs, SAFEOP, INIT, no more frames.
+`start/bring_up.py` takes it from an interface to slaves in OP, `watch/monitor.py` watches it there.
+Stopping goes the same way back: safe outputs, SAFEOP, INIT, no more frames.
 """
 
 from __future__ import annotations
