@@ -16,7 +16,7 @@ from ecatsim.net import namespace, netlink
 
 from . import clocks, deadlines, exchange, loads, start_up, work
 from .peers import SIMULATOR
-from .turns import Tools, on_line
+from .turns import Tools, awake, on_line
 
 NAME = "engine"
 
@@ -99,20 +99,24 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     netlink.create_veth(SIMULATOR.far, SIMULATOR.near)
     with tempfile.TemporaryDirectory() as folder:
         tools = Tools.make(Path(folder))
-        return {
-            "processors": tools.processors.to_json(),
-            "lines": [_line(tools, settings, line, say) for line in settings.lines],
-            "work": work.measure(tools, settings.work_lines, settings.work_seconds, say),
-            "loads": loads.measure(
-                tools,
-                settings.load_rounds,
-                settings.load_seconds,
-                busy=settings.load_busy,
-                say=say,
-            ),
-            "clocks": clocks.measure(tools, settings.clock_seconds, say),
-            "start": start_up.measure(tools, settings.starts, say),
-        }
+        with awake(tools) as kept_awake:
+            return {
+                "processors": tools.processors.to_json(),
+                "awake": kept_awake,
+                **_measure(tools, settings, say),
+            }
+
+
+def _measure(tools: Tools, settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
+    return {
+        "lines": [_line(tools, settings, line, say) for line in settings.lines],
+        "work": work.measure(tools, settings.work_lines, settings.work_seconds, say),
+        "loads": loads.measure(
+            tools, settings.load_rounds, settings.load_seconds, busy=settings.load_busy, say=say
+        ),
+        "clocks": clocks.measure(tools, settings.clock_seconds, say),
+        "start": start_up.measure(tools, settings.starts, say),
+    }
 
 
 def _line(

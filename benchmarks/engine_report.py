@@ -36,6 +36,11 @@ the median and of the 99th percentile of a turn. A ratio is the median over the 
 ratio to the neighbour in the same round, with the quartiles behind it: what disturbs the machine \
 for a moment spoils few of them."""
 
+_AWAKE = """\
+A loop of the lowest priority (SCHED_IDLE) keeps the processors of master and simulator from \
+sleeping, as `idle=poll` would: the host of a virtual machine gives an idle processor away and \
+brings it back late, by up to a millisecond, which would be measured in place of the loops."""
+
 _LOADS = """\
 The whole daemon on the rig `troll` at 1 kHz, its Python on the remaining processors, as are the \
 loads. Each load is on for a fraction of a second and off for as long, in turns; the values are \
@@ -57,6 +62,7 @@ def section(result: dict[str, Any]) -> str:
         for part in (
             f"## {TITLE}",
             _HOW,
+            _AWAKE if result.get("awake") else "",
             _missing(result),
             "![Exchange, its ratio to the bare loop, rates, and work](performance/engine.svg)",
             table(("what", "target", "measured", "met"), rows),

@@ -71,6 +71,25 @@ class Tools:
         return min(self.processors.master)
 
 
+@contextlib.contextmanager
+def awake(tools: Tools) -> Iterator[bool]:
+    """Keeps the processors of master and simulator from sleeping; whether they have their own.
+
+    An idle processor of a virtual machine is given away by its host, and comes back late: that
+    would be measured, and not the loops. Elsewhere `idle=poll` or `/dev/cpu_dma_latency` does it.
+    """
+    processors = tools.processors
+    chosen = (processors.master | processors.peer) - processors.rest
+    program = native.build(tools.folder, "awake")
+    found = [subprocess.Popen([program], preexec_fn=on(frozenset([number]))) for number in chosen]
+    try:
+        yield bool(chosen)
+    finally:
+        for process in found:
+            process.kill()
+            process.wait()
+
+
 class Turns:
     """Masters on one segment, all of which find its slaves in OP; made by `on_line`.
 
