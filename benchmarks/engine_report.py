@@ -21,7 +21,8 @@ send, and waits for them; it sleeps in `recv` (blocking) or polls the socket (bu
 - (b) *sleep*: `benchmarks/nanosleep.c`, a C loop that only wakes up on the grid: the limit of \
 the machine;
 - (c) *engine*: the cyclic engine of ecatd with its shared memory and all of its work, blocking \
-and with `busy_receive`; its times are the histograms that it keeps there;
+(as it is by default: it polls for 15 µs, `realtime.poll_us`, and then sleeps) and with \
+`busy_receive`; its times are the histograms that it keeps there;
 - (d) *pysoem*: `send_processdata()` and `receive_processdata()` in Python, over SOEM;
 - (e) *kickcat*: `process_data()` in Python, over C++.
 
@@ -50,8 +51,8 @@ is a process that waits for every cycle and samples. Exchange in µs:"""
 
 _WORK = """\
 Instructions of the engine's thread outside the kernel, counted by the processor \
-(`perf_event_open`, user mode only), at 1 kHz, blocking, all outputs safe. Bytes are those of the \
-whole image:"""
+(`perf_event_open`, user mode only), at 1 kHz, sleeping at once for the answer, all outputs safe. \
+Bytes are those of the whole image:"""
 
 
 def section(result: dict[str, Any]) -> str:

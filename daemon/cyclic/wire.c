@@ -162,23 +162,34 @@ static int drain(cyclic_t *c, uint32_t port) {
   return 1;
 }
 
-/* The timer is set while the frames are under way, which costs nothing then: a time-out of ppoll
- * would be set, and taken back, when the answer may already be there. */
 static void set_timer(cyclic_t *c, uint64_t deadline_ns) {
   struct itimerspec at = {.it_value = {(time_t)(deadline_ns / 1000000000u),
                                        (long)(deadline_ns % 1000000000u)}};
-  if (!c->settings.busy_receive) timerfd_settime(c->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
+  timerfd_settime(c->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
 }
 
-/* Sleeps until a frame is there; 0 when the deadline is over. */
-static int wait_readable(cyclic_t *c, uint64_t deadline_ns, const int *usable) {
+/* Sleeps until a frame is there, or the timer rings. */
+static void sleep_until_readable(cyclic_t *c, const int *usable) {
   struct pollfd sources[MAX_PORTS + 1];
   uint32_t i;
-  if (cyclic_now() >= deadline_ns) return 0;
-  if (c->settings.busy_receive) return 1;
   for (i = 0; i < c->ports; i++) sources[i] = (struct pollfd){usable[i] ? c->fd[i] : -1, POLLIN, 0};
   sources[i] = (struct pollfd){c->timer_fd, POLLIN, 0};
   (void)ppoll(sources, c->ports + 1, NULL, NULL); /* whatever it says, the next recv knows */
+}
+
+/* Waits for a frame: polls for a while, as falling asleep and waking up takes longer than short
+ * ways do, then sleeps. The timer is set before the socket is looked at once more: a time-out of
+ * ppoll would be set, and taken back, when the answer may already be there. 0: time is over. */
+static int wait_for_frame(cyclic_t *c, uint64_t deadline_ns, const int *usable, int *timer_set) {
+  uint64_t now = cyclic_now();
+  if (now >= deadline_ns) return 0;
+  if (c->settings.busy_receive || now - c->send_ns < (uint64_t)c->settings.poll_ns) return 1;
+  if (*timer_set) {
+    sleep_until_readable(c, usable);
+  } else {
+    set_timer(c, deadline_ns);
+    *timer_set = 1;
+  }
   return 1;
 }
 
@@ -210,15 +221,14 @@ static void leave_out(cyclic_t *c, const struct frame *frame) {
 }
 
 void cyclic_wire_receive(cyclic_t *c, uint64_t deadline_ns) {
-  int usable[MAX_PORTS] = {1, 1};
+  int usable[MAX_PORTS] = {1, 1}, timer_set = 0;
   uint32_t i, port;
   for (i = 0; i < c->frames; i++)
     if (!c->frame[i].pending) leave_out(c, &c->frame[i]);
-  if (c->waiting > 0) set_timer(c, deadline_ns);
   while (c->waiting > 0 && (usable[0] || (c->ports > 1 && usable[1]))) {
     for (port = 0; port < c->ports; port++)
       if (usable[port]) usable[port] = drain(c, port);
-    if (c->waiting > 0 && !wait_readable(c, deadline_ns, usable)) break;
+    if (c->waiting > 0 && !wait_for_frame(c, deadline_ns, usable, &timer_set)) break;
   }
   for (i = 0; c->waiting > 0 && i < c->frames; i++)
     if (c->frame[i].pending) {

@@ -63,7 +63,7 @@ class _Settings(ctypes.Structure):
 
     _fields_ = tuple(
         (name, ctypes.c_int32)
-        for name in ("priority", "cpu", "lock_memory", "busy_receive", "free_running")
+        for name in ("priority", "cpu", "lock_memory", "busy_receive", "poll_ns", "free_running")
     )
 
 
@@ -86,7 +86,8 @@ class RealTime:
         priority: SCHED_FIFO priority, 0 for ordinary scheduling.
         cpu: CPU to run on, -1 for any.
         lock_memory: Whether the memory of the process is locked.
-        busy_receive: Whether the engine spins for the answer instead of sleeping.
+        busy_receive: Whether the engine polls for the answer and never sleeps.
+        poll_us: How long it polls otherwise before it sleeps, in microseconds.
         dma_latency_us: Longest time that processors may need to wake up, in microseconds;
             -1 leaves it as it is.
         free_running: Whether the next cycle follows at once; to measure, not for slaves.
@@ -96,6 +97,7 @@ class RealTime:
     cpu: int = -1
     lock_memory: bool = True
     busy_receive: bool = False
+    poll_us: int = 15
     dma_latency_us: int = -1
     free_running: bool = False
 
@@ -235,6 +237,7 @@ class Engine:
             wanted.cpu,
             int(wanted.lock_memory),
             int(wanted.busy_receive),
+            wanted.poll_us * 1000,
             int(wanted.free_running),
         )
         latency = self._hold_dma_latency(wanted.dma_latency_us)

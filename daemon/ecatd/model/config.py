@@ -32,7 +32,9 @@ class RealTimeConfig:
         priority: SCHED_FIFO priority of the engine, 1 to 98; 0 for ordinary scheduling.
         cpu: CPU that the engine is pinned to, -1 for none.
         lock_memory: Lock the memory of the bus server.
-        busy_receive: Spin for the answer of the slaves: faster, but a core is always busy.
+        busy_receive: Poll for the answer of the slaves and never sleep: faster, but a core is busy
+            whenever frames are under way.
+        poll_us: How long to poll otherwise before sleeping, in microseconds.
         dma_latency_us: Longest wake-up from an idle state that the CPUs may take, in
             microseconds (held through /dev/cpu_dma_latency); -1 leaves it to the system.
     """
@@ -41,6 +43,7 @@ class RealTimeConfig:
     cpu: int = -1
     lock_memory: bool = True
     busy_receive: bool = False
+    poll_us: int = 15
     dma_latency_us: int = 0
 
 
@@ -255,6 +258,7 @@ _REALTIME: dict[str, _Rule] = {
     "cpu": (int, -1, 1023),
     "lock_memory": (bool, 0, 0),
     "busy_receive": (bool, 0, 0),
+    "poll_us": (int, 0, 1000),
     "dma_latency_us": (int, -1, 1_000_000),
 }
 _DOMAIN: dict[str, _Rule] = {

@@ -185,6 +185,7 @@ class BringUp:
                 wanted.cpu,
                 wanted.lock_memory,
                 wanted.busy_receive,
+                wanted.poll_us,
                 wanted.dma_latency_us,
             )
         )
