@@ -30,7 +30,8 @@ def refused(
     program: str = "ecatd",
 ) -> str:
     """The one line of an `ecatd` (or of its simulator) that does not start."""
-    before = set(SHM.iterdir())
+    bus = arguments[arguments.index("--bus") + 1] if "--bus" in arguments else "ecat0"
+    before = set(SHM.glob(f"ecat.{bus}*"))
     result = subprocess.run(
         [*wrapper, sys.executable, "-m", "ecatd.service", *arguments],
         env=env,
@@ -40,7 +41,7 @@ def refused(
         check=False,
     )
     assert result.returncode == status, result.stderr
-    assert {path for path in SHM.iterdir() if path not in before} == set()
+    assert set(SHM.glob(f"ecat.{bus}*")) - before == set()
     return one_line_error(result.stderr, program)
 
 
@@ -261,3 +262,12 @@ def test_setpriv_and_unshare_are_there() -> None:
     """They come with util-linux, which every Debian has; the tests above rely on them."""
     assert shutil.which("unshare")
     assert shutil.which("setpriv")
+
+
+def test_a_service_manager_that_is_gone_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ecatd.service.notify import notify
+
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
+    notify("STOPPING=1")
