@@ -11,7 +11,9 @@ from typing import Any
 
 from ecatd.model.errors import EcatError, UsageError
 
-from . import engine, machine, report, simulator
+from . import machine, report
+from .engine import benchmark as engine
+from .simulator import benchmark as simulator
 
 BENCHMARKS: dict[str, Any] = {module.NAME: module for module in (simulator, engine)}
 """By name: modules with `SETTINGS` and `measure`."""

@@ -14,7 +14,7 @@ _FLAGS = (
 
 
 def build(folder: Path, name: str, *more: str, library: bool = False) -> Path:
-    """Compiles `benchmarks/NAME.c` into a program or a shared library in `folder`.
+    """Compiles `benchmarks/c/NAME.c` into a program or a shared library in `folder`.
 
     Args:
         folder: Where to.
@@ -27,7 +27,7 @@ def build(folder: Path, name: str, *more: str, library: bool = False) -> Path:
     """
     output = folder / (f"lib{name}.so" if library else name)
     kind = ("-shared", "-fPIC") if library else ()
-    source = Path(__file__).with_name(f"{name}.c")
+    source = Path(__file__).parent / "c" / f"{name}.c"
     try:
         subprocess.run(["gcc", *_FLAGS, *kind, source, *more, "-o", output], check=True)
     except FileNotFoundError as error:

@@ -8,7 +8,8 @@ from typing import Any
 
 from ecatd.model.errors import UsageError
 
-from . import engine_report, simulator_report
+from .engine import report as engine_report
+from .simulator import report as simulator_report
 
 SECTIONS: dict[str, Any] = {"simulator": simulator_report, "engine": engine_report}
 """Reports by the name of the benchmark, in the order of the page."""

@@ -12,7 +12,7 @@ import threading
 import time
 import uuid
 
-from benchmarks.segment import BRD, Wire, ask, frame
+from benchmarks.segment.frames import BRD, Wire, ask, frame
 
 from ecatd.bus.engine import Engine, Index, RealTime, open_socket
 from ecatd.bus.layout import lay_out

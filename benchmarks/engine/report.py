@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from .engine_plot import plot
-from .engine_targets import RATE, targets
-from .words import met, pace, slaves, table, us
+from ..words import met, pace, slaves, table, us
+from .plot import plot
+from .targets import RATE, targets
 
 __all__ = ["plot", "section"]
 
@@ -16,9 +16,9 @@ _HOW = """\
 Five loops exchange process data with the slaves of one simulated segment (`ecatsim` on a veth \
 pair), in turns of a fraction of a second, so that all of them meet the same disturbances:
 
-- (a) *bare*: `benchmarks/ping.c`, a C loop that sends the frames that the engine was seen to \
+- (a) *bare*: `benchmarks/c/ping.c`, a C loop that sends the frames that the engine was seen to \
 send, and waits for them; it sleeps in `recv` (blocking) or polls the socket (busy);
-- (b) *sleep*: `benchmarks/nanosleep.c`, a C loop that only wakes up on the grid: the limit of \
+- (b) *sleep*: `benchmarks/c/nanosleep.c`, a C loop that only wakes up on the grid: the limit of \
 the machine;
 - (c) *engine*: the cyclic engine of ecatd with its shared memory and all of its work, blocking \
 (as it is by default: it polls for 15 µs, `realtime.poll_us`, and then sleeps) and with \

@@ -18,13 +18,13 @@ from typing import Any
 
 from ecatd import shm
 
-from . import histogram, native
-from .daemon import Daemon
-from .health import Health, Interval
-from .machine import ROOT
-from .peers import ecatsim, on
+from .. import histogram, native
+from ..health import Health, Interval
+from ..machine import ROOT
+from ..masters.daemon import Daemon
+from ..masters.worker import Worker
+from ..segment.peers import ecatsim, on
 from .turns import Tools
-from .worker import Worker
 
 RIG = "troll"
 READERS, REQUESTS = 64, 1000

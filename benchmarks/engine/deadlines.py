@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from . import histogram
+from .. import histogram
 from .turns import ENGINE, SLEEP, Turns
 
 _SLICE = 2.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ..least_squares import fit
 from . import instructions
-from .least_squares import fit
 from .turns import ENGINE, Tools, on_line
 
 Size = tuple[int, int]

@@ -13,8 +13,8 @@ from typing import Self
 
 from ecatd.model.errors import StateError
 
-from .machine import ROOT, Processors
-from .peers import SIMULATOR, on
+from ..machine import ROOT, Processors
+from ..segment.peers import SIMULATOR, on
 
 _PATIENCE = 60.0
 
@@ -59,7 +59,7 @@ class Daemon:
         self._messages.settimeout(0.2)
         begin = time.monotonic()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.busy_service", str(file)],
+            [sys.executable, "-m", "benchmarks.masters.busy_service", str(file)],
             env=self.environment,
             preexec_fn=on(processors.rest),
         )

@@ -14,8 +14,8 @@ from ecatsim.rig import make
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sii import Description, build
 
-from .least_squares import fit
-from .segment import BYTES, MAX_DATA, Line, logical_frame
+from ..least_squares import fit
+from ..segment.frames import BYTES, MAX_DATA, Line, logical_frame
 
 _CALLS = 20
 _RIGS = ("troll", "line:8", "line:64", "line:200")

@@ -1,4 +1,4 @@
-"""Runs engines on command: `python -m benchmarks.engine_worker INTERFACE SLAVES BYTES`.
+"""Runs engines on command: `python -m benchmarks.masters.engine_worker INTERFACE SLAVES BYTES`.
 
 It is the engine of the daemon, with its shared memory, its layout and its threads, but without
 the start of a bus: the slaves are in OP already, and set up for the addresses of `layout`.
@@ -20,9 +20,9 @@ from ecatd.bus.layout import lay_out
 from ecatd.bus.segment import Segment
 from ecatd.shm import Setting
 
-from . import cells
-from .health import Health
-from .instructions import Counter
+from ..engine.instructions import Counter
+from ..health import Health
+from ..segment import cells
 from .worker import serve
 
 PRIORITY = 80

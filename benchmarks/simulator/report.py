@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .words import US, met, pace, table, us
+from ..words import US, met, pace, table, us
 
 TITLE = "The simulator"
 TARGETS = {8: 1.15, 64: 2.0}
@@ -25,8 +25,8 @@ def section(result: dict[str, Any]) -> str:
         (
             f"## {TITLE}",
             "Frames go over a veth pair to `ecatsim run line:N`, or over another one to "
-            "`benchmarks/echo.c`, which only receives, marks and sends. Both get the same frames, "
-            "in turns of a fraction of a second. Each slave has "
+            "`benchmarks/c/echo.c`, which only receives, marks and sends. Both get the same "
+            "frames, in turns of a fraction of a second. Each slave has "
             "32 bytes of outputs and 32 bytes of inputs; all slaves are in OP, return their "
             "outputs as inputs, and the working counter of every cycle is checked. A cycle is "
             "one LRW datagram a frame with at most 23 slaves in it, so 64 slaves take 3 frames "

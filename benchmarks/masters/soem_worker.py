@@ -1,4 +1,4 @@
-"""pysoem's loop, on command: `python -m benchmarks.soem_worker INTERFACE`.
+"""pysoem's loop, on command: `python -m benchmarks.masters.soem_worker INTERFACE`.
 
 pysoem is SOEM behind Python, as most Python programs use EtherCAT: `send_processdata()`,
 `receive_processdata()`, on a socket as it sets it up.

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from ecatd.bus.layout import Image
 from ecatd.model.bus import Bus
 
-from .segment import APRD, Exchange, Line, ask, frame
+from .frames import APRD, Exchange, Line, ask, frame
 
 PER_MASTER = 2
 _FMMU, _FMMU_BYTES, _ACTIVATE = 0x0600, 16, 12

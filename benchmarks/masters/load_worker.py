@@ -1,4 +1,4 @@
-"""A client that keeps the daemon busy: `python -m benchmarks.load_worker KIND BUS`.
+"""A client that keeps the daemon busy: `python -m benchmarks.masters.load_worker KIND BUS`.
 
 KIND is "sdo": SDO reads without pause; "requests": other requests over Zenoh, at a given rate;
 "attach": clients that connect to the shared memory, take part, and leave.

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from . import histogram
+from .. import histogram
 from .gate import Gate
 
 PRIORITY = 80

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from . import histogram
+from .. import histogram
 from .turns import BARE, ENGINE, KICKCAT, PYSOEM, Turns
 
 Loop = tuple[str, bool]

@@ -18,11 +18,12 @@ from typing import Any
 from ecatd.bus.layout import lay_out
 from ecatd.model.errors import NoAnswerError
 
-from . import cells, native, tap
-from .machine import Processors
-from .peers import SIMULATOR, ecatsim, on, ping, wire
-from .shared_line import Map, SharedLine
-from .worker import Worker
+from .. import native
+from ..machine import Processors
+from ..masters.worker import Worker
+from ..segment import cells, tap
+from ..segment.peers import SIMULATOR, ecatsim, on, ping, wire
+from ..segment.shared_line import Map, SharedLine
 
 BARE, SLEEP, ENGINE, PYSOEM, KICKCAT = "bare", "sleep", "engine", "pysoem", "kickcat"
 _MOST = {PYSOEM: 199, KICKCAT: 63}

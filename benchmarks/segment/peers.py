@@ -14,8 +14,8 @@ from typing import Any
 
 from ecatd.model.errors import NoAnswerError, StateError
 
-from .machine import Processors
-from .segment import Line, Wire, encode
+from ..machine import Processors
+from .frames import Line, Wire, encode
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import Any
 
 from ecatsim.net import namespace, netlink
 
+from ..segment.peers import SIMULATOR
 from . import clocks, deadlines, exchange, loads, start_up, work
-from .peers import SIMULATOR
 from .turns import Tools, awake, on_line
 
 NAME = "engine"

@@ -12,14 +12,14 @@ from typing import Any, Self
 from ecatd.model.errors import StateError
 from ecatd.process import die_with_parent
 
-from .machine import Processors
-from .peers import on
+from ..machine import Processors
+from ..segment.peers import on
 
 _PATIENCE = 10.0
 
 
 class Worker:
-    """A module of this package, run as a process.
+    """A module of this folder, run as a process.
 
     Args:
         module: Its name; it calls `serve`.
@@ -40,7 +40,7 @@ class Worker:
     ) -> None:
         self._name = module
         self._process = subprocess.Popen(
-            [sys.executable, "-m", f"benchmarks.{module}", *map(str, arguments)],
+            [sys.executable, "-m", f"benchmarks.masters.{module}", *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -74,7 +74,9 @@ class Worker:
             if line.startswith("{"):  # libraries print lines of their own
                 result: dict[str, Any] = json.loads(line)
                 return result
-        raise StateError(f"benchmarks.{self._name} has ended (status {self._process.wait()})")
+        raise StateError(
+            f"benchmarks.masters.{self._name} has ended (status {self._process.wait()})"
+        )
 
     def close(self) -> None:
         """Ends it."""

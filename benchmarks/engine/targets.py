@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from ..words import pace, slaves
 from .deadlines import allowed
 from .loads import ATTACH
-from .words import pace, slaves
 
 EXCHANGE = 1.10
 """Largest ratio of an exchange to that of the bare loop."""

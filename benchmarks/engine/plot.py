@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .engine_targets import EXCHANGE
-from .words import US
+from ..words import US
+from .targets import EXCHANGE
 
 _STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "ecatd", "font.size": 9}
 _COLORS = {

@@ -14,7 +14,7 @@ from ecatsim import Rig
 from ecatsim.core import Chip
 from ecatsim.devices.generic import Loopback
 
-from .machine import ROOT
+from ..machine import ROOT
 
 FMMUS = 6
 _VENDOR, _PRODUCT = 0x0000FFFF, 0x000CE110
@@ -56,7 +56,7 @@ def write_rig(folder: Path, count: int, size: int) -> Path:
     file = folder / f"cells_{count}x{size}.py"
     file.write_text(
         f"import sys\nsys.path.append({str(ROOT)!r})\n"
-        f"from benchmarks.cells import line\n\ndef rig():\n    return line({count}, {size})\n"
+        f"from benchmarks.segment.cells import line\n\ndef rig():\n    return line({count}, {size})\n"
     )
     return file
 

@@ -1,4 +1,4 @@
-"""kickcat's loop, on command: `python -m benchmarks.kickcat_worker INTERFACE`.
+"""kickcat's loop, on command: `python -m benchmarks.masters.kickcat_worker INTERFACE`.
 
 kickcat is a master in C++ with Python bindings; `process_data()` exchanges once.
 """

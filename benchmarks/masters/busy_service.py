@@ -1,4 +1,4 @@
-"""`ecatd` with a bus server that can be told to compute: `python -m benchmarks.busy_service FILE`.
+"""`ecatd` with a bus server that can be told to compute: `python -m …masters.busy_service FILE`.
 
 FILE is a configuration. The bus server is `busy_bus`, everything else is as the command `ecatd`
 has it.
@@ -22,7 +22,7 @@ class _Service(Supervisor):
     async def _start_python(
         self, module: str, settings: dict[str, Any]
     ) -> asyncio.subprocess.Process:
-        ours = "benchmarks.busy_bus" if module == "ecatd.bus" else module
+        ours = "benchmarks.masters.busy_bus" if module == "ecatd.bus" else module
         return await super()._start_python(ours, settings)
 
 

@@ -12,10 +12,10 @@ from ecatd import shm
 from ecatd.model.errors import StateError
 from ecatsim.control import Simulator
 
-from . import histogram
-from .daemon import Daemon
-from .health import Health
-from .peers import ecatsim
+from .. import histogram
+from ..health import Health
+from ..masters.daemon import Daemon
+from ..segment.peers import ecatsim
 from .turns import Tools
 
 DRIFTS = (10.0, 50.0, -50.0, 25.0, -25.0, 50.0, -50.0, 0.0)

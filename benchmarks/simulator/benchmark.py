@@ -23,10 +23,11 @@ from typing import Any
 
 from ecatsim.net import namespace, netlink
 
-from . import alone, native
-from .machine import Processors
-from .peers import ECHO, SIMULATOR, echo, on, ping, simulator
-from .segment import BRD, encode, frame
+from .. import native
+from ..machine import Processors
+from ..segment.frames import BRD, encode, frame
+from ..segment.peers import ECHO, SIMULATOR, echo, on, ping, simulator
+from . import alone
 
 NAME = "simulator"
 COUNTS = (1, 8, 64, 200)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from . import cells
-from .daemon import Daemon
-from .peers import ecatsim
+from ..masters.daemon import Daemon
+from ..segment import cells
+from ..segment.peers import ecatsim
 from .turns import Tools
 
 LINES = (("troll", 8), ((8, 32), 8), ((199, 8), 199))

@@ -8,8 +8,8 @@ from typing import Any
 
 from ecatd.model.errors import StateError
 
+from .frames import BRD, ETHERTYPE, LRW, datagrams
 from .peers import SIMULATOR
-from .segment import BRD, ETHERTYPE, LRW, datagrams
 
 _ATTEMPTS = 200
 

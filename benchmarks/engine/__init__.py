@@ -1,0 +1,1 @@
+"""The speed of the cyclic engine beside other masters, and beside loads."""

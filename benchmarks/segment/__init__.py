@@ -1,0 +1,1 @@
+"""What answers: simulated slaves, the echo, and the frames that are sent to them."""

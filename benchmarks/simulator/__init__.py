@@ -1,0 +1,1 @@
+"""The speed of ecatsim beside a bare C echo."""
