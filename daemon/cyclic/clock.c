@@ -14,6 +14,7 @@ enum {
   PROPORTIONAL_BITS = 7,   /* gains: 2^(7-12) = 1/32, and 1/4096 */
   FILTER_BITS = 4,         /* of the phase that decides about the lock: 16 cycles */
   SETTLED_CYCLES = 100,
+  SILENT_CYCLES = 100,     /* without a measurement until the lock counts as lost */
   DRIFT_CYCLES = 4096,     /* over which the published drift is averaged: noise moves the integral */
   LIMIT = 1000             /* a deadline moves by 1/LIMIT of the cycle at most */
 };
@@ -71,9 +72,12 @@ void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns) {
   struct clock *clock = &c->clock;
   int64_t period = (int64_t)c->header->cycle_time_ns, limit = period / LIMIT, offset, wanted;
   int first = !clock->measured;
-  /* A clock of 32 bits starts again every 4.3 s. */
-  if (!first && time_ns >> 32 == 0)
-    time_ns = clock->time_ns + (uint64_t)(int64_t)(int32_t)((uint32_t)time_ns - (uint32_t)clock->time_ns);
+  /* A clock of 32 bits starts again every 4.3 s; how often it did so while no frame came back tells
+   * the time that has passed here. */
+  if (!first && time_ns >> 32 == 0) {
+    uint64_t expected = cyclic_clock_estimate(c);
+    time_ns = expected + (uint64_t)(int64_t)(int32_t)((uint32_t)time_ns - (uint32_t)expected);
+  }
   clock->time_ns = time_ns;
   clock->send_ns = c->send_ns;
   clock->measured = 1;
@@ -98,6 +102,13 @@ void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns) {
 void cyclic_clock_follow(cyclic_t *c) {
   struct clock *clock = &c->clock;
   c->deadline_ns += (uint64_t)clock->correction;
+  if (clock->send_ns == c->send_ns) {
+    clock->silent = 0;
+  } else if (++clock->silent >= SILENT_CYCLES) { /* whatever it shows now, nobody follows it */
+    clock->silent = SILENT_CYCLES;
+    clock->settled = 0;
+    clock->state = ECAT_DC_LOCKING;
+  }
   /* Without a measurement in the next cycle the speed stays, and the phase is not corrected. */
   clock->correction = clamp(clock->integral >> FRACTION_BITS,
                             (int64_t)c->header->cycle_time_ns / LIMIT);

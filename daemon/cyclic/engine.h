@@ -83,7 +83,7 @@ struct clock {
   int64_t integral, fraction, filtered;
   int64_t drift, drifts;   /* mean of the integral, and of how many of them */
   int64_t correction;      /* of the next deadline, in ns */
-  uint32_t settled, state, told_state;
+  uint32_t settled, silent, state, told_state;
 };
 
 /* What the engine knows about a client. */
@@ -121,7 +121,8 @@ struct cyclic {
   uint32_t ports;
   int timer_fd;                            /* ends waiting for frames */
   int send_error[MAX_PORTS];
-  uint32_t ring, told_ring, ring_break;    /* of this cycle, ECAT_RING_NONE: nothing is known */
+  uint32_t ring, ring_break;               /* of this cycle, ECAT_RING_NONE: nothing is known */
+  uint32_t told_ring, told_break;
   uint32_t found, al_status, told_found, told_al_status, silent;
 
   struct clock clock;

@@ -462,7 +462,7 @@ def test_a_lock_that_is_lost_and_found_again(
                 ),
                 lambda: heard,
             )
-    lost = "warning: the cycle has lost the clock of slave 0 (S0): it is "
+    lost = "warning: the cycle has lost the clock of slave 0 (S0): it was "
     found = "the cycle follows the clock of slave 0 (S0) again"
     wait_until(lambda: lost in daemon.log, lambda: daemon.log)
     wait_until(lambda: found in daemon.log.split(lost)[-1], lambda: daemon.log)

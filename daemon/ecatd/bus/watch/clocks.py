@@ -13,8 +13,11 @@ from ..engine import Event
 from ..mailbox import Mailbox
 from ..segment import Segment
 from ..start.clocks import IN_STEP_NS, Clocks
+from .paced import Paced
 
 _PERIOD = 1.0
+_AGAIN_NS = IN_STEP_NS // 2
+"""How close a clock comes back before that is told: one at the limit would be told for ever."""
 
 
 class ClockWatch:
@@ -41,22 +44,29 @@ class ClockWatch:
         self._mailbox = mailbox
         self._log = log
         self._tell = tell
-        self._state = DcState.LOCKED
+        self._lost = False  # at least once
         self._astray: set[int] = set()
+        self._states = Paced(self._tell_state, _PERIOD)
 
     def handle(self, event: Event) -> None:
-        """Tells that the cycle has lost the reference clock, or found it again."""
+        """The cycle has lost the reference clock, or found it again."""
+        if self._lost or event.value != DcState.LOCKED:  # the lock of the start is no news
+            self._lost = True
+            self._states.note(event)
+
+    def close(self) -> None:
+        """Tells nothing any more; on the event loop's thread."""
+        self._states.close()
+
+    def _tell_state(self, event: Event) -> None:
         state, health = DcState(event.value), self._segment.health
-        if state == self._state:
-            return  # the lock of the start
-        self._state = state
         reference = self._clocks.reference.label
         if state == DcState.LOCKED:
             self._log.info(f"the cycle follows the clock of {reference} again")
         else:
             self._log.warning(
-                f"the cycle has lost the clock of {reference}: it is "
-                f"{health.dc_offset_ns / 1000:.1f} µs from it"
+                f"the cycle has lost the clock of {reference}: it was "
+                f"{health.dc_offset_ns / 1000:.1f} µs from it when that was last read"
             )
         self._tell(
             "clock",
@@ -86,8 +96,9 @@ class ClockWatch:
         return differences
 
     def _judge(self, slave: Slave, difference: int) -> None:
-        astray = abs(difference) > IN_STEP_NS
-        if astray == (slave.position in self._astray):
+        known = slave.position in self._astray
+        astray = abs(difference) > (_AGAIN_NS if known else IN_STEP_NS)
+        if astray == known:
             return
         self._astray ^= {slave.position}
         if astray:

@@ -114,6 +114,8 @@ class Monitor:
             self._thread.join()
         for item in self._working_counters:
             item.close()
+        if self._clocks is not None:
+            self._clocks.close()
         self._wire.close()
 
     def _watch_events(self, loop: asyncio.AbstractEventLoop) -> None:
