@@ -15,17 +15,16 @@ uint64_t cyclic_now(void) {
 /* Which domains take part in this cycle. One that should have done so in a cycle that was missed
  * does it now, and then goes on with its old grid. */
 static void choose_domains(cyclic_t *c) {
+  uint64_t left_out;
   uint32_t i;
   c->due = 0;
   for (i = 0; i < c->domains; i++) {
     struct domain *domain = &c->domain[i];
     if (c->cycle < domain->next_cycle) continue;
     c->due |= 1u << i;
-    domain->next_cycle += domain->divider;
-    while (domain->next_cycle <= c->cycle) {
-      domain->next_cycle += domain->divider;
-      counter_add(&domain->status->overruns, 1);
-    }
+    left_out = (c->cycle - domain->next_cycle) / domain->divider;
+    domain->next_cycle += (left_out + 1) * domain->divider;
+    if (left_out > 0) counter_add(&domain->status->overruns, left_out);
     domain->wkc = 0;
     domain->complete = 1;
     memcpy(domain->image, c->outputs + domain->output_base, domain->output_bytes);

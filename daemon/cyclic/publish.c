@@ -28,27 +28,28 @@ enum { SILENT_CYCLES = 3 }; /* without a frame until the slaves count as gone */
 
 void cyclic_publish_bus(cyclic_t *c) {
   if (c->silent >= SILENT_CYCLES) c->found = c->al_status = 0;
-  if (c->found != c->told_found || c->al_status != c->told_al_status) {
-    __atomic_store_n(&c->health->slaves_found, c->found, __ATOMIC_RELAXED);
-    __atomic_store_n(&c->health->al_status, c->al_status, __ATOMIC_RELAXED);
-    if (cyclic_emit(c, CYCLIC_EVENT_SLAVES, (int32_t)c->found, -1, c->al_status)) {
-      c->told_found = c->found;
-      c->told_al_status = c->al_status;
-    }
+  /* What is published must not depend on whether there is room for an event. */
+  __atomic_store_n(&c->health->slaves_found, c->found, __ATOMIC_RELAXED);
+  __atomic_store_n(&c->health->al_status, c->al_status, __ATOMIC_RELAXED);
+  if ((c->found != c->told_found || c->al_status != c->told_al_status) &&
+      cyclic_emit(c, CYCLIC_EVENT_SLAVES, (int32_t)c->found, -1, c->al_status)) {
+    c->told_found = c->found;
+    c->told_al_status = c->al_status;
   }
-  if (c->ring != ECAT_RING_NONE &&
-      (c->ring != c->told_ring ||
-       (c->ring == ECAT_RING_OPEN && c->ring_break != c->health->ring_break))) {
+  if (c->ring != ECAT_RING_NONE) {
     __atomic_store_n(&c->health->ring, c->ring, __ATOMIC_RELAXED);
     __atomic_store_n(&c->health->ring_break, c->ring_break, __ATOMIC_RELAXED);
-    if (cyclic_emit(c, CYCLIC_EVENT_RING, (int32_t)c->ring_break, -1, c->ring))
+    if ((c->ring != c->told_ring ||
+         (c->ring == ECAT_RING_OPEN && c->ring_break != c->told_break)) &&
+        cyclic_emit(c, CYCLIC_EVENT_RING, (int32_t)c->ring_break, -1, c->ring)) {
       c->told_ring = c->ring;
+      c->told_break = c->ring_break;
+    }
   }
-  if (c->clock.state != c->clock.told_state) {
-    __atomic_store_n(&c->health->dc_state, c->clock.state, __ATOMIC_RELAXED);
-    if (cyclic_emit(c, CYCLIC_EVENT_CLOCK, -1, -1, c->clock.state))
-      c->clock.told_state = c->clock.state;
-  }
+  __atomic_store_n(&c->health->dc_state, c->clock.state, __ATOMIC_RELAXED);
+  if (c->clock.state != c->clock.told_state &&
+      cyclic_emit(c, CYCLIC_EVENT_CLOCK, -1, -1, c->clock.state))
+    c->clock.told_state = c->clock.state;
 }
 
 static void forget(void *base, size_t from, size_t to) { memset((uint8_t *)base + from, 0, to - from); }

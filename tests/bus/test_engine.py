@@ -371,6 +371,65 @@ def test_the_cycle_follows_the_reference_clock():
         assert states[:3] == [shm.DcState.LOCKED, shm.DcState.LOCKING, shm.DcState.LOCKED]
 
 
+NARROW = """
+from ecatsim import Chip, Rig
+from ecatsim.devices.generic import Loopback
+
+class Narrow(Loopback):
+    chip = Chip(fmmus=4, sync_managers=4, dc_bits=32)
+
+def rig():
+    return Rig("narrow", [Narrow(), Loopback()])
+"""
+
+
+@pytest.fixture
+def narrow(tmp_path):
+    """A rig whose reference clock has 32 bits."""
+    file = tmp_path / "narrow.py"
+    file.write_text(NARROW)
+    return str(file)
+
+
+@in_namespace
+def silent_clock(rig):
+    with bench(2, cycle_us=1000, rig=rig) as b:
+        b.start(clock=CLOCK)
+        health = b.segment.health
+        until(lambda: health.dc_state == shm.DcState.LOCKED, "the lock")
+        switch(MASTER, False)
+        until(lambda: health.dc_state == shm.DcState.LOCKING, "the loss of the lock")
+        last, begin = health.dc_time_ns, time.monotonic_ns()
+        time.sleep(2.3)  # more than half a round of such a clock
+        assert health.dc_time_ns == last
+        switch(MASTER, True)
+        until(lambda: health.dc_time_ns != last, "the clock")
+        passed = health.dc_time_ns - last
+        assert abs(passed - (time.monotonic_ns() - begin)) < 1_000_000_000, passed
+        until(lambda: health.dc_state == shm.DcState.LOCKED, "the lock")
+        states = [e.value for e in b.events() if e.type == EventType.CLOCK]
+        assert states == [shm.DcState.LOCKED, shm.DcState.LOCKING, shm.DcState.LOCKED]
+
+
+def test_a_reference_clock_that_is_silent_for_a_while(narrow):
+    silent_clock(narrow)
+
+
+@in_namespace
+def test_what_is_published_needs_nobody_who_reads_events():
+    with bench(3) as b:
+        b.start()
+        health = b.segment.health
+        for _ in range(150):  # more than the engine keeps
+            b.esc.break_link(2, 0, True)
+            until(lambda: health.slaves_found == 2, "the loss")
+            b.esc.break_link(2, 0, False)
+            until(lambda: health.slaves_found == 3, "the return")
+        seen = [e.slave for e in b.events() if e.type == EventType.SLAVES]
+        assert len(seen) < 256
+        assert seen[-1] == 3
+
+
 @in_namespace
 def test_slaves_follow_the_reference_clock():
     with bench(4, cycle_us=1000) as b:
