@@ -246,6 +246,23 @@ def test_broken_toml_names_file_and_line(tmp_path: Path) -> None:
         load(tmp_path, "bus = 'x'\ninterface =\n")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "state_timeout_s = 1" + 400 * "0",
+        "[[dc.slave]]\nslave = 0\nshift_us = 1" + 400 * "0",
+        "cycle_time_us = 1" + 5000 * "0",
+        "cycle_time_us = 0x1" + 5000 * "0",
+        "domain = " + 3000 * "[" + 3000 * "]",
+    ],
+    ids=["float", "shift", "digits", "hexadecimal", "brackets"],
+)
+def test_values_beyond_all_measure_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r"ecat0\.toml") as caught:
+        load(tmp_path, text)
+    assert "\n" not in str(caught.value)
+
+
 def test_missing_and_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         Config.load(tmp_path / "none.toml")

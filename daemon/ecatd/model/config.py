@@ -228,14 +228,15 @@ class Config:
         """
         try:
             text = file.read_text("utf-8")
-            data = tomllib.loads(text)
+            return _Reader(str(file), text).read(tomllib.loads(text))
         except OSError as error:
             raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
         except UnicodeDecodeError as error:
             raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
         except tomllib.TOMLDecodeError as error:
             raise ConfigError(f"{file}: is no valid TOML: {error}") from error
-        return _Reader(str(file), text).read(data)
+        except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
+            raise ConfigError(f"{file}: has a value beyond all measure: {error}") from error
 
 
 # Key -> (type, smallest, largest); bounds count for numbers only.
@@ -511,13 +512,12 @@ class _Reader:
             if value is None:
                 continue  # from `to_dict`, for a default that other keys decide; TOML has no null
             kind, low, high = rules[key]
-            if kind is float and type(value) is int:
-                value = float(value)
-            if kind is not object and type(value) is not kind:
+            whole = kind is float and type(value) is int
+            if kind is not object and type(value) is not kind and not whole:
                 self._fail(table, key, f"must be {_TYPE_WORDS[kind]}, not {value!r}", row)
             if kind in (int, float) and not low <= value <= high:
                 self._fail(table, key, f"is {value}, but must be from {low} to {high}", row)
-            checked[key] = value
+            checked[key] = float(value) if whole else value
         return checked
 
     def _fail(self, table: str, key: str, message: str, row: int = 0) -> NoReturn:
