@@ -97,8 +97,9 @@ class ForeignWatch:
 
     def reopen(self, number: int) -> None:
         """Opens the socket of an interface again that was made again; raises as the constructor."""
+        new = self._open(self._interfaces[number])
         self._sockets[number].close()
-        self._sockets[number] = self._open(self._interfaces[number])
+        self._sockets[number] = new
 
     def look(self, number: int) -> Foreign:
         """What has come in on an interface since the last look."""
