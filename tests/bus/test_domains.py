@@ -2,6 +2,7 @@
 
 import mmap
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -293,6 +294,37 @@ def test_what_cannot_work_is_refused(
     assert found == status, log
     assert f"ecatd: error: {what}" in log
     assert "Traceback" not in log
+
+
+UNWATCHED = """
+from ecatsim import Rig
+from ecatsim.devices.generic import Loopback
+from ecatsim.slave.sii import SmType, SyncManager
+
+class Unwatched(Loopback):
+    sync_managers = (
+        SyncManager(SmType.OUTPUTS, 0x1000, 32, 0x24),
+        SyncManager(SmType.INPUTS, 0x1100, 32, 0x20),
+    )
+
+def rig():
+    return Rig("unwatched", [Unwatched(), Loopback()])
+"""
+
+
+def test_a_slow_domain_does_not_hold_up_a_stop(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    rig = tmp_path / "unwatched.py"
+    rig.write_text(UNWATCHED)
+    slow = "[[domain]]\nslaves = [1]\n[[domain]]\ndivider = 60000\nslaves = [0]\n"
+    daemon = start_daemon(str(rig), ready=False, config=f"[gateway]\nlisten = []\n{slow}")
+    while not list(SHM.glob(f"ecat.{daemon.bus}.out")):  # the exchange begins
+        assert daemon.process.poll() is None, daemon.log
+        time.sleep(0.01)
+    daemon.stop()
+    assert "it is killed" not in daemon.log
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
 
 
 def test_outputs_just_in_time_for_the_watchdog(start_daemon: Callable[..., Daemon]) -> None:

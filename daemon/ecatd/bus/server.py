@@ -36,6 +36,9 @@ from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
 _STOP_TIMEOUT = 1.0
+_SAFE_TIMEOUT = 5.0
+"""Seconds in which safe outputs go out before SAFEOP has the slaves make theirs safe: slower
+domains must not keep the service waiting until it kills this process (`service/supervisor.py`)."""
 _UPWARDS = (AlState.PREOP, AlState.SAFEOP)
 
 
@@ -215,7 +218,7 @@ class BusServer:
         if engine is not None:
             engine.make_safe()
             cycles = _STOP_CYCLES + self.bus.output_cycles
-            await asyncio.sleep(cycles * self._config.cycle_time_us * 1e-6)
+            await asyncio.sleep(min(cycles * self._config.cycle_time_us * 1e-6, _SAFE_TIMEOUT))
         if self._monitor is not None:
             self._monitor.close()
         await asyncio.to_thread(self._mailbox.close)

@@ -224,6 +224,8 @@ class BringUp:
         while segment.header.cycle < first + cycles:
             if time.monotonic() > deadline:
                 raise StateError("the cyclic engine does not run")
+            if self._cancelled():
+                raise StateError("stopped while outputs were sent for the first time")
             time.sleep(cycle_s)
         master.reach(AlState.OP, self._config.state_timeout_s)
 
