@@ -17,6 +17,7 @@ from ecatd.bus.layout import lay_out
 from ecatd.bus.segment import Segment
 from ecatd.cli import info
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
+from ecatd.dc import read_clocks
 from ecatd.model.errors import (
     EcatError,
     NotPermittedError,
@@ -180,6 +181,12 @@ def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -
     setattr(segment.header, field, value)
     with pytest.raises(StateError, match=r"is damaged|speaks layout"):
         read(name_of(segment))
+
+
+def test_slaves_beyond_all_measure_are_refused(segment: Segment) -> None:
+    segment.header.slave_count = 0xFFFFFFFF
+    with pytest.raises(StateError, match=r"is damaged \(table ecat_shm_slave\)"):
+        read_clocks(name_of(segment))
 
 
 def test_a_damaged_table_is_refused(segment: Segment) -> None:

@@ -99,6 +99,15 @@ def test_each_command_reaches_whom_it_should() -> None:
         assert len(wire.frames) == 2
 
 
+def test_frames_that_are_lost_together_are_sent_again_in_order() -> None:
+    with bus(Chip()) as (registers, _segment, wire):
+        wire.lose, wire.unseen = lambda number: number < 3, True
+        data = [bytes([value]) * 800 for value in (1, 2, 3)]
+        written = registers.exchange([fpwr(0x1001, PROCESS_MEMORY, item) for item in data])
+        assert [answer.wkc for answer in written] == [1, 1, 1]
+        assert registers.read_all([0x1001], PROCESS_MEMORY, 800) == [(data[-1], 1)]
+
+
 def test_frames_are_full_and_have_indices_of_their_own() -> None:
     with bus(Chip()) as (registers, _segment, wire):
         assert registers.exchange([]) == []

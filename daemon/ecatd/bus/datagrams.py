@@ -166,7 +166,7 @@ class Datagrams:
                 continue
             received = self._receive(deadline)
             if received is None:  # late or lost
-                waiting += [frame for frame in flying.values() if frame.tries > 0]
+                waiting += [frame for frame in reversed(flying.values()) if frame.tries > 0]
                 flying.clear()
             elif (sent := flying.get(received[17])) and _take(received, sent, datagrams, answers):
                 del flying[sent.index]

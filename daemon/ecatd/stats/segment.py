@@ -203,7 +203,9 @@ class OpenSegment:
     def rows(self, name: str, offset: int, count: int) -> list[Any]:
         """Copies of the rows of a table."""
         length = count * shm.size(name)
-        data = os.pread(self._fd, length, offset) if offset % 8 == 0 else b""
+        if offset % 8 or length > os.fstat(self._fd).st_size:
+            raise self.damaged(f"table {name}")
+        data = os.pread(self._fd, length, offset)
         if len(data) != length:
             raise self.damaged(f"table {name}")
         return list((shm.struct(name) * count).from_buffer_copy(data))
