@@ -1,6 +1,8 @@
 """`ecatctl` against a live daemon: what it prints, and its exit statuses."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -211,3 +213,19 @@ def test_names_that_are_no_identifiers_generate_all_the_same(
     assert len(files) >= 8
     for file in files:
         assert parse(file.read_text()) is not None, file
+
+
+@pytest.mark.parametrize("command", [["stats"], ["client-flags"]])
+def test_an_output_that_cannot_be_written(troll: Daemon, command: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "ecatd.cli", *command],
+            env=troll.env,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    assert result.returncode == 7
+    assert result.stderr == "ecatctl: the output cannot be written: No space left on device\n"

@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from ecatd.client.remote import Remote
 from ecatd.model.datatypes import TYPE_NAMES
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.stats import TIMES
 from ecatd.version import VERSION
 
@@ -206,25 +206,37 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _run(options: argparse.Namespace) -> None:
+    if alone := getattr(options, "alone", None):  # finds its own way to the bus, if it needs one
+        alone(options)
+        return
+    with Remote(options.bus, options.connect, options.timeout) as remote:
+        options.run(remote, options)
+
+
+def _write_no_more() -> None:
+    """What is left in the buffer goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def main() -> int:
     """Runs one command; returns the exit status."""
     options = _parser().parse_args()
     try:
-        if alone := getattr(
-            options, "alone", None
-        ):  # finds its own way to the bus, if it needs one
-            alone(options)
-            return 0
-        with Remote(options.bus, options.connect, options.timeout) as remote:
-            options.run(remote, options)
+        _run(options)
+        sys.stdout.flush()  # what cannot be written is told here, not by a traceback at the end
     except EcatError as error:
         if options.json:
             _print_error(error)
         print(f"ecatctl: {error}", file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _write_no_more()
         return 0
+    except OSError as error:
+        _write_no_more()
+        print(f"ecatctl: the output cannot be written: {error.strerror}", file=sys.stderr)
+        return StateError.exit_code
     except KeyboardInterrupt:
         return 130
     return 0
