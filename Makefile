@@ -54,12 +54,15 @@ demo: $(VENV)/.demo
 
 # Most people start as an ordinary user, so a part of the tests is run as one, too: in a user
 # namespace in which this process is user 1000 and has no rights beyond it.
+# Most tests wait most of the time, so there is one process for each processor. Files stay whole.
+PARALLEL := --numprocesses auto --dist loadfile
+
 test: $(VENV)/.test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
 	@if [ "$$(id -u)" = 0 ]; then \
 	  echo "The same as an ordinary user:"; \
 	  unshare --user --map-user=1000 --map-group=1000 \
-	    $(BIN)/python -m pytest -p no:cacheprovider -m unprivileged; fi
+	    $(BIN)/python -m pytest $(PARALLEL) -p no:cacheprovider -m unprivileged; fi
 
 # On an idle machine; as root with real-time priority, as everyone else without.
 bench bench-full: $(VENV)/.bench

@@ -72,6 +72,7 @@ static off_t slot_at(const cyclic_t *c, uint32_t number) {
 
 static void read_claims(cyclic_t *c, uint32_t number) {
   struct slot *slot = &c->slot[number];
+  int safe = __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED);
   ecat_out_slot want;
   uint32_t i;
   if (pread(c->out_fd, &want, sizeof want, slot_at(c, number)) != (ssize_t)sizeof want) return;
@@ -81,7 +82,7 @@ static void read_claims(cyclic_t *c, uint32_t number) {
   for (i = 0; i < c->header->slave_count; i++) {
     int wanted = (int)(want.claims[i / 64] >> (i % 64) & 1);
     int32_t owner = c->slave_status[i].owner;
-    if (wanted && owner < 0 && c->slaves[i].output_bytes > 0 && !c->make_safe) {
+    if (wanted && owner < 0 && c->slaves[i].output_bytes > 0 && !safe) {
       set_owner(c, i, (int32_t)number, ECAT_OUTPUTS_CLAIMED, c->slave_status[i].reason);
       slot->owned++;
       cyclic_emit(c, CYCLIC_EVENT_CLAIMED, (int32_t)i, (int32_t)number, 0);

@@ -223,7 +223,7 @@ def master_homing(methods):
         axis.until(lambda: axis.has(BIT_12 | REACHED) and abs(axis.at - 1000) < 300)
         found[method] = axis.inputs & 3
         axis.position, axis.word = TURN // 3 * (-1 if method in (2, 18, 34) else 1), 0x4F
-        axis.cycle()
+        axis.until(lambda: not axis.has(BIT_12))  # it has seen that the last one is over
         axis.word |= NEW  # away from it, to the inside
         axis.until(lambda: axis.has(BIT_12 | REACHED) and abs(axis.at - 1000) > 20_000)
         axis.word = 0x0F
