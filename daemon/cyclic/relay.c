@@ -26,6 +26,8 @@ enum {
   AT_ONCE = 64               /* frames taken before the time is looked at again */
 };
 
+#define FREE_PART_MIN 0.1 /* a cycle that leaves less must not stop mailboxes altogether */
+
 /* Commands with positions (ETG.1000.4). */
 enum { APRD = 1, APWR = 2, APRW = 3, ARMW = 13 };
 
@@ -40,6 +42,7 @@ struct cyclic_relay {
   pthread_t thread;
 
   uint64_t free_ns;     /* when the share allows the next frame */
+  double free_part;     /* of the cycle that the exchange leaves free, averaged */
   uint64_t typical_ns;  /* that a frame is on the wire, averaged */
 
   /* The frame that is being served. */
@@ -241,6 +244,18 @@ static uint64_t receive(cyclic_relay_t *r, uint64_t until_ns) {
 
 /* --- serving -------------------------------------------------------------------------------- */
 
+/* How much of the cycle is free: from the end of the last exchange to the deadline that follows. */
+static void look_at_free_time(cyclic_relay_t *r) {
+  const ecat_shm_header *header = r->engine->header;
+  uint64_t end = __atomic_load_n(&header->cycle_end_ns, __ATOMIC_RELAXED);
+  uint64_t deadline = cyclic_deadline(r->engine), period = header->cycle_time_ns;
+  double part;
+  if (end >= deadline || deadline - end > period) return; /* that one is not known yet */
+  part = (double)(deadline - end) / (double)period;
+  r->free_part += (part - r->free_part) / 8;
+  if (r->free_part < FREE_PART_MIN) r->free_part = FREE_PART_MIN;
+}
+
 static void account(cyclic_relay_t *r, uint64_t came_ns, uint64_t sent_ns, uint64_t back_ns) {
   uint64_t on_wire = back_ns > 0 ? back_ns - sent_ns : r->typical_ns;
   ecat_shm_health *health;
@@ -249,8 +264,9 @@ static void account(cyclic_relay_t *r, uint64_t came_ns, uint64_t sent_ns, uint6
     r->typical_ns = (7 * r->typical_ns + (on_wire < most ? on_wire : most)) / 8;
   }
   if (r->engine == NULL) return;
+  look_at_free_time(r);
   if (r->free_ns < sent_ns) r->free_ns = sent_ns;
-  r->free_ns += (uint64_t)((double)on_wire / r->settings.share);
+  r->free_ns += (uint64_t)((double)on_wire / (r->settings.share * r->free_part));
   health = r->engine->health;
   counter_add(&health->mailbox_frames, 1);
   if (back_ns > 0) {
@@ -361,6 +377,7 @@ void cyclic_relay_follow(cyclic_relay_t *r, cyclic_t *engine) {
   r->engine = engine;
   if (engine != NULL) engine->relay = r;
   r->free_ns = 0;
+  r->free_part = 1;
   pthread_mutex_unlock(&r->lock);
 }
 

@@ -15,7 +15,7 @@ enum {
 };
 
 typedef struct cyclic_relay_settings {
-  double share;          /* of the time that its frames may be on the wire, above 0 to 1 */
+  double share;          /* of the free time that its frames may be on the wire, above 0 to 1 */
   uint64_t patience_ns;  /* the longest time that a frame waits for its share */
   uint64_t answer_ns;    /* a frame that is not back after this time is lost */
   int32_t priority;      /* SCHED_FIFO priority, below that of the engine; 0: ordinary scheduling */

@@ -149,6 +149,26 @@ def test_the_share_is_respected(share: float) -> None:
     assert 0 < part < 1.1 * share  # what the last frames owe has not been paid yet
 
 
+def master_beside_long_exchanges(share: float) -> Any:
+    with Simulator() as simulator, bus(mailbox={"share": share}, cycle_time_us=10_000) as up:
+        assert up.master is not None
+        simulator.faults.delay(6000, every=1, count=0)
+        assert up.segment is not None
+        cycle = up.segment.health.cycle
+        before, busy_ns, begin = counters(up), cycle.sum_ns, time.monotonic()
+        for _ in range(150):
+            read_vendor(up.master, 0)
+        elapsed = time.monotonic() - begin
+        free = 1 - (cycle.sum_ns - busy_ns) * 1e-9 / elapsed
+        return [free, (counters(up)["mailbox_ns"] - before["mailbox_ns"]) * 1e-9 / elapsed]
+
+
+def test_the_share_is_one_of_the_free_time() -> None:
+    free, part = run("troll", master_beside_long_exchanges, 0.05)
+    assert 0.1 < free < 0.5
+    assert 0 < part < 1.1 * 0.05 * free
+
+
 def left_over() -> list[Any]:
     """Threads and files of this process; sockets by kind, as their numbers differ."""
     tasks = Path("/proc/self/task").iterdir()

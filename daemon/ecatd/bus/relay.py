@@ -60,8 +60,8 @@ class Relay:
     Args:
         sockets: One from `open_socket` for each interface, with the indices of SOEM and of register
             access: one, or two with cable redundancy. They are the relay's from now on.
-        share: Share of the time that its frames may be on the wire while the cycle runs, above 0
-            to 1.
+        share: Share of the time that the cycle leaves free in which its frames may be on the wire,
+            above 0 to 1.
         priority: SCHED_FIFO priority, below that of the engine; 0 for ordinary scheduling.
 
     Attributes:
