@@ -56,7 +56,8 @@ def write_rig(folder: Path, count: int, size: int) -> Path:
     file = folder / f"cells_{count}x{size}.py"
     file.write_text(
         f"import sys\nsys.path.append({str(ROOT)!r})\n"
-        f"from benchmarks.segment.cells import line\n\ndef rig():\n    return line({count}, {size})\n"
+        f"from benchmarks.segment.cells import line\n\n"
+        f"def rig():\n    return line({count}, {size})\n"
     )
     return file
 
