@@ -65,6 +65,7 @@ class WireWatch:
         self._log = log
         self._tell = tell
         self._sending = [Paced(self._tell_sending, _PERIOD) for _ in running.interfaces]
+        self._link_changes = [Paced(self._tell_link, _PERIOD) for _ in running.interfaces]
         self._ring: Event | None = None
         self._untold_break: Event | None = None
         self._ring_told = ""
@@ -87,7 +88,7 @@ class WireWatch:
 
     def close(self) -> None:
         """Ends the watch; on the event loop's thread."""
-        for item in self._sending:
+        for item in (*self._sending, *self._link_changes):
             item.close()
         if self._ring_timer is not None:
             self._ring_timer.cancel()
@@ -215,17 +216,20 @@ class WireWatch:
                 return  # it has just been switched on, which will be told
         if now.link == shm.Link.DOWN and before.link != shm.Link.GONE:
             # Perhaps it is about to vanish.
-            asyncio.get_running_loop().call_later(_SETTLED, self._tell_link, number, now)
+            asyncio.get_running_loop().call_later(_SETTLED, self._note_link, number, now)
         elif now.link != before.link:
-            self._tell_link(number, now)
+            self._note_link(number, now)
 
-    def _tell_link(self, number: int, now: LinkState) -> None:
-        interface = self._interfaces[number]
-        if now != self._links.states[number]:
-            return
-        text = f"{interface}: {_LINKS[now.link].format(interface)}"
-        (self._log.info if now.link == shm.Link.UP else self._log.error)(text)
-        self._tell("link", interface=interface, state=now.link.name.lower(), text=text)
+    def _note_link(self, number: int, now: LinkState) -> None:
+        if now == self._links.states[number]:
+            self._link_changes[number].note(Event(slot=number, value=now.link))
+
+    def _tell_link(self, event: Event) -> None:
+        """Tells the state of a link; at most once a second, as a loose plug changes it for long."""
+        interface, link = self._interfaces[event.slot], shm.Link(event.value)
+        text = f"{interface}: {_LINKS[link].format(interface)}"
+        (self._log.info if link == shm.Link.UP else self._log.error)(text)
+        self._tell("link", interface=interface, state=link.name.lower(), text=text)
 
     def _take_new(self, number: int, now: LinkState) -> None:
         """Moves to an interface that was made again, and switches it on: nobody switched it off."""
