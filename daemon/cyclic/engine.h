@@ -30,7 +30,7 @@ enum {
   ETHERNET_MIN = 60,
   PAYLOAD_MAX = 1498,     /* of datagrams in one frame */
   SOURCE_RUN_AT = 7,      /* bytes of the source address that name the run */
-  SOURCE_PORT_AT = 11,    /* and the port by which the frame left */
+  SOURCE_PORT_AT = 11,    /* its lowest bit is the port by which the frame left */
   INDEX_AT = FIRST_DATAGRAM + 1
 };
 

@@ -87,11 +87,13 @@ static void pack(cyclic_t *c) {
   c->packed = c->due;
 }
 
-/* The index of the first datagram chooses the socket and counts to 127; those of the others go on
- * counting, so that a frame that was under way for long is not taken for a new one. */
+/* The index of the first datagram chooses the socket and counts to 127. The last byte of the source
+ * address and, where there are any, the indices of the other datagrams go on counting, so that a
+ * frame that was under way for long is not taken for a new one. */
 static void fill(cyclic_t *c, struct frame *frame) {
   uint32_t i;
   uint8_t tag = (uint8_t)(c->sent >> 7);
+  frame->bytes[SOURCE_PORT_AT] = (uint8_t)(tag << 1);
   for (i = 0; i < frame->count; i++) {
     const struct datagram *d = &c->datagram[c->order[frame->first + i]];
     uint8_t *at = frame->bytes + c->position[frame->first + i];
@@ -116,6 +118,7 @@ int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const u
                            size_t length) {
   uint32_t i;
   if (length < frame->length) return 0;
+  if (((bytes[SOURCE_PORT_AT] ^ frame->bytes[SOURCE_PORT_AT]) & ~1u) != 0) return 0;
   for (i = 0; i < frame->count; i++) {
     uint32_t at = c->position[frame->first + i];
     uint64_t sent = get64(frame->bytes + at), back = get64(bytes + at);

@@ -65,7 +65,7 @@ static void tell(cyclic_t *c, uint32_t port, int error) {
 }
 
 static int send_copy(cyclic_t *c, struct frame *frame, uint32_t port) {
-  frame->bytes[SOURCE_PORT_AT] = (uint8_t)port;
+  frame->bytes[SOURCE_PORT_AT] = (uint8_t)((frame->bytes[SOURCE_PORT_AT] & ~1u) | port);
   if (send(c->fd[port], frame->bytes, frame->length, MSG_DONTWAIT) != (ssize_t)frame->length)
     return errno;
   frame->pending |= (uint8_t)(1u << port);
@@ -117,7 +117,7 @@ static void note_ring(cyclic_t *c, const struct frame *frame, const uint8_t *byt
 static void accept_frame(cyclic_t *c, uint32_t port, size_t length) {
   const uint8_t *bytes = c->receive_buffer;
   struct frame *frame;
-  uint32_t number, sent_by = bytes[SOURCE_PORT_AT];
+  uint32_t number, sent_by = bytes[SOURCE_PORT_AT] & 1u;
   if (length <= INDEX_AT) return;
   if (memcmp(bytes + SOURCE_RUN_AT, c->source + 1, 4) != 0 || sent_by >= c->ports) {
     counter_add(&c->health->foreign, 1);

@@ -215,13 +215,13 @@ def test_slave_that_leaves_op_is_named(bench: Bench) -> None:
 def test_another_master_on_the_wire(bench: Bench) -> None:
     """One that does nothing but to send, with indices of the engine and addresses of its own."""
     lrd = "0a85000000702000 0000" + "00" * 34
-    frame = "ffffffffffff 001122334455 88a4 2c10" + lrd
+    frame = "ffffffffffff 041122334455 88a4 2c10" + lrd
     other = bench.start_inside("send", MASTER, frame, "3000", "0.001")
     # A slave sets a bit of the source address.
     bench.wait_for_log(
-        f"frames of another EtherCAT master on {MASTER} (source 02:11:22:33:44:55): "
+        f"frames of another EtherCAT master on {MASTER} (source 06:11:22:33:44:55): "
     )
-    bench.wait_for_event("foreign_master", interface=MASTER, source="02:11:22:33:44:55")
+    bench.wait_for_event("foreign_master", interface=MASTER, source="06:11:22:33:44:55")
     assert bench.health().foreign > 0
     bench.wait_for_data()
     other.wait()

@@ -408,7 +408,8 @@ def silent_clock(rig):
         assert abs(passed - (time.monotonic_ns() - begin)) < 1_000_000_000, passed
         until(lambda: health.dc_state == shm.DcState.LOCKED, "the lock")
         states = [e.value for e in b.events() if e.type == EventType.CLOCK]
-        assert states == [shm.DcState.LOCKED, shm.DcState.LOCKING, shm.DcState.LOCKED]
+        assert states[:2] == [shm.DcState.LOCKED, shm.DcState.LOCKING]
+        assert states[-1] == shm.DcState.LOCKED
 
 
 def test_a_reference_clock_that_is_silent_for_a_while(narrow):

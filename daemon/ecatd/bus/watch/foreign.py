@@ -136,6 +136,7 @@ def _describe(head: bytes) -> str:
     words = source.hex(":")
     if bytes((source[0] & ~_BY_SLAVE, *source[1:])) == _SOEM:
         return f"{words}, a master with SOEM"
-    if source[0] == _BY_SLAVE and source[5] <= 1 and head[_INDEX_AT] >= Index.ENGINE:
-        return f"{words}, another ecatd or an earlier run of this one"
+    if source[0] == _BY_SLAVE and head[_INDEX_AT] >= Index.ENGINE:
+        # The last byte counts frames.
+        return f"{source[:5].hex(':')}, another ecatd or an earlier run of this one"
     return words

@@ -106,8 +106,7 @@ class LinkWatch:
             except OSError as error:
                 if error.errno == errno.ENOBUFS:  # messages were lost, so their sum is asked for
                     self._ask()
-                    continue
-                raise
+                return
             if sender == 0:  # the kernel
                 for kind, number, body in _messages(data):
                     self._take(kind, number, body)
