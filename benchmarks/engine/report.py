@@ -21,7 +21,8 @@ send, and waits for them; it sleeps in `recv` (blocking) or polls the socket (bu
 - (b) *sleep*: `benchmarks/c/nanosleep.c`, a C loop that only wakes up on the grid: the limit of \
 the machine;
 - (c) *engine*: the cyclic engine of ecatd with its shared memory and all of its work, blocking \
-(as it is by default: it polls for 15 µs, `realtime.poll_us`, and then sleeps) and with \
+(as it is by default: where answers usually come within 30 µs, `realtime.poll_us`, it polls for \
+that long, and then it sleeps) and with \
 `busy_receive`; its times are the histograms that it keeps there;
 - (d) *pysoem*: `send_processdata()` and `receive_processdata()` in Python, over SOEM;
 - (e) *kickcat*: `process_data()` in Python, over C++.

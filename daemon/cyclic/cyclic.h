@@ -51,7 +51,7 @@ typedef struct cyclic_settings {
   int32_t cpu;           /* CPU to run on, -1: any */
   int32_t lock_memory;   /* 1: lock the memory of the process */
   int32_t busy_receive;  /* 1: poll for the answer and never sleep */
-  int32_t poll_ns;       /* how long to poll for it otherwise, before sleeping */
+  int32_t poll_ns;       /* how long to poll for it otherwise, where it usually comes that soon */
   int32_t free_running;  /* 1: the next cycle follows at once; to measure, not for slaves */
 } cyclic_settings;
 

@@ -57,6 +57,7 @@ static void exchange(cyclic_t *c, uint64_t receive_until) {
   cyclic_wire_receive(c, receive_until);
   received = cyclic_now();
   cyclic_count(&c->health->exchange, received - c->send_ns);
+  c->typical_ns += ((int64_t)(received - c->send_ns) - c->typical_ns) / 16;
   for (i = 0; i < c->domains; i++)
     if (c->due >> i & 1) conclude_domain(c, i, received);
   cyclic_publish_bus(c);

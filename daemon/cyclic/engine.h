@@ -145,6 +145,7 @@ struct cyclic {
   uint64_t next_ns;               /* the same for other threads */
   uint64_t now_ns;                /* start of the current cycle */
   uint64_t send_ns;
+  int64_t typical_ns;             /* of an exchange, averaged */
   uint64_t overrun_told_ns;
   uint32_t overruns;              /* not told yet */
   pthread_t thread;

@@ -177,13 +177,14 @@ static void sleep_until_readable(cyclic_t *c, const int *usable) {
   (void)ppoll(sources, c->ports + 1, NULL, NULL); /* whatever it says, the next recv knows */
 }
 
-/* Waits for a frame: polls for a while, as falling asleep and waking up takes longer than short
- * ways do, then sleeps. The timer is set before the socket is looked at once more: a time-out of
+/* Waits for a frame. Where answers usually come that soon, it polls for a while, as falling asleep
+ * and waking up takes longer than short ways do; then it sleeps. The timer is set before the socket is looked at once more: a time-out of
  * ppoll would be set, and taken back, when the answer may already be there. 0: time is over. */
 static int wait_for_frame(cyclic_t *c, uint64_t deadline_ns, const int *usable, int *timer_set) {
   uint64_t now = cyclic_now();
+  int soon = c->typical_ns < c->settings.poll_ns;
   if (now >= deadline_ns) return 0;
-  if (c->settings.busy_receive || now - c->send_ns < (uint64_t)c->settings.poll_ns) return 1;
+  if (c->settings.busy_receive || (soon && now - c->send_ns < (uint64_t)c->settings.poll_ns)) return 1;
   if (*timer_set) {
     sleep_until_readable(c, usable);
   } else {

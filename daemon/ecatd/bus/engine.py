@@ -87,7 +87,8 @@ class RealTime:
         cpu: CPU to run on, -1 for any.
         lock_memory: Whether the memory of the process is locked.
         busy_receive: Whether the engine polls for the answer and never sleeps.
-        poll_us: How long it polls otherwise before it sleeps, in microseconds.
+        poll_us: How long it polls otherwise before it sleeps, in microseconds, where answers
+            usually come that soon.
         dma_latency_us: Longest time that processors may need to wake up, in microseconds;
             -1 leaves it as it is.
         free_running: Whether the next cycle follows at once; to measure, not for slaves.
@@ -97,7 +98,7 @@ class RealTime:
     cpu: int = -1
     lock_memory: bool = True
     busy_receive: bool = False
-    poll_us: int = 15
+    poll_us: int = 30
     dma_latency_us: int = -1
     free_running: bool = False
 

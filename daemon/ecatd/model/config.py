@@ -34,7 +34,8 @@ class RealTimeConfig:
         lock_memory: Lock the memory of the bus server.
         busy_receive: Poll for the answer of the slaves and never sleep: faster, but a core is busy
             whenever frames are under way.
-        poll_us: How long to poll otherwise before sleeping, in microseconds.
+        poll_us: How long to poll otherwise before sleeping, in microseconds, where answers usually
+            come that soon.
         dma_latency_us: Longest wake-up from an idle state that the CPUs may take, in
             microseconds (held through /dev/cpu_dma_latency); -1 leaves it to the system.
     """
@@ -43,7 +44,7 @@ class RealTimeConfig:
     cpu: int = -1
     lock_memory: bool = True
     busy_receive: bool = False
-    poll_us: int = 15
+    poll_us: int = 30
     dma_latency_us: int = 0
 
 
