@@ -76,7 +76,6 @@ struct domain {
 /* How the deadlines follow the reference clock; see clock.c. */
 struct clock {
   int32_t enabled, measured;
-  int32_t position;
   int64_t phase_ns, lock_ns;
   uint64_t time_ns;        /* of the reference clock, when the frame of `send_ns` passed it */
   uint64_t send_ns;

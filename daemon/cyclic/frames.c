@@ -8,6 +8,7 @@
  */
 #include "engine.h"
 
+#include <errno.h>
 #include <string.h>
 
 enum { BRD = 7, FRMW = 14, AL_STATUS = 0x0130, SYSTEM_TIME = 0x0910, MORE = 0x8000 };
@@ -27,13 +28,32 @@ void cyclic_frames_init(cyclic_t *c) {
   c->datagrams = 1;
 }
 
+int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
+                        uint32_t offset, uint32_t length, uint32_t wkc_expected) {
+  struct datagram *d = &c->datagram[c->datagrams];
+  uint32_t output_bytes;
+  if (domain >= c->domains || length == 0 || length > DOMAIN_DATAGRAM_MAX ||
+      offset > c->domain[domain].image_bytes || length > c->domain[domain].image_bytes - offset)
+    return -EINVAL;
+  if (c->datagrams == MAX_DATAGRAMS - 1) return -ENOSPC; /* one for the clock */
+  output_bytes = c->domain[domain].output_bytes;
+  describe(d, DOMAIN_DATAGRAM, command, address + offset, length);
+  d->domain = domain;
+  d->offset = offset;
+  d->outputs = offset >= output_bytes           ? 0
+               : length < output_bytes - offset ? length
+                                                : output_bytes - offset;
+  d->wkc_expected = wkc_expected;
+  c->datagrams++;
+  return 0;
+}
+
 void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock) {
   struct datagram *d = &c->datagram[1];
   memmove(d + 1, d, (c->datagrams - 1) * sizeof *d);
   describe(d, TIME_DATAGRAM, FRMW, (clock->address & 0xFFFF) | SYSTEM_TIME << 16, TIME_BYTES);
   c->datagrams++;
   c->clock.enabled = 1;
-  c->clock.position = clock->position;
   c->clock.phase_ns = clock->phase_ns;
   c->clock.lock_ns = clock->lock_ns;
   c->clock.state = c->clock.told_state = ECAT_DC_LOCKING;

@@ -79,31 +79,6 @@ cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint
   return NULL;
 }
 
-int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
-                        uint32_t offset, uint32_t length, uint32_t wkc_expected) {
-  struct datagram *d = &c->datagram[c->datagrams];
-  uint32_t output_bytes;
-  if (domain >= c->domains || length == 0 || length > DOMAIN_DATAGRAM_MAX ||
-      offset > c->domain[domain].image_bytes || length > c->domain[domain].image_bytes - offset)
-    return -EINVAL;
-  if (c->datagrams == MAX_DATAGRAMS - 1) return -ENOSPC; /* one for the clock */
-  output_bytes = c->domain[domain].output_bytes;
-  memset(d, 0, sizeof *d);
-  d->header[0] = (uint8_t)command;
-  put32(d->header + 2, address + offset);
-  put16(d->header + 6, length);
-  d->kind = DOMAIN_DATAGRAM;
-  d->domain = domain;
-  d->offset = offset;
-  d->length = length;
-  d->outputs = offset >= output_bytes           ? 0
-               : length < output_bytes - offset ? length
-                                                : output_bytes - offset;
-  d->wkc_expected = wkc_expected;
-  c->datagrams++;
-  return 0;
-}
-
 int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value, const uint8_t *hold) {
   const ecat_shm_slave *s;
   uint32_t at;

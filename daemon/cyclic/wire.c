@@ -178,8 +178,9 @@ static void sleep_until_readable(cyclic_t *c, const int *usable) {
 }
 
 /* Waits for a frame. Where answers usually come that soon, it polls for a while, as falling asleep
- * and waking up takes longer than short ways do; then it sleeps. The timer is set before the socket is looked at once more: a time-out of
- * ppoll would be set, and taken back, when the answer may already be there. 0: time is over. */
+ * and waking up takes longer than short ways do; then it sleeps. The timer is set before the socket
+ * is looked at once more: a time-out of ppoll would be set, and taken back, when the answer may
+ * already be there. 0: time is over. */
 static int wait_for_frame(cyclic_t *c, uint64_t deadline_ns, const int *usable, int *timer_set) {
   uint64_t now = cyclic_now();
   int soon = c->typical_ns < c->settings.poll_ns;

@@ -7,7 +7,6 @@ lock around it. The traps of pysoem that this module keeps others from are liste
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import socket
 import struct
@@ -30,7 +29,7 @@ from ecatd.model.errors import (
 )
 
 from .datagrams import Datagram, Datagrams, aprd, fprd, fpwr, source_address
-from .engine import Index, open_socket
+from .interface import needs_rights, open_for_control, own
 from .relay import Relay
 from .start.eeprom import Words, read_eeproms
 
@@ -49,8 +48,6 @@ _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5
 
 T = TypeVar("T")
-
-_SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
 
 
 @dataclass(slots=True)
@@ -109,9 +106,9 @@ class Master:
         self.stations: list[int] = []
         with contextlib.ExitStack() as stack:
             for name in interfaces:
-                stack.enter_context(_own(name))
+                stack.enter_context(own(name))
             self.relay = Relay(
-                [_open(name) for name in interfaces],
+                [open_for_control(name) for name in interfaces],
                 share,
                 priority,
             )
@@ -129,7 +126,7 @@ class Master:
         try:
             self._master.open(self._interface)
         except ConnectionError as error:
-            raise NotPermittedError(_needs_rights(self._interface)) from error
+            raise NotPermittedError(needs_rights(self._interface)) from error
         for fd in _packet_sockets() - before:
             os.dup2(self.relay.soem.fileno(), fd, inheritable=False)
         pysoem.settings.timeouts.ret = self.relay.timeout_us
@@ -144,7 +141,7 @@ class Master:
             UnreachableError: The interface is not there.
             NotPermittedError: The process may not use raw sockets any more.
         """
-        self.relay.set_socket(port, _open(self._names[port]))
+        self.relay.set_socket(port, open_for_control(self._names[port]))
 
     def scan(self) -> int:
         """Finds the slaves and asks all of them for PREOP; returns their number.
@@ -459,96 +456,6 @@ def _describe(item: Any) -> DictionaryObject:
 
 def _text(name: bytes | str) -> str:
     return name.decode("latin-1") if isinstance(name, bytes) else name
-
-
-def _needs_rights(interface: str) -> str:
-    return (
-        f"no right to use interface '{interface}' for EtherCAT, which needs CAP_NET_RAW and "
-        f"CAP_NET_ADMIN: run as root (`sudo`; the daemon: `systemctl start ecatd`), or try "
-        f"without hardware: `ecatd --simulate troll`, `ecatsim run troll`"
-    )
-
-
-def _open(interface: str) -> socket.socket:
-    """The relay's socket on an interface.
-
-    Raises:
-        UnreachableError: The interface cannot be used.
-        NotPermittedError: The process may not use raw sockets.
-    """
-    try:
-        return open_socket(interface, Index.SOEM, Index.ENGINE - 1)
-    except NotPermittedError as error:
-        raise NotPermittedError(_needs_rights(interface)) from error
-
-
-@contextlib.contextmanager
-def _own(interface: str) -> Iterator[None]:
-    """Makes an interface ours, and switches it on; afterwards it is as it was before.
-
-    Raises:
-        UnreachableError: There is no such interface.
-        NotPermittedError: The process may not configure it.
-        StateError: Another ecatd uses it.
-    """
-    with _reserve(interface):
-        flags = _interface_flags(interface)
-        _set_interface_flags(interface, flags | _IFF_UP)
-        try:
-            yield
-        finally:
-            # SOEM leaves it promiscuous. It may be gone by now.
-            with contextlib.suppress(OSError, NotPermittedError, UnreachableError):
-                _set_interface_flags(interface, flags)
-
-
-def _reserve(interface: str) -> socket.socket:
-    """Keeps other daemons off the interface: two masters would undo each other's set-up.
-
-    The name of an abstract Unix socket is unique in its network namespace, as interfaces are, and
-    free again when its process ends, however that happens.
-    """
-    reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    try:
-        reservation.bind(f"\0ecatd.interface.{interface}")
-    except OSError as error:
-        reservation.close()
-        raise StateError(
-            f"interface '{interface}' is used by another ecatd already; stop that one first"
-        ) from error
-    return reservation
-
-
-def _interface_flags(interface: str) -> int:
-    """Flags of the interface (`man 7 netdevice`).
-
-    Raises:
-        UnreachableError: There is no such interface.
-    """
-    _check_exists(interface)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
-        request = struct.pack("16sH14x", interface.encode(), 0)
-        flags: int = struct.unpack("16xH14x", fcntl.ioctl(control, _SIOCGIFFLAGS, request))[0]
-        return flags
-
-
-def _set_interface_flags(interface: str, flags: int) -> None:
-    """Changes the flags: SOEM does not raise the link, and makes the interface promiscuous."""
-    if flags == _interface_flags(interface):
-        return
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
-        try:
-            fcntl.ioctl(control, _SIOCSIFFLAGS, struct.pack("16sH14x", interface.encode(), flags))
-        except PermissionError as error:
-            raise NotPermittedError(_needs_rights(interface)) from error
-
-
-def _check_exists(interface: str) -> None:
-    names = [name for _, name in socket.if_nameindex()]
-    if interface not in names:
-        raise UnreachableError(
-            f"there is no network interface '{interface}'; there are: {', '.join(names)}"
-        )
 
 
 def _packet_sockets() -> set[int]:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import fcntl
 import socket
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from ecatd.model.errors import NotPermittedError, UnreachableError
+from ecatd.model.errors import UnreachableError
 from ecatd.shm import Link
 
 _RTMGRP_LINK = 1
@@ -27,8 +26,6 @@ _IFF_UP, _IFF_LOWER_UP = 0x1, 0x10000
 _MESSAGE = struct.Struct("=IHHII")  # nlmsghdr: length, type, flags, sequence number, port
 _LINK = struct.Struct("=BxHiII")  # ifinfomsg: family, type, index, flags, change
 _ATTRIBUTE = struct.Struct("=HH")  # rtattr: length, type
-_FLAGS = struct.Struct("16sH14x")  # ifreq
-_SIOCGIFFLAGS, _SIOCSIFFLAGS = 0x8913, 0x8914
 _RECEIVE_SIZE = 65536
 
 
@@ -133,29 +130,6 @@ class LinkWatch:
         if now != before:
             self.states[port] = now
             self._changed(port, before, now)
-
-
-def switch_on(interface: str) -> None:
-    """Sets an interface up (`man 7 netdevice`).
-
-    Raises:
-        NotPermittedError: The process may not do that.
-        UnreachableError: There is no such interface.
-    """
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
-        name = interface.encode()
-        try:
-            reply = fcntl.ioctl(control, _SIOCGIFFLAGS, _FLAGS.pack(name, 0))
-            flags = _FLAGS.unpack(reply)[1] | _IFF_UP
-            fcntl.ioctl(control, _SIOCSIFFLAGS, _FLAGS.pack(name, flags))
-        except PermissionError as error:
-            raise NotPermittedError(
-                f"no right to switch '{interface}' on: `ip link set {interface} up` as root"
-            ) from error
-        except OSError as error:
-            raise UnreachableError(
-                f"'{interface}' cannot be switched on: {error.strerror}"
-            ) from error
 
 
 def _index(interface: str) -> int:

@@ -15,10 +15,11 @@ from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError
 
 from ..engine import Event, Index, open_socket
+from ..interface import switch_on
 from ..start.bring_up import RunningBus
 from .counters import Disturbance, Report
 from .foreign import ForeignWatch
-from .link import LinkState, LinkWatch, switch_on
+from .link import LinkState, LinkWatch
 from .paced import Paced
 
 _PERIOD = 1.0

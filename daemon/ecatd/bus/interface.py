@@ -1,0 +1,112 @@
+"""Network interfaces: making one ours, switching it on, opening it for the control side."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import socket
+import struct
+from collections.abc import Iterator
+
+from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
+
+from .engine import Index, open_socket
+
+_SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
+_FLAGS = struct.Struct("16sH14x")  # ifreq
+
+
+def needs_rights(interface: str) -> str:
+    """What is said to a process that may not use an interface."""
+    return (
+        f"no right to use interface '{interface}' for EtherCAT, which needs CAP_NET_RAW and "
+        f"CAP_NET_ADMIN: run as root (`sudo`; the daemon: `systemctl start ecatd`), or try "
+        f"without hardware: `ecatd --simulate troll`, `ecatsim run troll`"
+    )
+
+
+def open_for_control(interface: str) -> socket.socket:
+    """A raw socket for the frames of SOEM and of register access.
+
+    Raises:
+        UnreachableError: The interface cannot be used.
+        NotPermittedError: The process may not use raw sockets.
+    """
+    try:
+        return open_socket(interface, Index.SOEM, Index.ENGINE - 1)
+    except NotPermittedError as error:
+        raise NotPermittedError(needs_rights(interface)) from error
+
+
+@contextlib.contextmanager
+def own(interface: str) -> Iterator[None]:
+    """Makes an interface ours, and switches it on; afterwards it is as it was before.
+
+    Raises:
+        UnreachableError: There is no such interface.
+        NotPermittedError: The process may not configure it.
+        StateError: Another ecatd uses it.
+    """
+    with _reserve(interface):
+        flags = _flags(interface)
+        _set_flags(interface, flags | _IFF_UP)
+        try:
+            yield
+        finally:
+            # SOEM leaves it promiscuous. It may be gone by now.
+            with contextlib.suppress(NotPermittedError, UnreachableError):
+                _set_flags(interface, flags)
+
+
+def switch_on(interface: str) -> None:
+    """Sets an interface up.
+
+    Raises:
+        UnreachableError: There is no such interface, or it does not go up.
+        NotPermittedError: The process may not do that.
+    """
+    _set_flags(interface, _flags(interface) | _IFF_UP)
+
+
+def _reserve(interface: str) -> socket.socket:
+    """Keeps other daemons off the interface: two masters would undo each other's set-up.
+
+    The name of an abstract Unix socket is unique in its network namespace, as interfaces are, and
+    free again when its process ends, however that happens.
+    """
+    reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        reservation.bind(f"\0ecatd.interface.{interface}")
+    except OSError as error:
+        reservation.close()
+        raise StateError(
+            f"interface '{interface}' is used by another ecatd already; stop that one first"
+        ) from error
+    return reservation
+
+
+def _flags(interface: str) -> int:
+    """Flags of the interface (`man 7 netdevice`)."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        request = _FLAGS.pack(interface.encode(), 0)
+        try:
+            flags: int = _FLAGS.unpack(fcntl.ioctl(control, _SIOCGIFFLAGS, request))[1]
+        except OSError as error:
+            names = ", ".join(name for _, name in socket.if_nameindex())
+            raise UnreachableError(
+                f"there is no network interface '{interface}'; there are: {names}"
+            ) from error
+        return flags
+
+
+def _set_flags(interface: str, flags: int) -> None:
+    """Changes the flags: SOEM does not raise the link, and makes the interface promiscuous."""
+    if flags == _flags(interface):
+        return
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        try:
+            fcntl.ioctl(control, _SIOCSIFFLAGS, _FLAGS.pack(interface.encode(), flags))
+        except PermissionError as error:
+            raise NotPermittedError(needs_rights(interface)) from error
+        except OSError as error:
+            raise UnreachableError(f"'{interface}' cannot be set up: {error.strerror}") from error
