@@ -12,23 +12,34 @@ uint64_t cyclic_now(void) {
   return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
 }
 
-/* Which domains take part in this cycle. One that should have done so in a cycle that was missed
- * does it now, and then goes on with its old grid. */
+static void take_part(cyclic_t *c, uint32_t number) {
+  struct domain *domain = &c->domain[number];
+  uint64_t left_out = (c->cycle - domain->next_cycle) / domain->divider;
+  c->due |= 1u << number;
+  domain->next_cycle += (left_out + 1) * domain->divider;
+  if (left_out > 0) counter_add(&domain->status->overruns, left_out);
+  domain->wkc = 0;
+  domain->complete = 1;
+  memcpy(domain->image, c->outputs + domain->output_base, domain->output_bytes);
+}
+
+/* Which domains take part in this cycle: those whose turn it is. One whose turn was in a cycle that
+ * was missed makes up for it, and then goes on with its old grid. It does not join domains that it
+ * never meets on the grid, since the wire may have no room for them together: it waits for the next
+ * cycle, and at most for its next turn. */
 static void choose_domains(cyclic_t *c) {
-  uint64_t left_out;
-  uint32_t i;
+  uint32_t i, late = 0;
   c->due = 0;
   for (i = 0; i < c->domains; i++) {
-    struct domain *domain = &c->domain[i];
+    const struct domain *domain = &c->domain[i];
     if (c->cycle < domain->next_cycle) continue;
-    c->due |= 1u << i;
-    left_out = (c->cycle - domain->next_cycle) / domain->divider;
-    domain->next_cycle += (left_out + 1) * domain->divider;
-    if (left_out > 0) counter_add(&domain->status->overruns, left_out);
-    domain->wkc = 0;
-    domain->complete = 1;
-    memcpy(domain->image, c->outputs + domain->output_base, domain->output_bytes);
+    if ((c->cycle - domain->next_cycle) % domain->divider == 0)
+      take_part(c, i);
+    else
+      late |= 1u << i;
   }
+  for (i = 0; late >> i != 0; i++)
+    if ((late >> i & 1) && (c->due & ~c->domain[i].meets) == 0) take_part(c, i);
 }
 
 static void conclude_domain(cyclic_t *c, uint32_t number, uint64_t received) {

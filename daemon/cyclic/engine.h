@@ -69,6 +69,7 @@ struct domain {
   uint8_t *image;          /* outputs as sent, inputs as last received; padded to whole words */
   uint32_t image_bytes, output_bytes, output_base, divider, wkc_expected;
   uint64_t next_cycle;     /* in which it is exchanged */
+  uint32_t meets;          /* bit per domain: there are cycles in which both are exchanged */
   uint32_t wkc, wkc_state, told_state;
   int32_t complete;        /* all datagrams of this cycle so far had their expected counter */
 };

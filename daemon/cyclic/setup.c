@@ -16,17 +16,29 @@
 
 static void *at_offset(cyclic_t *c, uint32_t offset) { return (uint8_t *)c->header + offset; }
 
+/* Two domains are exchanged in the same cycle at some time if their phases differ by a multiple of
+ * the greatest common divisor of their dividers. */
+static int meet(const ecat_shm_domain *one, const ecat_shm_domain *other) {
+  uint32_t a = one->divider, b = other->divider, rest;
+  while (b != 0) {
+    rest = a % b;
+    a = b;
+    b = rest;
+  }
+  return a == 0 || one->phase % a == other->phase % a;
+}
+
 static int allocate_images(cyclic_t *c) {
+  const ecat_shm_domain *table = at_offset(c, c->header->domains_offset);
   size_t size = c->header->output_bytes + 8u;
-  uint32_t i;
+  uint32_t i, k;
   c->outputs = calloc(1, size);
   c->safe = calloc(1, size);
   c->hold = calloc(1, size);
   c->slot_image = calloc(1, sizeof(ecat_out_image) + size);
   if (!c->outputs || !c->safe || !c->hold || !c->slot_image) return -ENOMEM;
   for (i = 0; i < c->domains; i++) {
-    const ecat_shm_domain *from =
-        (const ecat_shm_domain *)at_offset(c, c->header->domains_offset) + i;
+    const ecat_shm_domain *from = &table[i];
     struct domain *to = &c->domain[i];
     to->status = (ecat_shm_domain_status *)at_offset(c, c->header->domain_status_offset) + i;
     to->page = at_offset(c, from->page_offset);
@@ -34,7 +46,8 @@ static int allocate_images(cyclic_t *c) {
     to->output_bytes = from->output_bytes;
     to->output_base = from->output_base;
     to->divider = from->divider > 0 ? from->divider : 1;
-    to->next_cycle = to->divider;
+    to->next_cycle = from->phase > 0 ? from->phase : to->divider; /* cycle 1 is the first */
+    for (k = 0; k < c->domains; k++) to->meets |= (uint32_t)meet(from, &table[k]) << k;
     to->told_state = ECAT_WKC_ZERO;
     to->wkc_expected = from->wkc_expected;
     to->image = calloc(1, from->image_bytes + 8u);

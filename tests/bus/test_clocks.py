@@ -247,6 +247,7 @@ def test_sync_signals(
         [[domain]]
         name = "slow"
         divider = 4
+        phase = 3
         slaves = [2]
         [dc]
         {GENEROUS}
@@ -274,7 +275,7 @@ def test_sync_signals(
     start_of_cycle_0 = zero(daemon)
     for position, period, shift in (
         (0, CYCLE, CYCLE // 2),
-        (2, 4 * CYCLE, 100_000),  # with the cycles in which its domain is exchanged
+        (2, 4 * CYCLE, 3 * CYCLE + 100_000),  # with the cycles in which its domain is exchanged
         (3, CYCLE // 2, -50_000),
         (4, CYCLE, CYCLE // 2),
         (5, 4000 * CYCLE, CYCLE // 2),

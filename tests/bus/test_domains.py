@@ -2,6 +2,7 @@
 
 import mmap
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -116,7 +117,11 @@ def test_the_configuration_is_what_clients_see(mixed: Daemon) -> None:
     ]
     assert "  1 mid " in mixed.ctl("slaves").stdout.splitlines()[5]
     assert mixed.ctl("pdos", "-p", "34").stdout.startswith("34  Loopback32  (domain 2 (slow))\n")
-    assert mixed.ctl_json("pdos", "-p", "0")["domains"][1] == {"name": "mid", "divider": 4}
+    assert mixed.ctl_json("pdos", "-p", "0")["domains"][1] == {
+        "name": "mid",
+        "divider": 4,
+        "phase": 0,
+    }
 
 
 def test_each_domain_is_exchanged_every_so_many_cycles(mixed: Daemon) -> None:
@@ -145,6 +150,87 @@ def test_each_domain_is_exchanged_every_so_many_cycles(mixed: Daemon) -> None:
             assert missed or {cycle % divider for cycle in cycles} == {0}
             assert complete[number] > 100  # frames may be late on a busy machine, not most
         assert len(seen[0]) > len(seen[1]) > len(seen[2])
+
+
+TURNS = ((1, 0), (4, 1), (4, 3), (6, 2), (20, 0))
+"""Divider and phase of each domain."""
+
+STRANGERS = ((1, 2), (1, 3), (2, 3), (1, 4), (2, 4))
+"""Domains that are never exchanged in the same cycle."""
+
+
+@pytest.fixture(scope="module")
+def phased(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    """Domains of one slave each that take turns."""
+    tables = "".join(
+        f"[[domain]]\ndivider = {divider}\nphase = {phase}\nslaves = [{n}]\n"
+        for n, (divider, phase) in enumerate(TURNS)
+    )
+    config = f"cycle_time_us = 2000\n[gateway]\nlisten = []\n{tables}"
+    daemon = Daemon(tmp_path_factory.mktemp("phases"), "line:5", config=config).wait_ready()
+    yield daemon
+    assert daemon.stop() == 0
+    daemon.close()
+
+
+def exchanges(client: Client, cycles: int) -> list[set[int]]:
+    """The cycles in which each domain was exchanged, as far as they were seen in these cycles."""
+    seen: list[set[int]] = [set() for _ in TURNS]
+    for _ in range(cycles):
+        client.wait()
+        client.sample()
+        for number, found in enumerate(seen):
+            found.add(client.domain(number).cycle)
+    return seen
+
+
+def test_domains_with_phases_take_turns(phased: Daemon) -> None:
+    with phased.client() as client, segment(phased) as table:
+        rows = [table("ecat_shm_domain", "domains_offset", n) for n in range(len(TURNS))]
+        assert [(row.divider, row.phase) for row in rows] == list(TURNS)
+        missed = table("ecat_shm_health", "health_offset").missed
+        seen = exchanges(client, 200)
+        missed = table("ecat_shm_health", "health_offset").missed - missed
+        for found, (divider, phase) in zip(seen, TURNS, strict=True):
+            assert missed or {cycle % divider for cycle in found} == {phase}
+            assert len(found) >= 3
+        for one, other in STRANGERS:
+            assert not seen[one] & seen[other]
+    assert [d["phase"] for d in phased.ctl_json("stats")["domains"]] == [p for _, p in TURNS]
+    assert "     4+3  3/3 " in phased.ctl("stats").stdout
+
+
+def test_phases_outlast_missed_cycles(phased: Daemon) -> None:
+    divider = TURNS[-1][0]
+    with phased.client() as client, segment(phased) as table:
+        server = phased.child_pid("ecatd.bus")
+        made_up = 0
+        for _ in range(PATIENCE):  # the turn of the slowest domain has to be missed
+            client.wait()
+            now = table("ecat_shm_header").cycle
+            if now % divider != divider - 3:
+                continue
+            turn = now + 3
+            os.kill(server, signal.SIGSTOP)
+            time.sleep(0.02)
+            os.kill(server, signal.SIGCONT)
+            seen = exchanges(client, 10)
+            for one, other in STRANGERS:
+                assert not seen[one] & seen[other]
+            late = {cycle for cycle in seen[-1] if turn < cycle < turn + divider}
+            # It has made up for its turn, and once.
+            assert len(late) <= 1
+            made_up += len(late)
+            if made_up >= 3:
+                break
+        else:
+            pytest.fail("no turn was made up for")
+        missed = table("ecat_shm_health", "health_offset").missed
+        seen = exchanges(client, 200)
+        missed = table("ecat_shm_health", "health_offset").missed - missed
+        for found, (divider, phase) in zip(seen, TURNS, strict=True):
+            first = min(found)  # may still be of before
+            assert missed or {cycle % divider for cycle in found - {first}} == {phase}
 
 
 def test_exchanges_and_those_left_out_are_counted(mixed: Daemon) -> None:

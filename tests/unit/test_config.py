@@ -36,6 +36,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         [[domain]]
         name = "slow"
         divider = 4
+        phase = 3
         slaves = [3, "5-7", "9"]
         [dc]
         reference = 2
@@ -74,7 +75,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
     )
     assert (config.bus, config.interface, config.cycle_time_us) == ("rig", "eth1", 250)
     assert config.second_interface == "eth2"
-    assert config.domain == [DomainConfig("fast"), DomainConfig("slow", 4, [3, 5, 6, 7, 9])]
+    assert config.domain == [DomainConfig("fast"), DomainConfig("slow", 4, 3, [3, 5, 6, 7, 9])]
     assert config.dc == DcConfig(
         True,  # since there is a table for a slave
         reference=2,
@@ -170,10 +171,13 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
         ("domain = 3", ":1: domain:", "must be an array"),
         ("domain = [3]", ":1: domain:", "write [[domain]]"),
         ("[domain]\nname = 'x'", ":1: domain:", "must be an array"),
-        ("[[domain]]\nzzz = 2", ":2: domain.zzz:", "valid are name, divider, slaves"),
+        ("[[domain]]\nzzz = 2", ":2: domain.zzz:", "valid are name, divider, phase, slaves"),
         ("[[domain]]\nslave = [2]", ":2: domain.slave:", "did you mean 'slaves'?"),
         ("[[domain]]\ndivider = 0", ":2: domain.divider:", "must be from 1 to 65535"),
         ("[[domain]]\ndivider = 65536", ":2: domain.divider:", "must be from 1 to 65535"),
+        ("[[domain]]\nphase = -1", ":2: domain.phase:", "must be from 0 to 65534"),
+        ("[[domain]]\nphase = 1", ":2: domain.phase:", "less than the divider, 1"),
+        ("[[domain]]\ndivider = 4\nphase = 4", ":3: domain.phase:", "less than the divider, 4"),
         ("[[domain]]\nslaves = 3", ":2: domain.slaves:", "must be an array"),
         ("[[domain]]\nslaves = ['x']", ":2: domain.slaves:", "'x' is neither a position"),
         ("[[domain]]\nslaves = ['7-5']", ":2: domain.slaves:", "'7-5' is neither a position"),
@@ -295,7 +299,7 @@ CONFIGURATIONS = st.fixed_dictionaries(
     {},
     optional={
         **dict.fromkeys(("bus", "interface", "second_interface", "cycle_time_us"), SCALARS),
-        "domain": rows("name", "divider", "slaves", "a\nb"),
+        "domain": rows("name", "divider", "phase", "slaves", "a\nb"),
         "dc": st.one_of(
             SCALARS,
             st.fixed_dictionaries(

@@ -77,12 +77,13 @@ def test_more_than_a_datagram_for_one_slave_is_refused() -> None:
 def test_slaves_are_where_the_configuration_puts_them() -> None:
     made = bus(*(slave(n, 8, 8) for n in range(5)))
     assign_domains(
-        made, [DomainConfig("fast"), DomainConfig("", 4, [3]), DomainConfig("z", 9, [1])]
+        made, [DomainConfig("fast"), DomainConfig("", 4, 3, [3]), DomainConfig("z", 9, 0, [1])]
     )
     image = lay_out(made, set())
     assert [s.domain for s in made.slaves] == [0, 2, 0, 1, 0]
-    assert made.domains == [Domain("fast", 1), Domain("", 4), Domain("z", 9)]
+    assert made.domains == [Domain("fast", 1), Domain("", 4, 3), Domain("z", 9)]
     assert [(d.name, d.divider) for d in image.domains] == [("fast", 1), ("", 4), ("z", 9)]
+    assert [d.phase for d in image.domains] == [0, 3, 0]
     assert [d.output_base for d in image.domains] == [0, 3, 4]
     assert image.output_bytes == 5
     assert [d.address for d in image.domains] == [WINDOW, 2 * WINDOW, 3 * WINDOW]
@@ -102,11 +103,11 @@ def test_domains_that_do_not_fit_the_bus_are_refused() -> None:
     with pytest.raises(
         ConfigError, match=r"^domain 1 \(slow\) names slave 3, but bus 'b' has 3 sl"
     ):
-        assign_domains(made, [DomainConfig(), DomainConfig("slow", 4, [2, 3])])
+        assign_domains(made, [DomainConfig(), DomainConfig("slow", 4, 0, [2, 3])])
     with pytest.raises(StateError, match=r"^domain 1 has nothing to exchange: none of its slaves"):
-        assign_domains(made, [DomainConfig(), DomainConfig("", 4, [1])])
+        assign_domains(made, [DomainConfig(), DomainConfig("", 4, 0, [1])])
     with pytest.raises(StateError, match=r"^domain 0 has nothing to exchange"):
-        assign_domains(made, [DomainConfig(), DomainConfig("", 4, [0, 1, 2])])
+        assign_domains(made, [DomainConfig(), DomainConfig("", 4, 0, [0, 1, 2])])
     assign_domains(bus(slave(0, 0, 0)), [DomainConfig("all")])
 
 

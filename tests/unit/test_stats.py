@@ -72,7 +72,8 @@ def snapshot(scale: int = 1, **changes: Any) -> Snapshot:
         times=Times(**times),
         domains=tuple(
             Domain(
-                *(number, name, divider, 10, 20, 12, 12, shm.WkcState.COMPLETE, 1000 * scale),
+                *(number, name, divider, divider - 1, 10, 20, 12, 12),
+                *(shm.WkcState.COMPLETE, 1000 * scale),
                 *(1000 // divider * scale, scale, 2 * scale, scale, 3 * scale),
             )
             for number, (name, divider) in enumerate((("fast", 1), ("a" * 31, 1000)))
@@ -226,6 +227,7 @@ def test_screens_fit_80_columns_and_show_what_matters() -> None:
     ):
         assert expected in text
     assert text.count("DOMAIN, ") == 2
+    assert " 1000+999  12/12 " in text
     assert "DOMAIN" not in "\n".join(stats_lines(replace(late, domains=late.domains[:1]), None))
     quiet = stats_lines(snapshot(read_ns=12 * 10**9), None)
     assert "NO CYCLE for 10.0 s: the exchange stands still" in quiet

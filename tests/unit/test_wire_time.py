@@ -1,7 +1,9 @@
 """The time of the frames on the wire, with the sums of ETG.1000.2 and IEEE 802.3 done by hand."""
 
+from math import lcm
+
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ecatd.bus.layout import DATAGRAM_BYTES, LRW, Datagram, DomainImage, Image
@@ -47,6 +49,54 @@ def test_domains_are_due_together() -> None:
     both = Image([*image(1000).domains, slow])
     assert wire_time(both, 1000, 1, clock=False) == cycle(1000, 1, 1000, 1000)
     assert cycle(1000, 1, 1000, 1000).frames == 2
+
+
+def domains(*turns: tuple[int, int, int]) -> Image:
+    """Domains with one datagram each: divider, phase, length."""
+    return Image(
+        [
+            DomainImage(n, 0, divider=divider, phase=phase, datagrams=[Datagram(LRW, 0, length, 1)])
+            for n, (divider, phase, length) in enumerate(turns)
+        ]
+    )
+
+
+def test_domains_with_phases_take_turns() -> None:
+    slow = domains((1, 0, 100), (4, 0, 1000), (4, 2, 1200), (2, 1, 300))
+    assert wire_time(slow, 1000, 1, clock=False) == WireTime(1000, 1, 2, 1300, 1378, 1000)
+    # Dividers without a common divisor meet whatever their phases are.
+    assert wire_time(domains((3, 1, 100), (4, 2, 200)), 1000, 1, clock=False).data_bytes == 300
+
+
+def test_phases_are_proposed_where_they_help() -> None:
+    with pytest.raises(StateError) as caught:
+        wire_time(domains((1, 0, 1000), (4, 0, 1000), (6, 2, 1000)), 200, 1, clock=False).check()
+    assert str(caught.value).endswith(
+        "or assign fewer PDOs, or let domains 1, 2, which are due in the same cycle, take turns by "
+        "phases of their own"
+    )
+    with pytest.raises(StateError) as caught:
+        wire_time(domains((1, 0, 1000), (4, 0, 1000), (5, 2, 1000)), 200, 1, clock=False).check()
+    assert str(caught.value).endswith("or assign fewer PDOs")
+
+
+@st.composite
+def turns(draw: st.DrawFn) -> list[tuple[int, int, int]]:
+    dividers = draw(st.lists(st.integers(1, 12), min_size=1, max_size=6))
+    return [
+        (divider, draw(st.integers(0, divider - 1)), draw(st.integers(1, 1452)))
+        for divider in dividers
+    ]
+
+
+@settings(deadline=None)
+@given(turns())
+def test_the_longest_cycle_is_that_of_all_cycles(turns: list[tuple[int, int, int]]) -> None:
+    longest = 0
+    for number in range(lcm(*(divider for divider, _, _ in turns))):
+        due = [(1, 0, length) for divider, phase, length in turns if number % divider == phase]
+        longest = max(longest, wire_time(domains(*due), 1000, 1, clock=True).wire_bytes)
+    assert wire_time(domains(*turns), 1000, 1, clock=True).wire_bytes == longest
 
 
 def test_measured_delays_take_the_place_of_the_estimate() -> None:

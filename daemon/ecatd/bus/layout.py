@@ -51,6 +51,7 @@ class DomainImage:
     input_bytes: int = 0
     name: str = ""
     divider: int = 1
+    phase: int = 0
     datagrams: list[Datagram] = field(default_factory=list)
 
     @property
@@ -87,7 +88,7 @@ def assign_domains(bus: Bus, configured: Sequence[DomainConfig]) -> None:
         ConfigError: A domain names a slave that is not there.
         StateError: One of several domains has no process data.
     """
-    bus.domains = [Domain(item.name, item.divider) for item in configured] or [Domain()]
+    bus.domains = [Domain(item.name, item.divider, item.phase) for item in configured] or [Domain()]
     for slave in bus.slaves:
         slave.domain = 0
     for number, item in enumerate(configured):
@@ -123,7 +124,13 @@ def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
     image = Image([])
     for number in range(count):
         facts = bus.domains[number] if number < len(bus.domains) else Domain()
-        domain = DomainImage(number, image.output_bytes, name=facts.name, divider=facts.divider)
+        domain = DomainImage(
+            number,
+            image.output_bytes,
+            name=facts.name,
+            divider=facts.divider,
+            phase=facts.phase,
+        )
         slaves = [slave for slave in bus.slaves if slave.domain == number]
         _place(domain, slaves, without_lrw)
         image.domains.append(domain)

@@ -169,7 +169,7 @@ class Segment:
             row.image_bytes = domain.output_bytes + domain.input_bytes
             row.output_bytes = domain.output_bytes
             row.output_base = domain.output_base
-            row.divider = domain.divider
+            row.divider, row.phase = domain.divider, domain.phase
             row.wkc_expected = domain.wkc_expected
 
     def _fill_out(self, instance: int) -> None:

@@ -189,7 +189,7 @@ def _domains(title: str, domains: tuple[Domain, ...]) -> list[str]:
         (
             (
                 f"{domain.number} {domain.name}"[:_NAME],
-                domain.divider,
+                f"{domain.divider}+{domain.phase}" if domain.phase else domain.divider,
                 f"{domain.wkc}/{domain.wkc_expected}",
                 domain.exchanges,
                 domain.overruns,

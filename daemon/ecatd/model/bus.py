@@ -152,10 +152,12 @@ class Domain:
     Attributes:
         name: Name from the configuration; may be empty.
         divider: Exchanged every so many base cycles.
+        phase: In those whose number leaves this remainder, 0 to divider - 1.
     """
 
     name: str = ""
     divider: int = 1
+    phase: int = 0
 
 
 @dataclass(slots=True)

@@ -55,12 +55,14 @@ class DomainConfig:
     Attributes:
         name: Name for people, unique, at most 31 bytes; may be empty.
         divider: Exchanged every so many base cycles, 1 to 65535.
+        phase: In those whose number leaves this remainder when divided by it, 0 to divider - 1.
         slaves: Positions of its slaves, "5-7" written out. Slaves that no domain names are in
             domain 0.
     """
 
     name: str = ""
     divider: int = 1
+    phase: int = 0
     slaves: list[int] = field(default_factory=list)
 
 
@@ -266,6 +268,7 @@ _REALTIME: dict[str, _Rule] = {
 _DOMAIN: dict[str, _Rule] = {
     "name": (str, 0, 0),
     "divider": (int, 1, 65535),
+    "phase": (int, 0, 65534),
     "slaves": (list, 0, 0),
 }
 _DC: dict[str, _Rule] = {
@@ -379,6 +382,15 @@ class _Reader:
                 )
             if name and name in (other.name for other in domains):
                 self._fail("domain", "name", f"'{name}' is the name of another domain, too", row)
+            divider, phase = values.get("divider", 1), values.get("phase", 0)
+            if phase >= divider:
+                self._fail(
+                    "domain",
+                    "phase",
+                    f"is {phase}, but must be less than the divider, {divider}: the domain is "
+                    f"exchanged in cycles whose number leaves this remainder",
+                    row,
+                )
             values["slaves"] = self._positions(values.get("slaves", []), domains, row)
             if row > 0 and not values["slaves"]:
                 self._fail(

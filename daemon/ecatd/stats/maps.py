@@ -115,6 +115,7 @@ def _domain(domain: Domain) -> dict[str, Any]:
         "number": domain.number,
         "name": domain.name,
         "divider": domain.divider,
+        "phase": domain.phase,
         "output_bytes": domain.output_bytes,
         "input_bytes": domain.input_bytes,
         "wkc_expected": domain.wkc_expected,
@@ -199,7 +200,7 @@ def _snapshot(data: dict[str, Any]) -> Snapshot:
                 **{
                     name: _count(row[name])
                     for name in (
-                        *("number", "divider", "output_bytes", "input_bytes"),
+                        *("number", "divider", "phase", "output_bytes", "input_bytes"),
                         *("wkc_expected", "wkc", *DOMAIN_COUNTERS),
                     )
                 },

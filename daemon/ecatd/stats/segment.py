@@ -189,6 +189,7 @@ class OpenSegment:
                     number=number,
                     name=printable(table.name),
                     divider=table.divider,
+                    phase=table.phase,
                     output_bytes=table.output_bytes,
                     input_bytes=max(0, table.image_bytes - table.output_bytes),
                     wkc_expected=table.wkc_expected,

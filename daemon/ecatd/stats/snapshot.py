@@ -141,6 +141,7 @@ class Domain:
         number: 0 first.
         name: From the configuration.
         divider: It is exchanged every so many base cycles.
+        phase: In those whose number leaves this remainder.
         output_bytes: Outputs in its image.
         input_bytes: Inputs in its image.
         wkc_expected: Working counter when all slaves take part.
@@ -157,6 +158,7 @@ class Domain:
     number: int
     name: str
     divider: int
+    phase: int
     output_bytes: int
     input_bytes: int
     wkc_expected: int

@@ -385,7 +385,9 @@ class Clocks:
         master, slave = self._master, signals.slave
         position = slave.position
         cycles = struct.pack("<II", slave.sync0_ns, slave.sync1_ns)
-        whole, base = _whole_period(slave), zero + slave.sync_shift_ns
+        # The cycles that carry its domain.
+        turn = self._bus.domains[slave.domain].phase * self._bus.cycle_time_us * 1000
+        whole, base = _whole_period(slave), zero + turn + slave.sync_shift_ns
         for tries in range(1, _TRIES + 1):
             master.register_write(position, _SYNC_CONTROL, bytes(2))  # off, and ours
             own = self._system_time(slave)

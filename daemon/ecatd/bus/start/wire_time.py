@@ -1,18 +1,23 @@
 """How long the frames of one cycle are on the wire, and whether that fits into the cycle.
 
 EtherCAT runs at 100 Mbit/s, whatever the interface of the master can do (ETG.1000.2): 80 ns a
-byte, and in front of and behind each frame what IEEE 802.3 wants. The longest cycle counts: all
-domains are due at once whenever the cycle number is a multiple of all dividers.
+byte, and in front of and behind each frame what IEEE 802.3 wants. The longest cycle counts.
+
+Which domains are due in the same cycle follows from dividers and phases alone: two of them are at
+some time if their phases differ by a multiple of the greatest common divisor of their dividers, and
+several are if any two of them are (Chinese remainder theorem).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from math import gcd
 
 from ecatd.model.errors import StateError
 
-from ..layout import Image
+from ..layout import DomainImage, Image
 
 _NS_PER_BYTE = 80
 _PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12
@@ -42,6 +47,7 @@ class WireTime:
         data_bytes: Process data in them.
         wire_bytes: All bytes, with headers, padding, preambles, check sums and gaps.
         delay_ns: Way of a bit through all slaves and back, in nanoseconds.
+        crowd: Domains in it of which some could be due in different cycles, by number.
     """
 
     cycle_us: int
@@ -50,6 +56,7 @@ class WireTime:
     data_bytes: int
     wire_bytes: int
     delay_ns: int
+    crowd: tuple[int, ...] = ()
 
     @property
     def frames_us(self) -> float:
@@ -76,12 +83,6 @@ class WireTime:
         Raises:
             StateError: They do not fit; the message has the arithmetic, and what would do.
         """
-        if self.frames > _FRAMES_MAX or self.datagrams > _DATAGRAMS_MAX:
-            raise StateError(
-                f"IO larger than the engine can exchange: {self.data_bytes} bytes of process data "
-                f"take {self.datagrams} datagrams in {self.frames} frames, but there can be "
-                f"{_DATAGRAMS_MAX} in {_FRAMES_MAX}: assign fewer PDOs"
-            )
         sums = (
             f"{self.data_bytes} bytes of process data, {self.frames} "
             f"frame{'s' * (self.frames != 1)}, {self.wire_bytes} bytes with framing, are "
@@ -91,10 +92,12 @@ class WireTime:
             f"{sums}, and the way through the slaves takes {self.delay_ns / 1000:.1f} µs: "
             f"{self.round_trip_us:.1f} µs"
         )
-        remedy = (
-            f"set cycle_time_us to {self.shortest_cycle_us()} or more, or assign fewer PDOs "
-            f"(dividers do not help: all domains are due together in some cycles)"
-        )
+        remedy = f"set cycle_time_us to {self.shortest_cycle_us()} or more, or assign fewer PDOs"
+        if self.crowd:
+            remedy += (
+                f", or let domains {', '.join(map(str, self.crowd))}, which are due in the same "
+                f"cycle, take turns by phases of their own"
+            )
         cycle, round_trip = self.cycle_us, self.round_trip_us
         if self.frames_us > cycle:
             raise StateError(
@@ -118,7 +121,7 @@ class WireTime:
 def wire_time(
     image: Image, cycle_us: int, slaves: int, *, clock: bool, delay_ns: int | None = None
 ) -> WireTime:
-    """The frames of the longest cycle of a bus.
+    """The frames of the longest cycle of a bus, whatever the cycles in front of it were.
 
     Args:
         image: The process image.
@@ -126,17 +129,50 @@ def wire_time(
         slaves: Number of slaves on the wire.
         clock: Whether each cycle distributes the time of a reference clock.
         delay_ns: Way of a bit through all slaves and back, if it was measured; in nanoseconds.
+
+    Raises:
+        StateError: The engine has no room for so many frames or datagrams.
     """
-    data = [item.length for domain in image.domains for item in domain.datagrams]
-    frames = _pack([_STATUS_BYTES, *([_TIME_BYTES] if clock else []), *data])
-    return WireTime(
-        cycle_us,
-        len(frames),
-        len(data),
-        sum(data),
-        sum(_on_wire(payload) for payload in frames),
-        slaves * _SLAVE_DELAY_NS if delay_ns is None else delay_ns,
-    )
+    delay = slaves * _SLAVE_DELAY_NS if delay_ns is None else delay_ns
+    times = []
+    for domains in (image.domains, *_meetings(image.domains)):
+        data = [item.length for domain in domains for item in domain.datagrams]
+        frames = _pack([_STATUS_BYTES, *([_TIME_BYTES] if clock else []), *data])
+        wire_bytes = sum(_on_wire(payload) for payload in frames)
+        crowd = _crowd(domains)
+        times.append(
+            WireTime(cycle_us, len(frames), len(data), sum(data), wire_bytes, delay, crowd)
+        )
+    everything, *cycles = times
+    if everything.frames > _FRAMES_MAX or everything.datagrams > _DATAGRAMS_MAX:
+        raise StateError(
+            f"IO larger than the engine can exchange: {everything.data_bytes} bytes of process "
+            f"data take {everything.datagrams} datagrams in {everything.frames} frames, but there "
+            f"can be {_DATAGRAMS_MAX} in {_FRAMES_MAX}: assign fewer PDOs"
+        )
+    return max(cycles, key=lambda time: time.wire_bytes)
+
+
+def _meetings(domains: Sequence[DomainImage]) -> list[list[DomainImage]]:
+    """Groups of domains that meet in some cycle; each that no other domain could join is there."""
+    groups: set[tuple[int, ...]] = {()}
+    for number, domain in enumerate(domains):
+        met = {n for n in range(number) if _meet(domain, domains[n])}
+        joined = {(*(n for n in group if n in met), number) for group in groups}
+        groups = {group for group in groups if not met.issuperset(group)} | joined
+    return [[domains[number] for number in group] for group in groups]
+
+
+def _meet(one: DomainImage, other: DomainImage) -> bool:
+    """Whether there are cycles in which both are due."""
+    return (one.phase - other.phase) % gcd(one.divider, other.divider) == 0
+
+
+def _crowd(domains: Sequence[DomainImage]) -> tuple[int, ...]:
+    """Those of domains due in the same cycle that other phases could keep apart."""
+    pairs = combinations(domains, 2)
+    apart = {d.number for pair in pairs if gcd(*(d.divider for d in pair)) > 1 for d in pair}
+    return tuple(sorted(apart))
 
 
 def _pack(datagrams: Iterable[int]) -> list[int]:
