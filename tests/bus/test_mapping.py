@@ -1,4 +1,4 @@
-"""How the PDO assignment of CoE slaves is read. This file is a rig file as well."""
+"""How the PDOs of many slaves are read on a segment, also of one in a bad condition."""
 
 from __future__ import annotations
 
@@ -12,94 +12,130 @@ from ecatd.bus.master import Master
 from ecatd.bus.start.mapping import scan_slaves
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo
+from ecatd.model.errors import EcatError
 from ecatsim import Rig
+from ecatsim.control import Simulator
+from ecatsim.devices.library import library, make
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 HERE = Path(__file__)
+SLAVES = 66
 
 
 class Single(Device):
-    """Eight entries in each of two PDOs a direction, to be read one by one."""
+    """Eight entries in each of two PDOs a direction, to be read one by one, names included."""
 
     vendor, product, revision, order = 0x0000FFFF, 0x1, 1, "Single"
     mailbox = sii.Mailbox(coe_details=0x0F)
     rx_pdos = tuple(
-        Pdo(0x1600 + i, f"Out {i}", 2, [Entry(0x7000 + i, n, "", 6, 16) for n in range(1, 9)])
+        Pdo(0x1600 + i, f"Out {i}", 2, [Entry(0x7000 + i, n, f"o{n}", 6, 16) for n in range(1, 9)])
         for i in range(2)
     )
     tx_pdos = tuple(
-        Pdo(0x1A00 + i, f"In {i}", 3, [Entry(0x6000 + i, n, "", 7, 32) for n in range(1, 9)])
+        Pdo(0x1A00 + i, f"In {i}", 3, [Entry(0x6000 + i, n, f"i{n}", 7, 32) for n in range(1, 9)])
         for i in range(2)
     )
-
-
-class Whole(Single):
-    """The same with complete access."""
-
-    order = "Whole"
-    mailbox = sii.Mailbox(coe_details=0x2F)
-
-
-class Boaster(Single):
-    """One that promises complete access, and refuses it."""
-
-    order = "Boaster"
 
     def sii_image(self) -> bytes:
         image = bytearray(super().sii_image())
         at = 0x80
-        while int.from_bytes(image[at : at + 2], "little") != sii.Category.GENERAL:
+        while (kind := int.from_bytes(image[at : at + 2], "little")) != sii.Category.END:
+            if kind in (sii.Category.TX_PDO, sii.Category.RX_PDO):
+                image[at + 1] = 0x0F  # a category of the vendor
             at += 4 + 2 * int.from_bytes(image[at + 2 : at + 4], "little")
-        image[at + 4 + 5] |= 0x20
         return bytes(image)
 
 
+class Segmented(Single):
+    """The same with complete access, in mails that are too small for a list."""
+
+    product, order = 0x2, "Segmented"
+    mailbox = sii.Mailbox(receive_size=24, send=0x1080, send_size=24, coe_details=0x2F)
+
+
 def rig() -> Rig:
-    return Rig("lists", [Single(), Whole(), Boaster()])
+    """Slaves of many kinds in turn."""
+    kinds = [Single, Segmented, *(lambda name=item.name: make(name) for item in library())]
+    return Rig("lists", [kinds[n % len(kinds)]() for n in range(SLAVES)])
 
 
-class Counting(Master):
-    """Counts uploads by slave."""
-
-    uploads = (0, 0, 0)
-
-    def sdo_read(
-        self, position: int, index: int, subindex: int, *, complete: bool = False
-    ) -> bytes:
-        self.uploads = tuple(n + (i == position) for i, n in enumerate(self.uploads))
-        return super().sdo_read(position, index, subindex, complete=complete)
+def facts(pdos: Any) -> list[Any]:
+    return [
+        [pdo.index, pdo.name, pdo.sync_manager]
+        + [[e.index, e.subindex, e.name, e.data_type, e.bit_length] for e in pdo.entries]
+        for pdo in pdos
+    ]
 
 
-def master_that_scans() -> Any:
-    master = Counting([FIRST])
+def master_that_scans(*trouble: str) -> Any:
+    """What the scan finds, and the emergencies that came."""
+    master = Master([FIRST])
     try:
-        count = master.scan()
-        master.reach(AlState.PREOP, 5)
-        slaves = [item.slave for item in scan_slaves(master, count)]
-        found = [
-            [
-                [pdo.index, [[e.index, e.subindex, e.bit_length] for e in pdo.entries]]
-                for pdo in pdos
-            ]
-            for slave in slaves
-            for pdos in (slave.outputs, slave.inputs)
-        ]
-        return [found, master.uploads]
+        with Simulator() as simulator:
+            if "loss" in trouble:
+                simulator.faults.drop(all_frames=True, count=0, probability=0.01)
+                simulator.faults.drop(
+                    all_frames=True, count=0, probability=0.02, seed=2, way_back=True
+                )
+            master.scan()
+            master.reach(AlState.PREOP, 20)
+            if "slow" in trouble:
+                simulator.faults.mailbox(1, "slow", delay_s=0.05)
+            if "emergencies" in trouble:
+                for code in (0x1000, 0x8130):
+                    simulator.faults.emergency(0, code, register=0x81)
+            if "garbage" in trouble:
+                simulator.faults.mailbox(1, "garbage")
+            found = scan_slaves(master)
+    except EcatError as error:
+        return [type(error).__name__, str(error)]
     finally:
         master.close()
-
-
-def test_lists_are_read_at_once_where_the_slave_can() -> None:
-    found, (single, whole, boaster) = run(HERE, master_that_scans)
-    wanted = [
-        [[pdo.index, [[e.index, e.subindex, e.bit_length] for e in pdo.entries]] for pdo in pdos]
-        for pdos in (Single.rx_pdos, Single.tx_pdos)
+    return [
+        [[facts(item.slave.outputs), facts(item.slave.inputs)] for item in found],
+        [item.emergencies for item in found],
     ]
-    assert found == wanted * 3
-    lists, values = 2 + 4, 2 * 2 + 4 * 8
-    assert single == lists + values
-    assert whole == lists
-    assert boaster == 2 * lists + values
+
+
+@pytest.fixture(scope="module")
+def found() -> list[Any]:
+    """What the scan finds where nothing is wrong."""
+    slaves, emergencies = run(HERE, master_that_scans)
+    assert emergencies == [[]] * SLAVES
+    return slaves
+
+
+def test_slaves_of_all_kinds_tell_their_process_data(found: list[Any]) -> None:
+    kinds = 2 + len(library())
+    described = [
+        [
+            [pdo.index, f"{kind} {pdo.index & 0xFF}", pdo.sync_manager]
+            + [[e.index, e.subindex, e.name, e.data_type, e.bit_length] for e in pdo.entries]
+            for pdo in pdos
+        ]
+        for kind, pdos in (("Out", Single.rx_pdos), ("In", Single.tx_pdos))
+    ]
+    for number, pdos in enumerate(found):
+        if number % kinds < 2:
+            assert pdos == described
+        else:
+            item = library()[number % kinds - 2]
+            sizes = [sum(bits for pdo in side for *_, bits in pdo[3:]) for side in pdos]
+            assert [(bits + 7) // 8 for bits in sizes] == [item.output_size, item.input_size]
+
+
+@pytest.mark.parametrize("trouble", [["loss"], ["slow"], ["emergencies"], ["slow", "loss"]])
+def test_trouble_changes_nothing_of_what_is_found(found: list[Any], trouble: list[str]) -> None:
+    slaves, emergencies = run(HERE, master_that_scans, *trouble)
+    assert slaves == found
+    told = [[0x1000, 0x81], [0x8130, 0x81]] if "emergencies" in trouble else []
+    assert emergencies == [told] + [[]] * (SLAVES - 1)
+
+
+def test_a_slave_that_answers_nonsense_is_named() -> None:
+    name, text = run(HERE, master_that_scans, "garbage")
+    assert name in ("StateError", "NoAnswerError")
+    assert text.startswith("slave 1, 0x1C12:0")

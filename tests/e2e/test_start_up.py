@@ -116,6 +116,20 @@ def test_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
     assert "AL status 0x001D: Invalid output configuration" in text
 
 
+def test_slaves_that_do_not_answer_their_mailboxes(env: dict[str, str]) -> None:
+    text = refused(7, "--simulate", str(RIGS / "silent.py"), "--bus", "tsilent", env=env)
+    where = "slave {}, 0x1C12:00: the slave does not answer its mailbox"
+    assert text == f"error: {where.format(2)}; {where.format(3)}"
+
+
+def test_an_emergency_while_slaves_are_read(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon(str(RIGS / "emergency.py"))
+    assert (
+        "warning: slave 0 (Gold EtherCAT GCON Drive) sent an emergency while it was read: "
+        "error code 0x3220, error register 0x04"
+    ) in daemon.log
+
+
 def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None:
     result = run_module(
         "ecatd.service",
@@ -227,6 +241,15 @@ def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemo
     while "64 slaves found" not in daemon.log:
         assert daemon.process.poll() is None
     assert daemon.stop() == 0
+    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+
+
+def test_sigterm_while_mailboxes_do_not_answer(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon(str(RIGS / "silent.py"), ready=False)
+    while "4 slaves found" not in daemon.log:
+        assert daemon.process.poll() is None
+    assert daemon.stop() == 0
+    assert "error" not in daemon.log
     assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
 
 

@@ -1,12 +1,10 @@
 """Batched register access and EEPROMs, with simulated slave controllers at the other end."""
 
-import socket
-import struct
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from wire_bench import Wire, served
 
 from ecatd.bus.datagrams import (
     DATAGRAM_BYTES,
@@ -17,60 +15,23 @@ from ecatd.bus.datagrams import (
     bwr,
     fprd,
     fpwr,
-    source_address,
 )
 from ecatd.bus.start.eeprom import read_eeproms
 from ecatd.model.errors import StateError
 from ecatsim.core import Chip, Segment
 from ecatsim.slave.sii import Description, build
 
-SOURCE = source_address(0, int.from_bytes(b"test", "little"))
 PROCESS_MEMORY = 0x1000
 HOUR_US = 3_600_000_000
 
 
-class Wire:
-    """Frames on their way, and how many times each is to get lost.
-
-    Attributes:
-        frames: All that were sent.
-        lose: Told each frame by its number; true: it does not come back.
-        unseen: Whether lost frames get lost before the slaves have seen them.
-    """
-
-    def __init__(self) -> None:
-        self.frames: list[bytes] = []
-        self.lose: Callable[[int], bool] = lambda _number: False
-        self.unseen = False
-
-
 @contextmanager
 def bus(*chips: Chip) -> Iterator[tuple[Datagrams, Segment, Wire]]:
-    segment, wire = Segment(), Wire()
+    segment = Segment()
     for position, chip in enumerate(chips):
         segment.add(chip, image(position))
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-
-    def serve() -> None:
-        while frame := theirs.recv(2048):
-            wire.frames.append(frame)
-            lost = wire.lose(len(wire.frames) - 1)
-            answer = b"" if lost and wire.unseen else segment.process(frame)
-            if not lost:
-                theirs.send(answer)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    registers = Datagrams(ours, SOURCE)
-    registers.exchange([apwr(i, 0x0010, struct.pack("<H", 0x1001 + i)) for i in range(len(chips))])
-    wire.frames.clear()
-    try:
+    with served(segment, len(chips)) as (registers, wire):
         yield registers, segment, wire
-    finally:
-        registers.close()
-        thread.join()
-        theirs.close()
-        segment.close()
 
 
 def image(position: int) -> bytes:

@@ -315,19 +315,6 @@ class Master:
                 f"{where}: another slave reported an error meanwhile; try again"
             ) from error
 
-    def object_names(self, position: int) -> dict[tuple[int, int], tuple[str, int]]:
-        """Names and data types of all objects from the SDO information service, if it has one."""
-        names = {}
-        try:
-            for item in self._master.slaves[position].od:
-                names[item.index, 0] = (_text(item.name), int(item.data_type))
-                for subindex, entry in enumerate(item.entries):
-                    if entry.data_type:
-                        names[item.index, subindex] = (_text(entry.name), int(entry.data_type))
-        except (pysoem.SdoInfoError, pysoem.SdoError, pysoem.WkcError, pysoem.PacketError):
-            return names
-        return names
-
     def objects(self, position: int) -> Iterator[DictionaryObject]:
         """The object dictionary as the SDO information service describes it.
 

@@ -111,7 +111,8 @@ class BringUp:
             share=self._config.mailbox.share,
             priority=max(self._config.realtime.priority - 1, 0),
         )
-        self._read(master, self._scan(master))
+        self._scan(master)
+        self._read(master)
         image = self._map(master)
         engine = self._exchange(segment, master, image)
         self._synchronise(segment)
@@ -123,16 +124,21 @@ class BringUp:
             self.bus, self._interfaces, self._run, segment, master, engine, self.clocks
         )
 
-    def _scan(self, master: Master) -> int:
-        """Finds the slaves and takes them to PREOP; returns their number."""
+    def _scan(self, master: Master) -> None:
+        """Finds the slaves and takes them to PREOP."""
         count = master.scan()
         self._log.info(f"{count} slave{'s' * (count != 1)} found on {self._interface}")
         master.reach(AlState.PREOP, self._config.state_timeout_s)
-        return count
 
-    def _read(self, master: Master, count: int) -> None:
+    def _read(self, master: Master) -> None:
         """Reads what every slave says about itself into the description of the bus."""
-        self._scanned = scan_slaves(master, count, self._cancelled)
+        self._scanned = scan_slaves(master, self._cancelled)
+        for item in self._scanned:
+            for code, register in item.emergencies:
+                self._log.warning(
+                    f"{item.slave.label} sent an emergency while it was read: error code "
+                    f"0x{code:04X}, error register 0x{register:02X}"
+                )
         for item, bits in zip(self._scanned, clock_bits(master), strict=True):
             item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]

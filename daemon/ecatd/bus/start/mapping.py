@@ -1,57 +1,69 @@
 """From a scanned slave to its process data: which PDOs it has, and how its ESC is set up for them.
 
-Slaves with CoE say what is assigned now (ETG.1000.6: 0x1C12 and 0x1C13 name the PDOs, 0x1600… and
-0x1A00… their entries); the others are fixed by their SII (categories 50 and 51). Names and data
-types come from the SII where it has them, else from the SDO information service.
+Slaves with CoE say what is assigned now (`assignment.py`), those without are fixed by their SII
+(categories 50 and 51).
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from ecatd.model.bus import Entry, Pdo, Slave
-from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
-from ecatd.model.sii import Sii, SiiSyncManager, read_sii
+from ecatd.model.bus import Pdo, Slave
+from ecatd.model.errors import StateError
+from ecatd.model.sii import UNASSIGNED, Sii, SiiSyncManager, read_sii
 
 from ..layout import Image
 from ..master import Master
+from .assignment import USAGE_INPUTS, USAGE_OUTPUTS, Assignment
+from .coe import Coe
+from .mailboxes import converse
 
 _PROTOCOL_COE = 0x04
-_COMPLETE_ACCESS = 0x20  # of the CoE details in the SII
-_USAGE_OUTPUTS, _USAGE_INPUTS = 3, 4
 _FEATURES, _NO_LRW = 0x0008, 0x0200
 _SYNC_MANAGER = 0x0800
 _FMMU = 0x0600
 _FMMU_COUNT = 0x0004
 _FMMUS_MAX = 16
 _FMMU_READ, _FMMU_WRITE = 1, 2
-_PDOS_MAX, _ENTRIES_MAX = 64, 254
 
 
 @dataclass(slots=True)
 class Scanned:
-    """A slave and the SII facts that setting it up needs."""
+    """A slave and the SII facts that setting it up needs.
+
+    Attributes:
+        slave: The slave.
+        sii: Its SII.
+        emergencies: Error code and error register of each emergency that it sent meanwhile.
+    """
 
     slave: Slave
     sii: Sii
+    emergencies: list[tuple[int, int]] = field(default_factory=list)
 
 
-def scan_slaves(
-    master: Master, count: int, cancelled: Callable[[], bool] = lambda: False
-) -> list[Scanned]:
+def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -> list[Scanned]:
     """Reads everything about the slaves, which must be in PREOP.
 
     Raises:
+        NoAnswerError: A slave does not answer its mailbox.
         StateError: An EEPROM or object dictionary makes no sense, or `cancelled` says so.
     """
-    scanned = []
-    for position, sii in enumerate(master.read_eeproms(read_sii)):
-        if cancelled():
-            raise StateError("stopped while slaves were being read")
-        scanned.append(_scan_slave(master, position, sii))
+    scanned = [
+        _scan_slave(master, position, sii)
+        for position, sii in enumerate(master.read_eeproms(read_sii))
+    ]
+    with_coe = [item for item in scanned if item.slave.coe]
+    coe = [Coe(item.slave.position, item.slave.address) for item in with_coe]
+    talks = [
+        Assignment(item.slave, item.sii, way).read()
+        for item, way in zip(with_coe, coe, strict=True)
+    ]
+    converse(master.registers, talks, cancelled)
+    for item, way in zip(with_coe, coe, strict=True):
+        item.emergencies = way.emergencies
     return scanned
 
 
@@ -73,93 +85,10 @@ def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
         address=master.stations[position],
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
     )
-    if slave.coe:
-        slave.outputs = _assigned(master, slave, sii, _USAGE_OUTPUTS)
-        slave.inputs = _assigned(master, slave, sii, _USAGE_INPUTS)
-        _add_names(master, slave, sii)
-    else:
-        # 0xFF in place of a sync manager: the PDO is not part of the default assignment.
-        slave.outputs = [pdo for pdo in sii.outputs if pdo.sync_manager != 0xFF]
-        slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != 0xFF]
+    if not slave.coe:
+        slave.outputs = [pdo for pdo in sii.outputs if pdo.sync_manager != UNASSIGNED]
+        slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != UNASSIGNED]
     return Scanned(slave, sii)
-
-
-def _sync_managers(sii: Sii, usage: int) -> list[int]:
-    """Numbers of the sync managers of a kind; ETG.1000.4 makes SM2 and SM3 the usual ones."""
-    numbers = [n for n, item in enumerate(sii.sync_managers) if item.usage == usage]
-    return numbers or ([2] if usage == _USAGE_OUTPUTS else [3])
-
-
-def _assigned(master: Master, slave: Slave, sii: Sii, usage: int) -> list[Pdo]:
-    at_once = bool(sii.coe & _COMPLETE_ACCESS)
-    pdos = []
-    for number in _sync_managers(sii, usage):
-        for index in _list(master, slave, 0x1C10 + number, 2, _PDOS_MAX, at_once=at_once):
-            entries = [
-                Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF)
-                for value in _list(master, slave, index, 4, _ENTRIES_MAX, at_once=at_once)
-            ]
-            pdos.append(Pdo(index, "", number, entries))
-    return pdos
-
-
-def _list(
-    master: Master, slave: Slave, index: int, size: int, most: int, *, at_once: bool
-) -> list[int]:
-    """The values of an object that is a list; a slave without the object has an empty one.
-
-    With `at_once` by complete access, where the number of values is followed by a byte of padding
-    (ETG.1000.6, 5.6.2); one by one if the slave does not answer that as it should.
-    """
-    if at_once:
-        with suppress(SdoAbortError, NoAnswerError, StateError):
-            data = master.sdo_read(slave.position, index, 0, complete=True)
-            if data and data[0] <= most and len(data) == 2 + data[0] * size:
-                return [
-                    int.from_bytes(data[at : at + size], "little")
-                    for at in range(2, len(data), size)
-                ]
-    try:
-        count = master.sdo_read(slave.position, index, 0)
-    except SdoAbortError:
-        return []
-    if len(count) < 1 or count[0] > most:
-        raise StateError(
-            f"{slave.label}: 0x{index:04X}:00 says {count.hex()} entries, at most {most} make sense"
-        )
-    values = []
-    for subindex in range(1, count[0] + 1):
-        data = master.sdo_read(slave.position, index, subindex)
-        if len(data) != size:
-            raise StateError(
-                f"{slave.label}: 0x{index:04X}:{subindex:02X} has {len(data)} bytes, not {size}"
-            )
-        values.append(int.from_bytes(data, "little"))
-    return values
-
-
-def _add_names(master: Master, slave: Slave, sii: Sii) -> None:
-    pdo_names = {pdo.index: pdo.name for pdo in (*sii.outputs, *sii.inputs)}
-    known = {
-        (entry.index, entry.subindex): (entry.name, entry.data_type)
-        for pdo in (*sii.outputs, *sii.inputs)
-        for entry in pdo.entries
-        if entry.name or entry.data_type
-    }
-    entries = [e for pdo in (*slave.outputs, *slave.inputs) for e in pdo.entries if not e.is_gap]
-    if any((entry.index, entry.subindex) not in known for entry in entries):
-        known = master.object_names(slave.position) | known
-    for entry in entries:
-        entry.name, entry.data_type = known.get(
-            (entry.index, entry.subindex), ("", _type_by_size(entry.bit_length))
-        )
-    for pdo in (*slave.outputs, *slave.inputs):
-        pdo.name = pdo_names.get(pdo.index) or known.get((pdo.index, 0), ("", 0))[0]
-
-
-def _type_by_size(bits: int) -> int:
-    """An unsigned type of that size (BOOLEAN for one bit), where the slave tells nothing."""
-    return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)
 
 
 def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:
@@ -258,5 +187,5 @@ def _unused(slave: Slave, sii: Sii) -> list[tuple[int, int, bytes]]:
             struct.pack("<HHBBBB", manager.start, 0, manager.control, 0, 0, 0),
         )
         for number, manager in enumerate(sii.sync_managers)
-        if manager.usage in (_USAGE_OUTPUTS, _USAGE_INPUTS) and number not in used
+        if manager.usage in (USAGE_OUTPUTS, USAGE_INPUTS) and number not in used
     ]

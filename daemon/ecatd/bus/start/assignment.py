@@ -1,0 +1,192 @@
+"""Which process data a slave with CoE has now, and what they are called.
+
+ETG.1000.6: 0x1C12 and 0x1C13 name the assigned PDOs, 0x1600… and 0x1A00… their entries. Names and
+data types come from the SII where it has them, else from the SDO information service.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TypeVar
+
+from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.model.sii import Sii
+
+from .coe import Coe
+from .mailboxes import Talk
+
+T = TypeVar("T")
+
+USAGE_OUTPUTS, USAGE_INPUTS = 3, 4
+"""What a sync manager is for (category 41 of the SII)."""
+
+_COMPLETE_ACCESS = 0x20  # of the CoE details in the SII
+_ASSIGNMENT = 0x1C10
+_PDOS_MAX, _ENTRIES_MAX = 64, 254
+
+
+class Assignment:
+    """What one slave tells about its process data.
+
+    Args:
+        slave: The slave; it gets the PDOs.
+        sii: Its SII.
+        coe: The way to its objects.
+    """
+
+    def __init__(self, slave: Slave, sii: Sii, coe: Coe) -> None:
+        self._slave = slave
+        self._sii = sii
+        self._coe = coe
+        self._at_once = bool(sii.coe & _COMPLETE_ACCESS)
+        self._describes = True  # the slave has the SDO information service
+
+    def read(self) -> Talk[None]:
+        """Reads PDOs and names into the slave.
+
+        Raises:
+            NoAnswerError: The slave does not answer.
+            StateError: What it answers makes no sense.
+        """
+        yield from self._coe.open()
+        self._slave.outputs = yield from self._pdos(USAGE_OUTPUTS)
+        self._slave.inputs = yield from self._pdos(USAGE_INPUTS)
+        yield from self._add_names()
+
+    def _pdos(self, usage: int) -> Talk[list[Pdo]]:
+        pdos = []
+        for number in _sync_managers(self._sii, usage):
+            for index in (yield from self._list(_ASSIGNMENT + number, 2, _PDOS_MAX)):
+                values = yield from self._list(index, 4, _ENTRIES_MAX)
+                entries = [
+                    Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF) for value in values
+                ]
+                pdos.append(Pdo(index, "", number, entries))
+        return pdos
+
+    def _list(self, index: int, size: int, most: int) -> Talk[list[int]]:
+        """The values of an object that is a list; a slave without the object has an empty one."""
+        if not self._at_once:
+            return (yield from self._one_by_one(index, size, most)) or []
+        values = yield from self._whole(index, size, most)
+        if values is None:
+            values = yield from self._one_by_one(index, size, most)
+            # It has the object, so it is complete access that it is not good at.
+            self._at_once = values is None
+        return values or []
+
+    def _whole(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
+        """The list by complete access; None if the slave does not answer that as it should.
+
+        The number of values is followed by a byte of padding (ETG.1000.6, 5.6.2).
+        """
+        try:
+            data = yield from self._coe.upload(index, 0, complete=True, tries=1)
+        except (SdoAbortError, NoAnswerError, StateError):
+            return None
+        if not data or data[0] > most or len(data) != 2 + data[0] * size:
+            return None
+        return [int.from_bytes(data[at : at + size], "little") for at in range(2, len(data), size)]
+
+    def _one_by_one(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
+        """The list, value by value; None if there is no such object."""
+        try:
+            count = yield from self._coe.upload(index, 0)
+        except SdoAbortError:
+            return None
+        label = self._slave.label
+        if len(count) < 1 or count[0] > most:
+            raise StateError(
+                f"{label}: 0x{index:04X}:00 says {count.hex()} entries, at most {most} make sense"
+            )
+        values = []
+        for subindex in range(1, count[0] + 1):
+            data = yield from self._coe.upload(index, subindex)
+            if len(data) != size:
+                raise StateError(
+                    f"{label}: 0x{index:04X}:{subindex:02X} has {len(data)} bytes, not {size}"
+                )
+            values.append(int.from_bytes(data, "little"))
+        return values
+
+    # --- names ---------------------------------------------------------------------------------
+
+    def _add_names(self) -> Talk[None]:
+        in_sii = (*self._sii.outputs, *self._sii.inputs)
+        pdo_names = {pdo.index: pdo.name for pdo in in_sii}
+        known = {
+            (entry.index, entry.subindex): (entry.name, entry.data_type)
+            for pdo in in_sii
+            for entry in pdo.entries
+            if entry.name or entry.data_type
+        }
+        pdos = (*self._slave.outputs, *self._slave.inputs)
+        entries = [entry for pdo in pdos for entry in pdo.entries if not entry.is_gap]
+        unknown = {
+            (entry.index, entry.subindex): None
+            for entry in entries
+            if (entry.index, entry.subindex) not in known
+        }
+        if unknown:
+            known |= yield from self._described(unknown)
+            nameless = [pdo.index for pdo in pdos if not pdo_names.get(pdo.index)]
+            pdo_names |= yield from self._object_names(nameless)
+        for entry in entries:
+            entry.name, entry.data_type = known.get(
+                (entry.index, entry.subindex), ("", _type_by_size(entry.bit_length))
+            )
+        for pdo in pdos:
+            pdo.name = pdo_names.get(pdo.index, "")
+
+    def _described(
+        self, wanted: Iterable[tuple[int, int]]
+    ) -> Talk[dict[tuple[int, int], tuple[str, int]]]:
+        """Names and data types of entries, of those that the slave describes."""
+        found = {}
+        for index, subindex in wanted:
+            described = yield from self._describe(index, subindex)
+            if described is not None:
+                found[index, subindex] = described
+        return found
+
+    def _describe(self, index: int, subindex: int) -> Talk[tuple[str, int] | None]:
+        item = None
+        if subindex == 0:  # of a variable, the object says it all
+            item = yield from self._ask(self._coe.describe_object(index))
+            if item is not None and item.max_subindex == 0:
+                return item.name, item.data_type
+        entry = yield from self._ask(self._coe.describe_entry(index, subindex))
+        if entry is not None and entry.data_type:
+            return entry.name, entry.data_type
+        return (item.name, item.data_type) if item is not None else None
+
+    def _object_names(self, indices: Iterable[int]) -> Talk[dict[int, str]]:
+        found = {}
+        for index in dict.fromkeys(indices):
+            item = yield from self._ask(self._coe.describe_object(index))
+            found[index] = item.name if item is not None else ""
+        return found
+
+    def _ask(self, talk: Talk[T]) -> Talk[T | None]:
+        """What the slave describes, as long as it does; names are not worth giving a bus up."""
+        if not self._describes:
+            return None
+        try:
+            return (yield from talk)
+        except SdoAbortError:
+            return None
+        except (NoAnswerError, StateError):
+            self._describes = False
+            return None
+
+
+def _sync_managers(sii: Sii, usage: int) -> list[int]:
+    """Numbers of the sync managers of a kind; ETG.1000.4 makes SM2 and SM3 the usual ones."""
+    numbers = [n for n, item in enumerate(sii.sync_managers) if item.usage == usage]
+    return numbers or ([2] if usage == USAGE_OUTPUTS else [3])
+
+
+def _type_by_size(bits: int) -> int:
+    """An unsigned type of that size (BOOLEAN for one bit), where the slave tells nothing."""
+    return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)

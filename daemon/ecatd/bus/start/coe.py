@@ -1,0 +1,254 @@
+"""CANopen over EtherCAT of many slaves at the same time (ETG.1000.6, "CoE").
+
+Uploads and the SDO information service as parts of a conversation; `mailboxes.converse` leads
+those of all slaves. Only for the start: SDOs of users go through SOEM, one at a time.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+
+from .mailboxes import Mailbox, Protocol, Talk
+
+T = TypeVar("T")
+
+_TRIES = 3
+"""An upload changes nothing, so it can be asked for again."""
+
+_MOST = 1 << 16
+"""Bytes of an object; more of them come from a slave that is out of its mind."""
+
+_MAILBOX_LEAST = 16  # mailbox header, CoE header, SDO
+_COE_HEADER = 2
+_EMERGENCY, _SDO_REQUEST, _SDO_RESPONSE, _INFORMATION = 1, 2, 3, 8
+
+_SDO = struct.Struct("<BHB4x")
+_SDO_SIZE = 8
+_SEGMENT_LEAST = 7
+_COMMAND, _SEGMENT, _UPLOAD, _UPLOAD_SEGMENT, _ABORT = 0xE0, 0x00, 0x40, 0x60, 0x80
+_COMPLETE, _EXPEDITED, _TOGGLE, _LAST = 0x10, 0x02, 0x10, 0x01
+
+_INFO = struct.Struct("<BxH")
+_INFO_MORE = 0x80
+_GET_OBJECT, _GET_ENTRY, _INFO_ERROR = 3, 5, 7
+_ACCESS_CATEGORY_MAPPING = 0x07  # what an entry description should tell: no values
+_UNIT, _VALUES = 0x08, (0x10, 0x20, 0x40)
+
+
+class ObjectDescription(NamedTuple):
+    """An object as the SDO information service describes it.
+
+    Attributes:
+        name: Its name.
+        data_type: Its CoE data type index.
+        max_subindex: Its highest subindex; 0: a variable.
+    """
+
+    name: str
+    data_type: int
+    max_subindex: int
+
+
+class EntryDescription(NamedTuple):
+    """An entry of an object as the SDO information service describes it.
+
+    Attributes:
+        name: Its name.
+        data_type: Its CoE data type index; 0: there is no such entry.
+    """
+
+    name: str
+    data_type: int
+
+
+class Coe:
+    """CoE of one slave.
+
+    Args:
+        position: Its position, by which messages name it.
+        station: Its configured station address.
+
+    Attributes:
+        mailbox: Its mailbox.
+        emergencies: Error code and error register of the emergencies that came meanwhile.
+    """
+
+    def __init__(self, position: int, station: int) -> None:
+        self.mailbox = Mailbox(station)
+        self.emergencies: list[tuple[int, int]] = []
+        self._position = position
+
+    def open(self) -> Talk[None]:
+        """Finds the mailbox; comes first.
+
+        Raises:
+            NoAnswerError: The slave does not answer.
+            StateError: It has no mailbox for CoE now.
+        """
+        try:
+            yield from self.mailbox.open(_MAILBOX_LEAST)
+        except EcatError as error:
+            raise type(error)(f"slave {self._position} has CoE, but {error}") from error
+
+    # --- uploads -------------------------------------------------------------------------------
+
+    def upload(
+        self, index: int, subindex: int, *, complete: bool = False, tries: int = _TRIES
+    ) -> Talk[bytes]:
+        """Reads an object, asking again if there is no answer, or one that makes no sense.
+
+        Args:
+            index: Its index.
+            subindex: The subindex, or the first one of a complete access.
+            complete: The whole object (complete access).
+            tries: How many times it is asked for.
+
+        Raises:
+            SdoAbortError: The slave refused.
+            NoAnswerError: It did not answer.
+            StateError: It answered something else.
+        """
+        where = f"slave {self._position}, 0x{index:04X}:{subindex:02X}"
+        for left in reversed(range(tries)):
+            try:
+                return (yield from self._upload(index, subindex, complete))
+            except SdoAbortError as abort:
+                raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
+            except (NoAnswerError, StateError) as error:
+                if left == 0:
+                    raise type(error)(f"{where}: {error}") from error
+        raise AssertionError
+
+    def _upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
+        head = _SDO.pack(_UPLOAD | (_COMPLETE if complete else 0), index, subindex)
+
+        # Not every slave repeats the bit of a complete access; one that does is not mistaken.
+        mask = _COMMAND if complete else _COMMAND | _COMPLETE
+
+        def is_answer(sdo: bytes) -> bool:
+            return (sdo[0] ^ head[0]) & mask == 0 and sdo[1:4] == head[1:4]
+
+        first = yield from self._ask_sdo(head, is_answer)
+        if first[0] & _EXPEDITED:
+            return first[4 : 8 - (first[0] >> 2 & 3)]
+        (size,) = struct.unpack_from("<I", first, 4)
+        if size > _MOST:
+            raise StateError(f"the slave announces {size} bytes, more than {_MOST}")
+        data, toggle, last = first[_SDO_SIZE:], 0, False
+        while len(data) < size and not last:
+            part = yield from self._ask_sdo(
+                _SDO.pack(_UPLOAD_SEGMENT | toggle, 0, 0),
+                lambda sdo: sdo[0] & _COMMAND == _SEGMENT,
+            )
+            if part[0] & _TOGGLE != toggle:
+                raise StateError("the slave answered with a wrong frame: a segment is missing")
+            unused = part[0] >> 1 & 7 if len(part) == 1 + _SEGMENT_LEAST else 0
+            last = bool(part[0] & _LAST)
+            if not last and len(part) - unused <= 1:
+                raise StateError("the slave answered with a wrong frame: a segment without data")
+            data += part[1 : len(part) - unused]
+            toggle ^= _TOGGLE
+        if len(data) < size:
+            raise StateError(f"the slave announces {size} bytes and sends {len(data)}")
+        return data[:size]
+
+    def _ask_sdo(self, request: bytes, is_answer: Callable[[bytes], bool]) -> Talk[bytes]:
+        def take(service: int, sdo: bytes) -> bytes | None:
+            if service not in (_SDO_REQUEST, _SDO_RESPONSE):
+                return None
+            if len(sdo) < _SDO_SIZE:
+                raise StateError(f"the slave answered with a wrong frame: {len(sdo)} bytes of SDO")
+            # An abort is sent as a request or as a response; that of a segment has no address.
+            if sdo[0] & _COMMAND == _ABORT:
+                if request[0] & _COMMAND == _UPLOAD and sdo[1:4] != request[1:4]:
+                    return None
+                raise SdoAbortError(int.from_bytes(sdo[4:8], "little"))
+            return sdo if service == _SDO_RESPONSE and is_answer(sdo) else None
+
+        return self._ask(_SDO_REQUEST, request, take)
+
+    # --- SDO information -----------------------------------------------------------------------
+
+    def describe_object(self, index: int) -> Talk[ObjectDescription]:
+        """Asks what an object is.
+
+        Raises:
+            SdoAbortError: There is none.
+            NoAnswerError: The slave does not answer; it may have no such service.
+            StateError: It answered something else, such as that it has no such service.
+        """
+        wanted = struct.pack("<H", index)
+        body = yield from self._ask_information(_GET_OBJECT, wanted, wanted, 6)
+        data_type, max_subindex = struct.unpack_from("<HB", body, 2)
+        return ObjectDescription(_text(body[6:]), data_type, max_subindex)
+
+    def describe_entry(self, index: int, subindex: int) -> Talk[EntryDescription]:
+        """Asks what an entry of an object is; raises as `describe_object`."""
+        address = struct.pack("<HB", index, subindex)
+        wanted = address + bytes([_ACCESS_CATEGORY_MAPPING])
+        body = yield from self._ask_information(_GET_ENTRY, wanted, address, 10)
+        given, data_type, bits = struct.unpack_from("<BHH", body, 3)
+        values = sum(bool(given & bit) for bit in _VALUES)
+        name_at = 10 + (4 if given & _UNIT else 0) + values * ((bits + 7) // 8)
+        return EntryDescription(_text(body[name_at:]), data_type)
+
+    def _ask_information(self, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk[bytes]:
+        """The answer, put together from its fragments."""
+        body = b""
+
+        def take(service: int, part: bytes) -> int | None:
+            """Adds a fragment; how many are left."""
+            nonlocal body
+            if service != _INFORMATION:
+                return None
+            if len(part) < _INFO.size:
+                raise StateError(
+                    f"the slave answered with a wrong frame: {len(part)} bytes of SDO information"
+                )
+            kind, left = _INFO.unpack_from(part)
+            data = part[_INFO.size :]
+            if kind & ~_INFO_MORE == _INFO_ERROR:
+                raise SdoAbortError(int.from_bytes(data[:4], "little"))
+            if kind & ~_INFO_MORE != opcode + 1 or not (body or data.startswith(begin)):
+                return None
+            body += data
+            if len(body) > _MOST:
+                raise StateError(f"the slave describes an object with more than {_MOST} bytes")
+            return left if kind & _INFO_MORE else 0
+
+        request = _INFO.pack(opcode, 0) + wanted
+        left = yield from self._ask(_INFORMATION, request, take)
+        while left:
+            left = yield from self.mailbox.more(Protocol.COE, self._split(take))
+        if len(body) < least:
+            raise StateError(
+                f"the slave answered with a wrong frame: a description of {len(body)} bytes"
+            )
+        return body
+
+    # --- CoE -----------------------------------------------------------------------------------
+
+    def _ask(self, service: int, request: bytes, take: Callable[[int, bytes], T | None]) -> Talk[T]:
+        body = struct.pack("<H", service << 12) + request
+        return self.mailbox.ask(Protocol.COE, body, self._split(take))
+
+    def _split(self, take: Callable[[int, bytes], T | None]) -> Callable[[bytes], T | None]:
+        """Gives `take` the service of a message and what follows; emergencies are put aside."""
+
+        def split(body: bytes) -> T | None:
+            if len(body) < _COE_HEADER:
+                raise StateError(f"the slave answered with a wrong frame: {len(body)} bytes of CoE")
+            service = int.from_bytes(body[:_COE_HEADER], "little") >> 12
+            if service == _EMERGENCY and len(body) >= _COE_HEADER + 3:
+                self.emergencies.append(struct.unpack_from("<HB", body, _COE_HEADER))
+            return take(service, body[_COE_HEADER:])
+
+        return split
+
+
+def _text(name: bytes) -> str:
+    return name.split(b"\0", 1)[0].decode("latin-1")

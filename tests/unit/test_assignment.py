@@ -1,0 +1,200 @@
+"""Which PDOs slaves with CoE have, and what is asked for it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import pytest
+from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
+
+from ecatd.bus.start import mailboxes
+from ecatd.bus.start.assignment import Assignment
+from ecatd.bus.start.coe import Coe
+from ecatd.bus.start.mailboxes import Talk, converse
+from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.errors import SdoAbortError, StateError
+from ecatd.model.sii import Sii, read_sii
+from ecatsim.slave import sii
+from ecatsim.slave.device import Device
+
+COMPLETE_ACCESS = 0x20
+
+
+class Single(Device):
+    """Eight entries in each of two PDOs a direction, to be read one by one."""
+
+    vendor, product, revision, order = 0x0000FFFF, 0x1, 1, "Single"
+    mailbox = sii.Mailbox(coe_details=0x0F)
+    rx_pdos = tuple(
+        Pdo(0x1600 + i, f"Out {i}", 2, [Entry(0x7000 + i, n, f"o{n}", 6, 16) for n in range(1, 9)])
+        for i in range(2)
+    )
+    tx_pdos = tuple(
+        Pdo(0x1A00 + i, f"In {i}", 3, [Entry(0x6000 + i, n, f"i{n}", 7, 32) for n in range(1, 9)])
+        for i in range(2)
+    )
+
+
+class Whole(Single):
+    """The same with complete access."""
+
+    order = "Whole"
+    mailbox = sii.Mailbox(coe_details=0x2F)
+
+
+class OneWay(Whole):
+    """One without outputs, and without the object that would list them."""
+
+    order = "OneWay"
+    rx_pdos = ()
+
+    def describe(self) -> None:
+        if 0x1C12 in self.dictionary:
+            self.dictionary.remove(0x1C12)
+
+
+class Counting(Coe):
+    """Counts what is asked."""
+
+    def __init__(self, position: int) -> None:
+        super().__init__(position, FIRST_STATION + position)
+        self.uploads = 0
+        self.descriptions = 0
+
+    def upload(
+        self, index: int, subindex: int, *, complete: bool = False, tries: int = 3
+    ) -> Talk[bytes]:
+        self.uploads += 1
+        return super().upload(index, subindex, complete=complete, tries=tries)
+
+    def _ask_information(self, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk[bytes]:
+        self.descriptions += 1
+        return super()._ask_information(opcode, wanted, begin, least)
+
+
+def content(device: Device) -> Sii:
+    image = device.sii_image().ljust(4096, b"\xff")
+    return read_sii(lambda word, count: image[2 * word : 2 * (word + count)])
+
+
+def read(
+    *devices: Device, change: Callable[[Sii], None] = lambda _: None
+) -> list[tuple[Slave, Counting]]:
+    """What the devices tell, and by how many questions."""
+    with in_preop(*devices) as (registers, _wire):
+        found = [(Slave(n, device.order, 1, 2, 3), Counting(n)) for n, device in enumerate(devices)]
+        siis = [content(device) for device in devices]
+        for item in siis:
+            change(item)
+        converse(
+            registers,
+            [
+                Assignment(slave, item, coe).read()
+                for (slave, coe), item in zip(found, siis, strict=True)
+            ],
+        )
+    return found
+
+
+def boast(image: Sii) -> None:
+    """The SII promises complete access."""
+    image.coe |= COMPLETE_ACCESS
+
+
+def forget(image: Sii) -> None:
+    """The SII has no names."""
+    image.inputs.clear()
+    image.outputs.clear()
+
+
+LISTS, VALUES = 2 + 4, 2 * 2 + 4 * 8
+NAMES = 4 * 8 + 4
+
+
+def test_lists_are_read_at_once_where_the_slave_can() -> None:
+    found = read(Single(), Whole())
+    assert [(s.outputs, s.inputs) for s, _ in found] == [
+        (list(Single.rx_pdos), list(Single.tx_pdos))
+    ] * 2
+    assert [(coe.uploads, coe.descriptions) for _, coe in found] == [
+        (LISTS + VALUES, 0),
+        (LISTS, 0),
+    ]
+
+
+def test_a_slave_that_is_not_good_at_complete_access_is_not_asked_that_way_again() -> None:
+    ((slave, coe),) = read(Single(), change=boast)
+    assert slave.outputs == list(Single.rx_pdos)
+    assert coe.uploads == LISTS + VALUES + 1
+
+
+def test_an_object_that_is_not_there_says_nothing_about_complete_access() -> None:
+    ((slave, coe),) = read(OneWay())
+    assert slave.outputs == []
+    assert slave.inputs == list(Single.tx_pdos)
+    assert coe.uploads == 2 + 3
+
+
+def test_names_come_from_the_dictionary_where_the_sii_has_none() -> None:
+    for slave, coe in read(Single(), Whole(), change=forget):
+        assert (slave.outputs, slave.inputs) == (list(Single.rx_pdos), list(Single.tx_pdos))
+        assert coe.descriptions == NAMES
+
+
+def without_information(device: Device) -> Device:
+    server = device._services._coe._information
+    server.handle = lambda _request: []
+    return device
+
+
+def test_a_slave_that_describes_nothing_is_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.3)
+    ((slave, coe),) = read(without_information(Single()), change=forget)
+    assert coe.descriptions == 1
+    assert [pdo.name for pdo in slave.outputs] == ["", ""]
+    assert {(e.name, e.data_type) for pdo in slave.outputs for e in pdo.entries} == {("", 6)}
+    assert [pdo.bit_length for pdo in slave.inputs] == [256, 256]
+
+
+def lists(objects: dict[tuple[int, int], bytes]) -> Slave:
+    """A slave with these objects only, up to four bytes each."""
+
+    def answers(request: bytes) -> list[bytes]:
+        index, subindex = struct.unpack_from("<HB", request, 9)
+        data = objects.get((index, subindex))
+        if data is None:
+            body = b"\0\x20\x80" + request[9:12] + struct.pack("<I", 0x06020000)
+        else:
+            head = bytes([0x43 | (4 - len(data)) << 2])
+            body = b"\0\x30" + head + request[9:12] + data.ljust(4, b"\0")
+        return [struct.pack("<HHBB", len(body), 0, 0, 0x13) + body]
+
+    slave = Correspondent(answers)
+    with corresponding(slave) as (registers, _wire):
+        found = Slave(0, "Odd", 1, 2, 3)
+        converse(registers, [Assignment(found, Sii(), Coe(0, FIRST_STATION)).read()])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("objects", "text"),
+    [
+        ({(0x1C12, 0): b"\x41"}, "0x1C12:00 says 41 entries, at most 64 make sense"),
+        ({(0x1C12, 0): b"\x01", (0x1C12, 1): b"\x01"}, "0x1C12:01 has 1 bytes, not 2"),
+        ({(0x1C12, 0): b"\x01"}, "slave 0, 0x1C12:01: SDO abort 0x06020000"),
+        (
+            {(0x1C12, 0): b"\x01", (0x1C12, 1): b"\0\x16", (0x1600, 0): b"\xff"},
+            "0x1600:00 says ff entries, at most 254 make sense",
+        ),
+    ],
+)
+def test_lists_that_make_no_sense(objects: dict[tuple[int, int], bytes], text: str) -> None:
+    with pytest.raises((StateError, SdoAbortError), match=text):
+        lists(objects)
+
+
+def test_a_slave_without_assigned_pdos_has_none() -> None:
+    found = lists({(0x1C12, 0): b"\0", (0x1C13, 0): b"\x01", (0x1C13, 1): b"\0\x1a"})
+    assert found.outputs == []
+    assert found.inputs == [Pdo(0x1A00, "", 3, [])]

@@ -1,0 +1,486 @@
+"""Mailboxes and CoE of many slaves at once: uploads, lost frames, and slaves that answer oddly."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
+
+from ecatd.bus.datagrams import Datagrams
+from ecatd.bus.start import mailboxes
+from ecatd.bus.start.coe import Coe, EntryDescription, ObjectDescription
+from ecatd.bus.start.mailboxes import Talk, converse
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatsim.slave import sii
+from ecatsim.slave.device import Device
+from ecatsim.slave.mailbox import MailboxFault
+from ecatsim.slave.objects import Access
+
+LONG = bytes(range(256)) * 3
+NO_OBJECT = 0x06020000
+COE, EMERGENCY, REQUEST, RESPONSE, INFORMATION = 3, 1, 2, 3, 8
+
+
+class Archive(Device):
+    """Objects of all sizes."""
+
+    vendor, product, revision, order = 0xFFFF, 1, 1, "Archive"
+    mailbox = sii.Mailbox(receive_size=48, send=0x1030, send_size=48, coe_details=0x2F)
+
+    def describe(self) -> None:
+        add = self.dictionary.variable
+        add(0x2000, "Small", DataType.INTEGER16, -2)
+        add(0x2001, "Text", DataType.VISIBLE_STRING, "hello world")
+        add(0x2002, "A long name that does not fit into one mail", DataType.OCTET_STRING, LONG)
+        add(0x2003, "Secret", DataType.UNSIGNED8, 1, Access.WO)
+        self.dictionary.array(0x2010, "Row", DataType.UNSIGNED16, [1, 2, 3])
+
+
+class Roomy(Archive):
+    """The same in larger mails."""
+
+    mailbox = sii.Mailbox(receive_size=512, send=0x1200, send_size=512, coe_details=0x2F)
+
+
+def talk(coe: Coe, *uploads: tuple[int, int]) -> Talk[list[bytes | int]]:
+    """Uploads, and the abort codes of those that are refused."""
+    yield from coe.open()
+    found: list[bytes | int] = []
+    for index, subindex in uploads:
+        try:
+            found.append((yield from coe.upload(index, subindex)))
+        except SdoAbortError as abort:
+            found.append(abort.code)
+    return found
+
+
+def slaves(count: int) -> list[Coe]:
+    return [Coe(position, FIRST_STATION + position) for position in range(count)]
+
+
+def ask(
+    registers: Datagrams, count: int, *uploads: tuple[int, int]
+) -> tuple[list[Coe], list[list[bytes | int]]]:
+    coe = slaves(count)
+    return coe, converse(registers, [talk(item, *uploads) for item in coe])
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slaves that do not answer are given up sooner."""
+    monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.2)
+    monkeypatch.setattr(mailboxes, "_REPEAT_S", 0.1)
+
+
+# --- slaves that answer as they should -------------------------------------------------------
+
+
+UPLOADS = [(0x2000, 0), (0x2001, 0), (0x2002, 0), (0x2010, 3), (0x2003, 0), (0x3000, 0)]
+CONTENTS = [b"\xfe\xff", b"hello world", LONG, b"\x03\0", 0x06010001, NO_OBJECT]
+
+
+def test_objects_of_all_sizes_are_read_from_all_slaves() -> None:
+    with in_preop(Archive(), Roomy(), Archive()) as (registers, _wire):
+        coe, found = ask(registers, 3, *UPLOADS)
+        assert found == [CONTENTS] * 3
+        assert [item.mailbox.skipped for item in coe] == [0, 0, 0]
+
+
+def test_whole_objects_and_descriptions() -> None:
+    def whole(coe: Coe) -> Talk[tuple[object, ...]]:
+        yield from coe.open()
+        row = yield from coe.upload(0x2010, 0, complete=True)
+        names = []
+        for index in (0x2000, 0x2002, 0x2010):
+            names.append((yield from coe.describe_object(index)))
+        entry = yield from coe.describe_entry(0x2010, 2)
+        with pytest.raises(SdoAbortError) as refused:
+            yield from coe.describe_object(0x3000)
+        return row, names, entry, refused.value.code
+
+    with in_preop(Archive(), Roomy()) as (registers, _wire):
+        for row, names, entry, code in converse(registers, [whole(c) for c in slaves(2)]):
+            assert row == bytes.fromhex("0300 0100 0200 0300")
+            assert names == [
+                ObjectDescription("Small", DataType.INTEGER16, 0),
+                ObjectDescription(
+                    "A long name that does not fit into one mail", DataType.OCTET_STRING, 0
+                ),
+                ObjectDescription("Row", DataType.UNSIGNED16, 3),
+            ]
+            assert entry == EntryDescription("SubIndex 002", DataType.UNSIGNED16)
+            assert code == NO_OBJECT
+
+
+def test_emergencies_in_between_are_put_aside() -> None:
+    devices = [Archive(), Archive()]
+
+    def with_emergencies(coe: Coe) -> Talk[list[bytes]]:
+        yield from coe.open()
+        found = []
+        for code in (0x1000, 0x8130):
+            devices[1].emergency(code, 0x11)
+            found.append((yield from coe.upload(0x2002, 0)))
+        return found
+
+    with in_preop(*devices) as (registers, _wire):
+        coe = slaves(2)
+        found = converse(registers, [with_emergencies(item) for item in coe])
+        assert found == [[LONG] * 2] * 2
+        assert not coe[0].emergencies
+        assert {code for code, register in coe[1].emergencies} == {0x1000, 0x8130}
+        assert coe[1].mailbox.skipped == len(coe[1].emergencies) == 4
+
+
+def test_a_slow_slave_is_waited_for() -> None:
+    slow = Archive()
+    with in_preop(Archive(), slow) as (registers, _wire):
+        slow.mailbox_fault = MailboxFault("slow", 0.3)
+        assert ask(registers, 2, *UPLOADS[:2])[1] == [CONTENTS[:2]] * 2
+
+
+def test_answers_to_a_request_that_was_given_up_are_not_taken(short: None) -> None:
+    slow = Archive()
+    with in_preop(slow) as (registers, _wire):
+        slow.mailbox_fault = MailboxFault("slow", 0.3)
+        (coe,), (found,) = ask(registers, 1, *UPLOADS[:2])
+        assert found == CONTENTS[:2]
+        assert coe.mailbox.skipped > 0
+
+
+# --- mailbox protocol ------------------------------------------------------------------------
+
+
+def mail(service: int, body: bytes, *, kind: int = COE, counter: int = 1) -> bytes:
+    content = struct.pack("<H", service << 12) + body
+    return struct.pack("<HHBB", len(content), 0, 0, kind | counter << 4) + content
+
+
+def expedited(request: bytes, data: bytes = b"\x05") -> bytes:
+    """The answer to an upload."""
+    head = bytes([0x43 | (4 - len(data)) << 2]) + request[9:12]
+    return mail(RESPONSE, head + data.ljust(4, b"\0"))
+
+
+def test_messages_are_counted_from_2_to_7() -> None:
+    slave = Correspondent(lambda request: [expedited(request)])
+    with corresponding(slave) as (registers, _wire):
+        assert ask(registers, 1, *[(0x2000, n) for n in range(15)])[1] == [[b"\x05"] * 15]
+    assert [item[5] >> 4 for item in slave.mails] == [2, 3, 4, 5, 6, 7] * 2 + [2, 3, 4]
+    assert {len(item) for item in slave.mails} == {128}
+
+
+@pytest.mark.parametrize("unseen", [False, True])
+def test_any_frame_may_get_lost(unseen: bool) -> None:
+    """Whichever frame it is: no answer is missed, none is taken twice, none asked for anew."""
+    uploads = [(0x2000, 0), (0x2002, 0), (0x2001, 0)]
+    device = Roomy()
+    with in_preop(device) as (registers, wire):
+        answered: list[bytes] = []
+        server = device._services.server
+        handler = server.handlers[COE]
+        server.handlers[COE] = lambda body: answered.append(body) or handler(body)
+        # Looks come as often as they do, so it is other accesses that are counted.
+        lose, seen = [0], [0]
+
+        def is_next(number: int) -> bool:
+            register = int.from_bytes(wire.frames[number][20:22], "little")
+            seen[0] += register >= 0x1000
+            return register >= 0x1000 and seen[0] == lose[0]
+
+        wire.lose, wire.unseen = is_next, unseen
+        (coe,), (plain,) = ask(registers, 1, *uploads)
+        requests, accesses = answered[:], seen[0]
+        assert plain == [b"\xfe\xff", LONG, b"hello world"]
+        assert accesses == 2 * len(requests) == 8
+        for lost in range(1, accesses + 1):
+            answered.clear()
+            lose[0], seen[0] = lost, 0
+            # Another number to begin with, as if this was another master.
+            (coe,) = slaves(1)
+            coe.mailbox._sent = 4
+            assert converse(registers, [talk(coe, *uploads)]) == [plain]
+            assert answered == requests, f"access {lost}"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_many_frames_get_lost(seed: int) -> None:
+    with in_preop(*[Archive() for _ in range(12)]) as (registers, wire):
+        wire.lose = lambda number: number * 7919 % 101 % 8 == seed
+        wire.unseen = seed % 2 == 0
+        assert ask(registers, 12, *UPLOADS)[1] == [CONTENTS] * 12
+
+
+def test_a_request_for_repetition_that_gets_lost_is_made_again() -> None:
+    slave = Correspondent(lambda request: [expedited(request)])
+    with corresponding(slave) as (registers, wire):
+        lost: list[int] = []
+
+        def lose(number: int) -> bool:
+            register = int.from_bytes(wire.frames[number][20:22], "little")
+            if register in (0x1080, 0x080E) and lost.count(register) < 2:
+                lost.append(register)
+                return True
+            return False
+
+        wire.lose, wire.unseen = lose, True
+        assert ask(registers, 1, (0x2000, 0), (0x2000, 1))[1] == [[b"\x05"] * 2]
+        assert sorted(lost) == [0x080E] * 2 + [0x1080] * 2
+        assert len(slave.mails) == 2
+
+
+def test_a_slave_that_cannot_repeat_is_asked_anew(short: None) -> None:
+    slave = Correspondent(lambda request: [expedited(request)], repeats=False)
+    with corresponding(slave) as (registers, wire):
+        lost: list[int] = []
+
+        def lose(number: int) -> bool:
+            is_read = wire.frames[number][20:22] == b"\x80\x10"
+            if is_read:
+                lost.append(number)
+            return is_read and len(lost) == 1
+
+        wire.lose = lose
+        assert ask(registers, 1, (0x2000, 0))[1] == [[b"\x05"]]
+        assert len(slave.mails) == 2
+
+
+# --- slaves that do not answer as they should --------------------------------------------------
+
+SILENT = "the slave does not answer its mailbox"
+
+
+def test_a_slave_that_does_not_answer_is_named_and_holds_nobody_up(short: None) -> None:
+    devices = [Archive(), Archive(), Archive(), Archive()]
+    with in_preop(*devices) as (registers, _wire):
+        finished: list[int] = []
+
+        def until_the_end(number: int, coe: Coe) -> Talk[None]:
+            yield from talk(coe, *UPLOADS)
+            finished.append(number)
+
+        devices[1].mailbox_fault = MailboxFault("stuck")
+        with pytest.raises(NoAnswerError, match=f"^slave 1, 0x2000:00: {SILENT}$"):
+            converse(registers, [until_the_end(n, coe) for n, coe in enumerate(slaves(4))])
+        assert sorted(finished) == [0, 2, 3]
+        devices[2].mailbox_fault = MailboxFault("full")
+        with pytest.raises(StateError) as error:
+            ask(registers, 4, (0x2000, 0))
+        assert str(error.value) == (
+            f"slave 1, 0x2000:00: {SILENT}; slave 2, 0x2000:00: {SILENT}: it does not take messages"
+        )
+
+
+def test_only_the_first_of_many_silent_slaves_are_named(short: None) -> None:
+    with (
+        corresponding(*[Correspondent(lambda _request: []) for _ in range(9)]) as (registers, _),
+        pytest.raises(StateError, match=r"slave 4, 0x2000:00: [^;]*; and 4 slaves more$"),
+    ):
+        ask(registers, 9, (0x2000, 0))
+
+
+def test_a_slave_that_is_gone(short: None) -> None:
+    with in_preop(Archive()) as (registers, wire):
+
+        def lost_after(coe: Coe) -> Talk[None]:
+            yield from coe.open()
+            wire.lose = lambda _number: True
+            yield from coe.upload(0x2000, 0)
+
+        with pytest.raises(NoAnswerError, match=f"^slave 0, 0x2000:00: {SILENT}$"):
+            converse(registers, [lost_after(*slaves(1))])
+        with pytest.raises(NoAnswerError, match=f"^slave 0 has CoE, but {SILENT}$"):
+            ask(registers, 1)
+
+
+def test_a_mailbox_that_is_not_set_up() -> None:
+    with in_preop(Archive()) as (registers, _wire):
+        registers.exchange([mailboxes.fpwr(FIRST_STATION, 0x080E, b"\0")])
+        with pytest.raises(StateError, match=r"^slave 0 has CoE, but sync manager 1 is not set up"):
+            ask(registers, 1)
+    slave = Correspondent(lambda _request: [])
+    with (
+        corresponding(slave, size=15) as (registers, _wire),
+        pytest.raises(StateError, match="sync manager 0 has 15 bytes; 16 to 1486 are possible"),
+    ):
+        ask(registers, 1)
+
+
+def test_starting_can_be_cancelled() -> None:
+    slave = Correspondent(lambda _request: [])
+    with (
+        corresponding(slave) as (registers, _wire),
+        pytest.raises(StateError, match=r"^stopped while slaves were being read$"),
+    ):
+        converse(registers, [talk(*slaves(1), (0x2000, 0))], lambda: bool(slave.mails))
+
+
+def segments(*parts: bytes) -> Callable[[bytes], list[bytes]]:
+    """Answers the first upload by a segmented one of 20 bytes, and then with these segments."""
+    left: list[bytes] = []
+
+    def answers(request: bytes) -> list[bytes]:
+        if request[8] & 0xE0 == 0x40:
+            left[:] = parts
+            return [mail(RESPONSE, b"\x41" + request[9:12] + struct.pack("<I", 20))]
+        return [mail(RESPONSE, left.pop(0))]
+
+    return answers
+
+
+def always(*mails: bytes) -> Callable[[bytes], list[bytes]]:
+    return lambda _request: list(mails)
+
+
+ADDRESS = b"\x00\x20\x00"
+WRONG = {
+    "no body": (always(b"\0\0\0\0\0\x13"), "a wrong frame: 0 bytes of CoE"),
+    "longer than the mailbox": (always(b"\xff\xff\0\0\0\x13"), "65535 bytes do not fit into"),
+    "short SDO": (always(mail(RESPONSE, b"\x43" + ADDRESS)), "a wrong frame: 4 bytes of SDO"),
+    "mailbox error": (
+        always(struct.pack("<HHBBHH", 4, 0, 0, 0x10, 1, 4)),
+        "mailbox error 0x0004: the slave does not know the service",
+    ),
+    "short mailbox error": (always(b"\x01\0\0\0\0\x10\x01"), "an error of 1 bytes"),
+    "too much": (
+        always(mail(RESPONSE, b"\x41" + ADDRESS + b"\xff" * 4)),
+        "announces 4294967295 bytes, more than 65536",
+    ),
+    "less than announced": (
+        segments(b"\x00" + bytes(7), b"\x1f" + bytes(7)),
+        "announces 20 bytes and sends 7",
+    ),
+    "wrong toggle": (segments(b"\x10" + bytes(7)), "a segment is missing"),
+    "another object": (always(mail(RESPONSE, b"\x43\0\x30\0\0\0\0\0")), SILENT),
+    "another protocol": (always(mail(2, bytes(8), kind=2)), SILENT),
+    "another service": (always(mail(5, bytes(8))), SILENT),
+    "an emergency": (always(mail(EMERGENCY, bytes(8))), SILENT),
+    "a segment": (always(mail(RESPONSE, bytes(8))), SILENT),
+    "a description": (always(mail(INFORMATION, bytes(8))), SILENT),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_answers_to_uploads(case: str, short: None) -> None:
+    answers, text = WRONG[case]
+    with corresponding(Correspondent(answers)) as (registers, _wire):
+        with pytest.raises(EcatError) as error:
+            ask(registers, 1, (0x2000, 0))
+        assert isinstance(error.value, NoAnswerError | StateError)
+        assert str(error.value).startswith("slave 0, 0x2000:00: ")
+        assert text in str(error.value)
+
+
+def test_segments_without_data_end_some_time(short: None) -> None:
+    """They are no error by themselves, but a slave may send them for ever."""
+    toggle = [0x10]
+
+    def answers(request: bytes) -> list[bytes]:
+        if request[8] & 0xE0 == 0x40:
+            toggle[0] = 0x10
+            return [mail(RESPONSE, b"\x41" + request[9:12] + struct.pack("<I", 20))]
+        toggle[0] ^= 0x10
+        return [mail(RESPONSE, bytes([toggle[0] | 0x0E]) + bytes(7))]
+
+    with (
+        corresponding(Correspondent(answers)) as (registers, _wire),
+        pytest.raises(StateError, match="a segment without data"),
+    ):
+        ask(registers, 1, (0x2000, 0))
+
+
+def test_a_flood_of_messages_is_not_waited_for(short: None) -> None:
+    """A mailbox that is always full of something else."""
+    slave = Correspondent(lambda _request: [mail(EMERGENCY, bytes(8))] * 100_000)
+    with (
+        corresponding(slave) as (registers, _wire),
+        pytest.raises(NoAnswerError, match=f"0x2000:00: {SILENT}: it sends other messages"),
+    ):
+        ask(registers, 1, (0x2000, 0))
+
+
+DESCRIPTIONS = {
+    "short": (always(mail(INFORMATION, b"\x04")), "1 bytes of SDO information"),
+    "cut off": (always(mail(INFORMATION, b"\x04\0\0\0\x00\x20")), "a description of 2 bytes"),
+    "without end": (
+        lambda _request: [mail(INFORMATION, b"\x84\0\x01\0\x00\x20" + bytes(100))] * 1000,
+        "more than 65536 bytes",
+    ),
+    "of another object": (always(mail(INFORMATION, b"\x04\0\0\0\x01\x20" + bytes(9))), SILENT),
+    "with a part missing": (
+        always(mail(INFORMATION, b"\x84\0\x01\0\x00\x20" + bytes(9))),
+        SILENT,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", DESCRIPTIONS)
+def test_wrong_descriptions(case: str, short: None) -> None:
+    answers, text = DESCRIPTIONS[case]
+
+    def describe(coe: Coe) -> Talk[ObjectDescription]:
+        yield from coe.open()
+        return (yield from coe.describe_object(0x2000))
+
+    with (
+        corresponding(Correspondent(answers)) as (registers, _wire),
+        pytest.raises((NoAnswerError, StateError), match=text),
+    ):
+        converse(registers, [describe(*slaves(1))])
+
+
+# --- anything ----------------------------------------------------------------------------------
+
+SDO = st.binary(min_size=0, max_size=24)
+MAILS = st.one_of(
+    st.binary(min_size=1, max_size=64),
+    st.builds(
+        mail,
+        st.sampled_from([EMERGENCY, REQUEST, RESPONSE, INFORMATION]),
+        st.one_of(
+            SDO,
+            st.builds(lambda a, b: bytes([a]) + ADDRESS + b, st.integers(0, 255), SDO),
+            st.builds(
+                lambda a, left, b: bytes([a, 0, left, 0]) + ADDRESS + b,
+                st.sampled_from([0x04, 0x84, 0x06, 0x86, 0x07]),
+                st.integers(0, 3),
+                SDO,
+            ),
+        ),
+        kind=st.sampled_from([COE, COE, COE, 0, 2]),
+        counter=st.integers(0, 7),
+    ),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.lists(MAILS, max_size=3), min_size=1, max_size=12))
+def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[bytes]]) -> None:
+    answers = iter(script)
+    slave = Correspondent(lambda _request: next(answers, []))
+
+    def everything(coe: Coe) -> Talk[list[object]]:
+        yield from coe.open()
+        found: list[object] = []
+        for part in (
+            coe.upload(0x2000, 0, tries=1),
+            coe.upload(0x2000, 0, complete=True, tries=1),
+            coe.describe_object(0x2000),
+            coe.describe_entry(0x2000, 0),
+        ):
+            try:
+                found.append((yield from part))
+            except (SdoAbortError, NoAnswerError, StateError) as error:
+                found.append(str(error))
+        return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mailboxes, "_ANSWER_S", 0.02)
+        with corresponding(slave) as (registers, _wire):
+            (found,) = converse(registers, [everything(*slaves(1))])
+    assert len(found) == 4
