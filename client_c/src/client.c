@@ -94,16 +94,43 @@ uint64_t ecat_cycle(const ecat_t *bus) {
   return __atomic_load_n(&bus->header->cycle, __ATOMIC_ACQUIRE);
 }
 
-static int check_position(ecat_t *bus, int position) {
+int ecat_check_position(ecat_t *bus, int position) {
   if (position >= 0 && position < ecat_slave_count(bus)) return 0;
   return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave %d: it has %d slaves, 0 to %d", bus->name,
                    position, ecat_slave_count(bus), ecat_slave_count(bus) - 1);
 }
 
+int ecat_check_signal(ecat_t *bus, int number) {
+  if (number >= 0 && number < ecat_signal_count(bus)) return 0;
+  return ecat_fail(bus, ECAT_EARG, "%d is no signal: bus '%s' has %d", number, bus->name,
+                   ecat_signal_count(bus));
+}
+
+int ecat_check_domain(ecat_t *bus, int number) {
+  if (number >= 0 && number < ecat_domain_count(bus)) return 0;
+  return ecat_fail(bus, ECAT_EARG, "bus '%s' has no domain %d: it has %d", bus->name, number,
+                   ecat_domain_count(bus));
+}
+
+/* Who decides the outputs of a slave, as a whole: what the most advanced of them says. */
+static void describe_outputs(const ecat_t *bus, const ecat_shm_slave *slave, ecat_slave_info *info) {
+  uint32_t i;
+  info->outputs = ECAT_OUTPUTS_SAFE;
+  info->owned = 0;
+  for (i = slave->signals_first; i < slave->signals_first + slave->signals_count; i++) {
+    int state;
+    if (!bus->signal[i].output) continue;
+    state = (int)__atomic_load_n(&bus->outputs[i].state, __ATOMIC_RELAXED);
+    if (state == ECAT_OUTPUTS_ACTIVE || info->outputs == ECAT_OUTPUTS_SAFE) info->outputs = state;
+    info->owned |= set_has(bus->claims, i);
+  }
+  if (info->owned && ecat_slot_lapsed(bus)) info->owned = 0;
+}
+
 int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info) {
   const ecat_shm_slave *slave;
   const ecat_shm_slave_status *status;
-  int code = check_position(bus, position);
+  int code = ecat_check_position(bus, position);
   if (code != 0) return code;
   slave = &bus->slaves[position];
   status = &bus->slave_status[position];
@@ -116,16 +143,14 @@ int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info) {
   info->al_code = __atomic_load_n(&status->al_code, __ATOMIC_RELAXED);
   info->domain = slave->domain;
   info->has_outputs = slave->output_bytes > 0;
-  info->outputs = (int)__atomic_load_n(&status->outputs, __ATOMIC_RELAXED);
-  info->owned = bit_get(bus->claims, (unsigned)position) && !ecat_slot_lapsed(bus);
+  describe_outputs(bus, slave, info);
   return 0;
 }
 
 int ecat_signal(ecat_t *bus, int number, ecat_signal_info *info) {
   const ecat_shm_signal *signal;
-  if (number < 0 || number >= ecat_signal_count(bus))
-    return ecat_fail(bus, ECAT_EARG, "%d is no signal: bus '%s' has %d", number, bus->name,
-                     ecat_signal_count(bus));
+  int code = ecat_check_signal(bus, number);
+  if (code != 0) return code;
   signal = &bus->signals[number];
   info->slave = signal->slave;
   info->index = signal->index;
@@ -133,8 +158,14 @@ int ecat_signal(ecat_t *bus, int number, ecat_signal_info *info) {
   info->output = signal->output;
   info->type = signal->type;
   info->bit_length = signal->bit_length;
+  info->domain = signal->domain;
+  info->bit_offset = signal->bit_offset;
   info->scale = signal->scale;
   info->offset = signal->offset;
+  info->minimum = signal->minimum;
+  info->maximum = signal->maximum;
+  info->pdo = signal->pdo;
+  info->pdo_name = signal->pdo_name;
   info->name = signal->name;
   info->unit = signal->unit;
   return 0;
@@ -154,7 +185,7 @@ int ecat_find(ecat_t *bus, uint32_t vendor, uint32_t product, unsigned nth) {
 
 int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product, uint32_t revision) {
   const ecat_shm_slave *slave;
-  int code = check_position(bus, position);
+  int code = ecat_check_position(bus, position);
   if (code != 0) return code;
   slave = &bus->slaves[position];
   if (slave->vendor != vendor || slave->product != product)
@@ -172,16 +203,19 @@ int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product, ui
 }
 
 int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subindex, int direction) {
-  int i, code = check_position(bus, position);
+  const ecat_shm_slave *slave;
+  uint32_t i;
+  int code = ecat_check_position(bus, position);
   if (code != 0) return code;
-  for (i = 0; i < ecat_signal_count(bus); i++) {
+  slave = &bus->slaves[position];
+  for (i = slave->signals_first; i < slave->signals_first + slave->signals_count; i++) {
     const ecat_shm_signal *signal = &bus->signals[i];
-    if (signal->slave == (unsigned)position && signal->index == index &&
-        signal->subindex == subindex && (direction == ECAT_ANY || signal->output == direction))
-      return i;
+    if (signal->index == index && signal->subindex == subindex &&
+        (direction == ECAT_ANY || signal->output == direction))
+      return (int)i;
   }
   return ecat_fail(bus, ECAT_ESIGNAL, "slave %d (%s) of bus '%s' has no %s 0x%04X:%02X in its process data",
-                   position, bus->slaves[position].name, bus->name,
+                   position, slave->name, bus->name,
                    direction == ECAT_INPUT ? "input" : direction == ECAT_OUTPUT ? "output" : "entry",
                    index, subindex);
 }

@@ -11,21 +11,23 @@
 int ecat_sample_domain(ecat_t *bus, int number) {
   struct snapshot *snapshot;
   uint64_t now, end;
-  if (number < 0 || number >= ecat_domain_count(bus))
-    return ecat_fail(bus, ECAT_EARG, "bus '%s' has no domain %d: it has %d", bus->name, number,
-                     ecat_domain_count(bus));
+  int code = ecat_check_domain(bus, number);
+  if (code != 0) return code;
   snapshot = &bus->snapshot[number];
-  if (ecat_page_copy(snapshot->page, snapshot->image, snapshot->words, snapshot) != 0)
+  snapshot->fresh = 0;
+  if (ecat_page_copy(snapshot) != 0)
     return ecat_fail(bus, ECAT_ESTALE,
                      "no consistent image of domain %d of bus '%s' could be read: the daemon stopped "
                      "while writing it", number, bus->name);
-  bus->sample_cycle = snapshot->cycle;
+  bus->sample_cycle = snapshot->waited_cycle = snapshot->cycle;
   if (bus->waited_cycle < snapshot->cycle) bus->waited_cycle = snapshot->cycle;
   if (bus->doorbell != NULL)
     __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
   now = ecat_now();
   end = __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED);
-  return ecat_segment_check(bus, now > end ? now - end : 0);
+  code = ecat_segment_check(bus, now > end ? now - end : 0);
+  snapshot->fresh = code == 0;
+  return code;
 }
 
 int ecat_sample(ecat_t *bus) {
@@ -44,10 +46,11 @@ int ecat_sample(ecat_t *bus) {
 int ecat_domain(ecat_t *bus, int number, ecat_domain_info *info) {
   const struct snapshot *snapshot;
   uint64_t now = ecat_now();
-  if (number < 0 || number >= ecat_domain_count(bus))
-    return ecat_fail(bus, ECAT_EARG, "bus '%s' has no domain %d: it has %d", bus->name, number,
-                     ecat_domain_count(bus));
+  int code = ecat_check_domain(bus, number);
+  if (code != 0) return code;
   snapshot = &bus->snapshot[number];
+  info->name = bus->domains[number].name;
+  info->divider = bus->domains[number].divider;
   info->cycle = snapshot->cycle;
   info->time_ns = snapshot->time_ns;
   info->age = now > snapshot->time_ns ? (double)(now - snapshot->time_ns) * 1e-9 : 0;
@@ -57,64 +60,49 @@ int ecat_domain(ecat_t *bus, int number, ecat_domain_info *info) {
   return 0;
 }
 
-/* The bits of an entry of the last sample, or of a staged output, in the low bits of the result. */
-static uint64_t raw_bits(const struct signal *signal, const uint8_t *image) {
-  uint64_t word;
-  memcpy(&word, image, 8);
-  word >>= signal->shift;
-  if (signal->shift + signal->bits > 64) word |= (uint64_t)image[8] << (64 - signal->shift);
-  return signal->bits == 64 ? word : word & ((1ull << signal->bits) - 1);
+int ecat_validity(ecat_t *bus, int number) {
+  const struct snapshot *snapshot;
+  const struct signal *signal;
+  unsigned state;
+  int code = ecat_check_signal(bus, number);
+  if (code != 0) return code;
+  signal = &bus->signal[number];
+  snapshot = &bus->snapshot[signal->domain];
+  if (snapshot->cycle == 0) return ECAT_NEVER;
+  if (!snapshot->fresh) return ECAT_STALE;
+  if (snapshot->wkc_state != ECAT_WKC_COMPLETE) return ECAT_INCOMPLETE;
+  state = __atomic_load_n(&bus->slave_status[signal->slave].al_state, __ATOMIC_RELAXED);
+  /* SAFEOP delivers inputs, only OP takes outputs (ETG.1000.6, 6.4.1); 0x10 is an error. */
+  return state == 8 || (state == 4 && !signal->output) ? ECAT_VALID : ECAT_NOT_OPERATIONAL;
 }
 
-static const struct signal *find(ecat_t *bus, int number) {
-  if (number >= 0 && number < ecat_signal_count(bus)) return &bus->signal[number];
-  ecat_fail(bus, ECAT_EARG, "%d is no signal: bus '%s' has %d", number, bus->name,
-            ecat_signal_count(bus));
-  return NULL;
-}
-
-static int64_t extended(const struct signal *signal, uint64_t bits) {
-  if (signal->sign && signal->bits < 64 && (bits >> (signal->bits - 1) & 1))
-    bits |= ~0ull << signal->bits;
-  return (int64_t)bits;
-}
-
-static double as_double(const struct signal *signal, uint64_t bits) {
-  if (!signal->real) {
-    int64_t value = extended(signal, bits);
-    return signal->sign ? (double)value : (double)(uint64_t)value;
-  }
-  if (signal->bits == 32) {
-    uint32_t half = (uint32_t)bits;
-    float value;
-    memcpy(&value, &half, 4);
-    return (double)value;
-  } else {
-    double value;
-    memcpy(&value, &bits, 8);
-    return value;
-  }
-}
-
+/* The bits of an entry of the last sample. */
 static uint64_t sampled(const ecat_t *bus, const struct signal *signal) {
-  const uint8_t *image = (const uint8_t *)bus->snapshot[signal->domain].image;
-  return raw_bits(signal, image + signal->byte);
+  return bits_get((const uint8_t *)bus->snapshot[signal->domain].image, signal->bit, signal->bits);
 }
 
 int ecat_read(ecat_t *bus, int number, double *value) {
-  const struct signal *signal = find(bus, number);
-  if (signal == NULL) return ECAT_EARG;
-  *value = as_double(signal, sampled(bus, signal));
+  const struct signal *signal;
+  if (ecat_check_signal(bus, number) != 0) return ECAT_EARG;
+  signal = &bus->signal[number];
+  *value = raw_to_double(sampled(bus, signal), signal->bits, signal->sign, signal->real);
   return 0;
 }
 
 int ecat_read_int(ecat_t *bus, int number, int64_t *value) {
-  const struct signal *signal = find(bus, number);
-  if (signal == NULL) return ECAT_EARG;
-  if (signal->real)
-    *value = (int64_t)as_double(signal, sampled(bus, signal));
-  else
-    *value = extended(signal, sampled(bus, signal));
+  const struct signal *signal;
+  uint64_t bits;
+  if (ecat_check_signal(bus, number) != 0) return ECAT_EARG;
+  signal = &bus->signal[number];
+  bits = sampled(bus, signal);
+  if (signal->real) {
+    double real = raw_to_double(bits, signal->bits, 0, 1);
+    if (!(real >= -9223372036854775808.0 && real < 9223372036854775808.0)) /* also not a number */
+      return ecat_fail(bus, ECAT_ERANGE, "%g is no 64-bit integer", real);
+    *value = (int64_t)real;
+  } else {
+    *value = signal->sign ? sign_extended(bits, signal->bits) : (int64_t)bits;
+  }
   return 0;
 }
 
@@ -124,21 +112,15 @@ int ecat_read_physical(ecat_t *bus, int number, double *value) {
   return code;
 }
 
-int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
-  uint64_t target = bus->waited_cycle + cycles;
+int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_t wake,
+                    double timeout) {
   uint64_t start = ecat_now(), limit = ecat_ns(timeout);
-  if (!(timeout >= 0))
-    return ecat_fail(bus, ECAT_EARG, "%g s is no time to wait", timeout);
-  if (bus->waited_cycle == 0) target = ecat_cycle(bus) + cycles; /* nothing sampled yet */
   for (;;) {
     uint32_t word = __atomic_load_n(&bus->header->cycle_word, __ATOMIC_ACQUIRE);
-    uint64_t now, end, cycle = ecat_cycle(bus), slice = 20000000u;
-    struct timespec relative;
+    uint64_t now, end, slice = 20000000u;
+    struct timespec until;
     int code;
-    if (cycle >= target) {
-      bus->waited_cycle = cycle;
-      return 0;
-    }
+    if (__atomic_load_n(cycle, __ATOMIC_ACQUIRE) >= target) return 0;
     now = ecat_now();
     end = __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED);
     code = ecat_segment_check(bus, now > end ? now - end : 0);
@@ -148,8 +130,39 @@ int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
                        bus->name, (unsigned long long)target, timeout);
     /* In slices, so that a daemon that was killed is noticed: nobody wakes the futex then. */
     if (slice > limit - (now - start)) slice = limit - (now - start);
-    relative.tv_sec = 0;
-    relative.tv_nsec = (long)slice;
-    syscall(SYS_futex, &bus->header->cycle_word, FUTEX_WAIT, word, &relative, NULL, 0);
+    now += slice;
+    until.tv_sec = (time_t)(now / NS_PER_S);
+    until.tv_nsec = (long)(now % NS_PER_S);
+    syscall(SYS_futex, &bus->header->cycle_word, FUTEX_WAIT_BITSET, word, &until, NULL, wake);
   }
+}
+
+static int check_timeout(ecat_t *bus, double timeout) {
+  if (timeout >= 0) return 0;
+  return ecat_fail(bus, ECAT_EARG, "%g s is no time to wait", timeout);
+}
+
+int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
+  /* Before the first sample, from now on. */
+  uint64_t from = bus->waited_cycle != 0 ? bus->waited_cycle : ecat_cycle(bus);
+  int code = check_timeout(bus, timeout);
+  if (code == 0)
+    code = ecat_wait_until(bus, &bus->header->cycle, from + cycles, ECAT_WAKE_CYCLE, timeout);
+  if (code == 0) bus->waited_cycle = ecat_cycle(bus);
+  return code;
+}
+
+int ecat_wait_domain(ecat_t *bus, int number, unsigned exchanges, double timeout) {
+  struct snapshot *snapshot;
+  uint64_t from;
+  int code = ecat_check_domain(bus, number);
+  if (code != 0 || (code = check_timeout(bus, timeout)) != 0) return code;
+  snapshot = &bus->snapshot[number];
+  from = snapshot->waited_cycle;
+  if (from == 0) from = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);
+  code = ecat_wait_until(bus, &snapshot->page->cycle,
+                         from + (uint64_t)exchanges * bus->domains[number].divider, 1u << number,
+                         timeout);
+  if (code == 0) snapshot->waited_cycle = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);
+  return code;
 }

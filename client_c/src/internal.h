@@ -5,6 +5,8 @@
 #include <ecat/ecat.h>
 #include <ecat/ecat_shm.h>
 
+#include "entries.h"
+
 #define NS_PER_S 1000000000u
 
 /* Kernel file locks say who is alive: they vanish with their holder however it ends, reach across
@@ -14,13 +16,13 @@ enum { LOCK_DAEMON = 0, LOCK_SLOT = 1 };
 
 /* How one entry lies in the image of its domain. */
 struct signal {
-  uint32_t byte;   /* of the first bit, in the domain's image */
+  uint32_t bit;    /* first one, in the domain's image */
   uint32_t staged; /* outputs: the same in the output image of a slot */
   uint16_t slave;
   uint16_t domain;
-  uint8_t shift;   /* of the first bit in that byte */
   uint8_t bits;
   uint8_t sign, real, output;
+  uint8_t limited; /* outputs: has a declared range */
 };
 
 /* The last sample of one domain. */
@@ -30,6 +32,8 @@ struct snapshot {
   size_t words;
   uint64_t cycle, time_ns;
   uint32_t wkc, wkc_state;
+  uint64_t waited_cycle; /* last one seen by ecat_wait_domain or a sample */
+  int fresh;             /* when it was taken, the daemon delivered */
 };
 
 struct ecat {
@@ -44,6 +48,7 @@ struct ecat {
   const ecat_shm_slave *slaves;
   const ecat_shm_slave_status *slave_status;
   const ecat_shm_signal *signals;
+  const ecat_shm_output *outputs;
   const ecat_shm_domain *domains;
   const ecat_shm_slot_status *slot_status;
   const ecat_shm_reply *replies;
@@ -62,9 +67,11 @@ struct ecat {
   uint32_t generation;
   ecat_out_doorbell *doorbell;
   ecat_out_slot *out;
-  uint8_t *stage;        /* outputs, as they will be committed */
-  uint64_t *scratch;     /* room for the image of any domain */
-  uint64_t claims[16], written[16];
+  uint64_t *out_claims;  /* in the mapping: what this client wants */
+  size_t sets;           /* words of a set of signals */
+  uint64_t *claims, *written;  /* sets of signals: what it has got, and has written since */
+  uint64_t *stage, *mask;      /* output image as it will be committed, and its bits that count */
+  uint32_t first, bytes; /* part of the output image with all claims; multiples of 8 */
   uint32_t request_seq;
   uint32_t request[ECAT_REQUESTS]; /* seq of the running requests, 0: free */
 };
@@ -79,20 +86,23 @@ uint64_t ecat_ns(double seconds);
 int ecat_segment_open(ecat_t *bus);
 void ecat_segment_close(ecat_t *bus);
 int ecat_segment_check(ecat_t *bus, uint64_t age_ns); /* is the daemon still delivering? */
-int ecat_page_copy(const ecat_shm_page *page, uint64_t *image, size_t words,
-                   struct snapshot *meta);
+int ecat_page_copy(struct snapshot *snapshot);
 
-/* outputs.c */
+/* inputs.c */
+/* Waits until `*cycle` is at least `target`; `wake` says for what, see ECAT_WAKE_CYCLE. */
+int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_t wake,
+                    double timeout);
+
+/* client.c */
+int ecat_check_position(ecat_t *bus, int position);
+int ecat_check_signal(ecat_t *bus, int number);
+int ecat_check_domain(ecat_t *bus, int number);
+
+/* slot.c */
 int ecat_slot_take(ecat_t *bus);
 void ecat_slot_free(ecat_t *bus);
+void ecat_slot_begin(ecat_t *bus); /* a new life in it: the engine forgets the old one */
 int ecat_slot_lapsed(const ecat_t *bus);
-
-static inline int bit_get(const uint64_t *set, unsigned bit) {
-  return (int)(set[bit / 64] >> (bit % 64) & 1);
-}
-static inline void bit_set(uint64_t *set, unsigned bit) { set[bit / 64] |= 1ull << (bit % 64); }
-static inline void bit_clear(uint64_t *set, unsigned bit) {
-  set[bit / 64] &= ~(1ull << (bit % 64));
-}
+const ecat_out_slot *ecat_slot_of(const ecat_t *bus, int slot); /* of any client */
 
 #endif

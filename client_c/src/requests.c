@@ -1,41 +1,67 @@
-/* SDO requests through the client's slot: they never block. */
+/* Requests through the client's slot: they never block. */
 #include "internal.h"
 
 #include <string.h>
 
+/* A free request of our slot, filled but for what it asks; its number, or a code. */
+static int take(ecat_t *bus, int position, ecat_out_request **request) {
+  int code, cell;
+  if ((code = ecat_slot_take(bus)) != 0) return code;
+  for (cell = 0; cell < ECAT_REQUESTS && bus->request[cell] != 0; cell++) continue;
+  if (cell == ECAT_REQUESTS)
+    return ecat_fail(bus, ECAT_EFULL, "%d requests are running already; poll one to its end first",
+                     ECAT_REQUESTS);
+  *request = (ecat_out_request *)(void *)(bus->out + 1) + cell;
+  (*request)->slave = (uint16_t)position;
+  (*request)->index = 0;
+  (*request)->subindex = (*request)->complete = 0;
+  (*request)->length = 0;
+  return cell;
+}
+
+static int ring(ecat_t *bus, ecat_out_request *request, int cell) {
+  bus->request[cell] = ++bus->request_seq;
+  __atomic_store_n(&request->seq, bus->request_seq, __ATOMIC_RELEASE);
+  __atomic_store_n(&bus->doorbell->request_seq, bus->request_seq, __ATOMIC_RELEASE);
+  return cell;
+}
+
 int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex, const void *data,
                    size_t length) {
   ecat_out_request *request;
-  int code, cell;
-  if (position < 0 || position >= ecat_slave_count(bus))
-    return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave %d: it has %d", bus->name, position,
-                     ecat_slave_count(bus));
+  int cell, code = ecat_check_position(bus, position);
+  if (code != 0) return code;
   if (index > 0xFFFF || subindex > 0xFF)
     return ecat_fail(bus, ECAT_EARG, "0x%04X:%02X is no object: index up to 0xFFFF, subindex up to 0xFF",
                      index, subindex);
   if (data != NULL && (length == 0 || length > ECAT_REQUEST_BYTES))
     return ecat_fail(bus, ECAT_EARG, "%zu bytes cannot be downloaded: 1 to %d are allowed", length,
                      ECAT_REQUEST_BYTES);
-  if ((code = ecat_slot_take(bus)) != 0) return code;
-  for (cell = 0; cell < ECAT_REQUESTS && bus->request[cell] != 0; cell++) continue;
-  if (cell == ECAT_REQUESTS)
-    return ecat_fail(bus, ECAT_EFULL, "%d requests are running already; poll one to its end first",
-                     ECAT_REQUESTS);
-  request = (ecat_out_request *)(void *)(bus->out + 1) + cell;
-  bus->request[cell] = ++bus->request_seq;
+  if ((cell = take(bus, position, &request)) < 0) return cell;
   request->op = data != NULL ? ECAT_REQUEST_DOWNLOAD : ECAT_REQUEST_UPLOAD;
-  request->slave = (uint16_t)position;
   request->index = (uint16_t)index;
   request->subindex = (uint8_t)subindex;
-  request->complete = 0;
-  request->length = data != NULL ? (uint32_t)length : 0;
-  if (data != NULL) memcpy(request->data, data, length);
-  __atomic_store_n(&request->seq, bus->request_seq, __ATOMIC_RELEASE);
-  __atomic_store_n(&bus->doorbell->request_seq, bus->request_seq, __ATOMIC_RELEASE);
-  return cell;
+  if (data != NULL) {
+    request->length = (uint32_t)length;
+    memcpy(request->data, data, length);
+  }
+  return ring(bus, request, cell);
 }
 
-int ecat_sdo_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
+int ecat_state_start(ecat_t *bus, int position, unsigned state) {
+  ecat_out_request *request;
+  int cell, code = ecat_check_position(bus, position);
+  if (code != 0) return code;
+  if (state != 1 && state != 2 && state != 4 && state != 8)
+    return ecat_fail(bus, ECAT_EARG, "%u is no AL state: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP", state);
+  if ((cell = take(bus, position, &request)) < 0) return cell;
+  request->op = ECAT_REQUEST_STATE;
+  request->length = 1;
+  request->data[0] = (char)state;
+  return ring(bus, request, cell);
+}
+
+int ecat_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
                   uint32_t *abort_code) {
   const ecat_shm_reply *reply;
   char copy[ECAT_REQUEST_BYTES];

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -54,6 +55,8 @@ static int check_slave(ecat_t *bus, unsigned position) {
       (uint64_t)slave->input_offset + slave->input_bytes > domain->image_bytes)
     return damaged(bus, "slave image");
   if (memchr(slave->name, 0, sizeof slave->name) == NULL) return damaged(bus, "slave name");
+  if ((uint64_t)slave->signals_first + slave->signals_count > bus->header->signal_count)
+    return damaged(bus, "slave entries");
   return 0;
 }
 
@@ -69,26 +72,23 @@ static int check_signal(ecat_t *bus, unsigned number) {
       8ull * (from->output ? domain->output_bytes : domain->image_bytes))
     return damaged(bus, "signal image");
   if (memchr(from->name, 0, sizeof from->name) == NULL ||
+      memchr(from->pdo_name, 0, sizeof from->pdo_name) == NULL ||
       memchr(from->unit, 0, sizeof from->unit) == NULL)
     return damaged(bus, "signal name");
-  to->byte = from->bit_offset / 8;
-  to->staged = domain->output_base + to->byte;
-  to->shift = (uint8_t)(from->bit_offset % 8);
+  to->bit = from->bit_offset;
+  to->staged = 8 * domain->output_base + from->bit_offset;
   to->bits = (uint8_t)from->bit_length;
   to->slave = from->slave;
   to->domain = from->domain;
   to->output = from->output;
-  /* CoE data types: INTEGER8/16/32, INTEGER24, INTEGER64; REAL32, REAL64. */
-  to->sign = (from->type >= 0x0002 && from->type <= 0x0004) || from->type == 0x0010 ||
-             from->type == 0x0015;
-  to->real = (from->type == 0x0008 && from->bit_length == 32) ||
-             (from->type == 0x0011 && from->bit_length == 64);
+  to->sign = (uint8_t)type_is_signed(from->type);
+  to->real = (uint8_t)type_is_real(from->type, from->bit_length);
+  to->limited = from->minimum > -HUGE_VAL || from->maximum < HUGE_VAL;
   return 0;
 }
 
 static int check_tables(ecat_t *bus) {
   const ecat_shm_header *h = bus->header;
-  size_t longest = 0;
   unsigned i;
   int code;
   if (h->slave_count > ECAT_MAX_SLAVES || h->slot_count > ECAT_SLOTS || h->cycle_time_ns == 0)
@@ -97,6 +97,7 @@ static int check_tables(ecat_t *bus) {
       !table_fits(bus, h->signals_offset, h->signal_count, sizeof(ecat_shm_signal)) ||
       !table_fits(bus, h->domains_offset, h->domain_count, sizeof(ecat_shm_domain)) ||
       !table_fits(bus, h->slave_status_offset, h->slave_count, sizeof(ecat_shm_slave_status)) ||
+      !table_fits(bus, h->outputs_offset, h->signal_count, sizeof(ecat_shm_output)) ||
       !table_fits(bus, h->slot_status_offset, h->slot_count, sizeof(ecat_shm_slot_status)) ||
       !table_fits(bus, h->replies_offset, (uint64_t)h->slot_count * ECAT_REQUESTS,
                   sizeof(ecat_shm_reply)) ||
@@ -108,14 +109,19 @@ static int check_tables(ecat_t *bus) {
   bus->signals = (const void *)(bus->map + h->signals_offset);
   bus->domains = (const void *)(bus->map + h->domains_offset);
   bus->slave_status = (const void *)(bus->map + h->slave_status_offset);
+  bus->outputs = (const void *)(bus->map + h->outputs_offset);
   bus->slot_status = (const void *)(bus->map + h->slot_status_offset);
   bus->replies = (const void *)(bus->map + h->replies_offset);
 
   bus->signal = calloc(h->signal_count + 1, sizeof *bus->signal);
   bus->snapshot = calloc(h->domain_count + 1, sizeof *bus->snapshot);
-  bus->stage = calloc(1, h->output_bytes + 16);
-  if (bus->signal == NULL || bus->snapshot == NULL || bus->stage == NULL)
+  bus->sets = (h->signal_count + 63) / 64;
+  bus->claims = calloc(2 * bus->sets + 1, 8);
+  bus->stage = calloc(2, (size_t)h->output_bytes + 32); /* bits_get() reads beyond the last byte */
+  if (bus->signal == NULL || bus->snapshot == NULL || bus->stage == NULL || bus->claims == NULL)
     return ecat_fail(bus, ECAT_ESYS, "out of memory");
+  bus->written = bus->claims + bus->sets;
+  bus->mask = bus->stage + ((size_t)h->output_bytes + 31) / 8;
   for (i = 0; i < h->domain_count; i++) {
     struct snapshot *snapshot = &bus->snapshot[i];
     if ((code = check_domain(bus, i)) != 0) return code;
@@ -123,10 +129,7 @@ static int check_tables(ecat_t *bus) {
     snapshot->words = (bus->domains[i].image_bytes + 7) / 8;
     snapshot->image = calloc(snapshot->words + 2, 8);
     if (snapshot->image == NULL) return ecat_fail(bus, ECAT_ESYS, "out of memory");
-    if (longest < snapshot->words) longest = snapshot->words;
   }
-  bus->scratch = calloc(longest + 1, 8);
-  if (bus->scratch == NULL) return ecat_fail(bus, ECAT_ESYS, "out of memory");
   for (i = 0; i < h->slave_count; i++)
     if ((code = check_slave(bus, i)) != 0) return code;
   for (i = 0; i < h->signal_count; i++)
@@ -165,12 +168,14 @@ int ecat_segment_open(ecat_t *bus) {
   if (!daemon_holds_lock(bus->fd)) return not_running(bus); /* a leftover of a killed daemon */
   if (layout == 0)
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is still starting", bus->name);
-  if (bus->header->magic != ECAT_SHM_MAGIC || layout >> 16 != ECAT_SHM_LAYOUT_MAJOR)
+  if (bus->header->magic != ECAT_SHM_MAGIC || layout >> 16 != ECAT_SHM_LAYOUT_MAJOR ||
+      layout < ECAT_SHM_LAYOUT)
     return ecat_fail(bus, ECAT_ELAYOUT,
-                     "the daemon of bus '%s' speaks layout %u.%u, this client %u.%u: install the "
-                     "same version of both (and regenerate libraries)",
-                     bus->name, layout >> 16, layout & 0xFFFF, ECAT_SHM_LAYOUT_MAJOR,
-                     ECAT_SHM_LAYOUT_MINOR);
+                     "the daemon of bus '%s' speaks layout %u.%u, this client %u.%u: %s", bus->name,
+                     layout >> 16, layout & 0xFFFF, ECAT_SHM_LAYOUT_MAJOR, ECAT_SHM_LAYOUT_MINOR,
+                     layout < ECAT_SHM_LAYOUT
+                         ? "update the daemon"
+                         : "update the client, and generate libraries again");
   if (bus->header->size > bus->map_size) return damaged(bus, "size");
   return check_tables(bus);
 }
@@ -182,13 +187,13 @@ void ecat_segment_close(ecat_t *bus) {
   free(bus->snapshot);
   free(bus->signal);
   free(bus->stage);
-  free(bus->scratch);
+  free(bus->claims);
   if (bus->map != NULL) munmap((void *)(uintptr_t)bus->map, bus->map_size);
   if (bus->fd >= 0) close(bus->fd);
   bus->snapshot = NULL;
   bus->signal = NULL;
   bus->stage = NULL;
-  bus->scratch = NULL;
+  bus->claims = NULL;
   bus->map = NULL;
   bus->fd = -1;
 }
@@ -212,18 +217,21 @@ int ecat_segment_check(ecat_t *bus, uint64_t age_ns) {
   return 0;
 }
 
-int ecat_page_copy(const ecat_shm_page *page, uint64_t *image, size_t words,
-                   struct snapshot *meta) {
+int ecat_page_copy(struct snapshot *snapshot) {
+  const ecat_shm_page *page = snapshot->page;
   const uint64_t *data = (const uint64_t *)(page + 1);
+  uint64_t *image = snapshot->image;
+  size_t words = snapshot->words;
   unsigned tries;
   for (tries = 0; tries < 1064; tries++) {
     size_t i;
     uint64_t before = __atomic_load_n(&page->seq, __ATOMIC_ACQUIRE);
     if ((before & 1) == 0) {
-      meta->cycle = __atomic_load_n(&page->cycle, __ATOMIC_RELAXED);
-      meta->time_ns = __atomic_load_n(&page->time_ns, __ATOMIC_RELAXED);
-      meta->wkc = __atomic_load_n(&page->wkc, __ATOMIC_RELAXED);
-      meta->wkc_state = __atomic_load_n(&page->wkc_state, __ATOMIC_RELAXED);
+      snapshot->cycle = __atomic_load_n(&page->cycle, __ATOMIC_RELAXED);
+      snapshot->time_ns = __atomic_load_n(&page->time_ns, __ATOMIC_RELAXED);
+      snapshot->wkc = __atomic_load_n(&page->wkc, __ATOMIC_RELAXED);
+      snapshot->wkc_state = __atomic_load_n(&page->wkc_state, __ATOMIC_RELAXED);
+#pragma GCC unroll 8
       for (i = 0; i < words; i++) image[i] = __atomic_load_n(&data[i], __ATOMIC_RELAXED);
       __atomic_thread_fence(__ATOMIC_ACQUIRE);
       if (__atomic_load_n(&page->seq, __ATOMIC_RELAXED) == before) return 0;

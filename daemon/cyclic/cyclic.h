@@ -35,7 +35,9 @@ enum cyclic_event_type {
   CYCLIC_EVENT_SLAVES = 6,  /* `slave` slaves answer the broadcast read; value: their AL status, ORed */
   CYCLIC_EVENT_RING = 7,    /* value: ecat_ring, slave: slaves before the break */
   CYCLIC_EVENT_CLOCK = 8,   /* value: ecat_dc_state */
-  CYCLIC_EVENT_OVERRUN = 9  /* value: deadlines missed since the last such event */
+  CYCLIC_EVENT_OVERRUN = 9, /* value: deadlines missed since the last such event */
+  CYCLIC_EVENT_REFUSED = 10, /* a value of slot is out of the declared range; value: signal */
+  CYCLIC_EVENT_MALFORMED = 11 /* slot holds what no client library writes */
 };
 
 typedef struct cyclic_event {
@@ -52,6 +54,7 @@ typedef struct cyclic_settings {
   int32_t lock_memory;   /* 1: lock the memory of the process */
   int32_t busy_receive;  /* 1: poll for the answer and never sleep */
   int32_t poll_ns;       /* how long to poll for it otherwise, where it usually comes that soon */
+  int32_t wkc_limit;     /* outputs fall after so many bad working counters in a row, 0: never */
   int32_t free_running;  /* 1: the next cycle follows at once; to measure, not for slaves */
 } cyclic_settings;
 
@@ -83,6 +86,14 @@ CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);
  * `value`. Both have the slave's output_bytes. */
 CYCLIC_API int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value,
                                const uint8_t *hold);
+/* Refuses raw values of an output below `minimum` or above `maximum`. Before cyclic_start(). */
+CYCLIC_API int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, double maximum);
+/* When the controlword loses its owner, it is `value` until the statusword (CiA 402) says that the
+ * drive no longer moves, at most `patience_ns`; then it is its safe value. Before cyclic_start(). */
+CYCLIC_API int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statusword,
+                               uint32_t value, uint64_t patience_ns);
+/* How many drives are being stopped; meaningful two cycles after cyclic_make_safe(). */
+CYCLIC_API uint32_t cyclic_stopping(const cyclic_t *c);
 /* Starts the thread; 0 or -errno. What could not be granted is visible in the return values of
  * cyclic_..._error() (errno, 0: granted). */
 CYCLIC_API int cyclic_start(cyclic_t *c, const cyclic_settings *settings);

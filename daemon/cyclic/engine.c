@@ -48,10 +48,13 @@ static void conclude_domain(cyclic_t *c, uint32_t number, uint64_t received) {
                       : domain->wkc > 0 ? ECAT_WKC_INCOMPLETE
                                         : ECAT_WKC_ZERO;
   counter_add(&domain->status->exchanges, 1);
-  if (domain->wkc_state != ECAT_WKC_COMPLETE) {
+  domain->bad = domain->wkc_state == ECAT_WKC_COMPLETE ? 0 : domain->bad + 1;
+  if (domain->bad > 0) {
     counter_add(&domain->status->wkc_bad, 1);
     counter_add(&c->health->wkc_bad, 1);
   }
+  if (c->settings.wkc_limit > 0 && domain->bad >= (uint32_t)c->settings.wkc_limit)
+    cyclic_slots_lapse_domain(c, number);
   if (domain->wkc_state != domain->told_state &&
       cyclic_emit(c, CYCLIC_EVENT_WKC, (int32_t)number, -1, domain->wkc_state))
     domain->told_state = domain->wkc_state;
@@ -132,8 +135,10 @@ void cyclic_run(cyclic_t *c) {
     c->now_ns = cyclic_now();
     cyclic_count(&c->health->wakeup, c->now_ns - c->deadline_ns);
     adopt_sockets(c);
-    if (__atomic_load_n(&c->make_safe, __ATOMIC_RELAXED)) cyclic_slots_make_safe(c);
+    if (__atomic_load_n(&c->make_safe, __ATOMIC_RELAXED))
+      cyclic_outputs_make_all_safe(c, ECAT_REASON_STOPPING);
     cyclic_slots_read(c);
+    cyclic_outputs_stop_drives(c);
     choose_domains(c);
     exchange(c, patience(c, period));
     cyclic_slots_publish(c);

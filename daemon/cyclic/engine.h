@@ -71,6 +71,7 @@ struct domain {
   uint64_t next_cycle;     /* in which it is exchanged */
   uint32_t meets;          /* bit per domain: there are cycles in which both are exchanged */
   uint32_t wkc, wkc_state, told_state;
+  uint32_t bad;            /* exchanges in a row without a complete working counter */
   int32_t complete;        /* all datagrams of this cycle so far had their expected counter */
 };
 
@@ -89,15 +90,38 @@ struct clock {
 /* What the engine knows about a client. */
 struct slot {
   uint32_t generation, heartbeat, claim_seq, commit_seq, request_seq;
-  uint32_t owned;          /* number of slaves */
+  uint32_t first, bytes;   /* part of the output image with all that it owns; multiples of 8 */
+  uint64_t *claims;        /* set of signals that it owns */
+  uint64_t *mask, *active; /* bits of the output image that it owns, and that it has written */
   uint64_t beat_ns, lease_ns;
   uint64_t commit_ns, sample_cycle; /* of a commit that goes out in this cycle; 0: none */
+  int told_malformed;
+};
+
+/* An output whose values have a declared range, in raw units. */
+struct limit {
+  uint32_t signal, bit;    /* bit: of the output image */
+  uint8_t bits, sign, real;
+  int told;
+  double minimum, maximum;
+  uint64_t before;
+};
+
+/* How a CiA 402 drive without owner is brought to a stop: the controlword is `value` until the
+ * statusword says that the drive no longer moves, or patience ends; then it is its safe value. */
+struct stop {
+  uint32_t signal, bit;    /* of the controlword; bit: of the output image */
+  uint32_t domain, status_bit;
+  uint32_t value;
+  uint64_t patience_ns, until_ns;
+  int running;
 };
 
 struct cyclic {
   ecat_shm_header *header;
-  ecat_shm_slave *slaves;
-  ecat_shm_slave_status *slave_status;
+  const ecat_shm_slave *slaves;
+  const ecat_shm_signal *signals;
+  ecat_shm_output *output;
   ecat_shm_slot_status *slot_status;
   ecat_shm_reply *replies;
   ecat_shm_health *health;
@@ -134,8 +158,14 @@ struct cyclic {
   ecat_out_doorbell doorbell[ECAT_SLOTS];
   struct slot slot[ECAT_SLOTS];
   uint32_t used;                  /* bit per slot that has a client in this cycle, or just lost it */
+  uint32_t claim_turn;            /* slot whose claims are looked at first */
   uint8_t *outputs, *safe, *hold; /* output images */
-  uint8_t *slot_image;            /* ecat_out_image and its data, as read */
+  uint8_t *slot_image;            /* ecat_out_image and what follows it, as read */
+  uint64_t *claimable, *wanted;   /* sets of signals: all outputs; claims as read */
+  void *output_memory;            /* of these sets, and those of the slots */
+  struct limit *limit;
+  struct stop *stop_sequence;
+  uint32_t limits, stops, stopping; /* stopping: drives that are being stopped now */
   int make_safe, restart;         /* set by control */
 
   struct cyclic_relay *relay;     /* that follows this engine, or NULL; control */
@@ -191,7 +221,21 @@ int cyclic_slots_init(cyclic_t *c);
 void cyclic_slots_read(cyclic_t *c);      /* before sending */
 void cyclic_slots_sent(cyclic_t *c);      /* after sending */
 void cyclic_slots_publish(cyclic_t *c);   /* at the end of the cycle */
-void cyclic_slots_make_safe(cyclic_t *c);
+/* All clients with outputs in a domain lose what they own. */
+void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain);
+
+/* outputs.c */
+enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2 };
+int cyclic_outputs_init(cyclic_t *c);
+/* Gives a slot what is in `c->wanted`, or nothing new if another one has a part of it; takes the
+ * rest back. A signal in conflict, or CYCLIC_CONFLICT_... */
+int32_t cyclic_outputs_claim(cyclic_t *c, uint32_t slot);
+void cyclic_outputs_drop(cyclic_t *c, uint32_t slot, uint32_t reason); /* all that it owns */
+int cyclic_outputs_has_domain(const cyclic_t *c, uint32_t slot, uint32_t domain);
+/* Takes a commit over: a mask of the part that the slot owns, and its values. */
+void cyclic_outputs_take(cyclic_t *c, uint32_t slot, const uint64_t *part);
+void cyclic_outputs_stop_drives(cyclic_t *c);                          /* in every cycle */
+void cyclic_outputs_make_all_safe(cyclic_t *c, uint32_t reason);
 
 /* publish.c */
 void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns);

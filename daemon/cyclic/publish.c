@@ -71,7 +71,8 @@ void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns) {
   __atomic_store_n(&c->header->cycle_end_ns, time_ns, __ATOMIC_RELAXED);
   __atomic_store_n(&c->header->cycle, c->cycle, __ATOMIC_RELEASE);
   __atomic_store_n(&c->header->cycle_word, (uint32_t)c->cycle, __ATOMIC_RELEASE);
-  syscall(SYS_futex, &c->header->cycle_word, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);
+  syscall(SYS_futex, &c->header->cycle_word, FUTEX_WAKE_BITSET, INT_MAX, NULL, NULL,
+          ECAT_WAKE_CYCLE | c->due);
 }
 
 void cyclic_count(ecat_shm_histogram *histogram, uint64_t ns) {

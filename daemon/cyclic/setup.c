@@ -30,12 +30,12 @@ static int meet(const ecat_shm_domain *one, const ecat_shm_domain *other) {
 
 static int allocate_images(cyclic_t *c) {
   const ecat_shm_domain *table = at_offset(c, c->header->domains_offset);
-  size_t size = c->header->output_bytes + 8u;
+  size_t size = c->header->output_bytes + 16u; /* whole words, and bits_get() reads beyond */
   uint32_t i, k;
   c->outputs = calloc(1, size);
   c->safe = calloc(1, size);
   c->hold = calloc(1, size);
-  c->slot_image = calloc(1, sizeof(ecat_out_image) + size);
+  c->slot_image = calloc(1, sizeof(ecat_out_image) + 2 * size);
   if (!c->outputs || !c->safe || !c->hold || !c->slot_image) return -ENOMEM;
   for (i = 0; i < c->domains; i++) {
     const ecat_shm_domain *from = &table[i];
@@ -50,7 +50,7 @@ static int allocate_images(cyclic_t *c) {
     for (k = 0; k < c->domains; k++) to->meets |= (uint32_t)meet(from, &table[k]) << k;
     to->told_state = ECAT_WKC_ZERO;
     to->wkc_expected = from->wkc_expected;
-    to->image = calloc(1, from->image_bytes + 8u);
+    to->image = calloc(1, from->image_bytes + 16u);
     if (!to->image) return -ENOMEM;
   }
   return 0;
@@ -72,7 +72,8 @@ cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint
   c->source[0] = 0x02; /* an address of local use; slaves set this bit in any case */
   put32(c->source + 1, run);
   c->slaves = at_offset(c, c->header->slaves_offset);
-  c->slave_status = at_offset(c, c->header->slave_status_offset);
+  c->signals = at_offset(c, c->header->signals_offset);
+  c->output = at_offset(c, c->header->outputs_offset);
   c->slot_status = at_offset(c, c->header->slot_status_offset);
   c->replies = at_offset(c, c->header->replies_offset);
   c->health = at_offset(c, c->header->health_offset);
@@ -83,7 +84,7 @@ cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint
   c->timer_fd = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
   if (c->timer_fd < 0) code = -errno;
   if (c->timer_fd >= 0 && c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
-      (code = cyclic_slots_init(c)) == 0) {
+      (code = cyclic_outputs_init(c)) == 0 && (code = cyclic_slots_init(c)) == 0) {
     cyclic_publish_restart(c);
     return c;
   }
@@ -208,6 +209,8 @@ int cyclic_affinity_error(const cyclic_t *c) { return c->affinity_error; }
 int cyclic_memory_error(const cyclic_t *c) { return c->memory_error; }
 int cyclic_slack_error(const cyclic_t *c) { return c->slack_error; }
 
+uint32_t cyclic_stopping(const cyclic_t *c) { return __atomic_load_n(&c->stopping, __ATOMIC_ACQUIRE); }
+
 uint64_t cyclic_deadline(const cyclic_t *c) { return __atomic_load_n(&c->next_ns, __ATOMIC_RELAXED); }
 
 void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd) {
@@ -248,5 +251,8 @@ void cyclic_free(cyclic_t *c) {
   free(c->safe);
   free(c->hold);
   free(c->slot_image);
+  free(c->output_memory);
+  free(c->limit);
+  free(c->stop_sequence);
   free(c);
 }

@@ -15,7 +15,6 @@
 int cyclic_slots_init(cyclic_t *c) {
   ssize_t n = pread(c->out_fd, &c->out, sizeof c->out, 0);
   struct stat status;
-  uint32_t i;
   if (n != (ssize_t)sizeof c->out || c->out.slot_count > ECAT_SLOTS ||
       c->out.slot_count > c->header->slot_count || fstat(c->out_fd, &status) != 0)
     return -EINVAL;
@@ -25,86 +24,46 @@ int cyclic_slots_init(cyclic_t *c) {
     c->out_map = NULL;
     return -errno;
   }
-  for (i = 0; i < c->header->slave_count; i++) {
-    c->slave_status[i].owner = -1;
-    c->slave_status[i].outputs = ECAT_OUTPUTS_SAFE;
-    c->slave_status[i].reason = ECAT_REASON_START;
-  }
   return 0;
-}
-
-static uint8_t *output_of(const cyclic_t *c, uint8_t *image, uint32_t slave) {
-  const ecat_shm_slave *s = &c->slaves[slave];
-  return image + c->domain[s->domain].output_base + s->output_offset;
-}
-
-static void set_owner(cyclic_t *c, uint32_t slave, int32_t owner, uint32_t outputs,
-                      uint32_t reason) {
-  ecat_shm_slave_status *status = &c->slave_status[slave];
-  __atomic_store_n(&status->outputs, outputs, __ATOMIC_RELAXED);
-  __atomic_store_n(&status->reason, reason, __ATOMIC_RELAXED);
-  __atomic_store_n(&status->since_cycle, c->cycle, __ATOMIC_RELAXED);
-  __atomic_store_n(&status->owner, owner, __ATOMIC_RELEASE);
-}
-
-static void make_safe(cyclic_t *c, uint32_t slave, uint32_t reason) {
-  uint8_t *to = output_of(c, c->outputs, slave);
-  const uint8_t *safe = output_of(c, c->safe, slave), *hold = output_of(c, c->hold, slave);
-  uint32_t i;
-  int32_t slot = c->slave_status[slave].owner;
-  for (i = 0; i < c->slaves[slave].output_bytes; i++)
-    to[i] = (uint8_t)((to[i] & hold[i]) | (safe[i] & ~hold[i]));
-  set_owner(c, slave, -1, ECAT_OUTPUTS_SAFE, reason);
-  if (slot >= 0) (void)cyclic_emit(c, CYCLIC_EVENT_SAFE, (int32_t)slave, slot, reason);
-}
-
-static void drop_all(cyclic_t *c, uint32_t number, uint32_t reason) {
-  uint32_t i;
-  if (c->slot[number].owned == 0) return;
-  for (i = 0; i < c->header->slave_count; i++)
-    if (c->slave_status[i].owner == (int32_t)number) make_safe(c, i, reason);
-  c->slot[number].owned = 0;
 }
 
 static off_t slot_at(const cyclic_t *c, uint32_t number) {
   return (off_t)c->out.slots_offset + (off_t)number * c->out.slot_stride;
 }
 
+static void refuse(cyclic_t *c, uint32_t number) {
+  counter_add(&c->health->malformed, 1);
+  if (!c->slot[number].told_malformed)
+    c->slot[number].told_malformed = cyclic_emit(c, CYCLIC_EVENT_MALFORMED, -1, (int32_t)number, 0);
+}
+
 static void read_claims(cyclic_t *c, uint32_t number) {
   struct slot *slot = &c->slot[number];
-  int safe = __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED);
+  ecat_shm_slot_status *status = &c->slot_status[number];
+  size_t size = (c->header->signal_count + 63) / 64 * sizeof *c->wanted;
+  off_t at = slot_at(c, number);
   ecat_out_slot want;
-  uint32_t i;
-  if (pread(c->out_fd, &want, sizeof want, slot_at(c, number)) != (ssize_t)sizeof want) return;
+  if (pread(c->out_fd, &want, sizeof want, at) != (ssize_t)sizeof want ||
+      pread(c->out_fd, c->wanted, size, at + (off_t)c->out.claims_offset) != (ssize_t)size)
+    return;
   slot->lease_ns = want.lease_ns;
   if (slot->lease_ns < c->header->lease_ns) slot->lease_ns = c->header->lease_ns;
   if (slot->lease_ns > c->header->lease_max_ns) slot->lease_ns = c->header->lease_max_ns;
-  for (i = 0; i < c->header->slave_count; i++) {
-    int wanted = (int)(want.claims[i / 64] >> (i % 64) & 1);
-    int32_t owner = c->slave_status[i].owner;
-    if (wanted && owner < 0 && c->slaves[i].output_bytes > 0 && !safe) {
-      set_owner(c, i, (int32_t)number, ECAT_OUTPUTS_CLAIMED, c->slave_status[i].reason);
-      slot->owned++;
-      cyclic_emit(c, CYCLIC_EVENT_CLAIMED, (int32_t)i, (int32_t)number, 0);
-    } else if (!wanted && owner == (int32_t)number) {
-      make_safe(c, i, ECAT_REASON_RELEASED);
-      slot->owned--;
-    }
-  }
+  __atomic_store_n(&status->lease_ns, slot->lease_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&status->claim_conflict, cyclic_outputs_claim(c, number), __ATOMIC_RELAXED);
 }
 
-/* Takes the newest committed image over. The client goes round ECAT_IMAGES images, so the one that
- * was read is whole unless the client has meanwhile come round to it. */
+/* Takes the newest commit over. The client goes round ECAT_IMAGES images, so the one that was read
+ * is whole unless the client has meanwhile come round to it. */
 static void read_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   struct slot *slot = &c->slot[number];
   const ecat_out_image *image = (const void *)c->slot_image;
-  size_t size = sizeof *image + c->header->output_bytes;
-  off_t at = slot_at(c, number) + (off_t)sizeof(ecat_out_slot) +
-             (off_t)(ECAT_REQUESTS * sizeof(ecat_out_request)) +
+  size_t size = sizeof *image + 2 * (size_t)slot->bytes;
+  off_t at = slot_at(c, number) + (off_t)c->out.images_offset +
              (off_t)(seq % ECAT_IMAGES) * c->out.image_stride;
   off_t bell = (off_t)c->out.doorbells_offset + (off_t)(number * sizeof(ecat_out_doorbell)) +
                (off_t)offsetof(ecat_out_doorbell, commit_seq);
-  uint32_t after, i;
+  uint32_t after;
   if (pread(c->out_fd, c->slot_image, size, at) != (ssize_t)size) return;
   __atomic_thread_fence(__ATOMIC_ACQUIRE);
   if (pread(c->out_fd, &after, sizeof after, bell) != (ssize_t)sizeof after) return;
@@ -113,37 +72,85 @@ static void read_image(cyclic_t *c, uint32_t number, uint32_t seq) {
     return; /* the newer image is read in the next cycle */
   }
   slot->commit_seq = seq;
+  if (image->first != slot->first || image->bytes != slot->bytes) {
+    refuse(c, number);
+    return;
+  }
   slot->commit_ns = image->commit_ns;
   slot->sample_cycle = image->sample_cycle;
-  for (i = 0; i < c->header->slave_count; i++) {
-    ecat_shm_slave_status *status = &c->slave_status[i];
-    if (status->owner != (int32_t)number || !(image->written[i / 64] >> (i % 64) & 1)) continue;
-    memcpy(output_of(c, c->outputs, i), output_of(c, c->slot_image + sizeof *image, i),
-           c->slaves[i].output_bytes);
-    if (status->outputs != ECAT_OUTPUTS_ACTIVE)
-      set_owner(c, i, (int32_t)number, ECAT_OUTPUTS_ACTIVE, status->reason);
-  }
+  cyclic_outputs_take(c, number, (const uint64_t *)(const void *)(image + 1));
   counter_add(&c->health->commits, 1);
 }
 
 static void begin(cyclic_t *c, uint32_t number, uint32_t generation) {
   struct slot *slot = &c->slot[number];
-  drop_all(c, number, generation == 0 ? ECAT_REASON_RELEASED : ECAT_REASON_GONE);
-  memset(slot, 0, sizeof *slot);
+  ecat_shm_slot_status *status = &c->slot_status[number];
+  cyclic_outputs_drop(c, number, generation == 0 ? ECAT_REASON_RELEASED : ECAT_REASON_GONE);
+  slot->heartbeat = slot->claim_seq = slot->commit_seq = slot->request_seq = 0;
+  slot->commit_ns = 0;
+  slot->told_malformed = 0;
   slot->generation = generation;
   slot->beat_ns = c->now_ns;
   slot->lease_ns = c->header->lease_ns;
-  c->slot_status[number].claim_ack = c->slot_status[number].commit_ack = 0;
-  __atomic_store_n(&c->slot_status[number].state,
-                   generation == 0 ? ECAT_SLOT_FREE : ECAT_SLOT_ACTIVE, __ATOMIC_RELAXED);
+  status->claim_ack = status->commit_ack = 0;
+  __atomic_store_n(&status->lease_ns, slot->lease_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&status->beat_ns, c->now_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&status->refused, 0, __ATOMIC_RELAXED);
+  __atomic_store_n(&status->state, generation == 0 ? ECAT_SLOT_FREE : ECAT_SLOT_ACTIVE,
+                   __ATOMIC_RELAXED);
 }
 
-static void lapse(cyclic_t *c, uint32_t number) {
+static void lapse(cyclic_t *c, uint32_t number, uint32_t reason) {
   ecat_shm_slot_status *status = &c->slot_status[number];
-  drop_all(c, number, ECAT_REASON_LAPSED);
+  cyclic_outputs_drop(c, number, reason);
   counter_add(&c->health->lapses, 1);
   __atomic_store_n(&status->lapses, status->lapses + 1, __ATOMIC_RELAXED);
+  __atomic_store_n(&status->reason, reason, __ATOMIC_RELAXED);
   __atomic_store_n(&status->state, ECAT_SLOT_LAPSED, __ATOMIC_RELEASE);
+}
+
+void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain) {
+  uint32_t i;
+  for (i = 0; i < c->out.slot_count; i++)
+    if (cyclic_outputs_has_domain(c, i, domain)) lapse(c, i, ECAT_REASON_WKC);
+}
+
+static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
+  struct slot *slot = &c->slot[number];
+  ecat_shm_slot_status *status = &c->slot_status[number];
+  if (bell->heartbeat != slot->heartbeat) {
+    slot->heartbeat = bell->heartbeat;
+    slot->beat_ns = c->now_ns;
+    __atomic_store_n(&status->beat_ns, c->now_ns, __ATOMIC_RELAXED);
+  }
+  if (status->state == ECAT_SLOT_LAPSED) {
+    slot->claim_seq = bell->claim_seq; /* refused until it comes back as a new generation */
+  } else {
+    /* A commit before the claims: it has been made of what the client owned then. */
+    if (bell->commit_seq != slot->commit_seq) read_image(c, number, bell->commit_seq);
+    if (bell->claim_seq != slot->claim_seq && c->claim_turn == number) {
+      slot->claim_seq = bell->claim_seq;
+      read_claims(c, number);
+    }
+    if (slot->bytes > 0 && c->now_ns - slot->beat_ns > slot->lease_ns)
+      lapse(c, number, ECAT_REASON_LAPSED);
+  }
+  if (bell->request_seq != slot->request_seq &&
+      cyclic_emit(c, CYCLIC_EVENT_REQUEST, -1, (int32_t)number, slot->generation))
+    slot->request_seq = bell->request_seq;
+}
+
+/* Claims are looked at for one slot a cycle, in turns, so that clients that change theirs without
+ * end cost no more than one. */
+static void choose_claims(cyclic_t *c) {
+  uint32_t i;
+  for (i = 1; i <= c->out.slot_count; i++) {
+    uint32_t number = (c->claim_turn + i) % c->out.slot_count;
+    const struct slot *slot = &c->slot[number];
+    if (slot->generation == 0 || c->doorbell[number].claim_seq == slot->claim_seq) continue;
+    c->claim_turn = number;
+    return;
+  }
 }
 
 void cyclic_slots_read(cyclic_t *c) {
@@ -154,30 +161,14 @@ void cyclic_slots_read(cyclic_t *c) {
   __atomic_thread_fence(__ATOMIC_ACQUIRE); /* what a doorbell announces is read after it */
   c->used = 0;
   for (i = 0; i < c->out.slot_count; i++) {
-    const ecat_out_doorbell *bell = &c->doorbell[i];
-    struct slot *slot = &c->slot[i];
-    if ((bell->generation | slot->generation) == 0) continue;
+    uint32_t generation = c->doorbell[i].generation;
+    if ((generation | c->slot[i].generation) == 0) continue;
     c->used |= 1u << i;
-    if (bell->generation != slot->generation) begin(c, i, bell->generation);
-    if (slot->generation == 0) continue;
-    if (bell->heartbeat != slot->heartbeat) {
-      slot->heartbeat = bell->heartbeat;
-      slot->beat_ns = c->now_ns;
-    }
-    if (c->slot_status[i].state == ECAT_SLOT_LAPSED) {
-      slot->claim_seq = bell->claim_seq; /* refused until it comes back as a new generation */
-    } else {
-      if (bell->claim_seq != slot->claim_seq) {
-        slot->claim_seq = bell->claim_seq;
-        read_claims(c, i);
-      }
-      if (bell->commit_seq != slot->commit_seq) read_image(c, i, bell->commit_seq);
-      if (slot->owned > 0 && c->now_ns - slot->beat_ns > slot->lease_ns) lapse(c, i);
-    }
-    if (bell->request_seq != slot->request_seq &&
-        cyclic_emit(c, CYCLIC_EVENT_REQUEST, -1, (int32_t)i, slot->generation))
-      slot->request_seq = bell->request_seq;
+    if (generation != c->slot[i].generation) begin(c, i, generation);
   }
+  if (c->used != 0) choose_claims(c);
+  for (i = 0; i < c->out.slot_count; i++)
+    if (c->slot[i].generation != 0) look_at_slot(c, i, &c->doorbell[i]);
 }
 
 void cyclic_slots_sent(cyclic_t *c) {
@@ -211,13 +202,4 @@ void cyclic_slots_publish(cyclic_t *c) {
     if (status->generation != slot->generation)
       __atomic_store_n(&status->generation, slot->generation, __ATOMIC_RELEASE);
   }
-}
-
-void cyclic_slots_make_safe(cyclic_t *c) {
-  uint32_t i;
-  for (i = 0; i < c->header->slave_count; i++)
-    if (c->slaves[i].output_bytes > 0 &&
-        (c->slave_status[i].owner >= 0 || c->slave_status[i].reason != ECAT_REASON_STOPPING))
-      make_safe(c, i, ECAT_REASON_STOPPING);
-  for (i = 0; i < ECAT_SLOTS; i++) c->slot[i].owned = 0;
 }

@@ -26,7 +26,8 @@ LAYOUT = 1 << 16
 SLOTS = 32
 IMAGES = 4
 REQUESTS = 4
-LOCK_DAEMON = 0
+LOCK_DAEMON, LOCK_SLOT = 0, 1
+"""Bytes that are locked in the segments; see `client_c/src/internal.h`."""
 
 
 class BusState(IntEnum):
@@ -89,6 +90,7 @@ class Outputs(IntEnum):
     SAFE = 0
     CLAIMED = 1
     ACTIVE = 2
+    STOPPING = 3
 
 
 class Reason(IntEnum):
@@ -99,6 +101,15 @@ class Reason(IntEnum):
     LAPSED = 2
     GONE = 3
     STOPPING = 4
+    WKC = 5
+
+
+class Request(IntEnum):
+    """`ecat_request_op`: what a client asks the mailbox worker for."""
+
+    UPLOAD = 1
+    DOWNLOAD = 2
+    STATE = 3
 
 
 _SCALARS: dict[str, Any] = {

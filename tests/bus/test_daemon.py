@@ -89,8 +89,8 @@ def test_outputs_reach_the_slaves_and_come_back_over_wires(troll: Daemon) -> Non
 
 def test_outputs_belong_to_one_client(troll: Daemon) -> None:
     with troll.client() as first, troll.client() as second:
-        first.claim(EL2008)
-        with pytest.raises(StateError, match=r"slave 3 \(EL2008\) .* belong to .*python.* \(pid"):
+        first.claim(EL2008, lease=0.5)
+        with pytest.raises(StateError, match=r"slave 3 \(EL2008\) .* belongs to .*python.* \(pid"):
             second.claim(EL2008)
         output = second.bind(EL2008, 0x7000, 1)
         with pytest.raises(StateError, match="must be claimed before"):
@@ -139,7 +139,7 @@ def test_sdo_requests_through_shared_memory(troll: Daemon) -> None:
     with troll.client() as client:
 
         def finish(request: int) -> bytes:
-            while (data := client.sdo_poll(request)) is None:
+            while (data := client.poll(request)) is None:
                 client.wait()
             return data
 

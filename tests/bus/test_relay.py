@@ -44,7 +44,7 @@ def test_requests_of_many_clients_cost_no_cyclic_frame(start_daemon: Callable[..
             for _ in range(COUNT // 4):
                 requests = [client.sdo_start(slave, IDENTITY, 1) for _ in range(4)]
                 for request in requests:
-                    while (data := client.sdo_poll(request)) is None:
+                    while (data := client.poll(request)) is None:
                         client.wait()
                     answers.append((slave, data))
 

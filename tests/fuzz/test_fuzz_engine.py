@@ -13,7 +13,10 @@ import pytest
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 CYCLIC = ROOT / "daemon" / "cyclic"
-SOURCES = ("clock", "control", "engine", "frames", "publish", "relay", "setup", "slots", "wire")
+SOURCES = (
+    *("clock", "control", "engine", "frames", "outputs", "publish", "relay", "setup"),
+    *("slots", "wire"),
+)
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 CYCLES = 6000
 FRAMES = 1000
@@ -40,6 +43,7 @@ def driver(tmp_path_factory):
                 # gcc says that its thread sanitizer knows no fences; what they order is atomic.
                 *("-Wno-tsan", flag, "-fno-sanitize-recover=all"),
                 *(f"-I{CYCLIC}", f"-I{ROOT / 'client_c' / 'include'}"),
+                f"-I{ROOT / 'client_c' / 'src'}",
                 *(CYCLIC / f"{source}.c" for source in SOURCES),
                 *(
                     ROOT / "client_c" / "src" / "histogram.c",
@@ -74,7 +78,8 @@ def test_nothing_from_outside_ends_the_engine_or_mixes_frames(driver, kind, port
     found = run(driver(kind, "engine"), CYCLES, ports)
     assert found["exchanges"] >= CYCLES
     # It was not left in peace.
-    for what in ("damaged", "invented", "held", "swaps", "truncated", "late", "foreign", "lost"):
+    what_happened = ("damaged", "invented", "held", "swaps", "truncated", "late", "foreign", "lost")
+    for what in (*what_happened, "commits", "refused", "malformed"):
         assert found[what] > 3, what
     assert found["bad"] < found["exchanges"] / 2, "most frames arrived"
     assert found["snapshots"] > 1000

@@ -88,13 +88,40 @@ typedef struct ecat_signal_info {
   int output;           /* 1: output, 0: input */
   unsigned type;        /* CoE data type */
   unsigned bit_length;
+  int domain;           /* 0 first */
+  unsigned bit_offset;  /* first bit in the image of the domain */
   double scale;         /* physical value = raw value * scale + offset */
   double offset;
-  const char *name;     /* valid until ecat_close */
-  const char *unit;     /* valid until ecat_close */
+  double minimum;       /* smallest raw value of an output, -HUGE_VAL: as the type allows */
+  double maximum;       /* largest one, HUGE_VAL: as the type allows */
+  unsigned pdo;         /* object index of its PDO */
+  const char *pdo_name; /* may be empty; this one and those below are valid until ecat_close */
+  const char *name;
+  const char *unit;     /* of the physical value */
 } ecat_signal_info;
 
+typedef struct ecat_output_info {
+  int owner;            /* client slot, -1: nobody */
+  int owned;            /* 1: by this client */
+  int state;            /* enum ecat_outputs of ecat_shm.h */
+  int reason;           /* enum ecat_reason: why it is, or was last, at its safe value */
+  uint64_t since_cycle; /* of the last change of owner or state */
+  double age;           /* seconds since then */
+  unsigned pid;         /* of the owner, as it says itself; 0 while this client has no slot */
+  char program[33];     /* its name, as it says itself */
+} ecat_output_info;
+
+enum ecat_validity {
+  ECAT_VALID = 0,
+  ECAT_NEVER = 1,           /* not sampled, or not exchanged yet */
+  ECAT_STALE = 2,           /* the daemon did not deliver when it was sampled */
+  ECAT_INCOMPLETE = 3,      /* slaves of the domain did not take part: the last good value */
+  ECAT_NOT_OPERATIONAL = 4  /* the slave is in a state that does not process it */
+};
+
 typedef struct ecat_domain_info {
+  const char *name;      /* valid until ecat_close */
+  unsigned divider;      /* exchanged every so many base cycles */
   uint64_t cycle;        /* cycle of the last sample */
   uint64_t time_ns;      /* CLOCK_MONOTONIC when its frames came back */
   double age;            /* seconds since then */
@@ -133,15 +160,23 @@ ECAT_API int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t pr
 /* The handle of a PDO entry. */
 ECAT_API int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subindex,
                        int direction);
+/* The handle of an entry by name: "slave/entry". The slave is its position, or its name where only
+ * one has it; the entry is its name, "PDO/entry" where several have it, or 0x6041:00. */
+ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
 
-/* Makes this client the owner of all outputs of a slave. `lease` is the time without ecat_sample()
- * or ecat_commit() after which they fall to their safe values; 0 takes the daemon's default, more
- * than its maximum is cut, and the longest of all claims counts for all. Outputs stay safe until
- * the first ecat_commit() after a write. After ECAT_ELEASE all claims and running requests are
- * gone; claim again. */
+/* Makes this client the owner of all outputs of a slave, or of none if another client has one of
+ * them. `lease` is the time without ecat_sample() or ecat_commit() after which they fall to their
+ * safe values; 0 takes the daemon's default, more than its maximum is cut, and the longest of all
+ * claims counts for all. An output stays safe until the first ecat_commit() after it was written.
+ * After ECAT_ELEASE all claims and running requests are gone; claim again. */
 ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
 /* Gives the outputs of a slave back; they go to their safe values. */
 ECAT_API int ecat_release(ecat_t *bus, int position);
+/* The same for one output. */
+ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
+ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
+/* Who decides an output now, and since when. */
+ECAT_API int ecat_output(ecat_t *bus, int signal, ecat_output_info *info);
 
 /* Takes one consistent image of every domain; all reads until the next call see it. Returns
  * ECAT_ESTALE or ECAT_EDOWN (the values stay readable) when the daemon no longer delivers. */
@@ -151,6 +186,9 @@ ECAT_API int ecat_sample_domain(ecat_t *bus, int domain);
 /* What is known about the last sample of a domain. */
 ECAT_API int ecat_domain(ecat_t *bus, int domain, ecat_domain_info *info);
 
+/* enum ecat_validity of an entry of the last sample, or a negative code. */
+ECAT_API int ecat_validity(ecat_t *bus, int signal);
+
 /* Raw value of an entry of the last sample: exact for up to 53 bits. */
 ECAT_API int ecat_read(ecat_t *bus, int signal, double *value);
 /* Raw value as integer; unsigned 64-bit values keep their bits. */
@@ -158,8 +196,8 @@ ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
 /* Raw value * scale + offset. */
 ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 
-/* Stages a raw value of an output; integers are checked against the range of the entry and
- * fractions refused. Nothing leaves the process before ecat_commit(). */
+/* Stages a raw value of an output; it is checked against the type and the declared range of the
+ * entry, and fractions of integers are refused. Nothing leaves the process before ecat_commit(). */
 ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
 ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
 ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
@@ -168,16 +206,22 @@ ECAT_API int ecat_commit(ecat_t *bus);
 
 /* Waits until `cycles` more cycles than at the last sample or wait have ended. 0 checks only. */
 ECAT_API int ecat_wait(ecat_t *bus, unsigned cycles, double timeout);
+/* Waits until a domain was exchanged `exchanges` more times than at its last sample or wait. */
+ECAT_API int ecat_wait_domain(ecat_t *bus, int domain, unsigned exchanges, double timeout);
 /* Number of the last finished cycle. */
 ECAT_API uint64_t ecat_cycle(const ecat_t *bus);
 
 /* Starts an SDO upload (data NULL) or download, and returns the handle of the request. */
 ECAT_API int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex,
                             const void *data, size_t length);
+/* Asks for an AL state of a slave (1 INIT, 2 PREOP, 4 SAFEOP, 8 OP), and returns the handle of the
+ * request. */
+ECAT_API int ecat_state_start(ecat_t *bus, int position, unsigned state);
 /* ECAT_EBUSY while the request runs; else it is finished, its handle is free again, and
  * `data` (up to `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT,
- * `*abort_code` tells why. All three pointers may be NULL. */
-ECAT_API int ecat_sdo_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
+ * `*abort_code` tells why. All three pointers may be NULL. Requests of a client that ends are
+ * dropped, unless they have begun. */
+ECAT_API int ecat_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
                            uint32_t *abort_code);
 
 #ifdef __cplusplus

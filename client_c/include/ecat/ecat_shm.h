@@ -18,8 +18,11 @@
 #define ECAT_IMAGES 4        /* committed output images kept per slot */
 #define ECAT_REQUESTS 4      /* requests of one client at the same time */
 #define ECAT_REQUEST_BYTES 512
-#define ECAT_MAX_SLAVES 1024 /* bits in the claim and written sets */
+#define ECAT_MAX_SLAVES 1024
 #define ECAT_HISTOGRAM_BUCKETS 928
+/* Who waits on `cycle_word` says for what by a bit of FUTEX_WAIT_BITSET: the end of any cycle, or
+ * that of an exchange of domain n (1 << n). */
+#define ECAT_WAKE_CYCLE (1u << 31)
 
 enum ecat_bus_state {
   ECAT_BUS_STARTING = 1,
@@ -66,9 +69,10 @@ enum ecat_setting {
 };
 
 enum ecat_outputs {
-  ECAT_OUTPUTS_SAFE = 0,    /* nobody owns them */
-  ECAT_OUTPUTS_CLAIMED = 1, /* owned, but still safe: not yet written by their owner */
-  ECAT_OUTPUTS_ACTIVE = 2   /* written by their owner */
+  ECAT_OUTPUTS_SAFE = 0,     /* nobody owns them */
+  ECAT_OUTPUTS_CLAIMED = 1,  /* owned, but still safe: not yet written by their owner */
+  ECAT_OUTPUTS_ACTIVE = 2,   /* written by their owner */
+  ECAT_OUTPUTS_STOPPING = 3  /* nobody owns them, and the daemon brings the drive to a stop */
 };
 
 enum ecat_reason {
@@ -76,7 +80,8 @@ enum ecat_reason {
   ECAT_REASON_RELEASED = 1, /* released by their owner */
   ECAT_REASON_LAPSED = 2,   /* heartbeat of the owner stopped */
   ECAT_REASON_GONE = 3,     /* slot taken over by another client: the owner is dead */
-  ECAT_REASON_STOPPING = 4  /* the daemon stops */
+  ECAT_REASON_STOPPING = 4, /* the daemon stops */
+  ECAT_REASON_WKC = 5       /* slaves of the domain did not take part in the exchange */
 };
 
 enum ecat_slot_state {
@@ -87,7 +92,8 @@ enum ecat_slot_state {
 
 enum ecat_request_op {
   ECAT_REQUEST_UPLOAD = 1,
-  ECAT_REQUEST_DOWNLOAD = 2
+  ECAT_REQUEST_DOWNLOAD = 2,
+  ECAT_REQUEST_STATE = 3     /* AL state, in the first byte of data */
 };
 
 #define STRUCT(name, comment) typedef struct name {

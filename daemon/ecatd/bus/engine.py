@@ -30,6 +30,8 @@ class EventType(IntEnum):
     RING = 7
     CLOCK = 8
     OVERRUN = 9
+    REFUSED = 10
+    MALFORMED = 11
 
 
 class Event(ctypes.Structure):
@@ -63,7 +65,15 @@ class _Settings(ctypes.Structure):
 
     _fields_ = tuple(
         (name, ctypes.c_int32)
-        for name in ("priority", "cpu", "lock_memory", "busy_receive", "poll_ns", "free_running")
+        for name in (
+            "priority",
+            "cpu",
+            "lock_memory",
+            "busy_receive",
+            "poll_ns",
+            "wkc_limit",
+            "free_running",
+        )
     )
 
 
@@ -91,6 +101,8 @@ class RealTime:
             usually come that soon.
         dma_latency_us: Longest time that processors may need to wake up, in microseconds;
             -1 leaves it as it is.
+        wkc_limit: Outputs fall to their safe values after so many bad working counters in a row;
+            0: never.
         free_running: Whether the next cycle follows at once; to measure, not for slaves.
     """
 
@@ -100,6 +112,7 @@ class RealTime:
     busy_receive: bool = False
     poll_us: int = 30
     dma_latency_us: int = -1
+    wkc_limit: int = 0
     free_running: bool = False
 
 
@@ -132,6 +145,9 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_set_socket.restype = None
     lib.cyclic_add_datagram.argtypes = [pointer, u32, ctypes.c_int, u32, u32, u32, u32]
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
+    lib.cyclic_set_limit.argtypes = [pointer, u32, ctypes.c_double, ctypes.c_double]
+    lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
+    lib.cyclic_stopping.argtypes = [pointer]
     lib.cyclic_start.argtypes = [pointer, pointer]
     lib.cyclic_wait_event.argtypes = [pointer, pointer, ctypes.c_int64]
     lib.cyclic_reply.argtypes = [pointer, u32, u32, u32, u32, i32, u32, ctypes.c_char_p, u32]
@@ -231,6 +247,32 @@ class Engine:
         """Safe values of a slave: bits of `hold` keep what was last sent, others take `value`."""
         _LIB.cyclic_set_safe(self._engine, slave, value, hold)
 
+    def set_limit(self, signal: int, minimum: float, maximum: float) -> None:
+        """Refuses raw values of an output beyond these, both included; before `start`."""
+        code = _LIB.cyclic_set_limit(self._engine, signal, minimum, maximum)
+        if code != 0:
+            raise EcatError(f"range of signal {signal} refused by the engine: {os.strerror(-code)}")
+
+    def set_stop(self, controlword: int, statusword: int, value: int, patience: float) -> None:
+        """How a drive without owner is stopped; see `cyclic_set_stop`. Before `start`.
+
+        Args:
+            controlword: Signal of object 0x6040 of CiA 402.
+            statusword: Signal of object 0x6041.
+            value: Controlword while the drive moves.
+            patience: Seconds after which the controlword gets its safe value in any case.
+        """
+        code = _LIB.cyclic_set_stop(
+            self._engine, controlword, statusword, value, int(patience * 1e9)
+        )
+        if code != 0:
+            raise EcatError(f"stop of signal {controlword} refused: {os.strerror(-code)}")
+
+    @property
+    def stopping(self) -> int:
+        """How many drives are being stopped."""
+        return int(_LIB.cyclic_stopping(self._engine))
+
     def start(self, wanted: RealTime) -> list[Grant]:
         """Starts the exchange; returns what the system granted."""
         settings = _Settings(
@@ -239,6 +281,7 @@ class Engine:
             int(wanted.lock_memory),
             int(wanted.busy_receive),
             wanted.poll_us * 1000,
+            wanted.wkc_limit,
             int(wanted.free_running),
         )
         latency = self._hold_dma_latency(wanted.dma_latency_us)

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
+import math
 import mmap
 import os
 import struct as binary
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -147,18 +150,21 @@ class Segment:
             row.domain = slave.domain
             row.output_offset, row.output_bytes = slave.output_offset, slave.output_bytes
             row.input_offset, row.input_bytes = slave.input_offset, slave.input_bytes
+            row.signals_first, row.signals_count = plan.ranges[slave.position]
             row.name = _text(slave.name, 64)
 
     def _fill_signals(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_signal") * max(1, len(plan.signals))
         table = kind.from_buffer(self._map, plan.offsets["signals"])
-        for row, (slave, name, entry, output, bit_offset) in zip(table, plan.signals, strict=False):
+        for row, (slave, pdo, entry, output, bit_offset) in zip(table, plan.signals, strict=False):
             row.slave, row.domain = slave.position, slave.domain
             row.index, row.subindex, row.output = entry.index, entry.subindex, int(output)
             row.type, row.bit_length = entry.data_type, entry.bit_length
             row.bit_offset = bit_offset
             row.scale, row.offset = entry.scale, entry.offset
-            row.name, row.unit = _text(name, 64), _text(entry.unit, 16)
+            row.minimum, row.maximum = -math.inf, math.inf
+            row.pdo, row.pdo_name = pdo.index, _text(pdo.name, 64)
+            row.name, row.unit = _text(entry.name or pdo.name, 64), _text(entry.unit, 16)
 
     def _fill_domains(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_domain") * len(self._image.domains)
@@ -180,13 +186,14 @@ class Segment:
         header.instance = instance
         header.doorbells_offset = _PAGE
         header.slots_offset = 2 * _PAGE
-        header.image_stride = _up(shm.size("ecat_out_image") + self._image.output_bytes, 64)
-        header.slot_stride = _up(
-            shm.size("ecat_out_slot")
-            + shm.REQUESTS * shm.size("ecat_out_request")
-            + shm.IMAGES * header.image_stride,
-            _PAGE,
+        header.claims_offset = _up(
+            shm.size("ecat_out_slot") + shm.REQUESTS * shm.size("ecat_out_request"), 64
         )
+        claims = _up(self.header.signal_count, 64) // 8
+        header.images_offset = _up(header.claims_offset + claims, 64)
+        mask_and_values = 2 * _up(self._image.output_bytes, 8)
+        header.image_stride = _up(shm.size("ecat_out_image") + mask_and_values, 64)
+        header.slot_stride = _up(header.images_offset + shm.IMAGES * header.image_stride, _PAGE)
         os.posix_fallocate(self.out_fd, 0, header.slots_offset + shm.SLOTS * header.slot_stride)
         os.pwrite(self.out_fd, bytes(header), 0)
         self.out = header
@@ -263,7 +270,7 @@ class _Plan:
         self.signals = [
             (
                 slave,
-                entry.name or pdo.name,
+                pdo,
                 entry,
                 output,
                 8 * (slave.output_offset if output else slave.input_offset) + bit,
@@ -273,12 +280,19 @@ class _Plan:
             for pdo, entry, bit in slave.entries(outputs=output)
             if entry.bit_length <= 64
         ]
+        counts = Counter(slave.position for slave, *_ in self.signals)
+        ends = list(accumulate(counts[slave.position] for slave in bus.slaves))
+        self.ranges = [
+            (end - counts[slave.position], counts[slave.position])
+            for slave, end in zip(bus.slaves, ends, strict=True)
+        ]
         self.size = _up(shm.size("ecat_shm_header"), 64)
         self.offsets = {
             "slaves": self._place("ecat_shm_slave", len(bus.slaves)),
             "signals": self._place("ecat_shm_signal", len(self.signals)),
             "domains": self._place("ecat_shm_domain", len(image.domains)),
             "slave_status": self._place("ecat_shm_slave_status", len(bus.slaves)),
+            "outputs": self._place("ecat_shm_output", len(self.signals)),
             "slot_status": self._place("ecat_shm_slot_status", shm.SLOTS),
             "replies": self._place("ecat_shm_reply", shm.SLOTS * shm.REQUESTS),
             "domain_status": self._place("ecat_shm_domain_status", len(image.domains)),

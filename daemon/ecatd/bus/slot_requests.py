@@ -18,7 +18,6 @@ from .mailbox import Mailbox
 from .master import Master
 from .segment import Segment
 
-_UPLOAD, _DOWNLOAD = 1, 2
 _REPLY_BYTES = 512
 # ecat_errno of ecat.h
 _EARG, _ETIMEOUT, _EABORT, _ESYS = -1, -11, -14, -16
@@ -86,9 +85,9 @@ class SlotRequests:
         if fields["slave"] >= self._slaves:
             raise UsageError(f"there is no slave {fields['slave']}: the bus has {self._slaves}")
         operation = getattr(raw, "op")  # noqa: B009  the class is made at run time
-        if operation == _UPLOAD:
+        if operation == shm.Request.UPLOAD:
             return SdoRead(**fields)
-        if operation == _DOWNLOAD:
+        if operation == shm.Request.DOWNLOAD:
             request = parse_request(to_map(SdoWrite(**fields, data=body)))
             assert isinstance(request, SdoWrite)
             return request

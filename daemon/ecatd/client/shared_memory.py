@@ -80,10 +80,31 @@ class _SignalInfo(ctypes.Structure):
         ("output", ctypes.c_int),
         ("type", ctypes.c_uint),
         ("bit_length", ctypes.c_uint),
+        ("domain", ctypes.c_int),
+        ("bit_offset", ctypes.c_uint),
         ("scale", ctypes.c_double),
         ("offset", ctypes.c_double),
+        ("minimum", ctypes.c_double),
+        ("maximum", ctypes.c_double),
+        ("pdo", ctypes.c_uint),
+        ("pdo_name", ctypes.c_char_p),
         ("name", ctypes.c_char_p),
         ("unit", ctypes.c_char_p),
+    )
+
+
+class _OutputInfo(ctypes.Structure):
+    """`ecat_output_info` of `ecat.h`."""
+
+    _fields_ = (
+        ("owner", ctypes.c_int),
+        ("owned", ctypes.c_int),
+        ("state", ctypes.c_int),
+        ("reason", ctypes.c_int),
+        ("since_cycle", ctypes.c_uint64),
+        ("age", ctypes.c_double),
+        ("pid", ctypes.c_uint),
+        ("program", ctypes.c_char * 33),
     )
 
 
@@ -91,6 +112,8 @@ class _DomainInfo(ctypes.Structure):
     """`ecat_domain_info` of `ecat.h`."""
 
     _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("divider", ctypes.c_uint),
         ("cycle", ctypes.c_uint64),
         ("time_ns", ctypes.c_uint64),
         ("age", ctypes.c_double),
@@ -129,8 +152,14 @@ class Signal:
     output: bool
     data_type: int
     bit_length: int
+    domain: int
+    bit_offset: int
     scale: float
     offset: float
+    minimum: float
+    maximum: float
+    pdo: int
+    pdo_name: str
     name: str
     unit: str
 
@@ -144,6 +173,8 @@ class Signal:
 class DomainInfo:
     """The last sample of a domain: cycle, CLOCK_MONOTONIC in ns, age in seconds, counters."""
 
+    name: str
+    divider: int
     cycle: int
     time_ns: int
     age: float
@@ -184,8 +215,15 @@ def _library() -> ctypes.CDLL:
         "commit": (i, [bus]),
         "wait": (i, [bus, u, d]),
         "cycle": (ctypes.c_uint64, [bus]),
+        "wait_domain": (i, [bus, i, u, d]),
+        "lookup": (i, [bus, ctypes.c_char_p, i]),
+        "validity": (i, [bus, i]),
+        "claim_entry": (i, [bus, i, d]),
+        "release_entry": (i, [bus, i]),
+        "output": (i, [bus, i, pointer]),
+        "state_start": (i, [bus, i, u]),
         "sdo_start": (i, [bus, i, u, u, ctypes.c_char_p, ctypes.c_size_t]),
-        "sdo_poll": (i, [bus, i, pointer, ctypes.c_size_t, pointer, pointer]),
+        "poll": (i, [bus, i, pointer, ctypes.c_size_t, pointer, pointer]),
     }
     for name, (result, arguments) in signatures.items():
         function = getattr(lib, f"ecat_{name}")
@@ -305,8 +343,14 @@ class Client:
             bool(raw.output),
             raw.type,
             raw.bit_length,
+            raw.domain,
+            raw.bit_offset,
             raw.scale,
             raw.offset,
+            raw.minimum,
+            raw.maximum,
+            raw.pdo,
+            raw.pdo_name.decode("utf-8", "replace"),
             raw.name.decode("utf-8", "replace"),
             raw.unit.decode("utf-8", "replace"),
         )
@@ -344,7 +388,14 @@ class Client:
         raw = _DomainInfo()
         self._check(_LIB.ecat_domain(self._bus, number, ctypes.byref(raw)))
         return DomainInfo(
-            raw.cycle, raw.time_ns, raw.age, raw.wkc, raw.wkc_expected, shm.WkcState(raw.wkc_state)
+            raw.name.decode("utf-8", "replace"),
+            raw.divider,
+            raw.cycle,
+            raw.time_ns,
+            raw.age,
+            raw.wkc,
+            raw.wkc_expected,
+            shm.WkcState(raw.wkc_state),
         )
 
     def read(self, signal: int) -> float:
@@ -392,7 +443,7 @@ class Client:
         length = len(data) if data is not None else 0
         return self._check(_LIB.ecat_sdo_start(self._bus, position, index, subindex, data, length))
 
-    def sdo_poll(self, request: int) -> bytes | None:
+    def poll(self, request: int) -> bytes | None:
         """What was uploaded, or None while the request runs.
 
         Raises:
@@ -400,7 +451,7 @@ class Client:
         """
         buffer = ctypes.create_string_buffer(512)
         length, abort = ctypes.c_size_t(), ctypes.c_uint32()
-        code = _LIB.ecat_sdo_poll(
+        code = _LIB.ecat_poll(
             self._bus, request, buffer, 512, ctypes.byref(length), ctypes.byref(abort)
         )
         if code == _BUSY:

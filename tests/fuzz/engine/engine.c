@@ -5,8 +5,10 @@
  * Socket pairs stand for the interfaces. The bus answers each frame with inputs that count its
  * frames, the same number in every word, and then loses, holds back, repeats, cuts, lengthens or
  * damages answers, or invents some. Clients write random bytes over the .out segment and cut it
- * short. Meanwhile sockets are replaced, events and images are read. What must hold: an image is
- * that of one frame, no older frame is taken after a newer one, and nobody owns what nobody may.
+ * short; one of them claims and commits as it should, but whatever it likes. Meanwhile sockets are
+ * replaced, events and images are read. What must hold: an image is that of one frame, no older
+ * frame is taken after a newer one, nobody owns what nobody may, and no output leaves the bits and
+ * the range that it was declared with.
  * Prints what was reached, as JSON.
  */
 #include "../random.h"
@@ -28,6 +30,11 @@ enum {
   SLAVES = 3,
   WORDS = 4,                /* of 8 bytes: outputs, and as many inputs, of a slave */
   SLAVE_BYTES = 8 * WORDS,
+  ENTRIES = 16,             /* of 2 bytes: 15 outputs and an input; 2 bytes of outputs have none */
+  SIGNALS = SLAVES * ENTRIES,
+  LIMITED = 0, CONTROL = 1, STATUS = ENTRIES - 1, /* entries of each slave */
+  LIMIT = 100,
+  LIAR = 5,                 /* slot of the client that knows the protocol */
   DOMAINS = 2,              /* slave 0 has one for itself; the other one comes every third cycle */
   RUN = 0x600DCAFE,
   HELD = 64,
@@ -63,6 +70,16 @@ static void put_out(const uint8_t *bytes, size_t size, int port) {
   (void)send(far[port], bytes, size, MSG_DONTWAIT);
 }
 
+/* Outputs of the slaves as they arrive: their first entry has a range, their last bytes no entry. */
+static void check_outputs(const uint8_t *data, uint32_t slaves) {
+  uint32_t i;
+  for (i = 0; i < slaves; i++, data += SLAVE_BYTES) {
+    int16_t value = (int16_t)get16(data + 2 * LIMITED);
+    if (value < -LIMIT || value > LIMIT) die("a value left its declared range");
+    if (get16(data + SLAVE_BYTES - 2) != 0) die("bits of no entry were written");
+  }
+}
+
 /* What slaves do with a frame. */
 static void process(uint8_t *bytes, size_t size, uint64_t *number) {
   size_t at = FIRST_DATAGRAM;
@@ -81,6 +98,7 @@ static void process(uint8_t *bytes, size_t size, uint64_t *number) {
       wkc = SLAVES;
     } else if (command == CYCLIC_LRW) {
       uint32_t slaves = length / (2 * SLAVE_BYTES);
+      check_outputs(data, slaves);
       for (i = length / 2; i + 8 <= length; i += 8) put64(data + i, *number);
       wkc = 3 * slaves;
     }
@@ -173,10 +191,33 @@ static void *bus(void *argument) {
 
 /* --- clients and control -------------------------------------------------------------------- */
 
+/* All that the engine believes, but with values that no one has checked. */
+static void lie(struct source *source, const ecat_out_header *header, ecat_out_doorbell *bell) {
+  uint8_t image[sizeof(ecat_out_image) + 2 * SLAVES * SLAVE_BYTES], claims[8];
+  ecat_out_image *head = (void *)image;
+  off_t slot = (off_t)header->slots_offset + LIAR * (off_t)header->slot_stride;
+  off_t door = (off_t)header->doorbells_offset + LIAR * (off_t)sizeof *bell;
+  fill(source, image, sizeof image);
+  head->seq = ++bell->commit_seq;
+  head->first = 0;
+  head->bytes = SLAVES * SLAVE_BYTES;
+  if (one_in(source, 50) || bell->generation == 0) bell->generation++;
+  if (one_in(source, 20) || bell->claim_seq == 0) {
+    memset(claims, one_in(source, 2) ? 0xFF : (int)below(source, 256), sizeof claims);
+    (void)!pwrite(out_fd, claims, sizeof claims, slot + header->claims_offset);
+    bell->claim_seq++;
+  }
+  bell->heartbeat++;
+  (void)!pwrite(out_fd, image, sizeof image,
+                slot + header->images_offset + head->seq % ECAT_IMAGES * header->image_stride);
+  (void)!pwrite(out_fd, bell, sizeof *bell, door);
+}
+
 static void *clients(void *argument) {
   struct source source = source_from((uint64_t)(uintptr_t)argument + 2);
   uint8_t junk[256];
   ecat_out_header header;
+  ecat_out_doorbell bell = {0};
   if (pread(out_fd, &header, sizeof header, 0) != sizeof header) die("no .out segment");
   while (!stopping()) {
     uint32_t at = header.doorbells_offset + below(&source, OUT_BYTES - header.doorbells_offset - 256);
@@ -188,7 +229,8 @@ static void *clients(void *argument) {
       sched_yield();
       (void)!ftruncate(out_fd, OUT_BYTES);
     }
-    (void)!pwrite(out_fd, junk, 1 + below(&source, 64), at);
+    if (one_in(&source, 4)) (void)!pwrite(out_fd, junk, 1 + below(&source, 64), at);
+    lie(&source, &header, &bell);
     nanosleep(&(struct timespec){0, 50000}, NULL);
   }
   return NULL;
@@ -229,7 +271,7 @@ static void *reader(void *argument) {
 
 static void *control(void *argument) {
   struct source source = source_from((uint64_t)(uintptr_t)argument + 3);
-  const ecat_shm_slave_status *status = engine->slave_status;
+  const ecat_shm_output *outputs = engine->output;
   while (!stopping()) {
     cyclic_event event;
     int i;
@@ -239,8 +281,8 @@ static void *control(void *argument) {
         cyclic_reply(engine, (uint32_t)event.slot, below(&source, 8), event.value, 1, 0, 0, "x", 1);
       if (stopping()) return NULL;
     }
-    for (i = 0; i < SLAVES; i++) {
-      int owner = __atomic_load_n(&status[i].owner, __ATOMIC_RELAXED);
+    for (i = 0; i < SIGNALS; i++) {
+      int owner = __atomic_load_n(&outputs[i].owner, __ATOMIC_RELAXED);
       if (owner < -1 || owner >= ECAT_SLOTS) die("an owner that is no slot");
     }
   }
@@ -283,6 +325,7 @@ static void fill_segment(ecat_shm_header *h) {
   uint32_t slaves_in[DOMAINS] = {1, SLAVES - 1}, base = 0;
   ecat_shm_slave *slaves;
   ecat_shm_domain *domains;
+  ecat_shm_signal *signals;
   h->cycle_time_ns = CYCLE_NS;
   h->lease_ns = 2 * CYCLE_NS;
   h->lease_max_ns = 100 * CYCLE_NS;
@@ -294,6 +337,9 @@ static void fill_segment(ecat_shm_header *h) {
   h->slaves_offset = place(&end, SLAVES * sizeof *slaves);
   h->domains_offset = place(&end, DOMAINS * sizeof *domains);
   h->slave_status_offset = place(&end, SLAVES * sizeof(ecat_shm_slave_status));
+  h->signal_count = SIGNALS;
+  h->signals_offset = place(&end, SIGNALS * sizeof *signals);
+  h->outputs_offset = place(&end, SIGNALS * sizeof(ecat_shm_output));
   h->slot_status_offset = place(&end, ECAT_SLOTS * sizeof(ecat_shm_slot_status));
   h->replies_offset = place(&end, ECAT_SLOTS * ECAT_REQUESTS * sizeof(ecat_shm_reply));
   h->domain_status_offset = place(&end, DOMAINS * sizeof(ecat_shm_domain_status));
@@ -301,6 +347,7 @@ static void fill_segment(ecat_shm_header *h) {
   h->health_offset = place(&end, sizeof(ecat_shm_health));
   slaves = (void *)(shm + h->slaves_offset);
   domains = (void *)(shm + h->domains_offset);
+  signals = (void *)(shm + h->signals_offset);
   for (i = 0; i < DOMAINS; i++) {
     uint32_t bytes = slaves_in[i] * SLAVE_BYTES;
     domains[i].image_bytes = 2 * bytes;
@@ -316,13 +363,26 @@ static void fill_segment(ecat_shm_header *h) {
     slaves[i].output_bytes = slaves[i].input_bytes = SLAVE_BYTES;
     slaves[i].output_offset = i > 0 ? (i - 1) * SLAVE_BYTES : 0;
   }
+  /* The last byte of each output belongs to no entry. */
+  for (i = 0; i < SIGNALS; i++) {
+    uint32_t slave = i / ENTRIES, entry = i % ENTRIES, bytes = slaves_in[slave > 0] * SLAVE_BYTES;
+    signals[i].slave = (uint16_t)slave;
+    signals[i].domain = slave > 0;
+    signals[i].output = entry < ENTRIES - 1;
+    signals[i].type = 0x0003; /* INTEGER16 */
+    signals[i].bit_length = 16;
+    signals[i].bit_offset = 8 * (slaves[slave].output_offset + 2 * entry);
+    if (!signals[i].output) signals[i].bit_offset = 8 * (bytes + slaves[slave].output_offset);
+  }
 }
 
 static void fill_out(void) {
   ecat_out_header header = {.slot_count = ECAT_SLOTS, .doorbells_offset = 4096, .slots_offset = 8192};
-  header.image_stride = (uint32_t)(sizeof(ecat_out_image) + SLAVES * SLAVE_BYTES + 63) / 64 * 64;
-  header.slot_stride = (uint32_t)(sizeof(ecat_out_slot) + ECAT_REQUESTS * sizeof(ecat_out_request)) +
-                       ECAT_IMAGES * header.image_stride;
+  header.claims_offset =
+      (uint32_t)(sizeof(ecat_out_slot) + ECAT_REQUESTS * sizeof(ecat_out_request));
+  header.images_offset = header.claims_offset + (SIGNALS + 63) / 64 * 8;
+  header.image_stride = (uint32_t)(sizeof(ecat_out_image) + 2 * (SLAVES * SLAVE_BYTES + 8));
+  header.slot_stride = header.images_offset + ECAT_IMAGES * header.image_stride;
   out_fd = memfd_create("out", MFD_CLOEXEC);
   if (out_fd < 0 || ftruncate(out_fd, OUT_BYTES) != 0 ||
       pwrite(out_fd, &header, sizeof header, 0) != sizeof header)
@@ -352,6 +412,12 @@ int main(int count, char **arguments) {
     if (cyclic_add_datagram(engine, (uint32_t)i, CYCLIC_LRW, 0x100000u * (uint32_t)(i + 1), 0,
                             engine->domain[i].image_bytes, engine->domain[i].wkc_expected) != 0)
       die("a datagram was refused");
+  for (i = 0; i < SLAVES; i++) {
+    uint32_t first = (uint32_t)(i * ENTRIES);
+    if (cyclic_set_limit(engine, first + LIMITED, -LIMIT, LIMIT) != 0 ||
+        cyclic_set_stop(engine, first + CONTROL, first + STATUS, 2, 3 * CYCLE_NS) != 0)
+      die("a limit or a stop was refused");
+  }
   cyclic_set_clock(engine, &clock);
   if (cyclic_start(engine, &settings) != 0) die("it does not start");
   for (i = 0; i < 4; i++)
@@ -366,12 +432,14 @@ int main(int count, char **arguments) {
   cyclic_stop(engine);
   printf("{\"answers\": %lu, \"damaged\": %lu, \"invented\": %lu, \"held\": %lu, \"swaps\": %lu, "
          "\"events\": %lu, \"snapshots\": %lu, \"truncated\": %lu, \"lost\": %lu, \"late\": %lu, "
-         "\"foreign\": %lu, \"cycles\": %lu, \"exchanges\": %lu, \"bad\": %lu}\n",
+         "\"foreign\": %lu, \"cycles\": %lu, \"exchanges\": %lu, \"bad\": %lu, \"commits\": %lu, "
+         "\"refused\": %lu, \"malformed\": %lu}\n",
          reached.answers, reached.damaged, reached.invented, reached.held, reached.swaps,
          reached.events, reached.snapshots, reached.truncated, (unsigned long)engine->health->lost,
          (unsigned long)engine->health->late, (unsigned long)engine->health->foreign,
          (unsigned long)engine->health->cycles, (unsigned long)engine->domain[0].status->exchanges,
-         (unsigned long)engine->health->wkc_bad);
+         (unsigned long)engine->health->wkc_bad, (unsigned long)engine->health->commits,
+         (unsigned long)engine->health->refused, (unsigned long)engine->health->malformed);
   cyclic_free(engine);
   for (i = 0; i < ports; i++) close(near[i]), close(far[i]);
   close(out_fd);

@@ -230,7 +230,8 @@ static int make_segments(void) {
   h->slot_status_offset = place(&end, ECAT_SLOTS * sizeof(ecat_shm_slot_status));
   h->replies_offset = place(&end, ECAT_SLOTS * ECAT_REQUESTS * sizeof(ecat_shm_reply));
   h->health_offset = place(&end, sizeof(ecat_shm_health));
-  h->slaves_offset = h->domains_offset = h->slave_status_offset = h->domain_status_offset = end;
+  h->slaves_offset = h->domains_offset = h->signals_offset = h->outputs_offset = end;
+  h->domain_status_offset = end;
   if (fd < 0 || ftruncate(fd, 1 << 20) != 0 || pwrite(fd, &out, sizeof out, 0) != sizeof out)
     die("no .out segment");
   return fd;

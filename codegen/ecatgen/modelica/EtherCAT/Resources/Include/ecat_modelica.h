@@ -482,7 +482,7 @@ ECATM_FUNCTION void ecatm_sdo_progress(ecatm_sdo *sdo) {
   int code;
   if (sdo->request < 0) ecatm_sdo_send(sdo);
   if (sdo->request < 0) return;
-  code = ecat_sdo_poll(master->bus, sdo->request, data, sizeof data, &length, &reason);
+  code = ecat_poll(master->bus, sdo->request, data, sizeof data, &length, &reason);
   if (code == ECAT_EBUSY) return;
   if (code == ECAT_EDOWN || code == ECAT_ESTALE) ecatm_check(master, code);
   sdo->request = -1;

@@ -1,0 +1,83 @@
+/* Entries by name: "slave/entry", as a person writes them. */
+#include "internal.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static int is_text(const char *part, size_t length, const char *text) {
+  return strlen(text) == length && strncmp(part, text, length) == 0;
+}
+
+/* The slave: its position, or its name where only one has it. */
+static int find_slave(ecat_t *bus, const char *part, size_t length) {
+  char *end = NULL;
+  long position = strtol(part, &end, 10);
+  int i, found = -1;
+  if (length > 0 && part[0] >= '0' && part[0] <= '9' && end == part + length)
+    return ecat_check_position(bus, position > 65535 ? 65535 : (int)position) == 0
+               ? (int)position
+               : ECAT_EBUS;
+  for (i = 0; i < ecat_slave_count(bus); i++) {
+    if (!is_text(part, length, bus->slaves[i].name)) continue;
+    if (found >= 0)
+      return ecat_fail(bus, ECAT_EBUS, "slaves %d and %d of bus '%s' are both called '%.*s': name "
+                       "the position, as in '%d/...'", found, i, bus->name, (int)length, part, found);
+    found = i;
+  }
+  if (found >= 0) return found;
+  return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave '%.*s'; 'ecatctl slaves' lists them",
+                   bus->name, (int)length, part);
+}
+
+/* An address as 0x6060 or 0x6060:00. */
+static int is_address(const char *text, unsigned *index, unsigned *subindex) {
+  char rest = 0;
+  *subindex = 0;
+  return sscanf(text, "0x%4x:%2x%c", index, subindex, &rest) == 2 ||
+         sscanf(text, "0x%4x%c", index, &rest) == 1;
+}
+
+/* "entry" or "PDO/entry"; an entry without a name of its own goes by that of its PDO. */
+static int has_name(const ecat_shm_signal *signal, const char *name) {
+  size_t length = strlen(signal->pdo_name);
+  if (strcmp(signal->name, name) == 0) return 1;
+  return length > 0 && strncmp(name, signal->pdo_name, length) == 0 && name[length] == '/' &&
+         strcmp(signal->name, name + length + 1) == 0;
+}
+
+int ecat_lookup(ecat_t *bus, const char *name, int direction) {
+  const char *slash = name != NULL ? strchr(name, '/') : NULL;
+  const ecat_shm_slave *slave;
+  unsigned index, subindex;
+  int position, found = -1;
+  uint32_t i;
+  if (slash == NULL)
+    return ecat_fail(bus, ECAT_EARG, "'%s' names no entry: write 'slave/entry', as in "
+                     "'0/Statusword' or '0/0x6041:00'", name != NULL ? name : "");
+  position = find_slave(bus, name, (size_t)(slash - name));
+  if (position < 0) return position;
+  if (is_address(slash + 1, &index, &subindex))
+    return ecat_bind(bus, position, index, subindex, direction);
+  slave = &bus->slaves[position];
+  for (i = slave->signals_first; i < slave->signals_first + slave->signals_count; i++) {
+    const ecat_shm_signal *signal = &bus->signals[i], *other;
+    if ((direction != ECAT_ANY && signal->output != direction) || !has_name(signal, slash + 1))
+      continue;
+    if (found < 0) {
+      found = (int)i;
+      continue;
+    }
+    other = &bus->signals[found];
+    return ecat_fail(bus, ECAT_ESIGNAL,
+                     "slave %d (%s) of bus '%s' has more than one entry '%s': name the PDO, as in "
+                     "'%d/%s/%s', or the address, as in '%d/0x%04X:%02X'",
+                     position, slave->name, bus->name, slash + 1, position, other->pdo_name,
+                     other->name, position, other->index, other->subindex);
+  }
+  if (found >= 0) return found;
+  return ecat_fail(bus, ECAT_ESIGNAL, "slave %d (%s) of bus '%s' has no %s '%s' in its process data; "
+                   "'ecatctl pdos %d' lists what it has", position, slave->name, bus->name,
+                   direction == ECAT_INPUT ? "input" : direction == ECAT_OUTPUT ? "output" : "entry",
+                   slash + 1, position);
+}

@@ -1,0 +1,127 @@
+/* The client's slot in the .out segment: taking it, living in it, and leaving it. */
+#include "internal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static int map_out(ecat_t *bus) {
+  char path[64];
+  struct stat status;
+  ecat_out_header *header = &bus->layout;
+  if (bus->out_map != NULL) return 0;
+  snprintf(path, sizeof path, "/dev/shm/ecat.%s.out", bus->name);
+  bus->out_fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+  if (bus->out_fd < 0) {
+    if (errno == EACCES)
+      return ecat_fail(bus, ECAT_EPERM,
+                       "no right to write outputs of bus '%s': become a member of the group 'ecat' "
+                       "('sudo usermod -aG ecat $USER', then log in again)", bus->name);
+    return ecat_fail(bus, ECAT_EDOWN, "cannot open %s: %s", path, strerror(errno));
+  }
+  if (fstat(bus->out_fd, &status) != 0 || (size_t)status.st_size < sizeof *header)
+    return ecat_fail(bus, ECAT_ELAYOUT, "%s is too short; restart the daemon", path);
+  bus->out_size = (size_t)status.st_size;
+  bus->out_map = mmap(NULL, bus->out_size, PROT_READ | PROT_WRITE, MAP_SHARED, bus->out_fd, 0);
+  if (bus->out_map == MAP_FAILED) {
+    bus->out_map = NULL;
+    return ecat_fail(bus, ECAT_ESYS, "cannot map %s: %s", path, strerror(errno));
+  }
+  memcpy(header, bus->out_map, sizeof *header);
+  if (header->magic != ECAT_OUT_MAGIC || header->layout >> 16 != ECAT_SHM_LAYOUT_MAJOR ||
+      header->instance != bus->header->instance || header->slot_count > ECAT_SLOTS ||
+      header->doorbells_offset % 8 != 0 || header->slots_offset % 8 != 0 ||
+      header->slot_stride % 8 != 0 || header->claims_offset % 8 != 0 ||
+      header->images_offset % 8 != 0 || header->image_stride % 8 != 0 ||
+      header->image_stride <
+          sizeof(ecat_out_image) + 2 * (((uint64_t)bus->header->output_bytes + 7) / 8 * 8) ||
+      header->claims_offset < sizeof(ecat_out_slot) + ECAT_REQUESTS * sizeof(ecat_out_request) ||
+      header->images_offset < (uint64_t)header->claims_offset + 8 * bus->sets ||
+      header->slot_stride <
+          header->images_offset + (uint64_t)ECAT_IMAGES * header->image_stride ||
+      header->doorbells_offset + (uint64_t)header->slot_count * sizeof(ecat_out_doorbell) >
+          bus->out_size ||
+      header->slots_offset + (uint64_t)header->slot_count * header->slot_stride > bus->out_size) {
+    munmap(bus->out_map, bus->out_size);
+    bus->out_map = NULL;
+    close(bus->out_fd);
+    bus->out_fd = -1;
+    return ecat_fail(bus, ECAT_ELAYOUT, "%s does not belong to the running daemon; open the bus again",
+                     path);
+  }
+  return 0;
+}
+
+void ecat_slot_begin(ecat_t *bus) {
+  FILE *comm;
+  memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
+  memset(bus->mask, 0, bus->header->output_bytes);
+  memset(bus->request, 0, sizeof bus->request);
+  bus->first = bus->bytes = 0;
+  bus->request_seq = 0;
+  __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
+  bus->generation = bus->out->generation + 1;
+  if (bus->generation == 0) bus->generation = 1;
+  /* First of all, so that no number is used twice wherever this client ends. */
+  bus->out->generation = bus->generation;
+  bus->out->lease_ns = 0;
+  bus->out->since_ns = ecat_now();
+  memset(bus->out->program, 0, sizeof bus->out->program);
+  bus->out->pid = (uint32_t)getpid();
+  comm = fopen("/proc/self/comm", "re");
+  if (comm != NULL) {
+    if (fgets(bus->out->program, sizeof bus->out->program, comm) != NULL)
+      bus->out->program[strcspn(bus->out->program, "\n")] = '\0';
+    fclose(comm);
+  }
+  /* Requests and claims, and what a later version may have put between them. */
+  memset(bus->out + 1, 0, bus->layout.images_offset - sizeof *bus->out);
+  bus->doorbell->claim_seq = bus->doorbell->commit_seq = bus->doorbell->request_seq = 0;
+  bus->doorbell->heartbeat++;
+  __atomic_store_n(&bus->doorbell->generation, bus->generation, __ATOMIC_RELEASE);
+}
+
+int ecat_slot_lapsed(const ecat_t *bus) {
+  const ecat_shm_slot_status *status;
+  if (bus->slot < 0) return 0;
+  status = &bus->slot_status[bus->slot];
+  return __atomic_load_n(&status->generation, __ATOMIC_ACQUIRE) == bus->generation &&
+         __atomic_load_n(&status->state, __ATOMIC_RELAXED) == ECAT_SLOT_LAPSED;
+}
+
+int ecat_slot_take(ecat_t *bus) {
+  const ecat_out_header *header = &bus->layout;
+  int code, i;
+  if (bus->slot >= 0) return 0;
+  if ((code = map_out(bus)) != 0) return code;
+  for (i = 0; i < (int)header->slot_count; i++) {
+    struct flock lock = {
+        .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = LOCK_SLOT + i, .l_len = 1};
+    if (fcntl(bus->out_fd, F_OFD_SETLK, &lock) != 0) continue;
+    bus->slot = i;
+    bus->doorbell = (ecat_out_doorbell *)(void *)(bus->out_map + header->doorbells_offset) + i;
+    bus->out = (void *)(bus->out_map + header->slots_offset + (size_t)i * header->slot_stride);
+    bus->out_claims = (void *)((uint8_t *)bus->out + header->claims_offset);
+    ecat_slot_begin(bus);
+    return 0;
+  }
+  return ecat_fail(bus, ECAT_EFULL,
+                   "all %u client slots of bus '%s' are taken: close a client that writes outputs",
+                   (unsigned)header->slot_count, bus->name);
+}
+
+void ecat_slot_free(ecat_t *bus) {
+  if (bus->slot >= 0) __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
+  if (bus->out_map != NULL) munmap(bus->out_map, bus->out_size);
+  if (bus->out_fd >= 0) close(bus->out_fd); /* frees the lock, and so the slot */
+}
+
+const ecat_out_slot *ecat_slot_of(const ecat_t *bus, int slot) {
+  if (bus->out_map == NULL || slot < 0 || slot >= (int)bus->layout.slot_count) return NULL;
+  return (const void *)(bus->out_map + bus->layout.slots_offset +
+                        (size_t)slot * bus->layout.slot_stride);
+}

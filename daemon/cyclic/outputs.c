@@ -1,0 +1,322 @@
+/* Outputs: who decides each of them, and what they are while nobody does.
+ *
+ * What a slot owns stands twice: as the set of its signals, for what is told to clients, and as a
+ * mask over the output image, with which a commit is taken over word by word, however many entries
+ * it has. Bits of no signal are in no mask, so no client ever changes them. */
+#include "engine.h"
+
+#include <entries.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+static uint32_t claim_words(const cyclic_t *c) { return (c->header->signal_count + 63) / 64; }
+
+/* First bit of an output in the output image. */
+static uint32_t bit_of(const cyclic_t *c, uint32_t signal) {
+  const ecat_shm_signal *s = &c->signals[signal];
+  return 8 * c->domain[s->domain].output_base + s->bit_offset;
+}
+
+int cyclic_outputs_init(cyclic_t *c) {
+  size_t image = ((size_t)c->header->output_bytes + 7) / 8 + 2, sets = claim_words(c);
+  uint64_t *at;
+  uint32_t i;
+  c->output_memory = at = calloc(2 * sets + ECAT_SLOTS * (2 * image + sets), sizeof *at);
+  if (at == NULL) return -ENOMEM;
+  c->claimable = at;
+  c->wanted = at + sets;
+  at += 2 * sets;
+  for (i = 0; i < ECAT_SLOTS; i++) {
+    struct slot *slot = &c->slot[i];
+    slot->claims = at;
+    slot->mask = at + sets;
+    slot->active = slot->mask + image;
+    at = slot->active + image;
+  }
+  for (i = 0; i < c->header->signal_count; i++) {
+    c->output[i].owner = -1;
+    if (c->signals[i].output) set_add(c->claimable, i);
+  }
+  return 0;
+}
+
+static void tell_owner(cyclic_t *c, uint32_t signal, int32_t owner, uint32_t state,
+                       uint32_t reason) {
+  ecat_shm_output *output = &c->output[signal];
+  __atomic_store_n(&output->state, state, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->reason, reason, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->since_cycle, c->cycle, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->since_ns, c->now_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->owner, owner, __ATOMIC_RELEASE);
+}
+
+/* --- safe values ---------------------------------------------------------------------------- */
+
+/* A drive that has lost its owner first stops, and its other outputs are safe meanwhile. */
+static void begin_stop(cyclic_t *c, struct stop *stop) {
+  stop->running = 1;
+  stop->until_ns = c->now_ns + stop->patience_ns;
+  bits_put(c->outputs, stop->bit, 16, stop->value);
+  __atomic_store_n(&c->output[stop->signal].state, ECAT_OUTPUTS_STOPPING, __ATOMIC_RELAXED);
+}
+
+/* Whether a CiA 402 drive still moves under its own power: operation enabled, quick stop active or
+ * fault reaction active (CiA 402-2, statusword). */
+static int moves(uint64_t statusword) {
+  return (statusword & 0x6F) == 0x27 || (statusword & 0x6F) == 0x07 || (statusword & 0x4F) == 0x0F;
+}
+
+void cyclic_outputs_stop_drives(cyclic_t *c) {
+  uint32_t i, running = 0;
+  for (i = 0; i < c->stops; i++) {
+    struct stop *stop = &c->stop_sequence[i];
+    if (!stop->running) continue;
+    if (c->output[stop->signal].owner >= 0) {
+      stop->running = c->output[stop->signal].state != ECAT_OUTPUTS_ACTIVE;
+    } else if (c->now_ns >= stop->until_ns ||
+               (c->domain[stop->domain].wkc_state == ECAT_WKC_COMPLETE &&
+                !moves(bits_get(c->domain[stop->domain].image, stop->status_bit, 16)))) {
+      stop->running = 0;
+      bits_put(c->outputs, stop->bit, 16, bits_get(c->safe, stop->bit, 16));
+      tell_owner(c, stop->signal, -1, ECAT_OUTPUTS_SAFE, c->output[stop->signal].reason);
+    }
+    running += (uint32_t)stop->running;
+  }
+  __atomic_store_n(&c->stopping, running, __ATOMIC_RELEASE);
+}
+
+static void make_safe(cyclic_t *c, uint32_t signal, uint32_t reason) {
+  uint32_t bit = bit_of(c, signal), bits = c->signals[signal].bit_length;
+  uint64_t hold = bits_get(c->hold, bit, bits), safe = bits_get(c->safe, bit, bits);
+  uint64_t now = bits_get(c->outputs, bit, bits);
+  bits_put(c->outputs, bit, bits, (now & hold) | (safe & ~hold));
+  tell_owner(c, signal, -1, ECAT_OUTPUTS_SAFE, reason);
+}
+
+/* Makes outputs safe; `number` is the slot that they belonged to, for the event of each slave. */
+static void make_set_safe(cyclic_t *c, const uint64_t *set, int32_t number, uint32_t reason) {
+  uint32_t word, i, words = claim_words(c);
+  int32_t slave = -1;
+  for (word = 0; word < words; word++) {
+    uint64_t left;
+    for (left = set[word]; left != 0; left &= left - 1) {
+      uint32_t signal = 64 * word + (uint32_t)__builtin_ctzll(left);
+      make_safe(c, signal, reason);
+      if (c->signals[signal].slave == slave) continue;
+      slave = c->signals[signal].slave;
+      (void)cyclic_emit(c, CYCLIC_EVENT_SAFE, slave, number, reason);
+    }
+  }
+  for (i = 0; i < c->stops; i++)
+    if (set_has(set, c->stop_sequence[i].signal)) begin_stop(c, &c->stop_sequence[i]);
+}
+
+void cyclic_outputs_make_all_safe(cyclic_t *c, uint32_t reason) {
+  uint32_t i;
+  for (i = 0; i < ECAT_SLOTS; i++) cyclic_outputs_drop(c, i, reason);
+  for (i = 0; i < c->header->signal_count; i++)
+    if (c->signals[i].output && c->output[i].reason != reason)
+      tell_owner(c, i, -1, c->output[i].state, reason);
+}
+
+/* --- owners --------------------------------------------------------------------------------- */
+
+/* What a slot owns as a part of the output image, after a change. */
+static void measure(cyclic_t *c, struct slot *slot) {
+  uint32_t words = (c->header->output_bytes + 7) / 8, first = 0, end = words;
+  while (end > 0 && slot->mask[end - 1] == 0) end--;
+  while (first < end && slot->mask[first] == 0) first++;
+  slot->first = 8 * first;
+  slot->bytes = 8 * (end - first);
+}
+
+void cyclic_outputs_drop(cyclic_t *c, uint32_t number, uint32_t reason) {
+  struct slot *slot = &c->slot[number];
+  size_t words = (c->header->output_bytes + 7) / 8;
+  if (slot->bytes == 0) return;
+  make_set_safe(c, slot->claims, (int32_t)number, reason);
+  memset(slot->claims, 0, claim_words(c) * sizeof *slot->claims);
+  memset(slot->mask, 0, words * sizeof *slot->mask);
+  memset(slot->active, 0, words * sizeof *slot->active);
+  slot->first = slot->bytes = 0;
+}
+
+static int32_t find_conflict(const cyclic_t *c, const struct slot *slot) {
+  uint32_t word, words = claim_words(c);
+  for (word = 0; word < words; word++) {
+    uint64_t left;
+    for (left = c->wanted[word] & ~slot->claims[word]; left != 0; left &= left - 1) {
+      uint32_t signal = 64 * word + (uint32_t)__builtin_ctzll(left);
+      if (c->output[signal].owner >= 0) return (int32_t)signal;
+    }
+  }
+  return -1;
+}
+
+static void grant(cyclic_t *c, uint32_t number, uint32_t signal) {
+  struct slot *slot = &c->slot[number];
+  bits_put((uint8_t *)slot->mask, bit_of(c, signal), c->signals[signal].bit_length, ~0ull);
+  set_add(slot->claims, signal);
+  tell_owner(c, signal, (int32_t)number, ECAT_OUTPUTS_CLAIMED, c->output[signal].reason);
+}
+
+static void grant_set(cyclic_t *c, uint32_t number) {
+  const struct slot *slot = &c->slot[number];
+  uint32_t word, words = claim_words(c);
+  int32_t slave = -1;
+  for (word = 0; word < words; word++) {
+    uint64_t left;
+    for (left = c->wanted[word] & ~slot->claims[word]; left != 0; left &= left - 1) {
+      uint32_t signal = 64 * word + (uint32_t)__builtin_ctzll(left);
+      grant(c, number, signal);
+      if (c->signals[signal].slave == slave) continue;
+      slave = c->signals[signal].slave;
+      cyclic_emit(c, CYCLIC_EVENT_CLAIMED, slave, (int32_t)number, 0);
+    }
+  }
+}
+
+static void take_back(cyclic_t *c, uint32_t number) {
+  struct slot *slot = &c->slot[number];
+  uint32_t word, words = claim_words(c);
+  uint64_t *released = c->wanted; /* no longer needed */
+  for (word = 0; word < words; word++) {
+    uint64_t left;
+    released[word] = slot->claims[word] & ~c->wanted[word];
+    slot->claims[word] &= ~released[word];
+    for (left = released[word]; left != 0; left &= left - 1) {
+      uint32_t signal = 64 * word + (uint32_t)__builtin_ctzll(left);
+      uint32_t bit = bit_of(c, signal), bits = c->signals[signal].bit_length;
+      bits_put((uint8_t *)slot->mask, bit, bits, 0);
+      bits_put((uint8_t *)slot->active, bit, bits, 0);
+    }
+  }
+  make_set_safe(c, released, (int32_t)number, ECAT_REASON_RELEASED);
+}
+
+int32_t cyclic_outputs_claim(cyclic_t *c, uint32_t number) {
+  uint32_t word, words = claim_words(c);
+  int32_t conflict;
+  for (word = 0; word < words; word++) c->wanted[word] &= c->claimable[word];
+  conflict = __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED) ? CYCLIC_CONFLICT_STOPPING
+                                                              : find_conflict(c, &c->slot[number]);
+  if (conflict == CYCLIC_CONFLICT_NONE) grant_set(c, number);
+  take_back(c, number);
+  measure(c, &c->slot[number]);
+  return conflict;
+}
+
+int cyclic_outputs_has_domain(const cyclic_t *c, uint32_t number, uint32_t domain) {
+  const uint8_t *mask = (const uint8_t *)c->slot[number].mask + c->domain[domain].output_base;
+  uint32_t i;
+  if (c->slot[number].bytes == 0) return 0;
+  for (i = 0; i < c->domain[domain].output_bytes; i++)
+    if (mask[i] != 0) return 1;
+  return 0;
+}
+
+/* --- values --------------------------------------------------------------------------------- */
+
+static void save_limited(cyclic_t *c, uint32_t number) {
+  uint32_t i;
+  for (i = 0; i < c->limits; i++)
+    if (c->output[c->limit[i].signal].owner == (int32_t)number)
+      c->limit[i].before = bits_get(c->outputs, c->limit[i].bit, c->limit[i].bits);
+}
+
+/* Values that their declaration forbids are not taken over: what was there before stays. */
+static void enforce_limits(cyclic_t *c, uint32_t number) {
+  ecat_shm_slot_status *status = &c->slot_status[number];
+  uint32_t i;
+  for (i = 0; i < c->limits; i++) {
+    struct limit *limit = &c->limit[i];
+    double value;
+    if (c->output[limit->signal].owner != (int32_t)number) continue;
+    value = raw_to_double(bits_get(c->outputs, limit->bit, limit->bits), limit->bits, limit->sign,
+                          limit->real);
+    /* Not a number is out of every range. */
+    if (value >= limit->minimum && value <= limit->maximum) {
+      limit->told = 0;
+      continue;
+    }
+    if (bits_get(c->outputs, limit->bit, limit->bits) == limit->before) continue;
+    bits_put(c->outputs, limit->bit, limit->bits, limit->before);
+    counter_add(&c->health->refused, 1);
+    __atomic_store_n(&status->refused, status->refused + 1, __ATOMIC_RELAXED);
+    if (!limit->told)
+      limit->told = cyclic_emit(c, CYCLIC_EVENT_REFUSED, c->signals[limit->signal].slave,
+                                (int32_t)number, limit->signal);
+  }
+}
+
+static void tell_active(cyclic_t *c, uint32_t number) {
+  const struct slot *slot = &c->slot[number];
+  uint32_t word, words = claim_words(c);
+  for (word = 0; word < words; word++) {
+    uint64_t left;
+    for (left = slot->claims[word]; left != 0; left &= left - 1) {
+      uint32_t signal = 64 * word + (uint32_t)__builtin_ctzll(left);
+      if (c->output[signal].state != ECAT_OUTPUTS_ACTIVE &&
+          bits_get((const uint8_t *)slot->active, bit_of(c, signal), 1))
+        tell_owner(c, signal, (int32_t)number, ECAT_OUTPUTS_ACTIVE, c->output[signal].reason);
+    }
+  }
+}
+
+void cyclic_outputs_take(cyclic_t *c, uint32_t number, const uint64_t *part) {
+  struct slot *slot = &c->slot[number];
+  uint32_t i, at = slot->first / 8, words = slot->bytes / 8;
+  const uint64_t *written = part, *values = part + words;
+  uint64_t *to = (uint64_t *)(void *)c->outputs + at, fresh = 0;
+  if (c->limits > 0) save_limited(c, number);
+  for (i = 0; i < words; i++) {
+    uint64_t mask = written[i] & slot->mask[at + i];
+    to[i] = (to[i] & ~mask) | (values[i] & mask);
+    fresh |= mask & ~slot->active[at + i];
+    slot->active[at + i] |= mask;
+  }
+  if (c->limits > 0) enforce_limits(c, number);
+  if (fresh != 0) tell_active(c, number);
+}
+
+/* --- what control decides before the start -------------------------------------------------- */
+
+int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, double maximum) {
+  const ecat_shm_signal *s;
+  struct limit *grown;
+  if (signal >= c->header->signal_count || !c->signals[signal].output || c->started)
+    return -EINVAL;
+  grown = realloc(c->limit, (c->limits + 1) * sizeof *grown);
+  if (grown == NULL) return -ENOMEM;
+  c->limit = grown;
+  s = &c->signals[signal];
+  c->limit[c->limits++] = (struct limit){.signal = signal,
+                                         .bit = bit_of(c, signal),
+                                         .bits = (uint8_t)s->bit_length,
+                                         .sign = (uint8_t)type_is_signed(s->type),
+                                         .real = (uint8_t)type_is_real(s->type, s->bit_length),
+                                         .minimum = minimum,
+                                         .maximum = maximum};
+  return 0;
+}
+
+int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statusword, uint32_t value,
+                    uint64_t patience_ns) {
+  struct stop *grown;
+  if (controlword >= c->header->signal_count || statusword >= c->header->signal_count ||
+      !c->signals[controlword].output || c->signals[statusword].output ||
+      c->signals[controlword].bit_length != 16 || c->signals[statusword].bit_length != 16 ||
+      c->started)
+    return -EINVAL;
+  grown = realloc(c->stop_sequence, (c->stops + 1) * sizeof *grown);
+  if (grown == NULL) return -ENOMEM;
+  c->stop_sequence = grown;
+  c->stop_sequence[c->stops++] = (struct stop){.signal = controlword,
+                                               .bit = bit_of(c, controlword),
+                                               .domain = c->signals[statusword].domain,
+                                               .status_bit = c->signals[statusword].bit_offset,
+                                               .value = value,
+                                               .patience_ns = patience_ns};
+  return 0;
+}
