@@ -17,7 +17,7 @@ help:
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
 	@echo "make test    run all tests"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
-	@echo "             bench-full: everything, for hours"
+	@echo "             bench-full: everything, for an hour"
 	@echo "make check   lint, types, formatting"
 	@echo "make clean   remove what the other commands made"
 

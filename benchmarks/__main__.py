@@ -25,7 +25,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder for the results")
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="seconds instead of minutes: a trial")
-    length.add_argument("--full", action="store_true", help="everything, and for long: hours")
+    length.add_argument("--full", action="store_true", help="everything, and for longer: an hour")
     parser.add_argument("--only", choices=BENCHMARKS, help="this one; results of others stay")
     parser.add_argument("--report-only", action="store_true", help="write the page again")
     options = parser.parse_args()

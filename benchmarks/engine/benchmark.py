@@ -79,16 +79,14 @@ SETTINGS = {
     ),
     "normal": Settings(),
     "full": Settings(
-        exchange=exchange.Plan((*_RATES, 0), (*_RATES, 0), rounds=40, cycles=1000, seconds=0.2),
-        deadline_lines=Settings.lines,
+        exchange=exchange.Plan((*_RATES, 0), (*_RATES, 0), rounds=15, cycles=300, seconds=0.1),
         deadline_rates=_RATES,
         deadline_seconds=60.0,
         work_seconds=1.0,
-        load_rounds=200,
-        load_seconds=0.3,
+        load_rounds=40,
         load_busy=(False, True),
         clock_seconds=60.0,
-        starts=10,
+        starts=5,
     ),
 }
 

@@ -60,7 +60,7 @@ class Settings:
 SETTINGS = {
     "quick": Settings(rounds=1, seconds=0.03, endurance=0.3, starts=1, batches=20),
     "normal": Settings(),
-    "full": Settings(rounds=60, endurance=600.0),
+    "full": Settings(rounds=60, endurance=300.0),
 }
 
 
