@@ -178,7 +178,8 @@ struct cyclic {
   int64_t typical_ns;             /* of an exchange, averaged */
   uint64_t overrun_told_ns;
   uint32_t overruns;              /* not told yet */
-  pthread_t thread;
+  pthread_t thread, wake_thread;
+  uint32_t crowd;                 /* futex: who else is to be woken, bits as in ECAT_WAKE_CYCLE */
   int started, stop;
   int scheduling_error, affinity_error, memory_error, slack_error;
 
@@ -243,6 +244,11 @@ void cyclic_publish_bus(cyclic_t *c);     /* slaves, ring, clock */
 void cyclic_publish_restart(cyclic_t *c); /* zeroes counters and histograms */
 void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns);
 void cyclic_count(ecat_shm_histogram *histogram, uint64_t ns);
+
+/* wake.c */
+int cyclic_wake_start(cyclic_t *c);
+void cyclic_wake_clients(cyclic_t *c);    /* that wait for the end of a cycle, or a due domain */
+void cyclic_wake_stop(cyclic_t *c);       /* after `stop` is set */
 
 static inline void counter_add(uint64_t *counter, uint64_t n) {
   __atomic_store_n(counter, *counter + n, __ATOMIC_RELAXED); /* single writer */

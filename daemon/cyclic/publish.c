@@ -1,11 +1,7 @@
 /* The engine's side of the segment: domain pages, the cycle number, histograms. */
 #include "engine.h"
 
-#include <limits.h>
-#include <linux/futex.h>
 #include <string.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
 void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns) {
   ecat_shm_page *page = domain->page;
@@ -71,8 +67,7 @@ void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns) {
   __atomic_store_n(&c->header->cycle_end_ns, time_ns, __ATOMIC_RELAXED);
   __atomic_store_n(&c->header->cycle, c->cycle, __ATOMIC_RELEASE);
   __atomic_store_n(&c->header->cycle_word, (uint32_t)c->cycle, __ATOMIC_RELEASE);
-  syscall(SYS_futex, &c->header->cycle_word, FUTEX_WAKE_BITSET, INT_MAX, NULL, NULL,
-          ECAT_WAKE_CYCLE | c->due);
+  cyclic_wake_clients(c);
 }
 
 void cyclic_count(ecat_shm_histogram *histogram, uint64_t ns) {

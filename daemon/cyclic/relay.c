@@ -4,12 +4,11 @@
 #include "relay.h"
 
 #include "engine.h"
+#include "thread.h"
 
 #include <errno.h>
 #include <linux/futex.h>
 #include <poll.h>
-#include <sched.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -308,12 +307,8 @@ static void *thread_main(void *argument) {
   cyclic_relay_t *r = argument;
   struct pollfd fds[CYCLIC_RELAY_CLIENTS + 1];
   uint32_t i;
-  prctl(PR_SET_NAME, "ecat-relay");
+  (void)cyclic_thread_become("ecat-relay", r->settings.priority); /* the engine reports it */
   prctl(PR_SET_TIMERSLACK, 1);
-  if (r->settings.priority > 0) {
-    struct sched_param parameter = {.sched_priority = r->settings.priority};
-    (void)sched_setscheduler(0, SCHED_FIFO, &parameter); /* the engine reports what is refused */
-  }
   for (;;) {
     fds[CYCLIC_RELAY_CLIENTS] = (struct pollfd){r->stop_fd, POLLIN, 0};
     for (i = 0; i < CYCLIC_RELAY_CLIENTS; i++) fds[i] = (struct pollfd){r->client[i], POLLIN, 0};
@@ -329,20 +324,6 @@ static void *thread_main(void *argument) {
 }
 
 /* --- life ----------------------------------------------------------------------------------- */
-
-static int create_thread(cyclic_relay_t *r) {
-  pthread_attr_t attributes;
-  sigset_t all, before;
-  int code;
-  sigfillset(&all);
-  pthread_attr_init(&attributes);
-  pthread_attr_setstacksize(&attributes, STACK_BYTES);
-  pthread_sigmask(SIG_SETMASK, &all, &before); /* signals are for the other threads */
-  code = pthread_create(&r->thread, &attributes, thread_main, r);
-  pthread_sigmask(SIG_SETMASK, &before, NULL);
-  pthread_attr_destroy(&attributes);
-  return code;
-}
 
 cyclic_relay_t *cyclic_relay_new(int soem_fd, int registers_fd, int first_fd, int second_fd,
                                  const cyclic_relay_settings *settings) {
@@ -362,7 +343,7 @@ cyclic_relay_t *cyclic_relay_new(int soem_fd, int registers_fd, int first_fd, in
   r->ports = second_fd >= 0 ? 2 : 1;
   r->stop_fd = eventfd(0, EFD_CLOEXEC);
   pthread_mutex_init(&r->lock, NULL);
-  code = r->stop_fd < 0 ? errno : create_thread(r);
+  code = r->stop_fd < 0 ? errno : -cyclic_thread_start(&r->thread, STACK_BYTES, thread_main, r);
   if (code == 0) return r;
   if (r->stop_fd >= 0) close(r->stop_fd);
   pthread_mutex_destroy(&r->lock);

@@ -1,10 +1,10 @@
 /* The life of an engine: what is allocated, locked and started before the first cycle. */
 #include "engine.h"
 #include "relay.h"
+#include "thread.h"
 
 #include <errno.h>
 #include <sched.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -130,7 +130,6 @@ static void ask_for_short_slices(void) {
 
 static void *thread_main(void *argument) {
   cyclic_t *c = argument;
-  prctl(PR_SET_NAME, "ecat-cyclic");
   if (prctl(PR_SET_TIMERSLACK, 1) != 0) c->slack_error = errno;
   prefault_stack();
   prefault((volatile uint8_t *)c->frame, sizeof c->frame);
@@ -140,11 +139,7 @@ static void *thread_main(void *argument) {
     CPU_SET((size_t)c->settings.cpu, &set);
     if (sched_setaffinity(0, sizeof set, &set) != 0) c->affinity_error = errno;
   }
-  if (c->settings.priority > 0) {
-    struct sched_param parameter = {.sched_priority = c->settings.priority};
-    if (sched_setscheduler(0, SCHED_FIFO, &parameter) != 0)
-      c->scheduling_error = errno;
-  }
+  c->scheduling_error = cyclic_thread_become("ecat-cyclic", c->settings.priority);
   if (c->settings.priority == 0 || c->scheduling_error != 0) ask_for_short_slices();
   __atomic_store_n(&c->started, 2, __ATOMIC_RELEASE);
   cyclic_run(c);
@@ -168,20 +163,6 @@ static int lock_memory(void) {
   return 0;
 }
 
-static int create_thread(cyclic_t *c) {
-  pthread_attr_t attributes;
-  sigset_t all, before;
-  int code;
-  sigfillset(&all);
-  pthread_attr_init(&attributes);
-  pthread_attr_setstacksize(&attributes, 256 * 1024); /* of which all is locked */
-  pthread_sigmask(SIG_SETMASK, &all, &before);        /* signals are for the other threads */
-  code = pthread_create(&c->thread, &attributes, thread_main, c);
-  pthread_sigmask(SIG_SETMASK, &before, NULL);
-  pthread_attr_destroy(&attributes);
-  return -code;
-}
-
 /* Whether a cycle in which all domains are due has room in the frames. */
 static int fits(const cyclic_t *c) {
   uint32_t i, frames = 1, payload = 0;
@@ -198,8 +179,13 @@ int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
   if (!fits(c)) return -ENOSPC;
   c->settings = *settings;
   if (settings->lock_memory) c->memory_error = lock_memory();
-  code = create_thread(c);
-  if (code != 0) return code;
+  if ((code = cyclic_wake_start(c)) != 0) return code;
+  /* Of the stack all is locked. */
+  if ((code = cyclic_thread_start(&c->thread, 256 * 1024, thread_main, c)) != 0) {
+    __atomic_store_n(&c->stop, 1, __ATOMIC_RELAXED);
+    cyclic_wake_stop(c);
+    return code;
+  }
   while (__atomic_load_n(&c->started, __ATOMIC_ACQUIRE) != 2) sched_yield();
   return 0;
 }
@@ -237,6 +223,7 @@ void cyclic_stop(cyclic_t *c) {
   if (c->started == 0) return;
   __atomic_store_n(&c->stop, 1, __ATOMIC_RELAXED);
   pthread_join(c->thread, NULL);
+  cyclic_wake_stop(c);
   c->started = 0;
 }
 

@@ -15,7 +15,7 @@ ROOT = HERE.parents[1]
 CYCLIC = ROOT / "daemon" / "cyclic"
 SOURCES = (
     *("clock", "control", "engine", "frames", "outputs", "publish", "relay", "setup"),
-    *("slots", "wire"),
+    *("slots", "thread", "wake", "wire"),
 )
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 CYCLES = 6000
