@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.log import Log
-from ecatd.model.config import Config
+from ecatd.model.config import load_config
 from ecatd.service.supervisor import Supervisor
 
 LEVEL = "warning"
@@ -27,5 +27,5 @@ class _Service(Supervisor):
 
 
 if __name__ == "__main__":
-    config = Config.load(Path(sys.argv[1]))
+    config = load_config(Path(sys.argv[1]))
     sys.exit(asyncio.run(_Service(config, None, Log("ecatd", LEVEL), LEVEL).run()))

@@ -19,7 +19,7 @@ from ecatd.bus.master import Master
 from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.config import Config
+from ecatd.model.config import read_config
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatsim.control import Simulator
 
@@ -64,7 +64,7 @@ def test_requests_of_many_clients_cost_no_cyclic_frame(start_daemon: Callable[..
 @contextlib.contextmanager
 def bus(**settings: Any) -> Iterator[BringUp]:
     """A bus in OP, in this process."""
-    config = Config.from_dict(
+    config = read_config(
         {
             "bus": f"r{os.getpid()}",
             "interface": FIRST,

@@ -12,7 +12,7 @@ from typing import cast, get_args, get_type_hints
 import pytest
 
 from conftest import Daemon, run_module
-from ecatd.model.config import Config
+from ecatd.model.config import Config, load_config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -91,10 +91,10 @@ def test_every_configuration_key_is_documented(tmp_path: Path) -> None:
     assert {"`bus`", "`dc.lock_us`", "`[[dc.slave]]`", "`dc.slave.sync0_us`"} <= set(keys)
     assert [key for key in keys if key not in text] == []
     example = (ROOT / "systemd/ecat0.toml").read_text()
-    Config.load(ROOT / "systemd/ecat0.toml")
+    load_config(ROOT / "systemd/ecat0.toml")
     commented = tmp_path / "all.toml"
     commented.write_text(re.sub(r"^# (?=\[\[|\w+ = )", "", example, flags=re.MULTILINE))
-    config = Config.load(commented)
+    config = load_config(commented)
     assert (len(config.outputs.safe), len(config.domain), len(config.dc.slave)) == (2, 2, 1)
 
 

@@ -8,14 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.model.config import Config, DcConfig, DcSlaveConfig, DomainConfig
+from ecatd.model.config import (
+    Config,
+    DcConfig,
+    DcSlaveConfig,
+    DomainConfig,
+    load_config,
+    read_config,
+)
 from ecatd.model.errors import ConfigError
 
 
 def load(tmp_path: Path, text: str) -> Config:
     file = tmp_path / "ecat0.toml"
     file.write_text(text)
-    return Config.load(file)
+    return load_config(file)
 
 
 def test_empty_file_gives_the_defaults(tmp_path: Path) -> None:
@@ -95,7 +102,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
     assert config.outputs.safe[1].address == (0x60FF, 0)
     assert config.gateway.listen == ["tcp/127.0.0.1:7000"]
     assert config.gateway.publish_hz == 2.5
-    assert Config.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    assert read_config(json.loads(json.dumps(config.to_dict()))) == config
 
 
 def test_slaves_follow_their_domain(tmp_path: Path) -> None:
@@ -269,10 +276,10 @@ def test_values_beyond_all_measure_are_refused(tmp_path: Path, text: str) -> Non
 
 def test_missing_and_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
-        Config.load(tmp_path / "none.toml")
+        load_config(tmp_path / "none.toml")
     (tmp_path / "latin.toml").write_bytes(b"bus = '\xe4'")
     with pytest.raises(ConfigError, match="no UTF-8"):
-        Config.load(tmp_path / "latin.toml")
+        load_config(tmp_path / "latin.toml")
 
 
 SCALARS = st.one_of(
@@ -326,8 +333,8 @@ CONFIGURATIONS = st.fixed_dictionaries(
 def test_anything_is_taken_or_refused_in_one_line(data: dict[str, Any]) -> None:
     said = ""
     try:
-        config = Config.from_dict(data)
-        assert Config.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+        config = read_config(data)
+        assert read_config(json.loads(json.dumps(config.to_dict()))) == config
     except ConfigError as error:
         said = str(error)
     assert "\n" not in said

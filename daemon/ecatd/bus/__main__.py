@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.log import Log
-from ecatd.model.config import Config
+from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
 from ecatd.process import die_with_parent
@@ -28,7 +28,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     from .control import ControlSocket
     from .server import BusServer
 
-    config = Config.from_dict(settings["config"])
+    config = read_config(settings["config"])
     config.second_interface = settings["second_interface"]
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
     server = BusServer(config, settings["interface"], log, control.publish)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.log import Log
-from ecatd.model.config import Config
+from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.process import die_with_parent, drop_rights
 
@@ -25,9 +25,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
 
     stop = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
-    gateway = Gateway(
-        Config.from_dict(settings["config"]), Path(settings["runtime_dir"]), log, stop.set
-    )
+    gateway = Gateway(read_config(settings["config"]), Path(settings["runtime_dir"]), log, stop.set)
     await gateway.start()
     print("ready", flush=True)
     await stop.wait()

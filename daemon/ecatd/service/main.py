@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from ecatd.log import Log
-from ecatd.model.config import Config
+from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.version import VERSION
 
@@ -54,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _configuration(options: argparse.Namespace) -> Config:
     """The file's configuration, with what the command line says on top."""
-    config = Config.load(options.config) if options.config else Config()
+    config = load_config(options.config) if options.config else Config()
     values = config.to_dict()
     for option, key in (
         ("bus", "bus"),
@@ -64,7 +64,7 @@ def _configuration(options: argparse.Namespace) -> Config:
         if getattr(options, option) is not None:
             values[key] = getattr(options, option)
     try:
-        config = Config.from_dict(values)
+        config = read_config(values)
     except UsageError as error:
         raise UsageError(f"command line: {error}") from error
     if not (config.interface or options.simulate or options.check_config):

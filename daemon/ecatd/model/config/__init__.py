@@ -1,0 +1,34 @@
+"""The configuration file: TOML, every key documented in `tables` and in `docs/configuration.md`.
+
+Unknown keys are refused with the nearest valid one, and every message starts with file and line.
+"""
+
+from .file import BUS_NAME, load_config, read_config
+from .slaves import DOMAINS_MAX
+from .tables import (
+    Config,
+    DcConfig,
+    DcSlaveConfig,
+    DomainConfig,
+    GatewayConfig,
+    MailboxConfig,
+    OutputsConfig,
+    RealTimeConfig,
+    SafeConfig,
+)
+
+__all__ = [
+    "BUS_NAME",
+    "DOMAINS_MAX",
+    "Config",
+    "DcConfig",
+    "DcSlaveConfig",
+    "DomainConfig",
+    "GatewayConfig",
+    "MailboxConfig",
+    "OutputsConfig",
+    "RealTimeConfig",
+    "SafeConfig",
+    "load_config",
+    "read_config",
+]

@@ -1,0 +1,152 @@
+"""Reads a whole file: its top, small tables here, larger ones in modules of their own."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ..errors import ConfigError
+from .outputs import read_outputs
+from .reader import Reader, Rules
+from .slaves import POSITION_MAX, SYNC_MAX_US, check_clocks, read_domains
+from .tables import (
+    Config,
+    DcConfig,
+    DcSlaveConfig,
+    GatewayConfig,
+    MailboxConfig,
+    RealTimeConfig,
+)
+
+BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,31}")
+
+_TOP: Rules = {
+    "bus": (str, 0, 0),
+    "interface": (str, 0, 0),
+    "second_interface": (str, 0, 0),
+    "cycle_time_us": (int, 100, 1_000_000),
+    "state_timeout_s": (float, 0.1, 300),
+    "domain": (list, 0, 0),
+    "dc": (dict, 0, 0),
+    "mailbox": (dict, 0, 0),
+    "realtime": (dict, 0, 0),
+    "outputs": (dict, 0, 0),
+    "gateway": (dict, 0, 0),
+}
+_REALTIME: Rules = {
+    "priority": (int, 0, 98),
+    "cpu": (int, -1, 1023),
+    "lock_memory": (bool, 0, 0),
+    "busy_receive": (bool, 0, 0),
+    "poll_us": (int, 0, 1000),
+    "dma_latency_us": (int, -1, 1_000_000),
+}
+_DC: Rules = {
+    "enabled": (bool, 0, 0),
+    "reference": (int, -1, POSITION_MAX),
+    "phase_us": (float, 0, 1_000_000),
+    "lock_us": (float, 0.1, 500_000),
+    "timeout_s": (float, 0.1, 300),
+    "slave": (list, 0, 0),
+}
+_DC_SLAVE: Rules = {
+    "slave": (int, 0, POSITION_MAX),
+    "sync0_us": (float, 0, SYNC_MAX_US),
+    "shift_us": (float, -SYNC_MAX_US, SYNC_MAX_US),
+    "sync1_us": (float, 0, SYNC_MAX_US),
+}
+_MAILBOX: Rules = {"share": (float, 0.01, 1)}
+_GATEWAY: Rules = {"listen": (list, 0, 0), "publish_hz": (float, 0, 1000)}
+
+
+def read_config(data: dict[str, Any], source: str = "configuration") -> Config:
+    """The configuration in maps, as `Config.to_dict` makes them.
+
+    Args:
+        data: The maps.
+        source: How messages name where they come from.
+
+    Raises:
+        ConfigError: A key or a value is wrong.
+    """
+    return _read(Reader(source, "", _TOP), data)
+
+
+def load_config(file: Path) -> Config:
+    """Reads and checks a file.
+
+    Raises:
+        ConfigError: The file cannot be read, is no TOML, or has a wrong key or value.
+    """
+    try:
+        text = file.read_text("utf-8")
+        return _read(Reader(str(file), text, _TOP), tomllib.loads(text))
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{file}: is no valid TOML: {error}") from error
+    except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
+        raise ConfigError(f"{file}: has a value beyond all measure: {error}") from error
+
+
+def _read(reader: Reader, data: dict[str, Any]) -> Config:
+    top = reader.check(data, _TOP, "")
+    if not BUS_NAME.fullmatch(top.get("bus", "ecat0")):
+        reader.fail(
+            "", "bus", f"{top['bus']!r} is no bus name: use 1 to 31 letters, digits, _ or -"
+        )
+    tables: dict[str, Any] = {
+        "outputs": read_outputs(reader, top.pop("outputs", {})),
+        "gateway": _gateway(reader, top.pop("gateway", {})),
+        "realtime": RealTimeConfig(**_table(reader, top, _REALTIME, "realtime")),
+        "mailbox": MailboxConfig(**_table(reader, top, _MAILBOX, "mailbox")),
+        "dc": _clocks(reader, top.pop("dc", {})),
+        "domain": read_domains(reader, top.pop("domain", [])),
+    }
+    config = Config(**top, **tables)
+    _check_interfaces(reader, config)
+    check_clocks(reader, config)
+    return config
+
+
+def _table(reader: Reader, top: dict[str, Any], rules: Rules, name: str) -> dict[str, Any]:
+    return reader.check(top.pop(name, {}), rules, name)
+
+
+def _gateway(reader: Reader, data: dict[str, Any]) -> GatewayConfig:
+    values = reader.check(data, _GATEWAY, "gateway")
+    for endpoint in values.get("listen", []):
+        if not isinstance(endpoint, str) or "/" not in endpoint:
+            reader.fail(
+                "gateway",
+                "listen",
+                f'{endpoint!r} is no Zenoh endpoint such as "tcp/127.0.0.1:7447"',
+            )
+    return GatewayConfig(**values)
+
+
+def _clocks(reader: Reader, data: dict[str, Any]) -> DcConfig:
+    values = reader.check(data, _DC, "dc")
+    slaves = list(reader.rows(values.pop("slave", []), _DC_SLAVE, "dc.slave"))
+    for row, slave in slaves:
+        reader.need(slave, "slave", "dc.slave", row)
+    values.setdefault("enabled", bool(slaves))
+    return DcConfig(**values, slave=[DcSlaveConfig(**slave) for _, slave in slaves])
+
+
+def _check_interfaces(reader: Reader, config: Config) -> None:
+    for key in ("interface", "second_interface"):
+        name = getattr(config, key)
+        if len(name.encode("utf-8", "replace")) > 15:
+            reader.fail("", key, "an interface name has at most 15 characters")
+    if config.second_interface and config.second_interface == config.interface:
+        reader.fail(
+            "",
+            "second_interface",
+            f"is '{config.interface}' like interface: the cable from the last slave back to "
+            f"this computer needs an interface of its own",
+        )

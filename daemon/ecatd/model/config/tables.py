@@ -1,0 +1,203 @@
+"""What can be configured: a class for each table of the file, with its keys and defaults."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+_ENTRY = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
+
+
+@dataclass(slots=True)
+class RealTimeConfig:
+    """`[realtime]`: what the cyclic engine asks the system for; what is refused is reported.
+
+    Attributes:
+        priority: SCHED_FIFO priority of the engine, 1 to 98; 0 for ordinary scheduling.
+        cpu: CPU that the engine is pinned to, -1 for none.
+        lock_memory: Lock the memory of the bus server.
+        busy_receive: Poll for the answer of the slaves and never sleep: faster, but a core is busy
+            whenever frames are under way.
+        poll_us: How long to poll otherwise before sleeping, in microseconds, where answers usually
+            come that soon.
+        dma_latency_us: Longest wake-up from an idle state that the CPUs may take, in
+            microseconds (held through /dev/cpu_dma_latency); -1 leaves it to the system.
+    """
+
+    priority: int = 80
+    cpu: int = -1
+    lock_memory: bool = True
+    busy_receive: bool = False
+    poll_us: int = 30
+    dma_latency_us: int = 0
+
+
+@dataclass(slots=True)
+class DomainConfig:
+    """`[[domain]]`: slaves that are exchanged together; the first table is domain 0.
+
+    Attributes:
+        name: Name for people, unique, at most 31 bytes; may be empty.
+        divider: Exchanged every so many base cycles, 1 to 65535.
+        phase: In those whose number leaves this remainder when divided by it, 0 to divider - 1.
+        slaves: Positions of its slaves, "5-7" written out. Slaves that no domain names are in
+            domain 0.
+    """
+
+    name: str = ""
+    divider: int = 1
+    phase: int = 0
+    slaves: list[int] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class DcSlaveConfig:
+    """`[[dc.slave]]`: the synchronisation signals of one slave.
+
+    Attributes:
+        slave: Position.
+        sync0_us: Period of SYNC0 in microseconds; 0: the cycle of the slave's domain.
+        shift_us: SYNC0 after the start of the reference clock's cycle, in microseconds; None:
+            half the base cycle.
+        sync1_us: SYNC1 after SYNC0, in microseconds; 0: no SYNC1.
+    """
+
+    slave: int
+    sync0_us: float = 0.0
+    shift_us: float | None = None
+    sync1_us: float = 0.0
+
+
+@dataclass(slots=True)
+class DcConfig:
+    """`[dc]`: distributed clocks.
+
+    Attributes:
+        enabled: Whether clocks are synchronised; true if any `[[dc.slave]]` is there.
+        reference: Position of the reference clock; -1: the first slave with a clock.
+        phase_us: When in the reference clock's cycle the frames leave, in microseconds.
+        lock_us: The cycle is locked to the reference clock when it is within this, in
+            microseconds.
+        timeout_s: How long a start waits for the lock, in seconds.
+        slave: Slaves with synchronisation signals.
+    """
+
+    enabled: bool = False
+    reference: int = -1
+    phase_us: float = 0.0
+    lock_us: float = 20.0
+    timeout_s: float = 5.0
+    slave: list[DcSlaveConfig] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class MailboxConfig:
+    """`[mailbox]`: how much of the wire mailbox and register traffic may take.
+
+    Attributes:
+        share: Share of the time in each cycle that the exchange leaves free, 0.01 to 1.
+    """
+
+    share: float = 0.5
+
+
+@dataclass(slots=True)
+class SafeConfig:
+    """`[[outputs.safe]]`: the safe value of a slave's outputs, or of one of its entries.
+
+    Attributes:
+        slave: Position.
+        value: "zero", "hold" (keep what was last sent), or a whole number, which needs `entry`.
+        entry: Address such as "0x60FF:00"; empty for all outputs of the slave.
+    """
+
+    slave: int
+    value: str | int = "zero"
+    entry: str = ""
+
+    @property
+    def address(self) -> tuple[int, int] | None:
+        """Index and subindex of `entry`, or None for the whole slave."""
+        match = _ENTRY.fullmatch(self.entry)
+        return (int(match[1], 16), int(match[2], 16)) if match else None
+
+
+@dataclass(slots=True)
+class OutputsConfig:
+    """`[outputs]`: what happens to outputs whose client stops.
+
+    Attributes:
+        lease_cycles: Cycles without a sign of life after which outputs fall to their safe values,
+            unless the client asks for a longer lease.
+        lease_max_ms: Longest lease that a client can ask for, in milliseconds.
+        safe: Safe values that differ from zero.
+    """
+
+    lease_cycles: int = 5
+    lease_max_ms: int = 500
+    safe: list[SafeConfig] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class GatewayConfig:
+    """`[gateway]`: how the bus is seen over Zenoh.
+
+    Attributes:
+        listen: Zenoh endpoints for reading, next to the Unix socket of this machine's users.
+        publish_hz: Rate at which values of signals are published, 0 for none.
+    """
+
+    listen: list[str] = field(default_factory=lambda: ["tcp/127.0.0.1:7447"])
+    publish_hz: float = 10.0
+
+
+@dataclass(slots=True)
+class Config:
+    """The whole configuration of one bus.
+
+    Attributes:
+        bus: Name of the bus: letters, digits, `_` and `-`.
+        interface: Network interface with the slaves.
+        second_interface: Interface at the other end of the slaves, for cable redundancy; empty
+            for none.
+        cycle_time_us: Base cycle in microseconds, 100 to 1000000.
+        state_timeout_s: Time that the slaves have to reach a state, in seconds.
+        domain: Domains, 0 first; without any there is domain 0 with all slaves.
+    """
+
+    bus: str = "ecat0"
+    interface: str = ""
+    second_interface: str = ""
+    cycle_time_us: int = 1000
+    state_timeout_s: float = 10.0
+    domain: list[DomainConfig] = field(default_factory=list)
+    dc: DcConfig = field(default_factory=DcConfig)
+    mailbox: MailboxConfig = field(default_factory=MailboxConfig)
+    realtime: RealTimeConfig = field(default_factory=RealTimeConfig)
+    outputs: OutputsConfig = field(default_factory=OutputsConfig)
+    gateway: GatewayConfig = field(default_factory=GatewayConfig)
+
+    def domain_of(self, position: int) -> int:
+        """Number of the domain of a slave."""
+        for number, domain in enumerate(self.domain):
+            if position in domain.slaves:
+                return number
+        return 0
+
+    def domain_cycle_us(self, position: int) -> int:
+        """Cycle of the domain of a slave, in microseconds."""
+        divider = self.domain[self.domain_of(position)].divider if self.domain else 1
+        return self.cycle_time_us * divider
+
+    def sync0_us(self, slave: DcSlaveConfig) -> float:
+        """Period of SYNC0 of a slave, in microseconds."""
+        return slave.sync0_us or self.domain_cycle_us(slave.slave)
+
+    def shift_us(self, slave: DcSlaveConfig) -> float:
+        """SYNC0 of a slave after the start of the reference clock's cycle, in microseconds."""
+        return self.cycle_time_us / 2 if slave.shift_us is None else slave.shift_us
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as maps, as `read_config` takes it."""
+        return asdict(self)
