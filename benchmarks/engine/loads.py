@@ -13,14 +13,12 @@ import statistics
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
-from ecatd import shm
+from ecatd.cli.library import static_flags
 
 from .. import histogram, native
 from ..health import Health, Interval
-from ..machine import ROOT
 from ..masters.daemon import Daemon
 from ..masters.worker import Worker
 from ..segment.peers import ecatsim, on
@@ -160,9 +158,7 @@ def _busy_thread(tools: Tools, daemon: Daemon) -> Iterator[Load]:
 @contextlib.contextmanager
 def _readers(tools: Tools, daemon: Daemon) -> Iterator[Load]:
     """Processes that wait for each cycle and sample the process image."""
-    library = Path(shm.LIBRARY._name)
-    headers, search = f"-I{ROOT / 'client_c' / 'include'}", f"-Wl,-rpath,{library.parent}"
-    program = native.build(tools.folder, "readers", headers, str(library), search, "-lm")
+    program = native.build(tools.folder, "readers", *static_flags())
     process = subprocess.Popen(
         [program, daemon.bus, str(READERS)],
         stdin=subprocess.PIPE,

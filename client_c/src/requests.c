@@ -3,20 +3,25 @@
 
 #include <string.h>
 
-/* A free request of our slot, filled but for what it asks; its number, or a code. */
-static int take(ecat_t *bus, int position, ecat_out_request **request) {
-  int code, cell;
-  if ((code = ecat_slot_take(bus)) != 0) return code;
-  for (cell = 0; cell < ECAT_REQUESTS && bus->request[cell] != 0; cell++) continue;
-  if (cell == ECAT_REQUESTS)
-    return ecat_fail(bus, ECAT_EFULL, "%d requests are running already; poll one to its end first",
-                     ECAT_REQUESTS);
-  *request = (ecat_out_request *)(void *)(bus->out + 1) + cell;
-  (*request)->slave = (uint16_t)position;
-  (*request)->index = 0;
-  (*request)->subindex = (*request)->complete = 0;
-  (*request)->length = 0;
-  return cell;
+/* A free request of our slot, filled but for what it asks, and its number; NULL and a code. */
+static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell) {
+  ecat_out_request *request;
+  int free_one;
+  if ((*cell = ecat_slot_take(bus)) != 0) return NULL;
+  for (free_one = 0; free_one < ECAT_REQUESTS && bus->request[free_one] != 0; free_one++) continue;
+  if (free_one == ECAT_REQUESTS) {
+    *cell = ecat_fail(bus, ECAT_EFULL, "%d requests are running already; poll one to its end first",
+                      ECAT_REQUESTS);
+    return NULL;
+  }
+  *cell = free_one;
+  request = (ecat_out_request *)(void *)(bus->out + 1) + free_one;
+  request->op = op;
+  request->slave = (uint16_t)position;
+  request->index = 0;
+  request->subindex = request->complete = 0;
+  request->length = 0;
+  return request;
 }
 
 static int ring(ecat_t *bus, ecat_out_request *request, int cell) {
@@ -37,8 +42,8 @@ int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex,
   if (data != NULL && (length == 0 || length > ECAT_REQUEST_BYTES))
     return ecat_fail(bus, ECAT_EARG, "%zu bytes cannot be downloaded: 1 to %d are allowed", length,
                      ECAT_REQUEST_BYTES);
-  if ((cell = take(bus, position, &request)) < 0) return cell;
-  request->op = data != NULL ? ECAT_REQUEST_DOWNLOAD : ECAT_REQUEST_UPLOAD;
+  request = take(bus, position, data != NULL ? ECAT_REQUEST_DOWNLOAD : ECAT_REQUEST_UPLOAD, &cell);
+  if (request == NULL) return cell;
   request->index = (uint16_t)index;
   request->subindex = (uint8_t)subindex;
   if (data != NULL) {
@@ -54,8 +59,7 @@ int ecat_state_start(ecat_t *bus, int position, unsigned state) {
   if (code != 0) return code;
   if (state != 1 && state != 2 && state != 4 && state != 8)
     return ecat_fail(bus, ECAT_EARG, "%u is no AL state: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP", state);
-  if ((cell = take(bus, position, &request)) < 0) return cell;
-  request->op = ECAT_REQUEST_STATE;
+  if ((request = take(bus, position, ECAT_REQUEST_STATE, &cell)) == NULL) return cell;
   request->length = 1;
   request->data[0] = (char)state;
   return ring(bus, request, cell);

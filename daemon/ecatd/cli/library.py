@@ -26,15 +26,31 @@ def generate(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def client_flags(options: argparse.Namespace) -> None:
-    """Prints what a C compiler needs to build a program with the client."""
-    for folder in import_module("ecatgen").__path__:
-        client = Path(folder) / "_client"
-        if client.is_dir():
-            break
-    else:
-        raise EcatError("the C client is not built: install the package (`pip install .`)")
-    flags = [f"-I{client / 'include'}", str(client / "lib" / "libecat.a"), "-lm"]
+    """Prints what a compiler, CMake or pkg-config needs to build a program with the client."""
+    library = client_prefix() / "lib"
+    folders = {"cmake_dir": library / "cmake" / "ecat", "pkg_config_dir": library / "pkgconfig"}
     if options.json:
-        print_json({"flags": flags})
+        print_json({"flags": static_flags()} | {name: str(path) for name, path in folders.items()})
+    elif options.folder:
+        print(folders[options.folder])
     else:
-        print(shlex.join(flags))
+        print(shlex.join(static_flags()))
+
+
+def static_flags() -> list[str]:
+    """Compiler flags for a program that carries the client in itself."""
+    prefix = client_prefix()
+    return [f"-I{prefix / 'include'}", str(prefix / "lib" / "libecat.a"), "-lm"]
+
+
+def client_prefix() -> Path:
+    """Where headers and libraries of the C client are installed.
+
+    Raises:
+        EcatError: The C client is not built.
+    """
+    for folder in import_module("ecatgen").__path__:
+        prefix = Path(folder) / "_client"
+        if prefix.is_dir():
+            return prefix
+    raise EcatError("the C client is not built: install the package (`pip install .`)")

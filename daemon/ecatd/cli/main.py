@@ -198,9 +198,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     command = commands.add_parser(
         "client-flags",
-        help="Print compiler flags for C programs.",
-        description="Prints the flags with which a C compiler builds a program with the client.",
+        help="Print compiler flags for C and C++ programs.",
+        description="Prints the flags with which a compiler builds a program with the client.",
     )
+    which = command.add_mutually_exclusive_group()
+    for option, tool in (("--cmake-dir", "CMake"), ("--pkg-config-dir", "pkg-config")):
+        which.add_argument(
+            option,
+            dest="folder",
+            action="store_const",
+            const=option.strip("-").replace("-", "_"),
+            help=f"print the folder in which {tool} finds the client instead",
+        )
     command.add_argument("--json", action="store_true", help="print JSON for programs")
     command.set_defaults(alone=library.client_flags)
     return parser
