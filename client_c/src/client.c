@@ -62,25 +62,11 @@ const char *ecat_error(const ecat_t *bus) {
 }
 
 const char *ecat_strerror(int code) {
-  switch (code) {
-    case ECAT_EARG: return "wrong argument";
-    case ECAT_EDOWN: return "the daemon is not running";
-    case ECAT_ELAYOUT: return "daemon and client have incompatible versions";
-    case ECAT_EPERM: return "not permitted";
-    case ECAT_EBUS: return "the bus is not the expected one";
-    case ECAT_ESIGNAL: return "no such entry in the process image";
-    case ECAT_EOWNED: return "another client owns the outputs";
-    case ECAT_ECLAIM: return "the outputs are not owned by this client";
-    case ECAT_ELEASE: return "the lease of the outputs was lost";
-    case ECAT_ERANGE: return "value out of range";
-    case ECAT_ETIMEOUT: return "nothing happened in time";
-    case ECAT_ESTALE: return "the cycle of the daemon stands still";
-    case ECAT_EFULL: return "no free client slot or request";
-    case ECAT_EABORT: return "SDO abort by the slave";
-    case ECAT_EBUSY: return "the request is not finished";
-    case ECAT_ESYS: return "system call failed";
-    default: return code >= 0 ? "no error" : "unknown error";
-  }
+  if (code >= 0) return "no error"; /* a handle, or a value of another enumeration */
+#define VALUE(name, value, comment) \
+  if (code == (value)) return comment;
+#include <ecat/ecat.def>
+  return "unknown error";
 }
 
 const char *ecat_name(const ecat_t *bus) { return bus->name; }

@@ -9,10 +9,9 @@
 
 #define NS_PER_S 1000000000u
 
-/* Kernel file locks say who is alive: they vanish with their holder however it ends, reach across
- * pid namespaces and cannot be confused by a process number used again. The daemon holds byte
- * LOCK_DAEMON of its segment, a client byte LOCK_SLOT + n of the .out segment for its slot n. */
-enum { LOCK_DAEMON = 0, LOCK_SLOT = 1 };
+/* Kernel file locks say who is alive (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT): they vanish with their
+ * holder however it ends, reach across pid namespaces and cannot be confused by a process number
+ * used again. */
 
 /* How one entry lies in the image of its domain. */
 struct signal {

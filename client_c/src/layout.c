@@ -1,45 +1,66 @@
 /* The layout as text, for languages that cannot read ecat_shm.def. */
+#include <ecat/ecat.h>
 #include <ecat/ecat_shm.h>
+#include <sched.h>
 #include <stddef.h>
 #include <stdio.h>
 
-struct text {
-  char chars[32768];
+static struct {
+  char chars[65536]; /* a test compares what is in it with the definition */
   size_t used;
-};
+} text;
 
-static void row(struct text *text, const char *structure, const char *field, const char *type,
-                size_t offset, size_t size, size_t count) {
-  int n = snprintf(text->chars + text->used, sizeof text->chars - text->used,
-                   "%s %s %s %zu %zu %zu\n", structure, field, type, offset, size, count);
-  if (n > 0) text->used += (size_t)n;
+#define ROW(...)                                                                        \
+  do {                                                                                  \
+    int n = snprintf(text.chars + text.used, sizeof text.chars - text.used, __VA_ARGS__); \
+    if (n > 0 && (size_t)n < sizeof text.chars - text.used) text.used += (size_t)n;     \
+  } while (0)
+
+static void write_constants(void) {
+#define CONST(name, comment) \
+  ROW("const - %s - %llu - - %s\n", #name, (unsigned long long)(name), comment);
+#include <ecat/ecat_shm.def>
 }
 
-/* One function per struct: within it, `self` is the struct that the fields belong to. */
-#define STRUCT(name, comment)                    \
-  static void rows_of_##name(struct text *text) { \
-    typedef name self;                           \
-    static const char structure[] = #name;       \
-    row(text, structure, "-", "-", 0, sizeof(self), 1);
-#define FIELD(type, field, count, comment)                 \
-  row(text, structure, #field, #type, offsetof(self, field), \
-      sizeof(((self *)0)->field), count);
+static void write_enumerations(void) {
+  const char *of = "";
+#define ENUM_ROW(name, comment) \
+  of = #name;                   \
+  ROW("enum %s - - - - - %s\n", of, comment);
+#define VALUE_ROW(name, value, comment) ROW("value %s %s - %d - - %s\n", of, #name, value, comment);
+#define ENUM(name, comment) ENUM_ROW(name, comment)
+#define FIRST(name, value, comment) VALUE_ROW(name, value, comment)
+#define VALUE(name, value, comment) VALUE_ROW(name, value, comment)
+#include <ecat/ecat_shm.def>
+#define ENUM(name, comment) ENUM_ROW(name, comment)
+#define FIRST(name, value, comment) VALUE_ROW(name, value, comment)
+#define VALUE(name, value, comment) VALUE_ROW(name, value, comment)
+#include <ecat/ecat.def>
+}
+
+static void write_structs(void) {
+  /* A scope per struct: within it, `self` is the struct that the fields belong to. */
+#define STRUCT(name, comment)                                               \
+  {                                                                         \
+    typedef name self;                                                      \
+    const char *of = #name;                                                 \
+    ROW("struct %s - - - %zu - %s\n", of, sizeof(self), comment);
+#define FIELD(type, field, count, comment)                                         \
+    ROW("field %s %s %s %zu %zu %d %s\n", of, #field, #type, offsetof(self, field), \
+        sizeof(((self *)0)->field), count, comment);
 #define END(name) }
 #include <ecat/ecat_shm.def>
-#undef STRUCT
-#undef FIELD
-#undef END
+}
 
 const char *ecat_layout(void) {
-  static struct text text;
-  if (text.used == 0) {
-#define STRUCT(name, comment) rows_of_##name(&text);
-#define FIELD(type, field, count, comment)
-#define END(name)
-#include <ecat/ecat_shm.def>
-#undef STRUCT
-#undef FIELD
-#undef END
+  static int state; /* 1: being made, 2: made */
+  int none = 0;
+  if (__atomic_compare_exchange_n(&state, &none, 1, 0, __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE)) {
+    write_constants();
+    write_enumerations();
+    write_structs();
+    __atomic_store_n(&state, 2, __ATOMIC_RELEASE);
   }
+  while (__atomic_load_n(&state, __ATOMIC_ACQUIRE) != 2) sched_yield();
   return text.chars;
 }

@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 static int daemon_holds_lock(int fd) {
-  struct flock lock = {.l_type = F_RDLCK, .l_whence = SEEK_SET, .l_start = LOCK_DAEMON, .l_len = 1};
+  struct flock lock = {.l_type = F_RDLCK, .l_whence = SEEK_SET, .l_start = ECAT_LOCK_DAEMON, .l_len = 1};
   /* An answer that cannot be had is no proof of death. */
   return fcntl(fd, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
 }
@@ -168,8 +168,8 @@ int ecat_segment_open(ecat_t *bus) {
   if (!daemon_holds_lock(bus->fd)) return not_running(bus); /* a leftover of a killed daemon */
   if (layout == 0)
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is still starting", bus->name);
-  if (bus->header->magic != ECAT_SHM_MAGIC || layout >> 16 != ECAT_SHM_LAYOUT_MAJOR ||
-      layout < ECAT_SHM_LAYOUT)
+  if (bus->header->magic != ECAT_SHM_MAGIC) return damaged(bus, "magic number");
+  if (layout >> 16 != ECAT_SHM_LAYOUT_MAJOR || layout < ECAT_SHM_LAYOUT)
     return ecat_fail(bus, ECAT_ELAYOUT,
                      "the daemon of bus '%s' speaks layout %u.%u, this client %u.%u: %s", bus->name,
                      layout >> 16, layout & 0xFFFF, ECAT_SHM_LAYOUT_MAJOR, ECAT_SHM_LAYOUT_MINOR,

@@ -100,7 +100,7 @@ int ecat_slot_take(ecat_t *bus) {
   if ((code = map_out(bus)) != 0) return code;
   for (i = 0; i < (int)header->slot_count; i++) {
     struct flock lock = {
-        .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = LOCK_SLOT + i, .l_len = 1};
+        .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = ECAT_LOCK_SLOT + i, .l_len = 1};
     if (fcntl(bus->out_fd, F_OFD_SETLK, &lock) != 0) continue;
     bus->slot = i;
     bus->doorbell = (ecat_out_doorbell *)(void *)(bus->out_map + header->doorbells_offset) + i;

@@ -11,7 +11,6 @@
 _Static_assert(ECAT_SLOTS <= 32, "slots in use are the bits of a word");
 
 enum {
-  MAX_DOMAINS = 16,
   MAX_DATAGRAMS = 256,
   MAX_FRAMES = 64,        /* in one cycle; an index is not used again for twice as many */
   MAX_PORTS = 2,
@@ -126,7 +125,7 @@ struct cyclic {
   ecat_shm_reply *replies;
   ecat_shm_health *health;
 
-  struct domain domain[MAX_DOMAINS];
+  struct domain domain[ECAT_MAX_DOMAINS];
   struct datagram datagram[MAX_DATAGRAMS]; /* the status, the time, then those of the domains */
   uint32_t domains, datagrams;
 

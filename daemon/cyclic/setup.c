@@ -83,7 +83,7 @@ cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint
   cyclic_frames_init(c);
   c->timer_fd = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
   if (c->timer_fd < 0) code = -errno;
-  if (c->timer_fd >= 0 && c->domains <= MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
+  if (c->timer_fd >= 0 && c->domains <= ECAT_MAX_DOMAINS && (code = allocate_images(c)) == 0 &&
       (code = cyclic_outputs_init(c)) == 0 && (code = cyclic_slots_init(c)) == 0) {
     cyclic_publish_restart(c);
     return c;
@@ -233,7 +233,7 @@ void cyclic_free(cyclic_t *c) {
   cyclic_stop(c);
   if (c->timer_fd >= 0) close(c->timer_fd);
   if (c->out_map != NULL) munmap(c->out_map, c->out_size);
-  for (i = 0; i < c->domains && i < MAX_DOMAINS; i++) free(c->domain[i].image);
+  for (i = 0; i < c->domains && i < ECAT_MAX_DOMAINS; i++) free(c->domain[i].image);
   free(c->outputs);
   free(c->safe);
   free(c->hold);

@@ -1,17 +1,19 @@
 """The layout of the shared memory, taken from the C client at import.
 
-Nothing about the layout is written down in Python: `libecat` describes each struct as text, and
-`struct` makes ctypes classes of it. Who writes which field is said in
-`client_c/include/ecat/ecat_shm.def`.
+`client_c/include/ecat/ecat_shm.def` defines it, and says who writes what; `libecat` hands it on as
+text, of which constants, ctypes classes and the tables of the documentation are made here. The
+enumerations stand here once more, so that a type checker knows their members; a test compares them
+with the definition.
 """
 
 from __future__ import annotations
 
 import ctypes
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from . import native
 
@@ -20,17 +22,88 @@ LIBRARY.ecat_layout.restype = ctypes.c_char_p
 
 FOLDER = Path("/dev/shm")
 
-SHM_MAGIC = 0x314D485354414345
-OUT_MAGIC = 0x3154554F54414345
-LAYOUT = 1 << 16
-SLOTS = 32
-IMAGES = 4
-REQUESTS = 4
-LOCK_DAEMON, LOCK_SLOT = 0, 1
-"""Bytes that are locked in the segments; see `client_c/src/internal.h`."""
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of the definition.
+
+    Attributes:
+        kind: `const`, `enum`, `value` (of the enumeration `of`), `struct` or `field` (of the struct
+            `of`).
+        of: The enumeration or struct that it belongs to, or that it begins.
+        name: Name of a constant, enumerator or field.
+        type: C type of a field.
+        value: Of a constant or enumerator; of a field its offset in bytes.
+        size: Bytes of a struct, or of all `count` elements of a field.
+        count: Elements of a field, 1 for a scalar.
+        comment: What it means, and who writes it.
+    """
+
+    kind: str
+    of: str
+    name: str
+    type: str
+    value: int
+    size: int
+    count: int
+    comment: str
 
 
-class BusState(IntEnum):
+def _parse(text: str) -> Line:
+    kind, of, name, type_, value, size, count, comment = text.split(" ", 7)
+    return Line(kind, of, name, type_, _int(value), _int(size), _int(count), comment)
+
+
+def _int(word: str) -> int:
+    return 0 if word == "-" else int(word)
+
+
+DEFINITION = tuple(_parse(line) for line in LIBRARY.ecat_layout().decode().splitlines())
+
+_CONSTANTS = {line.name: line.value for line in DEFINITION if line.kind == "const"}
+SHM_MAGIC = _CONSTANTS["ECAT_SHM_MAGIC"]
+OUT_MAGIC = _CONSTANTS["ECAT_OUT_MAGIC"]
+LAYOUT = _CONSTANTS["ECAT_SHM_LAYOUT"]
+SLOTS = _CONSTANTS["ECAT_SLOTS"]
+IMAGES = _CONSTANTS["ECAT_IMAGES"]
+REQUESTS = _CONSTANTS["ECAT_REQUESTS"]
+REQUEST_BYTES = _CONSTANTS["ECAT_REQUEST_BYTES"]
+SETTINGS = _CONSTANTS["ECAT_SETTINGS"]
+MAX_SLAVES = _CONSTANTS["ECAT_MAX_SLAVES"]
+MAX_DOMAINS = _CONSTANTS["ECAT_MAX_DOMAINS"]
+LOCK_DAEMON = _CONSTANTS["ECAT_LOCK_DAEMON"]
+LOCK_SLOT = _CONSTANTS["ECAT_LOCK_SLOT"]
+
+
+class _Open(IntEnum):
+    """An enumeration that a daemon of a later minor version may have more members of.
+
+    Those that are not known here are members all the same, with names as `UNKNOWN_9`.
+    """
+
+    @classmethod
+    def _missing_(cls, value: object) -> Self | None:
+        if not isinstance(value, int):
+            return None
+        member = int.__new__(cls, value)
+        member._name_ = f"UNKNOWN_{value}"
+        member._value_ = value
+        return member
+
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """The member of a name in any case, also of one as `unknown_9`.
+
+        Raises:
+            KeyError: There is none.
+        """
+        word, _, number = name.upper().rpartition("_")
+        if word == "UNKNOWN" and number.isascii() and number.isdecimal():
+            return cls(int(number))
+        return cls[name.upper()]
+
+
+class BusState(_Open):
     """`ecat_bus_state`: what the daemon is doing."""
 
     STARTING = 1
@@ -39,7 +112,7 @@ class BusState(IntEnum):
     STOPPED = 4
 
 
-class WkcState(IntEnum):
+class WkcState(_Open):
     """`ecat_wkc_state`: how many slaves took part in a domain's exchange."""
 
     ZERO = 0
@@ -47,7 +120,7 @@ class WkcState(IntEnum):
     COMPLETE = 2
 
 
-class Ring(IntEnum):
+class Ring(_Open):
     """`ecat_ring`: what the second interface sees."""
 
     NONE = 0
@@ -55,7 +128,7 @@ class Ring(IntEnum):
     OPEN = 2
 
 
-class Link(IntEnum):
+class Link(_Open):
     """`ecat_link`: state of a network interface."""
 
     UNUSED = 0
@@ -65,7 +138,7 @@ class Link(IntEnum):
     GONE = 4
 
 
-class DcState(IntEnum):
+class DcState(_Open):
     """`ecat_dc_state`: whether the cycle follows the reference clock."""
 
     OFF = 0
@@ -73,7 +146,7 @@ class DcState(IntEnum):
     LOCKED = 2
 
 
-class Setting(IntEnum):
+class Setting(_Open):
     """`ecat_setting`: kinds of real time."""
 
     SCHEDULING = 0
@@ -84,7 +157,7 @@ class Setting(IntEnum):
     BUSY_RECEIVE = 5
 
 
-class Outputs(IntEnum):
+class Outputs(_Open):
     """`ecat_outputs`: who decides the outputs of a slave."""
 
     SAFE = 0
@@ -93,7 +166,7 @@ class Outputs(IntEnum):
     STOPPING = 3
 
 
-class Reason(IntEnum):
+class Reason(_Open):
     """`ecat_reason`: why outputs are at their safe values."""
 
     START = 0
@@ -104,12 +177,78 @@ class Reason(IntEnum):
     WKC = 5
 
 
-class Request(IntEnum):
+class Request(_Open):
     """`ecat_request_op`: what a client asks the mailbox worker for."""
 
     UPLOAD = 1
     DOWNLOAD = 2
     STATE = 3
+
+
+class SlotState(_Open):
+    """`ecat_slot_state`: state of a client slot."""
+
+    FREE = 0
+    ACTIVE = 1
+    LAPSED = 2
+
+
+class Errno(_Open):
+    """`ecat_errno`: what calls of the C client return when they fail."""
+
+    OK = 0
+    EARG = -1
+    EDOWN = -2
+    ELAYOUT = -3
+    EPERM = -4
+    EBUS = -5
+    ESIGNAL = -6
+    EOWNED = -7
+    ECLAIM = -8
+    ELEASE = -9
+    ERANGE = -10
+    ETIMEOUT = -11
+    ESTALE = -12
+    EFULL = -13
+    EABORT = -14
+    EBUSY = -15
+    ESYS = -16
+
+
+class Direction(_Open):
+    """`ecat_direction`: which of two entries at one address is meant."""
+
+    INPUT = 0
+    OUTPUT = 1
+    ANY = 2
+
+
+class Validity(_Open):
+    """`ecat_validity`: what an entry of the last sample is worth."""
+
+    VALID = 0
+    NEVER = 1
+    STALE = 2
+    INCOMPLETE = 3
+    NOT_OPERATIONAL = 4
+
+
+ENUMS: dict[str, type[_Open]] = {
+    "ecat_bus_state": BusState,
+    "ecat_wkc_state": WkcState,
+    "ecat_ring": Ring,
+    "ecat_link": Link,
+    "ecat_dc_state": DcState,
+    "ecat_setting": Setting,
+    "ecat_outputs": Outputs,
+    "ecat_reason": Reason,
+    "ecat_slot_state": SlotState,
+    "ecat_request_op": Request,
+    "ecat_errno": Errno,
+    "ecat_direction": Direction,
+    "ecat_validity": Validity,
+}
+"""The enumerations by their name in C."""
 
 
 _SCALARS: dict[str, Any] = {
@@ -125,33 +264,32 @@ _SCALARS: dict[str, Any] = {
 
 
 @cache
-def layout() -> dict[str, list[tuple[str, str, int, int, int]]]:
-    """Fields of every struct as `(name, type, offset, size, count)`; first the struct itself."""
-    structs: dict[str, list[tuple[str, str, int, int, int]]] = {}
-    for line in LIBRARY.ecat_layout().decode().splitlines():
-        struct, field, kind, offset, size, count = line.split()
-        structs.setdefault(struct, []).append((field, kind, int(offset), int(size), int(count)))
-    return structs
-
-
-@cache
 def struct(name: str) -> Any:
     """The ctypes class of a struct, for example `struct("ecat_shm_header")`."""
     fields: list[tuple[str, Any]] = []
-    for field, kind, _offset, _size, count in layout()[name][1:]:
-        base = _SCALARS.get(kind) or struct(kind)
-        fields.append((field, base if count == 1 else base * count))
+    for field in fields_of(name):
+        base = _SCALARS.get(field.type) or struct(field.type)
+        fields.append((field.name, base if field.count == 1 else base * field.count))
     made: Any = type(name, (ctypes.Structure,), {"_fields_": fields})
-    if ctypes.sizeof(made) != layout()[name][0][3]:
+    if ctypes.sizeof(made) != size(name):
         raise ImportError(
             f"{name} has {ctypes.sizeof(made)} bytes in Python, but another size in C"
         )
     return made
 
 
+_SIZES = {line.of: line.size for line in DEFINITION if line.kind == "struct"}
+
+
 def size(name: str) -> int:
     """Bytes of a struct."""
-    return layout()[name][0][3]
+    return _SIZES[name]
+
+
+@cache
+def fields_of(name: str) -> tuple[Line, ...]:
+    """The fields of a struct."""
+    return tuple(line for line in DEFINITION if line.kind == "field" and line.of == name)
 
 
 LIBRARY.ecat_histogram_quantile.restype = ctypes.c_uint64

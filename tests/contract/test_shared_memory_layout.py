@@ -1,4 +1,4 @@
-"""The one layout, seen from C, C++ and Python."""
+"""The one definition of the layout, seen from C, C++ and Python."""
 
 import subprocess
 from pathlib import Path
@@ -6,21 +6,34 @@ from pathlib import Path
 import pytest
 
 from ecatd import shm
+from ecatd.model.config import DOMAINS_MAX
 
 INCLUDE = Path(__file__).parents[2] / "client_c" / "include"
 
-PROGRAM = """
+# Prints what a compiler makes of the definition, in the words of ecat_layout().
+PROGRAM = r"""
+#include <ecat/ecat.h>
 #include <ecat/ecat_shm.h>
 #include <stddef.h>
 #include <stdio.h>
-#define STRUCT(name, comment) \\
-  { typedef name self; const char *me = #name; \\
-    printf("%s - 0 %u\\n", me, (unsigned)sizeof(self));
-#define FIELD(type, field, count, comment) \\
-    printf("%s %s %u %u\\n", me, #field, (unsigned)offsetof(self, field), \\
-           (unsigned)sizeof(((self *)0)->field));
-#define END(name) }
 int main(void) {
+  const char *of = "";
+#define CONST(name, comment) printf("const - " #name " - %llu - -\n", (unsigned long long)name);
+#define ENUM(name, comment) of = #name; printf("enum %s - - - - -\n", of);
+#define FIRST(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#define VALUE(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#include <ecat/ecat_shm.def>
+#define ENUM(name, comment) of = #name; printf("enum %s - - - - -\n", of);
+#define FIRST(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#define VALUE(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#include <ecat/ecat.def>
+#define STRUCT(name, comment) \
+  { typedef name self; of = #name; printf("struct %s - - - %u -\n", of, (unsigned)sizeof(self));
+#define FIELD(type, field, count, comment) \
+    printf("field %s " #field " " #type " %u %u %u\n", of, (unsigned)offsetof(self, field), \
+           (unsigned)sizeof(((self *)0)->field), \
+           (unsigned)(sizeof(((self *)0)->field) / sizeof(type)));
+#define END(name) }
 #include <ecat/ecat_shm.def>
   return 0;
 }
@@ -31,7 +44,9 @@ int main(void) {
     ("compiler", "standard", "suffix"),
     [("gcc", "-std=c89", ".c"), ("gcc", "-std=c11", ".c"), ("g++", "-std=c++17", ".cpp")],
 )
-def test_offsets_and_sizes_agree(tmp_path: Path, compiler: str, standard: str, suffix: str) -> None:
+def test_c_and_cpp_see_what_python_sees(
+    tmp_path: Path, compiler: str, standard: str, suffix: str
+) -> None:
     source = tmp_path / f"layout{suffix}"
     source.write_text(PROGRAM)
     program = tmp_path / "layout"
@@ -39,26 +54,75 @@ def test_offsets_and_sizes_agree(tmp_path: Path, compiler: str, standard: str, s
         [compiler, standard, f"-I{INCLUDE}", "-o", program, source], check=True, text=True
     )
     compiled = subprocess.run([program], check=True, text=True, capture_output=True).stdout
-    seen = [tuple(line.split()) for line in compiled.splitlines()]
-    described = [
-        (struct, field, str(offset), str(size))
-        for struct, rows in shm.layout().items()
-        for field, _kind, offset, size, _count in rows
-    ]
-    assert seen == described
-    for struct, rows in shm.layout().items():
-        for field, _kind, offset, size, _count in rows[1:]:
-            place = getattr(shm.struct(struct), field)
-            assert (place.offset, place.size) == (offset, size)
+    described = shm.LIBRARY.ecat_layout().decode().splitlines()
+    assert compiled.splitlines() == [" ".join(line.split(" ")[:7]) for line in described]
+
+
+def test_python_makes_the_same_structs() -> None:
+    structs = [line.of for line in shm.DEFINITION if line.kind == "struct"]
+    assert len(structs) == len(set(structs)) > 15
+    for name in structs:
+        made = shm.struct(name)
+        for field in shm.fields_of(name):
+            place = getattr(made, field.name)
+            assert (place.offset, place.size) == (field.value, field.size)
 
 
 def test_fields_leave_no_holes() -> None:
-    for struct, rows in shm.layout().items():
+    for struct in (line for line in shm.DEFINITION if line.kind == "struct"):
         end = 0
-        for field, _kind, offset, size, _count in rows[1:]:
-            assert offset == end, f"{struct}.{field} is preceded by padding"
-            end = offset + size
-        assert end == rows[0][3], f"{struct} ends with padding"
+        for field in shm.fields_of(struct.of):
+            assert field.value == end, f"{struct.of}.{field.name} is preceded by padding"
+            end = field.value + field.size
+        assert end == struct.size, f"{struct.of} ends with padding"
+        assert end % 4 == 0
+
+
+def common_prefix(names: list[str]) -> str:
+    """The words that all names begin with: `ECAT_BUS_`."""
+    first, last = min(names).split("_"), max(names).split("_")
+    same = [a for a, b in zip(first, last, strict=False) if a == b]
+    return "_".join([*same, ""])
+
+
+def test_enumerations_of_python_are_those_of_c() -> None:
+    defined = {line.of for line in shm.DEFINITION if line.kind == "enum"}
+    assert defined == set(shm.ENUMS)
+    for name, members in shm.ENUMS.items():
+        values = {v.name: v.value for v in shm.DEFINITION if v.kind == "value" and v.of == name}
+        prefix = common_prefix(list(values))
+        short = {key.removeprefix(prefix): value for key, value in values.items()}
+        assert {member.name: member.value for member in members} == short, name
+
+
+def test_what_a_later_version_adds_to_an_enumeration_is_a_member() -> None:
+    later = shm.Reason(99)
+    assert (later, later.name) == (99, "UNKNOWN_99")
+    assert later not in list(shm.Reason)
+    assert shm.Reason.named("unknown_99") == later
+    assert shm.Reason.named("lapsed") is shm.Reason.LAPSED
+    with pytest.raises(KeyError):
+        shm.Reason.named("unknown_x")
+    with pytest.raises(ValueError, match="is not a valid"):
+        shm.Reason("99")
+
+
+def test_other_limits_are_the_same() -> None:
+    assert DOMAINS_MAX == shm.MAX_DOMAINS
+    assert len(shm.Setting) == shm.SETTINGS
+    for name in ("ecat_shm_reply", "ecat_out_request"):
+        assert shm.struct(name).data.size == shm.REQUEST_BYTES
+    assert bytes(shm.SHM_MAGIC.to_bytes(8, "little")) == b"ECATSHM1"
+    assert bytes(shm.OUT_MAGIC.to_bytes(8, "little")) == b"ECATOUT1"
+
+
+def test_every_error_code_has_its_text() -> None:
+    shm.LIBRARY.ecat_strerror.restype = shm.ctypes.c_char_p
+    texts = {v.value: v.comment for v in shm.DEFINITION if v.of == "ecat_errno"}
+    for code in shm.Errno:
+        assert shm.LIBRARY.ecat_strerror(int(code)).decode() == texts[code]
+    assert shm.LIBRARY.ecat_strerror(-99) == b"unknown error"
+    assert shm.LIBRARY.ecat_strerror(7) == b"no error"
 
 
 @pytest.mark.parametrize("header", ["ecat.h", "ecat_shm.h"])
@@ -76,22 +140,3 @@ def test_public_headers_are_clean(tmp_path: Path, header: str, command: tuple[st
         [*command, "-Wall", "-Wextra", "-Werror", "-fsyntax-only", f"-I{INCLUDE}", source],
         check=True,
     )
-
-
-def test_constants_of_python_are_those_of_c(tmp_path: Path) -> None:
-    source = tmp_path / "constants.c"
-    names = "ECAT_SHM_MAGIC ECAT_OUT_MAGIC ECAT_SHM_LAYOUT ECAT_SLOTS ECAT_IMAGES ECAT_REQUESTS"
-    prints = "".join(f'printf("%llu ", (unsigned long long){name});' for name in names.split())
-    source.write_text(
-        f"#include <ecat/ecat_shm.h>\n#include <stdio.h>\nint main(void) {{ {prints} return 0; }}"
-    )
-    subprocess.run(["gcc", f"-I{INCLUDE}", "-o", tmp_path / "c", source], check=True)
-    values = subprocess.run([tmp_path / "c"], check=True, text=True, capture_output=True).stdout
-    assert [int(value) for value in values.split()] == [
-        shm.SHM_MAGIC,
-        shm.OUT_MAGIC,
-        shm.LAYOUT,
-        shm.SLOTS,
-        shm.IMAGES,
-        shm.REQUESTS,
-    ]

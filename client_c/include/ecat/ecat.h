@@ -45,27 +45,13 @@ extern "C" {
 
 typedef struct ecat ecat_t;
 
-enum ecat_errno {
-  ECAT_OK = 0,
-  ECAT_EARG = -1,     /* wrong argument */
-  ECAT_EDOWN = -2,    /* no daemon, or it went away */
-  ECAT_ELAYOUT = -3,  /* daemon of another, incompatible version */
-  ECAT_EPERM = -4,    /* no right to open the shared memory */
-  ECAT_EBUS = -5,     /* another bus than expected: identity differs */
-  ECAT_ESIGNAL = -6,  /* the slave has no such entry in the process image */
-  ECAT_EOWNED = -7,   /* another client owns the outputs */
-  ECAT_ECLAIM = -8,   /* outputs written without owning them */
-  ECAT_ELEASE = -9,   /* lease lost: outputs are at their safe values; claim again */
-  ECAT_ERANGE = -10,  /* value out of the range of the entry */
-  ECAT_ETIMEOUT = -11, /* nothing happened in time */
-  ECAT_ESTALE = -12,  /* the daemon lives, but its cycle stands still */
-  ECAT_EFULL = -13,   /* no free client slot, or no free request */
-  ECAT_EABORT = -14,  /* SDO abort by the slave */
-  ECAT_EBUSY = -15,   /* request not answered yet */
-  ECAT_ESYS = -16     /* system call failed */
-};
-
-enum ecat_direction { ECAT_INPUT = 0, ECAT_OUTPUT = 1, ECAT_ANY = 2 };
+/* enum ecat_errno, enum ecat_direction (ECAT_INPUT, ECAT_OUTPUT, ECAT_ANY) and enum ecat_validity,
+ * with what each value means. */
+#define ENUM(name, comment) enum name {
+#define FIRST(name, value, comment) name = value
+#define VALUE(name, value, comment) , name = value
+#define END_ENUM(name) };
+#include "ecat.def"
 
 typedef struct ecat_slave_info {
   uint32_t vendor;      /* vendor ID */
@@ -110,14 +96,6 @@ typedef struct ecat_output_info {
   unsigned pid;         /* of the owner, as it says itself; 0 while this client has no slot */
   char program[33];     /* its name, as it says itself */
 } ecat_output_info;
-
-enum ecat_validity {
-  ECAT_VALID = 0,
-  ECAT_NEVER = 1,           /* not sampled, or not exchanged yet */
-  ECAT_STALE = 2,           /* the daemon did not deliver when it was sampled */
-  ECAT_INCOMPLETE = 3,      /* slaves of the domain did not take part: the last good value */
-  ECAT_NOT_OPERATIONAL = 4  /* the slave is in a state that does not process it */
-};
 
 typedef struct ecat_domain_info {
   const char *name;      /* valid until ecat_close */

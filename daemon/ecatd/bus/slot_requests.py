@@ -12,15 +12,12 @@ from concurrent.futures import Future
 from ecatd import shm
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, UsageError
 from ecatd.model.messages import SdoRead, SdoWrite, parse_request, to_map
+from ecatd.shm import REQUEST_BYTES, Errno
 
 from .engine import Engine
 from .mailbox import Mailbox
 from .master import Master
 from .segment import Segment
-
-_REPLY_BYTES = 512
-# ecat_errno of ecat.h
-_EARG, _ETIMEOUT, _EABORT, _ESYS = -1, -11, -14, -16
 
 
 class SlotRequests:
@@ -63,7 +60,7 @@ class SlotRequests:
                 self._done[slot, cell] = key
             # `data` is a C string to ctypes, which ends at the first zero byte.
             offset = kind.data.offset
-            body = data[offset : offset + min(request.length, _REPLY_BYTES)]
+            body = data[offset : offset + min(request.length, REQUEST_BYTES)]
             self._start(slot, cell, key, request, body)
 
     def _start(self, slot: int, cell: int, key: tuple[int, int], raw: object, body: bytes) -> None:
@@ -97,10 +94,10 @@ class SlotRequests:
         where = (request.slave, request.index, request.subindex)
         if isinstance(request, SdoRead):
             data = self._master.sdo_read(*where)
-            if len(data) > _REPLY_BYTES:
+            if len(data) > REQUEST_BYTES:
                 raise UsageError(
                     f"0x{request.index:04X}:{request.subindex:02X} has {len(data)} bytes, more "
-                    f"than the {_REPLY_BYTES} that a model can read; use `ecatctl sdo-read`"
+                    f"than the {REQUEST_BYTES} that a model can read; use `ecatctl sdo-read`"
                 )
             return data
         self._master.sdo_write(*where, request.data)
@@ -111,15 +108,15 @@ class SlotRequests:
 
     def _refuse(self, slot: int, cell: int, key: tuple[int, int], error: BaseException) -> None:
         abort = error.code if isinstance(error, SdoAbortError) else 0
-        status = _ESYS
+        status = Errno.ESYS
         for kind, code in (
-            (SdoAbortError, _EABORT),
-            (NoAnswerError, _ETIMEOUT),
-            (UsageError, _EARG),
+            (SdoAbortError, Errno.EABORT),
+            (NoAnswerError, Errno.ETIMEOUT),
+            (UsageError, Errno.EARG),
         ):
             if isinstance(error, kind):
                 status = code
-        self._reply(slot, cell, key, status, abort, str(error).encode()[:_REPLY_BYTES])
+        self._reply(slot, cell, key, status, abort, str(error).encode()[:REQUEST_BYTES])
 
     def _reply(
         self, slot: int, cell: int, key: tuple[int, int], status: int, abort: int, data: bytes

@@ -29,26 +29,25 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.shm import Direction, Errno
 
-INPUT, OUTPUT, ANY = 0, 1, 2
+INPUT, OUTPUT, ANY = Direction
 
-_BUSY = -15
-_ABORT = -14
 _ERRORS: dict[int, type[EcatError]] = {
-    -1: UsageError,
-    -2: UnreachableError,
-    -3: StateError,
-    -4: NotPermittedError,
-    -5: StateError,
-    -6: StateError,
-    -7: StateError,
-    -8: StateError,
-    -9: StateError,
-    -10: UsageError,
-    -11: NoAnswerError,
-    -12: UnreachableError,
-    -13: StateError,
-    -16: EcatError,
+    Errno.EARG: UsageError,
+    Errno.EDOWN: UnreachableError,
+    Errno.ELAYOUT: StateError,
+    Errno.EPERM: NotPermittedError,
+    Errno.EBUS: StateError,
+    Errno.ESIGNAL: StateError,
+    Errno.EOWNED: StateError,
+    Errno.ECLAIM: StateError,
+    Errno.ELEASE: StateError,
+    Errno.ERANGE: UsageError,
+    Errno.ETIMEOUT: NoAnswerError,
+    Errno.ESTALE: UnreachableError,
+    Errno.EFULL: StateError,
+    Errno.ESYS: EcatError,
 }
 
 
@@ -454,9 +453,9 @@ class Client:
         code = _LIB.ecat_poll(
             self._bus, request, buffer, 512, ctypes.byref(length), ctypes.byref(abort)
         )
-        if code == _BUSY:
+        if code == Errno.EBUSY:
             return None
-        if code == _ABORT:
+        if code == Errno.EABORT:
             raise SdoAbortError(abort.value, _LIB.ecat_error(self._bus).decode("utf-8", "replace"))
         self._check(code)
         return buffer.raw[: length.value]

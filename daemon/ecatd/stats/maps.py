@@ -239,7 +239,7 @@ def _grants(rows: list[dict[str, Any]]) -> tuple[Grant, ...]:
 
 
 def _member(kind: Any, name: str) -> Any:
-    return kind[name.upper()]
+    return kind.named(name)
 
 
 def _count(value: Any) -> int:

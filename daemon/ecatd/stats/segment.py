@@ -14,8 +14,7 @@ import struct as binary
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import IntEnum
-from typing import Any, TypeVar
+from typing import Any
 
 from ecatd import shm
 from ecatd.model.config import BUS_NAME, DOMAINS_MAX
@@ -43,8 +42,6 @@ from .snapshot import (
 _FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
 _TRIES = 5  # until a reading is taken in which no cycle ended
 _NONE = (1 << 64) - 1  # smallest time of an empty histogram
-
-_Enum = TypeVar("_Enum", bound=IntEnum)
 
 
 def read(bus: str = "ecat0") -> Snapshot:
@@ -119,7 +116,7 @@ class OpenSegment:
         return Snapshot(
             bus=self._bus,
             version=printable(head.version),
-            state=self._enum(shm.BusState, head.state),
+            state=shm.BusState(head.state),
             instance=head.instance,
             cycle_time_ns=head.cycle_time_ns,
             cycle=head.cycle,
@@ -129,14 +126,14 @@ class OpenSegment:
             slaves_expected=head.slave_count,
             slaves_found=health.slaves_found,
             al_status=health.al_status,
-            ring=self._enum(shm.Ring, health.ring),
+            ring=shm.Ring(health.ring),
             ring_break=health.ring_break,
             links=(
-                self._enum(shm.Link, health.link_first),
-                self._enum(shm.Link, health.link_second),
+                shm.Link(health.link_first),
+                shm.Link(health.link_second),
             ),
             clock=Clock(
-                self._enum(shm.DcState, health.dc_state),
+                shm.DcState(health.dc_state),
                 health.dc_reference,
                 health.dc_time_ns,
                 health.dc_offset_ns,
@@ -165,11 +162,15 @@ class OpenSegment:
         head = shm.struct("ecat_shm_header").from_buffer_copy(data)
         if head.layout == 0:
             raise self._starting()
-        if head.magic != shm.SHM_MAGIC or head.layout >> 16 != shm.LAYOUT >> 16:
+        if head.magic != shm.SHM_MAGIC:
+            raise self.damaged("magic number")
+        if head.layout >> 16 != shm.LAYOUT >> 16 or head.layout < shm.LAYOUT:
+            cure = "update the client, and generate libraries again"
+            if head.layout < shm.LAYOUT:
+                cure = "update the daemon"
             raise StateError(
-                f"the daemon of bus '{self._bus}' speaks layout {head.layout >> 16}."
-                f"{head.layout & 0xFFFF}, this program {shm.LAYOUT >> 16}.{shm.LAYOUT & 0xFFFF}: "
-                f"install the same version of both"
+                f"the daemon of bus '{self._bus}' speaks layout {_version(head.layout)}, this "
+                f"client {_version(shm.LAYOUT)}: {cure}"
             )
         if head.size > status.st_size:
             raise self.damaged("size")
@@ -194,7 +195,7 @@ class OpenSegment:
                     input_bytes=max(0, table.image_bytes - table.output_bytes),
                     wkc_expected=table.wkc_expected,
                     wkc=page.wkc,
-                    wkc_state=self._enum(shm.WkcState, page.wkc_state),
+                    wkc_state=shm.WkcState(page.wkc_state),
                     cycle=page.cycle,
                     **{name: getattr(status, name) for name in DOMAIN_COUNTERS},
                 )
@@ -220,12 +221,6 @@ class OpenSegment:
             return True  # an answer that cannot be had is no proof of death
         return bool(binary.unpack(_FLOCK, answer)[0] != fcntl.F_UNLCK)
 
-    def _enum(self, kind: type[_Enum], value: int) -> _Enum:
-        try:
-            return kind(value)
-        except ValueError:
-            raise self.damaged(f"{kind.__name__} {value}") from None
-
     def damaged(self, what: str) -> StateError:
         """The error that something in the segment makes no sense."""
         return StateError(
@@ -234,6 +229,10 @@ class OpenSegment:
 
     def _starting(self) -> UnreachableError:
         return UnreachableError(f"the daemon of bus '{self._bus}' is still starting")
+
+
+def _version(layout: int) -> str:
+    return f"{layout >> 16}.{layout & 0xFFFF}"
 
 
 def _histogram(raw: Any) -> Histogram:
