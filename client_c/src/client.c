@@ -74,6 +74,7 @@ int ecat_slave_count(const ecat_t *bus) { return (int)bus->header->slave_count; 
 int ecat_signal_count(const ecat_t *bus) { return (int)bus->header->signal_count; }
 int ecat_domain_count(const ecat_t *bus) { return (int)bus->header->domain_count; }
 uint64_t ecat_fingerprint(const ecat_t *bus) { return bus->header->fingerprint; }
+uint64_t ecat_instance(const ecat_t *bus) { return bus->header->instance; }
 double ecat_cycle_time(const ecat_t *bus) { return (double)bus->header->cycle_time_ns * 1e-9; }
 
 uint64_t ecat_cycle(const ecat_t *bus) {

@@ -10,11 +10,11 @@
 
 int ecat_sample_domain(ecat_t *bus, int number) {
   struct snapshot *snapshot;
-  uint64_t now, end;
   int code = ecat_check_domain(bus, number);
   if (code != 0) return code;
+  bus->snapshot[number].fresh = 0;
+  if ((code = ecat_segment_return(bus)) != 0) return code;
   snapshot = &bus->snapshot[number];
-  snapshot->fresh = 0;
   if (ecat_page_copy(snapshot) != 0)
     return ecat_fail(bus, ECAT_ESTALE,
                      "no consistent image of domain %d of bus '%s' could be read: the daemon stopped "
@@ -23,9 +23,7 @@ int ecat_sample_domain(ecat_t *bus, int number) {
   if (bus->waited_cycle < snapshot->cycle) bus->waited_cycle = snapshot->cycle;
   if (bus->doorbell != NULL)
     __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
-  now = ecat_now();
-  end = __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED);
-  code = ecat_segment_check(bus, now > end ? now - end : 0);
+  code = ecat_segment_age(bus);
   snapshot->fresh = code == 0;
   return code;
 }
@@ -117,14 +115,12 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
   uint64_t start = ecat_now(), limit = ecat_ns(timeout);
   for (;;) {
     uint32_t word = __atomic_load_n(&bus->header->cycle_word, __ATOMIC_ACQUIRE);
-    uint64_t now, end, slice = 20000000u;
+    uint64_t now, slice = 20000000u;
     struct timespec until;
     int code;
     if (__atomic_load_n(cycle, __ATOMIC_ACQUIRE) >= target) return 0;
+    if ((code = ecat_segment_age(bus)) != 0) return code;
     now = ecat_now();
-    end = __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED);
-    code = ecat_segment_check(bus, now > end ? now - end : 0);
-    if (code != 0) return code;
     if (now - start >= limit)
       return ecat_fail(bus, ECAT_ETIMEOUT, "bus '%s': cycle %llu did not come within %g s",
                        bus->name, (unsigned long long)target, timeout);
@@ -137,17 +133,32 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
   }
 }
 
+/* Waits for a daemon that has gone; who waits in a loop is not to keep a processor busy. */
+static int wait_return(ecat_t *bus, double timeout) {
+  uint64_t start = ecat_now(), limit = ecat_ns(timeout), passed = 0;
+  int code;
+  while ((code = ecat_segment_return(bus)) != 0 && passed < limit) {
+    struct timespec pause = {0, RETURN_PAUSE_NS};
+    if (limit - passed < RETURN_PAUSE_NS) pause.tv_nsec = (long)(limit - passed);
+    nanosleep(&pause, NULL);
+    passed = ecat_now() - start;
+    if (code != ECAT_EDOWN) break; /* it is there, but another one: nothing to wait for */
+  }
+  return code;
+}
+
 static int check_timeout(ecat_t *bus, double timeout) {
   if (timeout >= 0) return 0;
   return ecat_fail(bus, ECAT_EARG, "%g s is no time to wait", timeout);
 }
 
 int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
-  /* Before the first sample, from now on. */
-  uint64_t from = bus->waited_cycle != 0 ? bus->waited_cycle : ecat_cycle(bus);
+  uint64_t from;
   int code = check_timeout(bus, timeout);
-  if (code == 0)
-    code = ecat_wait_until(bus, &bus->header->cycle, from + cycles, ECAT_WAKE_CYCLE, timeout);
+  if (code != 0 || (code = wait_return(bus, timeout)) != 0) return code;
+  /* Before the first sample, from now on. */
+  from = bus->waited_cycle != 0 ? bus->waited_cycle : ecat_cycle(bus);
+  code = ecat_wait_until(bus, &bus->header->cycle, from + cycles, ECAT_WAKE_CYCLE, timeout);
   if (code == 0) bus->waited_cycle = ecat_cycle(bus);
   return code;
 }
@@ -157,6 +168,7 @@ int ecat_wait_domain(ecat_t *bus, int number, unsigned exchanges, double timeout
   uint64_t from;
   int code = ecat_check_domain(bus, number);
   if (code != 0 || (code = check_timeout(bus, timeout)) != 0) return code;
+  if ((code = wait_return(bus, timeout)) != 0) return code;
   snapshot = &bus->snapshot[number];
   from = snapshot->waited_cycle;
   if (from == 0) from = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);

@@ -8,6 +8,8 @@
 #include "entries.h"
 
 #define NS_PER_S 1000000000u
+#define LATE_NS 20000000u         /* since the last cycle, until it is asked whether the daemon lives */
+#define RETURN_PAUSE_NS 20000000u /* between two looks whether the daemon is back */
 
 /* Kernel file locks say who is alive (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT): they vanish with their
  * holder however it ends, reach across pid namespaces and cannot be confused by a process number
@@ -43,15 +45,21 @@ struct ecat {
   int fd;
   const uint8_t *map;
   size_t map_size;
+  int down;              /* code that says why the daemon is not there any more, 0: it is */
+  char why[512];         /* the sentence to it */
+  uint64_t tried_ns;     /* when it was last looked whether it is back */
   const ecat_shm_header *header;
-  const ecat_shm_slave *slaves;
   const ecat_shm_slave_status *slave_status;
-  const ecat_shm_signal *signals;
   const ecat_shm_output *outputs;
-  const ecat_shm_domain *domains;
   const ecat_shm_slot_status *slot_status;
   const ecat_shm_reply *replies;
 
+  /* Copies of what never changes while the daemon lives. Their place does not change when it comes
+   * back, since programs have pointers to the texts in them. */
+  uint8_t *tables;
+  ecat_shm_slave *slaves;
+  ecat_shm_signal *signals;
+  ecat_shm_domain *domains;
   struct signal *signal;
   struct snapshot *snapshot;
   uint64_t waited_cycle; /* last cycle seen by ecat_wait or ecat_sample */
@@ -73,6 +81,8 @@ struct ecat {
   uint32_t first, bytes; /* part of the output image with all claims; multiples of 8 */
   uint32_t request_seq;
   uint32_t request[ECAT_REQUESTS]; /* seq of the running requests, 0: free */
+  uint8_t ended[ECAT_REQUESTS]; /* 1: ended with the daemon, which its owner has not asked for yet */
+  int lost;              /* claims have ended with the daemon, and were not made again */
 };
 
 /* Fills ecat_error() and returns `code`. */
@@ -84,7 +94,12 @@ uint64_t ecat_ns(double seconds);
 /* segment.c */
 int ecat_segment_open(ecat_t *bus);
 void ecat_segment_close(ecat_t *bus);
-int ecat_segment_check(ecat_t *bus, uint64_t age_ns); /* is the daemon still delivering? */
+/* Is the daemon still delivering, `age_ns` after its last cycle? When it is not there any more,
+ * that is the end of the slot. */
+int ecat_segment_check(ecat_t *bus, uint64_t age_ns);
+int ecat_segment_age(ecat_t *bus); /* the same for now */
+/* 0 while the daemon is there, or when it is there again: looks for it, but not too often. */
+int ecat_segment_return(ecat_t *bus);
 int ecat_page_copy(struct snapshot *snapshot);
 
 /* inputs.c */
@@ -100,6 +115,7 @@ int ecat_check_domain(ecat_t *bus, int number);
 /* slot.c */
 int ecat_slot_take(ecat_t *bus);
 void ecat_slot_free(ecat_t *bus);
+void ecat_slot_forget(ecat_t *bus); /* the daemon that it belongs to is gone */
 void ecat_slot_begin(ecat_t *bus); /* a new life in it: the engine forgets the old one */
 int ecat_slot_lapsed(const ecat_t *bus);
 const ecat_out_slot *ecat_slot_of(const ecat_t *bus, int slot); /* of any client */

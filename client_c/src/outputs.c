@@ -92,6 +92,7 @@ static int refused(ecat_t *bus, int conflict) {
 /* Gives up what was asked for and not granted. */
 static void withdraw(ecat_t *bus, struct range range, int unanswered) {
   uint32_t i;
+  if (bus->slot < 0) return; /* there is no daemon any more */
   for (i = range.first; i < range.end; i++)
     if (!set_has(bus->claims, i)) set_drop(bus->out_claims, i);
   if (unanswered) /* it may still be granted, if the engine only was late */
@@ -103,7 +104,7 @@ static int claim(ecat_t *bus, struct range range, double lease) {
   uint32_t i;
   if (!(lease >= 0)) return ecat_fail(bus, ECAT_EARG, "%g s is no lease", lease);
   if ((code = ecat_slot_take(bus)) != 0) return code;
-  if (ecat_slot_lapsed(bus)) ecat_slot_begin(bus);
+  if (ecat_slot_lapsed(bus) || bus->doorbell->generation != bus->generation) ecat_slot_begin(bus);
   longer = ecat_ns(lease) > bus->out->lease_ns;
   if (longer) bus->out->lease_ns = ecat_ns(lease);
   for (i = range.first; i < range.end; i++) {
@@ -124,6 +125,7 @@ static int claim(ecat_t *bus, struct range range, double lease) {
   for (i = range.first; i < range.end; i++)
     if (bus->signal[i].output) set_add(bus->claims, i);
   measure(bus);
+  bus->lost = 0;
   return 0;
 }
 
@@ -308,13 +310,25 @@ static int lapsed(ecat_t *bus) {
                    bus->name);
 }
 
+static int daemon_gone(ecat_t *bus) {
+  return ecat_fail(bus, ECAT_ELEASE,
+                   "bus '%s': the daemon has ended, and with it the claims of this client; claim the "
+                   "outputs again when it is back",
+                   bus->name);
+}
+
 int ecat_commit(ecat_t *bus) {
   ecat_out_image *image;
+  uint64_t now;
   uint32_t seq;
-  if (bus->slot < 0) return 0;
+  if (bus->slot < 0) return bus->lost ? daemon_gone(bus) : 0;
   if (ecat_slot_lapsed(bus)) return lapsed(bus);
   bus->doorbell->heartbeat++;
   if (bus->bytes == 0) return 0;
+  now = ecat_now();
+  if (now - __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED) > LATE_NS &&
+      ecat_segment_age(bus) == ECAT_EDOWN)
+    return daemon_gone(bus);
   seq = bus->doorbell->commit_seq + 1;
   image = (void *)((uint8_t *)bus->out + bus->layout.images_offset +
                    (size_t)(seq % ECAT_IMAGES) * bus->layout.image_stride);
@@ -324,7 +338,7 @@ int ecat_commit(ecat_t *bus) {
   image->seq = seq;
   image->first = bus->first;
   image->bytes = bus->bytes;
-  image->commit_ns = ecat_now();
+  image->commit_ns = now;
   image->sample_cycle = bus->sample_cycle;
   memcpy(image + 1, (const uint8_t *)bus->mask + bus->first, bus->bytes);
   memcpy((uint8_t *)(image + 1) + bus->bytes, (const uint8_t *)bus->stage + bus->first, bus->bytes);

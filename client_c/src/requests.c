@@ -6,9 +6,11 @@
 /* A free request of our slot, filled but for what it asks, and its number; NULL and a code. */
 static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell) {
   ecat_out_request *request;
-  int free_one;
+  int free_one = 0;
   if ((*cell = ecat_slot_take(bus)) != 0) return NULL;
-  for (free_one = 0; free_one < ECAT_REQUESTS && bus->request[free_one] != 0; free_one++) continue;
+  while (free_one < ECAT_REQUESTS && (bus->request[free_one] != 0 || bus->ended[free_one])) free_one++;
+  if (free_one == ECAT_REQUESTS) /* nobody has to ask for what has ended with the daemon */
+    for (free_one = 0; free_one < ECAT_REQUESTS && bus->request[free_one] != 0;) free_one++;
   if (free_one == ECAT_REQUESTS) {
     *cell = ecat_fail(bus, ECAT_EFULL, "%d requests are running already; poll one to its end first",
                       ECAT_REQUESTS);
@@ -25,6 +27,7 @@ static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell)
 }
 
 static int ring(ecat_t *bus, ecat_out_request *request, int cell) {
+  bus->ended[cell] = 0;
   bus->request[cell] = ++bus->request_seq;
   __atomic_store_n(&request->seq, bus->request_seq, __ATOMIC_RELEASE);
   __atomic_store_n(&bus->doorbell->request_seq, bus->request_seq, __ATOMIC_RELEASE);
@@ -69,20 +72,22 @@ int ecat_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
                   uint32_t *abort_code) {
   const ecat_shm_reply *reply;
   char copy[ECAT_REQUEST_BYTES];
-  uint64_t now, end;
   uint32_t reason;
   size_t bytes;
   int code, status;
+  if (cell >= 0 && cell < ECAT_REQUESTS && bus->ended[cell]) {
+    bus->ended[cell] = 0;
+    return ecat_fail(bus, ECAT_EDOWN, "the request has ended with the daemon of bus '%s'; whether it "
+                     "was carried out is not known", bus->name);
+  }
   if (cell < 0 || cell >= ECAT_REQUESTS || bus->request[cell] == 0)
     return ecat_fail(bus, ECAT_EARG, "%d is no running request", cell);
   reply = &bus->replies[bus->slot * ECAT_REQUESTS + cell];
   if (__atomic_load_n(&reply->seq, __ATOMIC_ACQUIRE) != bus->request[cell] ||
       __atomic_load_n(&reply->generation, __ATOMIC_RELAXED) != bus->generation) {
-    now = ecat_now();
-    end = __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED);
-    code = ecat_segment_check(bus, now > end ? now - end : 0);
+    code = ecat_segment_age(bus);
     if (code == 0) return ECAT_EBUSY;
-    bus->request[cell] = 0;
+    bus->request[cell] = bus->ended[cell] = 0;
     return code;
   }
   bytes = reply->length <= ECAT_REQUEST_BYTES ? reply->length : ECAT_REQUEST_BYTES;

@@ -87,6 +87,22 @@ static int check_signal(ecat_t *bus, unsigned number) {
   return 0;
 }
 
+static int copy_tables(ecat_t *bus) {
+  const ecat_shm_header *h = bus->header;
+  size_t slaves = h->slave_count * sizeof *bus->slaves;
+  size_t signals = h->signal_count * sizeof *bus->signals;
+  size_t domains = h->domain_count * sizeof *bus->domains;
+  bus->tables = malloc(slaves + signals + domains + 1);
+  if (bus->tables == NULL) return -1;
+  bus->slaves = (void *)bus->tables;
+  bus->signals = (void *)(bus->tables + slaves);
+  bus->domains = (void *)(bus->tables + slaves + signals);
+  memcpy(bus->slaves, bus->map + h->slaves_offset, slaves);
+  memcpy(bus->signals, bus->map + h->signals_offset, signals);
+  memcpy(bus->domains, bus->map + h->domains_offset, domains);
+  return 0;
+}
+
 static int check_tables(ecat_t *bus) {
   const ecat_shm_header *h = bus->header;
   unsigned i;
@@ -105,14 +121,12 @@ static int check_tables(ecat_t *bus) {
       !table_fits(bus, h->settings_offset, ECAT_SETTINGS, sizeof(ecat_shm_setting)) ||
       !table_fits(bus, h->health_offset, 1, sizeof(ecat_shm_health)))
     return damaged(bus, "tables");
-  bus->slaves = (const void *)(bus->map + h->slaves_offset);
-  bus->signals = (const void *)(bus->map + h->signals_offset);
-  bus->domains = (const void *)(bus->map + h->domains_offset);
   bus->slave_status = (const void *)(bus->map + h->slave_status_offset);
   bus->outputs = (const void *)(bus->map + h->outputs_offset);
   bus->slot_status = (const void *)(bus->map + h->slot_status_offset);
   bus->replies = (const void *)(bus->map + h->replies_offset);
 
+  if (copy_tables(bus) != 0) return ecat_fail(bus, ECAT_ESYS, "out of memory");
   bus->signal = calloc(h->signal_count + 1, sizeof *bus->signal);
   bus->snapshot = calloc(h->domain_count + 1, sizeof *bus->snapshot);
   bus->sets = (h->signal_count + 63) / 64;
@@ -142,7 +156,7 @@ int ecat_segment_open(ecat_t *bus) {
   struct stat status;
   uint32_t layout;
   snprintf(path, sizeof path, "/dev/shm/ecat.%s", bus->name);
-  bus->fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+  bus->fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
   if (bus->fd < 0) {
     if (errno == ENOENT) return not_running(bus);
     if (errno == EACCES)
@@ -188,33 +202,114 @@ void ecat_segment_close(ecat_t *bus) {
   free(bus->signal);
   free(bus->stage);
   free(bus->claims);
+  free(bus->tables);
   if (bus->map != NULL) munmap((void *)(uintptr_t)bus->map, bus->map_size);
   if (bus->fd >= 0) close(bus->fd);
   bus->snapshot = NULL;
   bus->signal = NULL;
   bus->stage = NULL;
   bus->claims = NULL;
+  bus->tables = NULL;
   bus->map = NULL;
   bus->fd = -1;
+}
+
+/* --- a daemon that goes and comes back ------------------------------------------------------ */
+
+/* Remembers why the daemon is not there: programs may ask again before it is looked for again. */
+static int down(ecat_t *bus, int code) {
+  bus->down = code;
+  snprintf(bus->why, sizeof bus->why, "%s", bus->error);
+  return code;
 }
 
 int ecat_segment_check(ecat_t *bus, uint64_t age_ns) {
   uint64_t limit = 5 * bus->header->cycle_time_ns;
   if (bus->map == NULL)
     return ecat_fail(bus, ECAT_EDOWN, "this client is not connected to bus '%s'", bus->name);
-  if (__atomic_load_n(&bus->header->state, __ATOMIC_RELAXED) == ECAT_BUS_STOPPED)
-    return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' was stopped", bus->name);
+  if (bus->down != 0) return ecat_fail(bus, bus->down, "%s", bus->why);
   /* The lock costs a system call, so it is asked for only when a live daemon would have shown
    * itself by now. */
-  if (limit < 20000000u) limit = 20000000u;
-  if (age_ns <= limit) return 0;
-  if (!daemon_holds_lock(bus->fd))
-    return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' has ended; start it again with "
-                     "'systemctl start ecatd'", bus->name);
-  if (age_ns > limit + 80000000u)
+  if (limit < LATE_NS) limit = LATE_NS;
+  if (__atomic_load_n(&bus->header->state, __ATOMIC_RELAXED) == ECAT_BUS_STOPPED)
+    ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' was stopped", bus->name);
+  else if (age_ns <= limit)
+    return 0;
+  else if (!daemon_holds_lock(bus->fd))
+    ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' has ended; start it again with "
+              "'systemctl start ecatd'", bus->name);
+  else if (age_ns > limit + 80000000u)
     return ecat_fail(bus, ECAT_ESTALE, "the cycle of bus '%s' stands still since %.3f s", bus->name,
                      (double)age_ns * 1e-9);
+  else
+    return 0;
+  ecat_slot_forget(bus);
+  return down(bus, ECAT_EDOWN);
+}
+
+int ecat_segment_age(ecat_t *bus) {
+  uint64_t now = ecat_now(), end = __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED);
+  return ecat_segment_check(bus, now > end ? now - end : 0);
+}
+
+/* Whether what the program knows about the bus, its handles above all, is true of this one, too. */
+static int check_same(ecat_t *fresh, const ecat_t *bus) {
+  const ecat_shm_header *now = fresh->header, *before = bus->header;
+  if (now->fingerprint != before->fingerprint || now->slave_count != before->slave_count ||
+      now->signal_count != before->signal_count)
+    return ecat_fail(fresh, ECAT_EBUS,
+                     "bus '%s' came back with other slaves or other entries: it has %u slaves with "
+                     "%u entries now, and had %u with %u; open it again",
+                     bus->name, (unsigned)now->slave_count, (unsigned)now->signal_count,
+                     (unsigned)before->slave_count, (unsigned)before->signal_count);
+  if (now->domain_count != before->domain_count)
+    return ecat_fail(fresh, ECAT_EBUS,
+                     "bus '%s' came back with %u domains instead of %u; open it again", bus->name,
+                     (unsigned)now->domain_count, (unsigned)before->domain_count);
   return 0;
+}
+
+/* The connection is replaced as a whole; what the program was given stays where it is. */
+static void replace(ecat_t *bus, ecat_t *fresh) {
+  const ecat_shm_header *h = fresh->header;
+  uint32_t i;
+  memcpy(bus->slaves, fresh->slaves, h->slave_count * sizeof *bus->slaves);
+  memcpy(bus->signals, fresh->signals, h->signal_count * sizeof *bus->signals);
+  memcpy(bus->domains, fresh->domains, h->domain_count * sizeof *bus->domains);
+  free(fresh->tables);
+  fresh->tables = bus->tables;
+  fresh->slaves = bus->slaves;
+  fresh->signals = bus->signals;
+  fresh->domains = bus->domains;
+  fresh->lost = bus->lost;
+  memcpy(fresh->ended, bus->ended, sizeof fresh->ended);
+  bus->tables = NULL;
+  ecat_segment_close(bus);
+  *bus = *fresh;
+  /* Old values may lie elsewhere in the image now; reads before the next sample see new ones. */
+  for (i = 0; i < bus->header->domain_count; i++) (void)ecat_page_copy(&bus->snapshot[i]);
+}
+
+int ecat_segment_return(ecat_t *bus) {
+  ecat_t fresh = {.fd = -1, .out_fd = -1, .slot = -1};
+  static const ecat_shm_header nothing;
+  uint64_t now;
+  int code;
+  if (bus->down == 0) return 0;
+  now = ecat_now();
+  if (now - bus->tried_ns < RETURN_PAUSE_NS) return ecat_segment_check(bus, 0);
+  bus->tried_ns = now;
+  fresh.header = &nothing;
+  strcpy(fresh.name, bus->name);
+  code = ecat_segment_open(&fresh);
+  if (code == 0) code = check_same(&fresh, bus);
+  if (code == 0) {
+    replace(bus, &fresh);
+    return 0;
+  }
+  ecat_segment_close(&fresh);
+  memcpy(bus->error, fresh.error, sizeof bus->error);
+  return down(bus, code);
 }
 
 int ecat_page_copy(struct snapshot *snapshot) {

@@ -9,51 +9,62 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+static void unmap_out(ecat_t *bus) {
+  if (bus->out_map != NULL) munmap(bus->out_map, bus->out_size);
+  if (bus->out_fd >= 0) close(bus->out_fd); /* frees the lock, and so the slot */
+  bus->out_map = NULL;
+  bus->out_fd = -1;
+}
+
+static int out_fits(const ecat_t *bus) {
+  const ecat_out_header *header = &bus->layout;
+  return header->magic == ECAT_OUT_MAGIC && header->layout >> 16 == ECAT_SHM_LAYOUT_MAJOR &&
+         header->instance == bus->header->instance && header->slot_count <= ECAT_SLOTS &&
+         header->doorbells_offset % 8 == 0 && header->slots_offset % 8 == 0 &&
+         header->slot_stride % 8 == 0 && header->claims_offset % 8 == 0 &&
+         header->images_offset % 8 == 0 && header->image_stride % 8 == 0 &&
+         header->image_stride >=
+             sizeof(ecat_out_image) + 2 * (((uint64_t)bus->header->output_bytes + 7) / 8 * 8) &&
+         header->claims_offset >= sizeof(ecat_out_slot) + ECAT_REQUESTS * sizeof(ecat_out_request) &&
+         header->images_offset >= (uint64_t)header->claims_offset + 8 * bus->sets &&
+         header->slot_stride >=
+             header->images_offset + (uint64_t)ECAT_IMAGES * header->image_stride &&
+         header->doorbells_offset + (uint64_t)header->slot_count * sizeof(ecat_out_doorbell) <=
+             bus->out_size &&
+         header->slots_offset + (uint64_t)header->slot_count * header->slot_stride <= bus->out_size;
+}
+
 static int map_out(ecat_t *bus) {
   char path[64];
   struct stat status;
-  ecat_out_header *header = &bus->layout;
   if (bus->out_map != NULL) return 0;
   snprintf(path, sizeof path, "/dev/shm/ecat.%s.out", bus->name);
-  bus->out_fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+  bus->out_fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
   if (bus->out_fd < 0) {
     if (errno == EACCES)
       return ecat_fail(bus, ECAT_EPERM,
                        "no right to write outputs of bus '%s': become a member of the group 'ecat' "
                        "('sudo usermod -aG ecat $USER', then log in again)", bus->name);
-    return ecat_fail(bus, ECAT_EDOWN, "cannot open %s: %s", path, strerror(errno));
+    return ecat_fail(bus, ECAT_EDOWN, "cannot open %s: %s; restart the daemon", path,
+                     strerror(errno));
   }
-  if (fstat(bus->out_fd, &status) != 0 || (size_t)status.st_size < sizeof *header)
-    return ecat_fail(bus, ECAT_ELAYOUT, "%s is too short; restart the daemon", path);
+  if (fstat(bus->out_fd, &status) != 0 || !S_ISREG(status.st_mode) ||
+      (size_t)status.st_size < sizeof bus->layout) {
+    unmap_out(bus);
+    return ecat_fail(bus, ECAT_ELAYOUT, "%s is damaged; restart the daemon", path);
+  }
   bus->out_size = (size_t)status.st_size;
   bus->out_map = mmap(NULL, bus->out_size, PROT_READ | PROT_WRITE, MAP_SHARED, bus->out_fd, 0);
   if (bus->out_map == MAP_FAILED) {
+    int error = errno;
     bus->out_map = NULL;
-    return ecat_fail(bus, ECAT_ESYS, "cannot map %s: %s", path, strerror(errno));
+    unmap_out(bus);
+    return ecat_fail(bus, ECAT_ESYS, "cannot map %s: %s", path, strerror(error));
   }
-  memcpy(header, bus->out_map, sizeof *header);
-  if (header->magic != ECAT_OUT_MAGIC || header->layout >> 16 != ECAT_SHM_LAYOUT_MAJOR ||
-      header->instance != bus->header->instance || header->slot_count > ECAT_SLOTS ||
-      header->doorbells_offset % 8 != 0 || header->slots_offset % 8 != 0 ||
-      header->slot_stride % 8 != 0 || header->claims_offset % 8 != 0 ||
-      header->images_offset % 8 != 0 || header->image_stride % 8 != 0 ||
-      header->image_stride <
-          sizeof(ecat_out_image) + 2 * (((uint64_t)bus->header->output_bytes + 7) / 8 * 8) ||
-      header->claims_offset < sizeof(ecat_out_slot) + ECAT_REQUESTS * sizeof(ecat_out_request) ||
-      header->images_offset < (uint64_t)header->claims_offset + 8 * bus->sets ||
-      header->slot_stride <
-          header->images_offset + (uint64_t)ECAT_IMAGES * header->image_stride ||
-      header->doorbells_offset + (uint64_t)header->slot_count * sizeof(ecat_out_doorbell) >
-          bus->out_size ||
-      header->slots_offset + (uint64_t)header->slot_count * header->slot_stride > bus->out_size) {
-    munmap(bus->out_map, bus->out_size);
-    bus->out_map = NULL;
-    close(bus->out_fd);
-    bus->out_fd = -1;
-    return ecat_fail(bus, ECAT_ELAYOUT, "%s does not belong to the running daemon; open the bus again",
-                     path);
-  }
-  return 0;
+  memcpy(&bus->layout, bus->out_map, sizeof bus->layout);
+  if (out_fits(bus)) return 0;
+  unmap_out(bus);
+  return ecat_fail(bus, ECAT_ELAYOUT, "%s does not belong to the running daemon; restart it", path);
 }
 
 void ecat_slot_begin(ecat_t *bus) {
@@ -89,15 +100,19 @@ int ecat_slot_lapsed(const ecat_t *bus) {
   const ecat_shm_slot_status *status;
   if (bus->slot < 0) return 0;
   status = &bus->slot_status[bus->slot];
-  return __atomic_load_n(&status->generation, __ATOMIC_ACQUIRE) == bus->generation &&
-         __atomic_load_n(&status->state, __ATOMIC_RELAXED) == ECAT_SLOT_LAPSED;
+  /* A claim was granted to this generation; if the engine has seen another one since, somebody has
+   * written over the slot. */
+  if (__atomic_load_n(&status->generation, __ATOMIC_ACQUIRE) != bus->generation)
+    return bus->bytes > 0;
+  return __atomic_load_n(&status->state, __ATOMIC_RELAXED) == ECAT_SLOT_LAPSED;
 }
 
 int ecat_slot_take(ecat_t *bus) {
   const ecat_out_header *header = &bus->layout;
   int code, i;
+  if ((code = ecat_segment_return(bus)) != 0) return code;
   if (bus->slot >= 0) return 0;
-  if ((code = map_out(bus)) != 0) return code;
+  if ((code = ecat_segment_age(bus)) == ECAT_EDOWN || (code = map_out(bus)) != 0) return code;
   for (i = 0; i < (int)header->slot_count; i++) {
     struct flock lock = {
         .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = ECAT_LOCK_SLOT + i, .l_len = 1};
@@ -116,8 +131,22 @@ int ecat_slot_take(ecat_t *bus) {
 
 void ecat_slot_free(ecat_t *bus) {
   if (bus->slot >= 0) __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
-  if (bus->out_map != NULL) munmap(bus->out_map, bus->out_size);
-  if (bus->out_fd >= 0) close(bus->out_fd); /* frees the lock, and so the slot */
+  bus->slot = -1;
+  bus->doorbell = NULL;
+  unmap_out(bus);
+}
+
+void ecat_slot_forget(ecat_t *bus) {
+  int i;
+  if (bus->bytes > 0) bus->lost = 1;
+  for (i = 0; i < ECAT_REQUESTS; i++) {
+    if (bus->request[i] != 0) bus->ended[i] = 1;
+    bus->request[i] = 0;
+  }
+  memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
+  memset(bus->mask, 0, bus->header->output_bytes);
+  bus->first = bus->bytes = 0;
+  ecat_slot_free(bus);
 }
 
 const ecat_out_slot *ecat_slot_of(const ecat_t *bus, int slot) {

@@ -25,6 +25,12 @@
  * sentence. Times are in seconds as double, time stamps in nanoseconds of CLOCK_MONOTONIC. One
  * ecat_t belongs to one thread at a time; open as many as you like.
  *
+ * When the daemon ends, sampling and waiting return ECAT_EDOWN within 100 ms, and claims and running
+ * requests are gone. The handle stays: later calls of ecat_sample(), ecat_wait() and ecat_claim() look
+ * for the daemon, at most every 20 ms, and go on with it when it is back. All slaves and entries have
+ * their old numbers then; if the bus is another one, these calls return ECAT_EBUS. Cycle numbers begin
+ * anew, and ecat_instance() differs.
+ *
  * C89-clean; usable from C++.
  */
 #ifndef ECAT_H
@@ -58,7 +64,7 @@ typedef struct ecat_slave_info {
   uint32_t product;     /* product code */
   uint32_t revision;    /* revision number */
   uint32_t serial;      /* serial number */
-  const char *name;     /* from SII, valid until ecat_close */
+  const char *name;     /* from SII; the pointer is valid until ecat_close */
   unsigned al_state;    /* AL status register, 0: does not answer */
   unsigned al_code;     /* AL status code */
   int domain;           /* 0 first */
@@ -124,6 +130,8 @@ ECAT_API int ecat_signal_count(const ecat_t *bus);
 ECAT_API int ecat_domain_count(const ecat_t *bus);
 ECAT_API const char *ecat_name(const ecat_t *bus);
 ECAT_API uint64_t ecat_fingerprint(const ecat_t *bus);
+/* Differs after every start of the daemon. */
+ECAT_API uint64_t ecat_instance(const ecat_t *bus);
 /* Base cycle in seconds. */
 ECAT_API double ecat_cycle_time(const ecat_t *bus);
 ECAT_API int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info);
@@ -179,10 +187,12 @@ ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
 ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
 ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
-/* Publishes all staged outputs at once; they go out with the next cycle. */
+/* Publishes all staged outputs at once; they go out with the next cycle. ECAT_ELEASE, until something
+ * is claimed again, when they are no longer owned: the lease is over, or the daemon has ended. */
 ECAT_API int ecat_commit(ecat_t *bus);
 
-/* Waits until `cycles` more cycles than at the last sample or wait have ended. 0 checks only. */
+/* Waits until `cycles` more cycles than at the last sample or wait have ended. 0 checks only. Returns
+ * ECAT_EDOWN at once when the daemon ends; the calls after that wait for its return. */
 ECAT_API int ecat_wait(ecat_t *bus, unsigned cycles, double timeout);
 /* Waits until a domain was exchanged `exchanges` more times than at its last sample or wait. */
 ECAT_API int ecat_wait_domain(ecat_t *bus, int domain, unsigned exchanges, double timeout);
@@ -198,7 +208,7 @@ ECAT_API int ecat_state_start(ecat_t *bus, int position, unsigned state);
 /* ECAT_EBUSY while the request runs; else it is finished, its handle is free again, and
  * `data` (up to `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT,
  * `*abort_code` tells why. All three pointers may be NULL. Requests of a client that ends are
- * dropped, unless they have begun. */
+ * dropped, unless they have begun; those of a daemon that ends, are ECAT_EDOWN. */
 ECAT_API int ecat_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
                            uint32_t *abort_code);
 

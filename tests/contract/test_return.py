@@ -1,0 +1,160 @@
+"""A daemon that goes and comes back: what its clients see of it, without an engine."""
+
+import ctypes
+import fcntl
+import os
+import struct
+import time
+from collections.abc import Iterator
+
+import pytest
+from test_segment import make_bus
+
+from ecatd import shm
+from ecatd.bus.layout import lay_out
+from ecatd.bus.segment import Segment
+from ecatd.model.bus import Bus
+from handle import EBUS, ECLAIM, EDOWN, ELAYOUT, ETIMEOUT, LIB, Handle
+
+pytestmark = pytest.mark.unprivileged
+
+NOW = 1 << 62
+"""Time of the last cycle where no engine runs: always just now."""
+
+
+def serve(bus: Bus) -> Segment:
+    made = Segment(bus.name)
+    made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
+    made.header.cycle_end_ns = NOW
+    made.publish()
+    return made
+
+
+def kill(segment: Segment) -> None:
+    """What is left of a daemon that was killed: files, without a lock, and an old cycle."""
+    segment.header.cycle_end_ns = 1
+    unlock = struct.pack("hhqqi4x", fcntl.F_UNLCK, os.SEEK_SET, shm.LOCK_DAEMON, 1, 0)
+    fcntl.fcntl(segment._fd, fcntl.F_OFD_SETLK, unlock)
+    os.close(segment.out_fd)
+
+
+@pytest.fixture
+def bus() -> Iterator[Bus]:
+    made = make_bus()
+    yield made
+    for left in shm.FOLDER.glob(f"ecat.{made.name}*"):
+        left.unlink()
+
+
+@pytest.fixture
+def handle(bus: Bus) -> Iterator[Handle]:
+    segment = serve(bus)
+    with Handle(bus.name) as made:
+        assert made.sample() == 0
+        kill(segment)
+        yield made
+
+
+def returned(handle: Handle) -> int:
+    """The code of a sample, once the client has had the time to look for the daemon again."""
+    time.sleep(0.03)
+    return handle.sample()
+
+
+def test_a_reader_goes_on_with_the_next_daemon(bus: Bus, handle: Handle) -> None:
+    before = handle.instance
+    info = (ctypes.c_char_p * 20)()  # larger than any of the structs of ecat.h
+    LIB.ecat_slave(handle.bus, 0, info)
+    name = info[2]  # the pointer to the name, after four numbers of 32 bits
+    assert handle.sample() == EDOWN
+    assert "has ended" in handle.error
+    assert handle.sample() == EDOWN
+    assert "start it with" in handle.error
+    segment = serve(bus)
+    assert returned(handle) == 0
+    assert handle.instance not in (before, 0)
+    assert LIB.ecat_slave(handle.bus, 0, info) == 0
+    assert info[2] == name
+    segment.close()
+
+
+def test_values_are_never_those_of_nothing(bus: Bus, handle: Handle) -> None:
+    """From the first call that says that the daemon is back, reads see its image."""
+    from test_segment import put_image
+
+    assert handle.sample() == EDOWN
+    assert handle.value(0) == 0
+    segment = serve(bus)
+    put_image(segment, b"\0\0\1\0")
+    time.sleep(0.03)
+    assert handle.wait(0, 0.0) == 0
+    assert handle.value(0) == 1
+    segment.close()
+
+
+def test_another_bus_is_refused_until_the_old_one_is_back(bus: Bus, handle: Handle) -> None:
+    assert handle.sample() == EDOWN
+    other = make_bus()
+    other.name = bus.name
+    other.slaves[1].product += 1
+    segment = serve(other)
+    assert returned(handle) == EBUS
+    assert "came back with other slaves or other entries" in handle.error
+    assert handle.sample() == EBUS  # also while it is not looked for
+    assert "came back" in handle.error
+    assert handle.wait(1, 5.0) == EBUS  # at once
+    segment.header.layout = 7 << 16
+    assert returned(handle) == ELAYOUT
+    segment.close()
+    segment = serve(bus)
+    assert returned(handle) == 0
+    segment.close()
+
+
+def test_a_daemon_that_is_still_starting_is_not_there_yet(bus: Bus, handle: Handle) -> None:
+    assert handle.sample() == EDOWN
+    segment = Segment(bus.name)
+    assert returned(handle) == EDOWN
+    assert "is still starting" in handle.error
+    segment.fill(bus, lay_out(bus, set()), 1, 1)
+    segment.header.cycle_end_ns = NOW
+    assert returned(handle) == EDOWN
+    segment.publish()
+    assert returned(handle) == 0
+    segment.close()
+
+
+def test_waiting_waits_for_the_daemon(bus: Bus, handle: Handle) -> None:
+    assert handle.wait(1, 30.0) == EDOWN  # at once: it has just been noticed
+    begin = time.monotonic()
+    assert handle.wait(1, 0.1) == EDOWN
+    assert time.monotonic() - begin >= 0.1
+    segment = serve(bus)
+    # It is there, but no cycle ends.
+    assert handle.wait(1, 0.1) == ETIMEOUT
+    assert handle.wait(0, 0.0) == 0
+    segment.close()
+
+
+def test_the_daemon_is_not_looked_for_all_the_time(bus: Bus, handle: Handle) -> None:
+    assert handle.sample() == EDOWN
+    begin = time.monotonic()
+    reads = 0
+    segment = None
+    # The daemon is served at once after a look in vain; it is not seen before the next look.
+    while handle.sample() != 0:
+        segment = segment or serve(bus)
+        reads += 1
+    assert reads > 100
+    assert time.monotonic() - begin >= 0.02
+    assert segment is not None
+    segment.close()
+
+
+def test_what_a_model_wrote_is_not_silently_lost(bus: Bus, handle: Handle) -> None:
+    """Without claims nothing is committed; a write needs a claim, before and after."""
+    output = handle.bind(1, 0x7000, 1, 1)
+    assert handle.write(output, 1.0) == ECLAIM
+    assert handle.claim(1, 0.0) == EDOWN
+    assert handle.claim(1, 0.0) == EDOWN
+    assert handle.sdo_start(0, 0x1018, 1, None, 0) == EDOWN
