@@ -61,7 +61,11 @@ def _bounded(low: int, high: int) -> Callable[[str], int]:
     return convert
 
 
-_position = _bounded(0, 0xFFFF)
+def _position(text: str) -> int:
+    value = _number(text)
+    if not 0 <= value <= 0xFFFF:
+        raise argparse.ArgumentTypeError(f"'{text}' is no position: slaves count from 0")
+    return value
 
 
 def _seconds(text: str) -> float:
@@ -148,7 +152,7 @@ def _parser() -> argparse.ArgumentParser:
     command = add("pdos", show.pdos, "List the process data of the slaves.")
     command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
     command = add("state", show.state, "Show the AL states, or bring slaves to one.", "states")
-    command.add_argument("state", nargs="?", metavar="STATE", help="INIT, PREOP, SAFEOP or OP")
+    command.add_argument("state", nargs="?", metavar="STATE", help="INIT, PREOP, BOOT, SAFEOP, OP")
     command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
     command = add_local("stats", stats.stats, "Show counters and timing of the cyclic exchange.")
     command.add_argument(
@@ -230,6 +234,13 @@ def _write_no_more() -> None:
 
 def main() -> int:
     """Runs one command; returns the exit status."""
+    try:
+        return _main()
+    except KeyboardInterrupt:
+        return 130
+
+
+def _main() -> int:
     options = _parser().parse_args()
     try:
         _run(options)
@@ -246,8 +257,6 @@ def main() -> int:
         _write_no_more()
         print(f"ecatctl: the output cannot be written: {error.strerror}", file=sys.stderr)
         return StateError.exit_code
-    except KeyboardInterrupt:
-        return 130
     return 0
 
 

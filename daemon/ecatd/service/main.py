@@ -63,10 +63,7 @@ def _configuration(options: argparse.Namespace) -> Config:
     ):
         if getattr(options, option) is not None:
             values[key] = getattr(options, option)
-    try:
-        config = read_config(values)
-    except UsageError as error:
-        raise UsageError(f"command line: {error}") from error
+    config = read_config(values, "command line")
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
             "which bus? Give --interface IF, or --simulate troll to try without hardware, or "
@@ -77,6 +74,13 @@ def _configuration(options: argparse.Namespace) -> Config:
 
 def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status."""
+    try:
+        return _main()
+    except KeyboardInterrupt:  # before the supervisor looks after signals
+        return 0
+
+
+def _main() -> int:
     options = _parser().parse_args()
     level = "debug" if options.verbose else "warning" if options.quiet else "info"
     log = Log("ecatd", level)

@@ -1,0 +1,50 @@
+"""Ctrl-C in the first moments of a command."""
+
+import subprocess
+import sys
+
+import pytest
+
+from ecatd.cli import main as cli
+from ecatd.service import main as service
+
+COMMANDS = ("ecatd", "ecatctl", "ecatsim")
+
+WHILE_LOADED = """
+import importlib, os, signal, sys
+load = importlib.import_module
+
+def interrupted(name):
+    os.kill(os.getpid(), signal.SIGINT)
+    return load(name)
+
+importlib.import_module = interrupted
+from ecatd import commands
+sys.argv = [{0!r}, "--version"]
+sys.exit(commands.{0}())
+"""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_ctrl_c_while_a_command_is_loaded_ends_it_quietly(command: str) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", WHILE_LOADED.format(command)], capture_output=True, text=True
+    )
+    assert (result.returncode, result.stdout, result.stderr) == (-2, "", "")
+
+
+def test_where_it_is_ignored_it_stays_so() -> None:
+    """As in a job that a script runs in the background."""
+    code = "import signal; signal.signal(2, signal.SIG_IGN)\n" + WHILE_LOADED.format("ecatctl")
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("ecatctl ")
+
+
+def test_ctrl_c_before_the_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    for module, status in ((cli, 130), (service, 0)):
+        monkeypatch.setattr(module, "_parser", interrupted)
+        assert module.main() == status
