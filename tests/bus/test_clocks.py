@@ -429,7 +429,7 @@ def test_ecatctl_dc(start: Callable[..., Daemon], tmp_path: Path) -> None:
     assert {k: type(v) for k, v in here.items()} == {k: type(v) for k, v in there.items()}
     wait_until(lambda: daemon.ctl_json("dc")["state"] == "locked")
     summary, text = daemon.ctl("dc").stdout.split("\n\n")
-    assert "the clock of slave 1 (S1)" in summary.splitlines()[0]
+    assert summary.splitlines()[0].endswith("follows the clock of slave 1")
     assert [line.split()[0] for line in summary.splitlines()[1:]] == ["time", "drift", "phase"]
     rows = text.splitlines()
     assert rows[0].split()[:5] == ["POS", "NAME", "CLOCK", "DELAY", "DIFFERENCE"]
@@ -441,9 +441,18 @@ def test_ecatctl_dc(start: Callable[..., Daemon], tmp_path: Path) -> None:
 
 def test_ecatctl_dc_without_dc(troll: Daemon) -> None:
     assert (troll.ctl_json("dc")["state"], troll.ctl_json("dc")["reference"]) == ("off", -1)
-    first, second, *_ = troll.ctl("dc").stdout.splitlines()
-    assert first.endswith("distributed clocks are off; the cycle runs on the clock of this machine")
+    first, second, *rows = troll.ctl("dc").stdout.splitlines()
+    assert first.endswith("distributed clocks are off; the cycle runs on this machine's clock")
+    assert max(map(len, rows)) <= 80
+    assert "  0  Gold EtherCAT GCON Dr…  64 bit " in rows[2]
     assert int(second.removeprefix("slaves with a clock: ")) > 0
+
+
+def test_clocks_that_are_switched_off_are_told(start: Callable[..., Daemon]) -> None:
+    daemon = start("troll", "[dc]\nenabled = false\n[[dc.slave]]\nslave = 0\n")
+    told = "warning: dc.enabled is false, so the slaves in [[dc.slave]] get no SYNC signals\n"
+    assert told in daemon.log
+    assert daemon.ctl_json("dc")["state"] == "off"
 
 
 def test_a_lock_that_is_lost_and_found_again(

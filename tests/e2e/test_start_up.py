@@ -220,7 +220,18 @@ def test_configuration_that_does_not_fit_the_bus(env: dict[str, str], tmp_path: 
     file = tmp_path / "ecat.toml"
     file.write_text("[[outputs.safe]]\nslave = 2\nvalue = 'hold'\n")
     text = refused(2, "--simulate", "troll", "--config", str(file), "--bus", "tfit", env=env)
-    assert "outputs.safe: slave 2 of this bus has no outputs" in text
+    assert "outputs.safe: slave 2 (EL1018) has no outputs" in text
+
+
+def test_what_the_command_line_says_is_checked_as_the_file_is(env: dict[str, str]) -> None:
+    text = refused(2, "--simulate", "troll", "--cycle-time-us", "5", env=env)
+    assert text == "error: command line: cycle_time_us: is 5, but must be from 100 to 1000000"
+
+
+def test_a_place_for_sockets_that_cannot_be_had(env: dict[str, str]) -> None:
+    text = refused(6, "--simulate", "troll", env=env | {"ECATD_RUNTIME_DIR": "/proc/x"})
+    assert text.startswith("error: cannot make /proc/x: ")
+    assert text.endswith("; set ECATD_RUNTIME_DIR to a directory of your own")
 
 
 def test_no_bus_is_named(env: dict[str, str]) -> None:

@@ -94,11 +94,12 @@ def test_safe_values_reach_the_right_bits() -> None:
 @pytest.mark.parametrize(
     ("rule", "what"),
     [
-        (SafeConfig(1, "zero"), "slave 1 of this bus has no outputs"),
+        (SafeConfig(1, "zero"), r"slave 1 \(.*\) has no outputs"),
+        (SafeConfig(2, "zero"), "there is no slave 2: bus '.*' has 2"),
         (SafeConfig(0, 1, "0x7000:09"), "has no output 0x7000:09"),
         (SafeConfig(0, 8, "0x7000:02"), "8 is out of range .* 0 to 7"),
     ],
 )
 def test_wrong_safe_values_are_refused(rule: SafeConfig, what: str) -> None:
     with pytest.raises(ConfigError, match=what):
-        safe_images(bus(slave(0, [1, 3], [])), [rule])
+        safe_images(bus(slave(0, [1, 3], []), slave(1, [], [1])), [rule])

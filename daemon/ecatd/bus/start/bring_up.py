@@ -159,6 +159,10 @@ class BringUp:
         for warning in check_watchdogs(master, self.bus, self._scanned):
             self._log.warning(warning)
         configure(master, self._scanned, image)
+        if self._config.dc.slave and not self._config.dc.enabled:
+            self._log.warning(
+                "dc.enabled is false, so the slaves in [[dc.slave]] get no SYNC signals"
+            )
         if self._config.dc.enabled:
             self.clocks = Clocks(self.bus, self._config, master)
             self.clocks.measure()

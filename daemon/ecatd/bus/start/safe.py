@@ -17,8 +17,13 @@ def safe_images(bus: Bus, rules: list[SafeConfig]) -> dict[int, tuple[bytes, byt
     values = {slave.position: 0 for slave in bus.slaves if slave.output_bytes}
     holds = dict.fromkeys(values, 0)
     for rule in rules:
+        if rule.slave >= len(bus.slaves):
+            raise ConfigError(
+                f"outputs.safe: there is no slave {rule.slave}: bus '{bus.name}' has "
+                f"{len(bus.slaves)}"
+            )
         if rule.slave not in values:
-            raise ConfigError(f"outputs.safe: slave {rule.slave} of this bus has no outputs")
+            raise ConfigError(f"outputs.safe: {bus.slaves[rule.slave].label} has no outputs")
         slave = bus.slaves[rule.slave]
         bit, bits = _place(slave, rule)
         mask = ((1 << bits) - 1) << bit

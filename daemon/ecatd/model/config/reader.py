@@ -12,6 +12,7 @@ from ..errors import ConfigError
 Rules = dict[str, tuple[type, float, float]]
 """Key -> (type, smallest, largest); bounds count for numbers only. `object`: checked elsewhere."""
 
+_ARRAYS_OF_TABLES = ("domain", "dc.slave", "outputs.safe")
 _TYPE_WORDS = {
     str: "a text in quotes",
     int: "a whole number",
@@ -20,6 +21,22 @@ _TYPE_WORDS = {
     dict: "a table",
     list: "an array",
 }
+
+
+def shown(value: Any) -> str:
+    """A value as the file has it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return _TYPE_WORDS[type(value)] if isinstance(value, dict | list) else repr(value)
+
+
+def _wrong_type(key: str, kind: type, value: Any) -> str:
+    """What is said about a value of another type than its key has."""
+    if key in _ARRAYS_OF_TABLES:
+        return f"must be an array of tables: write [[{key}]]"
+    if kind is dict:
+        return f"must be a table: write [{key}]"
+    return f"must be {_TYPE_WORDS[kind]}, not {shown(value)}"
 
 
 class Reader:
@@ -55,7 +72,7 @@ class Reader:
             kind, low, high = rules[key]
             whole = kind is float and type(value) is int
             if kind is not object and type(value) is not kind and not whole:
-                self.fail(table, key, f"must be {_TYPE_WORDS[kind]}, not {value!r}", row)
+                self.fail(table, key, _wrong_type(f"{table}.{key}".lstrip("."), kind, value), row)
             if kind in (int, float) and not low <= value <= high:
                 self.fail(table, key, f"is {value}, but must be from {low} to {high}", row)
             checked[key] = float(value) if whole else value

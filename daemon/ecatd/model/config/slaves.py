@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from .reader import Reader, Rules
+from .reader import Reader, Rules, shown
 from .tables import Config, DomainConfig
 
 DOMAINS_MAX = 16
@@ -88,7 +88,7 @@ def _position_row(reader: Reader, item: Any, row: int) -> range:
         reader.fail(
             "domain",
             "slaves",
-            f'{item!r} is neither a position, 0 to {POSITION_MAX}, nor a row such as "5-7"',
+            f'{shown(item)} is neither a position, 0 to {POSITION_MAX}, nor a row such as "5-7"',
             row,
         )
     return range(first, last + 1)
