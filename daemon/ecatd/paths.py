@@ -15,6 +15,8 @@ from .model.errors import NotPermittedError
 
 SYSTEM = Path("/run/ecatd")
 
+_OWN = "set ECATD_RUNTIME_DIR to a directory of your own"
+
 
 def user_dir() -> Path:
     """The directory in which this process would make its sockets."""
@@ -38,11 +40,9 @@ def make_dir() -> Path:
         folder.mkdir(mode=0o750, exist_ok=True, parents=True)
         owner = folder.lstat().st_uid
     except OSError as error:
-        raise NotPermittedError(f"cannot make {folder}: {error.strerror}") from error
+        raise NotPermittedError(f"cannot make {folder}: {error.strerror}; {_OWN}") from error
     if owner != os.geteuid():
-        raise NotPermittedError(
-            f"{folder} belongs to user {owner}; set ECATD_RUNTIME_DIR to a directory of your own"
-        )
+        raise NotPermittedError(f"{folder} belongs to user {owner}; {_OWN}")
     if give_to_group(folder):
         folder.chmod(0o2750)  # what is made in it belongs to the group, too
     return folder

@@ -199,6 +199,19 @@ def test_slaves_missing_and_back(bench: Bench) -> None:
     bench.wait_for_op()
 
 
+def test_slaves_that_do_not_answer_are_named_together(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    bench = Bench(start_daemon("troll", config="state_timeout_s = 0.5\n[gateway]\nlisten = []\n"))
+    bench.wait_for_data()
+    bench.ctl("power-off", "2")
+    bench.wait_for_log("slave count changed: 8, now 2")
+    result = bench.daemon.ctl("state", "OP", check=False)
+    assert result.returncode == 7
+    assert result.stderr == "ecatctl: slaves 2-7 do not reach PREOP: no answer\n"
+    bench.close()
+
+
 def test_slave_that_leaves_op_is_named(bench: Bench) -> None:
     bench.ctl("al-error", "4", "0x1234")
     bench.wait_for_log("slave 4 (EL3008): SAFEOP+ERROR (AL status 0x1234")
@@ -391,7 +404,9 @@ def test_a_ring_that_is_cut_anywhere(ring: Bench, place: int) -> None:
     ring.wait_for_event("ring", state="open", slaves_before=place)
     assert ring.health().ring == shm.Ring.OPEN
     assert ring.health().ring_break == place
-    assert f"OPEN: {place} slaves before the break" in ring_of(ring)
+    ends = {0: "in front of slave 0", SLAVES: f"behind slave {SLAVES - 1}"}
+    where = ends.get(place, f"between slaves {place - 1} and {place}")
+    assert f"OPEN {where}, second interface up" in ring_of(ring)
     exchange_everything(ring, 20)
     ring.wait_for_data()
     assert ring.health().slaves_found == SLAVES

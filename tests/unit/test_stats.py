@@ -221,7 +221,7 @@ def test_screens_fit_80_columns_and_show_what_matters() -> None:
     for expected in (
         "bus ecat0: running for 0:00:05, cycle 1000 µs, 8 of 8 slaves",
         "SCHED_FIFO priority 7, memory locked, 3 not granted (see ecatctl info)",
-        "ring OPEN: 3 slaves before the break, second interface no carrier",
+        "ring OPEN between slaves 2 and 3, second interface no carrier",
         "DC locked, reference clock slave 0, offset -0.123 µs, drift -12.345 ppm",
         "LAST 3.0 s",
     ):
@@ -247,6 +247,14 @@ def test_screens_fit_80_columns_and_show_what_matters() -> None:
             assert "100.0000 %" in lines[-1]
     nothing = replace(late, times=Times(*(Histogram() for _ in TIMES)))
     assert histogram_lines("cycle", nothing, None) == ["bus ecat0: cycle, 0 samples"]
+
+
+def test_steps_below_a_microsecond_are_told_apart() -> None:
+    times = replace(snapshot().times, dc_offset=histogram([10, 40, 160, 54_700]))
+    rows = histogram_lines("dc_offset", snapshot(times=times), None)[6:]
+    edges = [row.split()[0] for row in rows if "…" not in row]
+    assert len(set(edges)) == len(edges) == 4
+    assert edges[0] == "0.010"
 
 
 def test_a_histogram_with_gaps_says_so() -> None:
@@ -299,7 +307,7 @@ def test_info_has_the_names_of_the_gateway_and_the_states_of_now() -> None:
     at_start = {"links": {"eth1": "up", "eth2": "up"}, "ring": "closed"}
     lines = info.info_lines(made, at_start, "")
     assert lines[1:3] == ["interface   eth1, up", "interface   eth2, no carrier"]
-    assert "ring        OPEN: 3 slaves before the break, second interface no carrier" in lines
+    assert "ring        OPEN between slaves 2 and 3, second interface no carrier" in lines
     for nothing in ({}, {"links": None}, {"links": {"eth1": "up"}}):
         assert info.info_lines(made, nothing, "")[1:3] == [
             "interface   first, up",
@@ -312,6 +320,7 @@ def test_info_tells_the_states_of_the_slaves() -> None:
     for al_status, found, text in (
         (0x08, 8, "8 found, 8 expected, all in OP"),
         (0x0C, 7, "7 found, 8 expected, in different AL states"),
+        (0x08, 7, "7 found, 8 expected, these in OP"),
         (0x14, 8, "8 found, 8 expected, all in SAFEOP, with errors (see ecatctl state)"),
         (0x03, 8, "8 found, 8 expected, in different AL states"),
         (0x00, 0, "0 found, 8 expected"),

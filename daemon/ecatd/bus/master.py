@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 import pysoem
 
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
+from ecatd.model.bus import positions_text
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import (
     NoAnswerError,
@@ -399,13 +400,22 @@ class Master:
                 return
             refused = [item for item in wrong if item.al_state & AL_ERROR_FLAG and item.al_code]
             if refused or now > deadline:
-                raise StateError("; ".join(self._missed(item, state) for item in refused or wrong))
+                raise StateError(self._missed(refused or wrong, state))
             if self._cancelled():
                 raise StateError(f"stopped while slaves were going to {state.name}")
             time.sleep(_POLL)
 
-    def _missed(self, item: SlaveState, state: AlState) -> str:
-        return f"{self._label(item.position)} does not reach {state.name}: {item.describe()}"
+    def _missed(self, wrong: list[SlaveState], state: AlState) -> str:
+        """Which slaves do not reach a state, those with the same AL status together."""
+        alike: dict[str, list[int]] = {}
+        for item in wrong:
+            alike.setdefault(item.describe(), []).append(item.position)
+        return "; ".join(
+            f"{self._label(positions[0])} does not reach {state.name}: {status}"
+            if len(positions) == 1
+            else f"slaves {positions_text(positions)} do not reach {state.name}: {status}"
+            for status, positions in alike.items()
+        )
 
     def _label(self, position: int) -> str:
         return f"slave {position} ({self.identity(position)[0]})"

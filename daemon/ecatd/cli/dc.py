@@ -9,9 +9,10 @@ from typing import Any
 from ecatd.dc import read_clocks
 from ecatd.model.errors import EcatError
 
-from .output import print_json, print_table
+from .output import print_json, print_table, shortened
 from .source import Source
 
+_NAME = 22  # of a slave, so that the table fits
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 
 
@@ -40,7 +41,7 @@ def _summary(document: dict[str, Any]) -> list[str]:
     bus, slaves = document["bus"], document["slaves"]
     if document["state"] == "off":
         return [
-            f"bus {bus}: distributed clocks are off; the cycle runs on the clock of this machine",
+            f"bus {bus}: distributed clocks are off; the cycle runs on this machine's clock",
             f"slaves with a clock: {sum(slave['dc_bits'] > 0 for slave in slaves)}",
         ]
     reference = slaves[document["reference"]]
@@ -48,7 +49,7 @@ def _summary(document: dict[str, Any]) -> list[str]:
     lines = [
         f"bus {bus}: {state}; the cycle of {document['cycle_time_us']:g} µs "
         f"{'follows' if state == 'locked' else 'does not follow'} the clock of slave "
-        f"{reference['position']} ({reference['name']})",
+        f"{reference['position']}",
         f"time   {_time(document['time_ns'])} UTC, on the reference clock",
         f"drift  {document['drift_ppb'] / 1000:+.1f} ppm, reference clock to this machine",
         f"phase  {document['offset']:+.1f} µs in the last cycle",
@@ -85,7 +86,7 @@ def _row(slave: dict[str, Any], document: dict[str, Any]) -> tuple[Any, ...]:
     signal = slave["sync0_ns"] > 0
     return (
         slave["position"],
-        slave["name"] or "(no name)",
+        shortened(slave["name"] or "(no name)", _NAME),
         f"{slave['dc_bits']} bit" if slave["dc_bits"] else "-",
         f"{slave['dc_delay_ns']} ns" if on else "-",
         text,

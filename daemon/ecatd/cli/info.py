@@ -92,7 +92,8 @@ def _slaves(snapshot: Snapshot) -> str:
     if not snapshot.slaves_found:
         return text
     state = snapshot.al_status & 0x0F
-    text += f", all in {al_state_text(state)}" if state in _SINGLE else ", in different AL states"
+    who = "all" if snapshot.slaves_found == snapshot.slaves_expected else "these"
+    text += f", {who} in {al_state_text(state)}" if state in _SINGLE else ", in different AL states"
     return text + (", with errors (see ecatctl state)" if snapshot.al_status & 0x10 else "")
 
 

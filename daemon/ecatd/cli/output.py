@@ -29,6 +29,11 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def shortened(text: str, length: int) -> str:
+    """A text that may be too long for its column."""
+    return text if len(text) <= length else f"{text[: length - 1]}…"
+
+
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> list[str]:
     """Columns under their heads.
 

@@ -8,7 +8,7 @@ from ecatd import shm
 from ecatd.stats import Domain, Histogram, Snapshot
 from ecatd.stats.maps import QUANTILES
 
-from .output import table_lines
+from .output import shortened, table_lines
 
 _TIMES = {
     "wakeup": "wake-up",
@@ -101,7 +101,14 @@ def ring_line(snapshot: Snapshot) -> str:
         return "none: one interface"
     if snapshot.ring == shm.Ring.CLOSED:
         return f"ring closed, {second}"
-    return f"ring OPEN: {snapshot.ring_break} slaves before the break, {second}"
+    before = snapshot.ring_break
+    if before == 0:
+        place = "in front of slave 0"
+    elif before == snapshot.slaves_expected:
+        place = f"behind slave {before - 1}"
+    else:
+        place = f"between slaves {before - 1} and {before}"
+    return f"ring OPEN {place}, {second}"
 
 
 def clock_line(snapshot: Snapshot) -> str:
@@ -188,7 +195,7 @@ def _domains(title: str, domains: tuple[Domain, ...]) -> list[str]:
         (head, "EVERY", "WKC", "EXCHANGES", "LEFT OUT", "LOST", "LATE", "WRONG"),
         (
             (
-                f"{domain.number} {domain.name}"[:_NAME],
+                shortened(f"{domain.number} {domain.name}", _NAME),
                 f"{domain.divider}+{domain.phase}" if domain.phase else domain.divider,
                 f"{domain.wkc}/{domain.wkc_expected}",
                 domain.exchanges,
@@ -224,7 +231,8 @@ def _bars(whole: Histogram, last: Histogram | None) -> list[str]:
     shown = whole if last is None else last
     most = max(_grouped(shown, shift).values(), default=1)
     total = max(1, shown.count)
-    digits = _digits(whole)
+    # A step of less than 0.1 µs needs more than one decimal.
+    digits = 3 if shm.bound((min(rows) + 1) << shift) - shm.bound(min(rows) << shift) < 100 else 1
     columns = f"{'SAMPLES':>11}" if last is None else f"{'ALL':>11}{'LAST':>9}"
     lines = [f"{'FROM':>9}    {'BELOW':>9}    {columns} {'UP TO HERE':>10}"]
     below, next_row = 0, min(rows)

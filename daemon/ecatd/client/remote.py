@@ -11,10 +11,13 @@ from typing import Any, Self
 
 import zenoh
 
+from ecatd import shm
 from ecatd.gateway.keys import bus_key, object_key, session_config
 from ecatd.model.bus import Bus
 from ecatd.model.config import BUS_NAME
 from ecatd.model.errors import (
+    JOIN,
+    START,
     EcatError,
     NoAnswerError,
     NotPermittedError,
@@ -24,8 +27,6 @@ from ecatd.model.errors import (
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.stats import Snapshot, from_map
 from ecatd.wire import MAX_REPLY, pack, unpack
-
-_START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,19 +50,14 @@ def _local_endpoint(bus: str) -> str:
         try:
             if path.is_socket():
                 if not os.access(path, os.W_OK):
-                    raise NotPermittedError(
-                        f"no right to use bus '{bus}': become a member of the group 'ecat' "
-                        f"('sudo usermod -aG ecat $USER', then log in again)"
-                    )
+                    raise NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
                 return f"unixsock-stream/{path}"
         except PermissionError as error:
-            raise NotPermittedError(
-                f"no right to look into {folder}: become a member of the group 'ecat' "
-                f"('sudo usermod -aG ecat $USER', then log in again)"
-            ) from error
+            if (shm.FOLDER / f"ecat.{bus}").exists():  # else none of these serves it
+                raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
     others = _running()
     hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
-    raise UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {_START}")
+    raise UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {START}")
 
 
 def _running() -> list[str]:
@@ -106,7 +102,7 @@ class Remote:
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            hint = _START if connect is None else "is it running, and does it listen there?"
+            hint = START if connect is None else "is it running, and does it listen there?"
             raise UnreachableError(
                 f"no ecatd answers for bus '{bus}' at {endpoint}; {hint}"
             ) from error
@@ -158,7 +154,7 @@ class Remote:
             )
         )
         if not alive:
-            return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {_START}")
+            return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {START}")
         if key[0] == "rw":
             return NotPermittedError(
                 f"the daemon of bus '{self.bus}' gave no answer: changes are permitted only on its "

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
+from itertools import groupby
 from typing import Any
 
 from .errors import UsageError
@@ -143,6 +144,15 @@ class Slave:
                 if not entry.is_gap:
                     yield pdo, entry, bit
                 bit += entry.bit_length
+
+
+def positions_text(positions: Iterable[int]) -> str:
+    """Positions as messages write them: `0, 3-7`."""
+    ranges = []
+    for _, run in groupby(enumerate(sorted(positions)), lambda pair: pair[1] - pair[0]):
+        numbers = [position for _, position in run]
+        ranges.append(f"{numbers[0]}-{numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}")
+    return ", ".join(ranges)
 
 
 @dataclass(slots=True)

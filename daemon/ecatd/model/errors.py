@@ -22,6 +22,12 @@ from typing import Any, ClassVar
 
 from .abort_codes import abort_text
 
+START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
+"""What to do where no daemon is."""
+
+JOIN = "become a member of the group 'ecat' ('sudo usermod -aG ecat $USER', then log in again)"
+"""What to do where there is one, but not for this user."""
+
 
 class EcatError(Exception):
     """Base of all errors of this project.

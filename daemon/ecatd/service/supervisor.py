@@ -173,14 +173,21 @@ class Supervisor:
             for end in done & set(ends):
                 child = ends[end]
                 what = "the bus server" if child is fatal[-1] else "the simulator"
-                self._log.error(f"{what} has ended unexpectedly ({_cause(end.result())})")
+                self._log.error(
+                    f"{what} has ended unexpectedly ({_cause(end.result())}); start ecatd again"
+                )
                 raise _EndedError(_status(end.result()) or StateError.exit_code)
             if gateway_end in done:
+                # It also ends with the bus server, and that may be seen first.
+                others, _ = await asyncio.wait(
+                    (stop, *ends), timeout=_GATEWAY_PAUSE, return_when=asyncio.FIRST_COMPLETED
+                )
+                if others:
+                    continue
                 self._log.warning(
                     f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"
                 )
                 self._children.remove(gateway)
-                await asyncio.wait((stop,), timeout=_GATEWAY_PAUSE)
                 gateway = await self._start_python("ecatd.gateway", settings)
                 gateway_end = asyncio.ensure_future(gateway.wait())
 

@@ -19,6 +19,8 @@ from typing import Any
 from ecatd import shm
 from ecatd.model.config import BUS_NAME, DOMAINS_MAX
 from ecatd.model.errors import (
+    JOIN,
+    START,
     EcatError,
     NotPermittedError,
     StateError,
@@ -71,10 +73,7 @@ def opened(bus: str) -> Iterator[OpenSegment]:
     except FileNotFoundError:
         raise _not_running(bus) from None
     except PermissionError as error:
-        raise NotPermittedError(
-            f"no right to read bus '{bus}': become a member of the group 'ecat' "
-            f"('sudo usermod -aG ecat $USER', then log in again)"
-        ) from error
+        raise NotPermittedError(f"no right to read bus '{bus}': {JOIN}") from error
     except OSError as error:
         raise EcatError(f"cannot open {path}: {error.strerror}") from error
     try:
@@ -84,10 +83,7 @@ def opened(bus: str) -> Iterator[OpenSegment]:
 
 
 def _not_running(bus: str) -> UnreachableError:
-    return UnreachableError(
-        f"no ecatd serves bus '{bus}'; start it with 'systemctl start ecatd', or without hardware "
-        f"'ecatd --simulate troll'"
-    )
+    return UnreachableError(f"no ecatd serves bus '{bus}'; {START}")
 
 
 class OpenSegment:

@@ -14,7 +14,7 @@ from itertools import groupby
 
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, positions_text
 from ecatd.model.errors import StateError
 
 from ..datagrams import aprd
@@ -194,11 +194,7 @@ def _name(bus: Bus, positions: Sequence[int]) -> str:
     """How messages name one slave or several: `slave 2 (EL1018)`, `slaves 0, 3-7`."""
     if len(positions) == 1:
         return bus.slaves[positions[0]].label
-    ranges = []
-    for _, run in groupby(enumerate(sorted(positions)), lambda pair: pair[1] - pair[0]):
-        numbers = [position for _, position in run]
-        ranges.append(f"{numbers[0]}-{numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}")
-    return f"slaves {', '.join(ranges)}"
+    return f"slaves {positions_text(positions)}"
 
 
 def describe_presence(bus: Bus, found: int, lost: Sequence[int], added: int = 0) -> str:
