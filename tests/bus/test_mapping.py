@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,14 @@ import pytest
 from test_simulator_topology import FIRST, run
 
 from ecatd.bus.master import Master
-from ecatd.bus.start.mapping import scan_slaves
+from ecatd.bus.start import mailboxes, mapping
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.errors import EcatError
 from ecatsim import Rig
 from ecatsim.control import Simulator
 from ecatsim.devices.library import library, make
+from ecatsim.faults.methods import FaultMethods
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 
@@ -70,26 +72,39 @@ def facts(pdos: Any) -> list[Any]:
     ]
 
 
+def lose_frames(faults: FaultMethods) -> None:
+    faults.drop(all_frames=True, count=0, probability=0.01)
+    faults.drop(all_frames=True, count=0, probability=0.02, seed=2, way_back=True)
+
+
+def send_emergencies(faults: FaultMethods) -> None:
+    for code in (0x1000, 0x8130):
+        faults.emergency(0, code, register=0x81)
+
+
+TROUBLE: dict[str, Callable[[FaultMethods], object]] = {
+    "loss": lose_frames,
+    "emergencies": send_emergencies,
+    "slow": lambda faults: faults.mailbox(1, "slow", delay_s=0.05),
+    "garbage": lambda faults: faults.mailbox(1, "garbage"),
+}
+
+
 def master_that_scans(*trouble: str) -> Any:
     """What the scan finds, and the emergencies that came."""
+
+    def converse(*arguments: Any) -> Any:
+        for name in trouble:
+            TROUBLE[name](simulator.faults)
+        return mailboxes.converse(*arguments)
+
+    mapping.converse = converse  # where the trouble begins
     master = Master([FIRST])
     try:
         with Simulator() as simulator:
-            if "loss" in trouble:
-                simulator.faults.drop(all_frames=True, count=0, probability=0.01)
-                simulator.faults.drop(
-                    all_frames=True, count=0, probability=0.02, seed=2, way_back=True
-                )
             master.scan()
-            master.reach(AlState.PREOP, 20)
-            if "slow" in trouble:
-                simulator.faults.mailbox(1, "slow", delay_s=0.05)
-            if "emergencies" in trouble:
-                for code in (0x1000, 0x8130):
-                    simulator.faults.emergency(0, code, register=0x81)
-            if "garbage" in trouble:
-                simulator.faults.mailbox(1, "garbage")
-            found = scan_slaves(master)
+            master.reach(AlState.PREOP, 5)
+            found = mapping.scan_slaves(master)
     except EcatError as error:
         return [type(error).__name__, str(error)]
     finally:

@@ -117,7 +117,7 @@ def test_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
 
 
 def test_slaves_that_do_not_answer_their_mailboxes(env: dict[str, str]) -> None:
-    text = refused(7, "--simulate", str(RIGS / "silent.py"), "--bus", "tsilent", env=env)
+    text = refused(7, "--simulate", str(RIGS / "silent.py"), "--bus", f"t{os.getpid()}", env=env)
     where = "slave {}, 0x1C12:00: the slave does not answer its mailbox"
     assert text == f"error: {where.format(2)}; {where.format(3)}"
 

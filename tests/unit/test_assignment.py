@@ -18,7 +18,7 @@ from ecatd.model.sii import Sii, read_sii
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 
-COMPLETE_ACCESS = 0x20
+INFORMATION, COMPLETE_ACCESS = 0x02, 0x20
 
 
 class Single(Device):
@@ -142,16 +142,21 @@ def test_names_come_from_the_dictionary_where_the_sii_has_none() -> None:
         assert coe.descriptions == NAMES
 
 
-def without_information(device: Device) -> Device:
-    server = device._services._coe._information
-    server.handle = lambda _request: []
-    return device
+def deny(image: Sii) -> None:
+    """The SII says that there is no SDO information."""
+    forget(image)
+    image.coe &= ~INFORMATION
 
 
-def test_a_slave_that_describes_nothing_is_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("change", "tries"), [(forget, 3), (deny, 1)])
+def test_a_slave_that_describes_nothing_is_not_asked_for_ever(
+    change: Callable[[Sii], None], tries: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.3)
-    ((slave, coe),) = read(without_information(Single()), change=forget)
-    assert coe.descriptions == 1
+    device = Single()
+    device._services._coe._information.handle = lambda _request: []
+    ((slave, coe),) = read(device, change=change)
+    assert coe.descriptions == tries
     assert [pdo.name for pdo in slave.outputs] == ["", ""]
     assert {(e.name, e.data_type) for pdo in slave.outputs for e in pdo.entries} == {("", 6)}
     assert [pdo.bit_length for pdo in slave.inputs] == [256, 256]

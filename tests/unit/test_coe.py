@@ -234,6 +234,26 @@ def test_a_request_for_repetition_that_gets_lost_is_made_again() -> None:
         assert len(slave.mails) == 2
 
 
+def test_a_second_copy_of_a_message_is_not_taken_for_the_next_one() -> None:
+    """The slave has taken and answered the first copy, but not yet read the second one."""
+    slave = Correspondent(lambda request: [expedited(request)])
+    slave.pause[1] = 0.1
+    with corresponding(slave) as (registers, wire):
+        lost: list[int] = []
+
+        def lose(number: int) -> bool:
+            is_write = wire.frames[number][20:22] == b"\x00\x10"
+            if is_write:
+                lost.append(number)
+            return is_write and len(lost) == 1
+
+        wire.lose = lose
+        (coe,), found = ask(registers, 1, (0x2000, 0), (0x2000, 1))
+    assert found == [[b"\x05"] * 2]
+    assert [(item[5] >> 4, item[11]) for item in slave.mails] == [(2, 0), (2, 0), (3, 1)]
+    assert coe.mailbox.skipped == 1, "the answer to the copy"
+
+
 def test_a_slave_that_cannot_repeat_is_asked_anew(short: None) -> None:
     slave = Correspondent(lambda request: [expedited(request)], repeats=False)
     with corresponding(slave) as (registers, wire):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
 import threading
@@ -53,8 +54,12 @@ def served(
     def serve() -> None:
         while True:
             frame = None
-            with suppress(TimeoutError):
+            try:
                 frame = theirs.recv(2048)
+            except TimeoutError:
+                pass
+            except ConnectionResetError:  # closed with an answer unread, which came too late
+                return
             if frame == b"":
                 return
             if frame is not None:
@@ -62,7 +67,8 @@ def served(
                 lost = wire.lose(len(wire.frames) - 1)
                 answer = b"" if lost and wire.unseen else segment.process(frame)
                 if not lost:
-                    theirs.send(answer)
+                    with suppress(BrokenPipeError):
+                        theirs.send(answer)
             react()
 
     thread = threading.Thread(target=serve)
@@ -132,12 +138,15 @@ class Correspondent:
         answers: Makes the answers to a mail.
         mails: All that came.
         repeats: Whether it knows the repeat request of a master that has lost a mail.
+        pause: Seconds after which it takes a mail, by the number of the mail.
     """
 
     def __init__(self, answers: Answers, *, repeats: bool = True) -> None:
         self.answers = answers
         self.mails: list[bytes] = []
         self.repeats = repeats
+        self.pause: dict[int, float] = {}
+        self._take_at = math.inf
         self._waiting: list[bytes] = []
         self._offered: list[bytes] = []
         self._unread = False
@@ -152,6 +161,9 @@ class Correspondent:
             segment.put_mail(position, self._offered[-1], again=True)
             self._unread = True
         if event & Event.MAILBOX_IN:
+            self._take_at = time.monotonic() + self.pause.get(len(self.mails), 0)
+        if time.monotonic() >= self._take_at:
+            self._take_at = math.inf
             self.mails.append(segment.take_mail(position))
             self._waiting += self.answers(self.mails[-1])
         if self._waiting and not self._unread and segment.put_mail(position, self._waiting[0]):
@@ -167,8 +179,9 @@ def corresponding(*slaves: Correspondent, size: int = 128) -> Iterator[tuple[Dat
         segment.add(Chip(), build(Description(1, 2, 3)))
 
     def react() -> None:
-        for position, event in segment.wait(0):
-            slaves[position].handle(segment, position, event)
+        events = dict(segment.wait(0))
+        for position, slave in enumerate(slaves):
+            slave.handle(segment, position, events.get(position, Event(0)))
 
     with served(segment, len(slaves), react) as (registers, wire):
         for position in range(len(slaves)):

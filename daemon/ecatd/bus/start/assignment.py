@@ -21,7 +21,7 @@ T = TypeVar("T")
 USAGE_OUTPUTS, USAGE_INPUTS = 3, 4
 """What a sync manager is for (category 41 of the SII)."""
 
-_COMPLETE_ACCESS = 0x20  # of the CoE details in the SII
+_INFORMATION, _COMPLETE_ACCESS = 0x02, 0x20  # of the CoE details in the SII
 _ASSIGNMENT = 0x1C10
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
@@ -40,7 +40,8 @@ class Assignment:
         self._sii = sii
         self._coe = coe
         self._at_once = bool(sii.coe & _COMPLETE_ACCESS)
-        self._describes = True  # the slave has the SDO information service
+        self._describes = True  # the slave has the SDO information service, as far as we know
+        self._tries = 3 if sii.coe & _INFORMATION else 1
 
     def read(self) -> Talk[None]:
         """Reads PDOs and names into the slave.
@@ -153,10 +154,10 @@ class Assignment:
     def _describe(self, index: int, subindex: int) -> Talk[tuple[str, int] | None]:
         item = None
         if subindex == 0:  # of a variable, the object says it all
-            item = yield from self._ask(self._coe.describe_object(index))
+            item = yield from self._ask(self._coe.describe_object(index, self._tries))
             if item is not None and item.max_subindex == 0:
                 return item.name, item.data_type
-        entry = yield from self._ask(self._coe.describe_entry(index, subindex))
+        entry = yield from self._ask(self._coe.describe_entry(index, subindex, self._tries))
         if entry is not None and entry.data_type:
             return entry.name, entry.data_type
         return (item.name, item.data_type) if item is not None else None
@@ -164,7 +165,7 @@ class Assignment:
     def _object_names(self, indices: Iterable[int]) -> Talk[dict[int, str]]:
         found = {}
         for index in dict.fromkeys(indices):
-            item = yield from self._ask(self._coe.describe_object(index))
+            item = yield from self._ask(self._coe.describe_object(index, self._tries))
             found[index] = item.name if item is not None else ""
         return found
 

@@ -113,9 +113,13 @@ class Coe:
             StateError: It answered something else.
         """
         where = f"slave {self._position}, 0x{index:04X}:{subindex:02X}"
+        return self._insist(where, tries, lambda: self._upload(index, subindex, complete))
+
+    def _insist(self, where: str, tries: int, talk: Callable[[], Talk[T]]) -> Talk[T]:
+        """Asks again if there is no answer, or one that makes no sense; what failed is named."""
         for left in reversed(range(tries)):
             try:
-                return (yield from self._upload(index, subindex, complete))
+                return (yield from talk())
             except SdoAbortError as abort:
                 raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
@@ -173,8 +177,12 @@ class Coe:
 
     # --- SDO information -----------------------------------------------------------------------
 
-    def describe_object(self, index: int) -> Talk[ObjectDescription]:
+    def describe_object(self, index: int, tries: int = _TRIES) -> Talk[ObjectDescription]:
         """Asks what an object is.
+
+        Args:
+            index: Its index.
+            tries: How many times it is asked for.
 
         Raises:
             SdoAbortError: There is none.
@@ -182,19 +190,31 @@ class Coe:
             StateError: It answered something else, such as that it has no such service.
         """
         wanted = struct.pack("<H", index)
-        body = yield from self._ask_information(_GET_OBJECT, wanted, wanted, 6)
-        data_type, max_subindex = struct.unpack_from("<HB", body, 2)
-        return ObjectDescription(_text(body[6:]), data_type, max_subindex)
 
-    def describe_entry(self, index: int, subindex: int) -> Talk[EntryDescription]:
-        """Asks what an entry of an object is; raises as `describe_object`."""
+        def describe() -> Talk[ObjectDescription]:
+            body = yield from self._ask_information(_GET_OBJECT, wanted, wanted, 6)
+            data_type, max_subindex = struct.unpack_from("<HB", body, 2)
+            return ObjectDescription(_text(body[6:]), data_type, max_subindex)
+
+        where = f"slave {self._position}, description of 0x{index:04X}"
+        return self._insist(where, tries, describe)
+
+    def describe_entry(
+        self, index: int, subindex: int, tries: int = _TRIES
+    ) -> Talk[EntryDescription]:
+        """Asks what an entry of an object is; as `describe_object`."""
         address = struct.pack("<HB", index, subindex)
         wanted = address + bytes([_ACCESS_CATEGORY_MAPPING])
-        body = yield from self._ask_information(_GET_ENTRY, wanted, address, 10)
-        given, data_type, bits = struct.unpack_from("<BHH", body, 3)
-        values = sum(bool(given & bit) for bit in _VALUES)
-        name_at = 10 + (4 if given & _UNIT else 0) + values * ((bits + 7) // 8)
-        return EntryDescription(_text(body[name_at:]), data_type)
+
+        def describe() -> Talk[EntryDescription]:
+            body = yield from self._ask_information(_GET_ENTRY, wanted, address, 10)
+            given, data_type, bits = struct.unpack_from("<BHH", body, 3)
+            values = sum(bool(given & bit) for bit in _VALUES)
+            name_at = 10 + (4 if given & _UNIT else 0) + values * ((bits + 7) // 8)
+            return EntryDescription(_text(body[name_at:]), data_type)
+
+        where = f"slave {self._position}, description of 0x{index:04X}:{subindex:02X}"
+        return self._insist(where, tries, describe)
 
     def _ask_information(self, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk[bytes]:
         """The answer, put together from its fragments."""

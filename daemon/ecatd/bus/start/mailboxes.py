@@ -94,7 +94,8 @@ class Mailbox:
         self._station = station
         self._out = self._in = _Area(0, 0)
         self._sent = 0
-        self._is_free = False  # the slave has taken the last message
+        self._is_free = False  # nothing of ours can lie in it
+        self._writes = 0  # of the last message
         self._last = b""
         self._deadline = 0.0
 
@@ -149,7 +150,8 @@ class Mailbox:
                 raise _refused(body)
             taken = take(body) if kind & 0x0F == protocol else None
             if taken is not None:
-                self._is_free = True  # since it answers
+                # Since it answers it has taken the message, but perhaps not the second copy of it.
+                self._is_free = self._writes == 1
                 return taken
             self.skipped += 1
             self._check_time("it sends other messages")
@@ -167,7 +169,9 @@ class Mailbox:
             self._is_free = not managers[_STATUS] & _FULL
             self._check_time("it does not take messages")
         self._is_free = False
+        self._writes = 0
         while True:
+            self._writes += 1
             answer = yield fpwr(self._station, self._out.start, mail)
             if answer.wkc == 1:
                 return
