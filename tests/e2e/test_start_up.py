@@ -223,6 +223,12 @@ def test_configuration_that_does_not_fit_the_bus(env: dict[str, str], tmp_path: 
     assert "outputs.safe: slave 2 (EL1018) has no outputs" in text
 
 
+def test_a_bus_of_one_slave(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:1")
+    assert "is in OP: 1 slave, 32 bytes of outputs, 32 of inputs, every 1000 µs" in daemon.log
+    assert daemon.stop() == 0
+
+
 def test_what_the_command_line_says_is_checked_as_the_file_is(env: dict[str, str]) -> None:
     text = refused(2, "--simulate", "troll", "--cycle-time-us", "5", env=env)
     assert text == "error: command line: cycle_time_us: is 5, but must be from 100 to 1000000"

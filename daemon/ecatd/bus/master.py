@@ -151,7 +151,10 @@ class Master:
             UnreachableError: No slave answers.
             StateError: There are too many.
         """
-        count = self._master.config_init()
+        for _ in range(_TRIES):  # a machine that is busy for a moment is no reason to give a bus up
+            count = self._master.config_init()
+            if count > 0 or count == _TOO_MANY:
+                break
         if count == _TOO_MANY:
             raise StateError(
                 f"there are more than {_SLAVES_MAX} slaves on '{self._interface}', the most that "

@@ -240,8 +240,10 @@ class BringUp:
         master.reach(AlState.OP, self._config.state_timeout_s)
 
     def _tell(self, image: Image) -> None:
+        count = len(self.bus.slaves)
         self._log.info(
-            f"bus '{self.bus.name}' is in OP: {len(self.bus.slaves)} slaves, {image.output_bytes} "
-            f"bytes of outputs, {sum(d.input_bytes for d in image.domains)} of inputs, every "
+            f"bus '{self.bus.name}' is in OP: {count} slave{'s' * (count != 1)}, "
+            f"{image.output_bytes} bytes of outputs, "
+            f"{sum(domain.input_bytes for domain in image.domains)} of inputs, every "
             f"{self._config.cycle_time_us} µs (after {time.monotonic() - self._begin:.1f} s)"
         )
