@@ -4,15 +4,17 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import cast, get_args, get_type_hints
+from typing import Any, cast, get_args, get_type_hints
 
 import pytest
 
 from conftest import Daemon, run_module
-from ecatd.model.config import Config, load_config
+from ecatd.model.config import Config, DomainConfig, load_config, read_config
+from ecatd.model.errors import ConfigError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -134,3 +136,40 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
     )
     result = run_module("ecatsim", "run", str(rig), "--", sys.executable, "-c", master)
     assert (result.returncode, result.stdout) == (0, "3 True fa00\n"), result.stderr
+
+
+DEPENDENT = ("domain.phase", "dc.phase_us", "dc.lock_us")
+"""Keys whose largest value follows from others, which the documentation says in words."""
+
+
+def one_key(key: str, value: str) -> dict[str, Any]:
+    """A configuration with nothing but this key."""
+    table, _, name = key.rpartition(".")
+    head = f"[[{table}]]" if table in ("domain", "dc.slave", "outputs.safe") else f"[{table}]"
+    return tomllib.loads(f"{head if table else ''}\n{name} = {value}")
+
+
+def test_defaults_and_ranges_are_documented() -> None:
+    """They are those of the program, as a number far too large makes it say."""
+    text = (ROOT / "docs/configuration.md").read_text()
+    rows = re.findall(r"^\| `([a-z0-9_.]+)` \|(.*?)\|(.*?)\|", text, re.MULTILINE)
+    assert len(rows) > 30
+    numbers = 0
+    for key, default, limits in rows:
+        with pytest.raises(ConfigError) as caught:
+            read_config(one_key(key, "10_000_000_000"))
+        if bounds := re.search(r"must be from (\S+) to (\S+)$", str(caught.value)):
+            numbers += 1
+            said = re.sub(r"(?<=\d) (?=\d)", "", limits)
+            words = said.split()
+            assert bounds[1] in words or key.endswith("sync0_us"), (key, limits)
+            assert bounds[2] in words or key in DEPENDENT, (key, limits)
+        if default.strip().startswith("`") and "." not in key:
+            (value,) = one_key(key, default.strip(" `")).values()
+            assert value == getattr(Config(), key), key
+        elif default.strip().startswith("`") and key.count(".") == 1:
+            table, name = key.split(".")
+            made = DomainConfig() if table == "domain" else getattr(Config(), table)
+            (written,) = one_key(key, default.strip(" `")).values()
+            assert (written[0] if table == "domain" else written)[name] == getattr(made, name), key
+    assert numbers > 15
