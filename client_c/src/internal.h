@@ -37,7 +37,7 @@ struct snapshot {
   int fresh;             /* when it was taken, the daemon delivered */
 };
 
-struct ecat {
+struct ecat_client {
   char name[32];
   char error[512];
 

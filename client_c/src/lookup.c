@@ -21,13 +21,17 @@ static int find_slave(ecat_t *bus, const char *part, size_t length) {
   for (i = 0; i < ecat_slave_count(bus); i++) {
     if (!is_text(part, length, bus->slaves[i].name)) continue;
     if (found >= 0)
-      return ecat_fail(bus, ECAT_EBUS, "slaves %d and %d of bus '%s' are both called '%.*s': name "
-                       "the position, as in '%d/...'", found, i, bus->name, (int)length, part, found);
+      return ecat_fail(bus, ECAT_EBUS, "slaves %d and %d of bus '%s' are both called '%.*s': give "
+                       "the position instead of the name", found, i, bus->name, (int)length, part);
     found = i;
   }
   if (found >= 0) return found;
   return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave '%.*s'; 'ecatctl slaves' lists them",
                    bus->name, (int)length, part);
+}
+
+int ecat_find_name(ecat_t *bus, const char *name) {
+  return find_slave(bus, name != NULL ? name : "", name != NULL ? strlen(name) : 0);
 }
 
 /* An address as 0x6060 or 0x6060:00. */

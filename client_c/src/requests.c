@@ -68,28 +68,41 @@ int ecat_state_start(ecat_t *bus, int position, unsigned state) {
   return ring(bus, request, cell);
 }
 
+static int check_request(ecat_t *bus, int cell) {
+  if (cell >= 0 && cell < ECAT_REQUESTS && (bus->request[cell] != 0 || bus->ended[cell])) return 0;
+  return ecat_fail(bus, ECAT_EARG, "%d is no running request", cell);
+}
+
+static const ecat_shm_reply *reply_to(const ecat_t *bus, int cell) {
+  return &bus->replies[bus->slot * ECAT_REQUESTS + cell];
+}
+
+static int is_answered(const ecat_t *bus, int cell) {
+  const ecat_shm_reply *reply = reply_to(bus, cell);
+  return __atomic_load_n(&reply->seq, __ATOMIC_ACQUIRE) == bus->request[cell] &&
+         __atomic_load_n(&reply->generation, __ATOMIC_RELAXED) == bus->generation;
+}
+
 int ecat_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
-                  uint32_t *abort_code) {
+              uint32_t *abort_code) {
   const ecat_shm_reply *reply;
   char copy[ECAT_REQUEST_BYTES];
   uint32_t reason;
   size_t bytes;
   int code, status;
-  if (cell >= 0 && cell < ECAT_REQUESTS && bus->ended[cell]) {
+  if ((code = check_request(bus, cell)) != 0) return code;
+  if (bus->ended[cell]) {
     bus->ended[cell] = 0;
     return ecat_fail(bus, ECAT_EDOWN, "the request has ended with the daemon of bus '%s'; whether it "
                      "was carried out is not known", bus->name);
   }
-  if (cell < 0 || cell >= ECAT_REQUESTS || bus->request[cell] == 0)
-    return ecat_fail(bus, ECAT_EARG, "%d is no running request", cell);
-  reply = &bus->replies[bus->slot * ECAT_REQUESTS + cell];
-  if (__atomic_load_n(&reply->seq, __ATOMIC_ACQUIRE) != bus->request[cell] ||
-      __atomic_load_n(&reply->generation, __ATOMIC_RELAXED) != bus->generation) {
+  if (!is_answered(bus, cell)) {
     code = ecat_segment_age(bus);
     if (code == 0) return ECAT_EBUSY;
     bus->request[cell] = bus->ended[cell] = 0;
     return code;
   }
+  reply = reply_to(bus, cell);
   bytes = reply->length <= ECAT_REQUEST_BYTES ? reply->length : ECAT_REQUEST_BYTES;
   status = reply->status;
   reason = reply->abort_code;
@@ -103,5 +116,32 @@ int ecat_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
   if (status != 0) return ecat_fail(bus, status, "%.*s", (int)bytes, copy);
   if (length != NULL) *length = bytes;
   if (data != NULL) memcpy(data, copy, bytes < size ? bytes : size);
+  return 0;
+}
+
+int ecat_wait_request(ecat_t *bus, int cell, double timeout) {
+  uint64_t start = ecat_now(), limit = ecat_ns(timeout);
+  int code = check_request(bus, cell);
+  while (code == 0 && !bus->ended[cell] && !is_answered(bus, cell)) {
+    uint64_t passed = ecat_now() - start;
+    if (passed >= limit)
+      return ecat_fail(bus, ECAT_ETIMEOUT, "bus '%s': the request was not answered within %g s",
+                       bus->name, timeout);
+    code = ecat_wait_until(bus, &bus->header->cycle, ecat_cycle(bus) + 1, ECAT_WAKE_CYCLE,
+                           (double)(limit - passed) * 1e-9);
+    if (code == ECAT_ETIMEOUT || bus->ended[cell]) code = 0; /* the latter is for ecat_poll() to say */
+  }
+  return code;
+}
+
+int ecat_cancel(ecat_t *bus, int cell) {
+  ecat_out_request *request;
+  int code = check_request(bus, cell);
+  if (code != 0) return code;
+  if (!bus->ended[cell]) {
+    request = (ecat_out_request *)(void *)(bus->out + 1) + cell;
+    __atomic_store_n(&request->seq, 0, __ATOMIC_RELEASE); /* the daemon may not have seen it yet */
+  }
+  bus->request[cell] = bus->ended[cell] = 0;
   return 0;
 }

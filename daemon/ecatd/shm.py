@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from . import native
+from .model.al import AlState
 
 LIBRARY = native.load("ecatd", "ecat")
 LIBRARY.ecat_layout.restype = ctypes.c_char_p
@@ -233,7 +234,7 @@ class Validity(_Open):
     NOT_OPERATIONAL = 4
 
 
-ENUMS: dict[str, type[_Open]] = {
+ENUMS: dict[str, type[IntEnum]] = {
     "ecat_bus_state": BusState,
     "ecat_wkc_state": WkcState,
     "ecat_ring": Ring,
@@ -246,6 +247,7 @@ ENUMS: dict[str, type[_Open]] = {
     "ecat_request_op": Request,
     "ecat_errno": Errno,
     "ecat_direction": Direction,
+    "ecat_al_state": AlState,
     "ecat_validity": Validity,
 }
 """The enumerations by their name in C."""

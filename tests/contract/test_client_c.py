@@ -1,5 +1,6 @@
 """What a C or C++ user does with the client: compile, link statically, run."""
 
+import shutil
 import subprocess
 from importlib import import_module
 from pathlib import Path
@@ -64,6 +65,37 @@ def program(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         check=True,
     )
     return tmp_path / "use"
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize(
+    ("header", "language", "standards"),
+    [
+        ("ecat.h", "c", "c89 c99 c11 c17"),
+        ("ecat_shm.h", "c", "c89 c99 c11 c17"),
+        ("ecat.h", "c++", "c++11 c++14 c++17 c++20"),
+        ("ecat_shm.h", "c++", "c++11 c++14 c++17 c++20"),
+        ("ecat.hpp", "c++", "c++17 c++20"),
+    ],
+)
+def test_public_headers_are_clean(
+    compiler: str, header: str, language: str, standards: str, tmp_path: Path
+) -> None:
+    """No warning in any standard, alone and included twice."""
+    command = compiler if language == "c" else compiler.replace("gcc", "g") + "++"
+    if shutil.which(command) is None:
+        pytest.skip(f"{command} is not installed")
+    source = tmp_path / "use"
+    source.write_text(2 * f"#include <ecat/{header}>\n" + "int main(void) { return 0; }\n")
+    for standard in standards.split():
+        subprocess.run(
+            [
+                *(command, f"-std={standard}", "-x", language, "-pedantic-errors"),
+                *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"),
+                *("-Wundef", "-fsyntax-only", f"-I{ROOT / 'client_c' / 'include'}", source),
+            ],
+            check=True,
+        )
 
 
 @pytest.mark.bus

@@ -1,14 +1,9 @@
 /* ecat: the client of the ecatd daemon. Reads and writes the process image of an EtherCAT bus in
- * shared memory; no call on the path sample - read - write - commit enters the kernel (but for a
- * sched_yield when a sample finds the daemon interrupted in the middle of writing).
- *
- * Build with: eval gcc program.c "$(ecatctl client-flags)"
- *
- * Order of calls:
+ * shared memory. docs/process-image.md explains it, ecat.hpp is the same for C++.
  *
  *     ecat_t *bus = NULL;
  *     int velocity, target;
- *     if (ecat_open(&bus, "ecat0") != 0) { puts(ecat_error(bus)); return 1; }
+ *     if (ecat_open(&bus, "ecat0") != 0) { puts(ecat_error(bus)); ecat_close(bus); return 1; }
  *     velocity = ecat_bind(bus, 0, 0x606C, 0, ECAT_INPUT);
  *     target = ecat_bind(bus, 0, 0x60FF, 0, ECAT_OUTPUT);
  *     ecat_claim(bus, 0, 0.1);
@@ -21,9 +16,17 @@
  *     }
  *     ecat_close(bus);
  *
+ * Build with: eval gcc program.c "$(ecatctl client-flags)", with pkg-config or with CMake.
+ *
  * Functions return 0 or a handle (>= 0), or a negative ECAT_E... code; ecat_error() then has the
  * sentence. Times are in seconds as double, time stamps in nanoseconds of CLOCK_MONOTONIC. One
- * ecat_t belongs to one thread at a time; open as many as you like.
+ * ecat_t belongs to one thread at a time; open one in each.
+ *
+ * Slaves, entries ("signals") and domains are numbered from 0 on without gaps: a slave by its position
+ * on the wire, an entry by its handle. So all of them can be asked for in a loop.
+ *
+ * The path sample - read - write - commit does not enter the kernel (but for a sched_yield when a
+ * sample finds the daemon interrupted in the middle of writing), and allocates nothing.
  *
  * When the daemon ends, sampling and waiting return ECAT_EDOWN within 100 ms, and claims and running
  * requests are gone. The handle stays: later calls of ecat_sample(), ecat_wait() and ecat_claim() look
@@ -39,6 +42,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* The enumerations that the daemon publishes, and ECAT_REQUEST_BYTES. */
+#include "ecat_shm.h"
+
 #if defined(__GNUC__)
 #define ECAT_API __attribute__((visibility("default")))
 #else
@@ -49,10 +55,10 @@
 extern "C" {
 #endif
 
-typedef struct ecat ecat_t;
+typedef struct ecat_client ecat_t;
 
-/* enum ecat_errno, enum ecat_direction (ECAT_INPUT, ECAT_OUTPUT, ECAT_ANY) and enum ecat_validity,
- * with what each value means. */
+/* enum ecat_errno, ecat_direction (ECAT_INPUT, ECAT_OUTPUT, ECAT_ANY), ecat_validity and
+ * ecat_al_state, with what each value means. */
 #define ENUM(name, comment) enum name {
 #define FIRST(name, value, comment) name = value
 #define VALUE(name, value, comment) , name = value
@@ -65,11 +71,11 @@ typedef struct ecat_slave_info {
   uint32_t revision;    /* revision number */
   uint32_t serial;      /* serial number */
   const char *name;     /* from SII; the pointer is valid until ecat_close */
-  unsigned al_state;    /* AL status register, 0: does not answer */
+  unsigned al_state;    /* AL status register: enum ecat_al_state, + 0x10 with an error */
   unsigned al_code;     /* AL status code */
   int domain;           /* 0 first */
   int has_outputs;      /* 1: the slave has outputs to claim */
-  int outputs;          /* enum ecat_outputs of ecat_shm.h */
+  int outputs;          /* enum ecat_outputs */
   int owned;            /* 1: by this client */
 } ecat_slave_info;
 
@@ -95,7 +101,7 @@ typedef struct ecat_signal_info {
 typedef struct ecat_output_info {
   int owner;            /* client slot, -1: nobody */
   int owned;            /* 1: by this client */
-  int state;            /* enum ecat_outputs of ecat_shm.h */
+  int state;            /* enum ecat_outputs */
   int reason;           /* enum ecat_reason: why it is, or was last, at its safe value */
   uint64_t since_cycle; /* of the last change of owner or state */
   double age;           /* seconds since then */
@@ -111,8 +117,10 @@ typedef struct ecat_domain_info {
   double age;            /* seconds since then */
   unsigned wkc;          /* working counter */
   unsigned wkc_expected;
-  int wkc_state;         /* enum ecat_wkc_state of ecat_shm.h */
+  int wkc_state;         /* enum ecat_wkc_state */
 } ecat_domain_info;
+
+/* --- Connecting ----------------------------------------------------------------------------- */
 
 /* Connects to the bus `name` (NULL: "ecat0"). On failure *bus is still set, so that ecat_error()
  * can be asked, and must be closed; it is NULL only when memory is exhausted. */
@@ -125,30 +133,39 @@ ECAT_API const char *ecat_error(const ecat_t *bus);
 /* The general meaning of a code. Never NULL. */
 ECAT_API const char *ecat_strerror(int code);
 
+/* --- What is on the bus ---------------------------------------------------------------------- */
+
 ECAT_API int ecat_slave_count(const ecat_t *bus);
 ECAT_API int ecat_signal_count(const ecat_t *bus);
 ECAT_API int ecat_domain_count(const ecat_t *bus);
 ECAT_API const char *ecat_name(const ecat_t *bus);
+/* Of identities and mappings of all slaves: differs when the bus is another one. */
 ECAT_API uint64_t ecat_fingerprint(const ecat_t *bus);
 /* Differs after every start of the daemon. */
 ECAT_API uint64_t ecat_instance(const ecat_t *bus);
 /* Base cycle in seconds. */
 ECAT_API double ecat_cycle_time(const ecat_t *bus);
+/* One slave: who it is, and how it is now. */
 ECAT_API int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info);
+/* One entry: where it is, and what its value means. */
 ECAT_API int ecat_signal(ecat_t *bus, int signal, ecat_signal_info *info);
 
 /* The position of the `nth` slave (0 first) with this identity, or ECAT_EBUS. */
 ECAT_API int ecat_find(ecat_t *bus, uint32_t vendor, uint32_t product, unsigned nth);
+/* The position of the only slave with this name. A position as text is taken, too. */
+ECAT_API int ecat_find_name(ecat_t *bus, const char *name);
 /* Checks that the slave at `position` is the expected one. `revision` 0 accepts any. Returns the
  * position or ECAT_EBUS; the error text names expected and found. */
 ECAT_API int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product,
                          uint32_t revision);
-/* The handle of a PDO entry. */
+/* The handle of a PDO entry; `direction`: enum ecat_direction. */
 ECAT_API int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subindex,
                        int direction);
 /* The handle of an entry by name: "slave/entry". The slave is its position, or its name where only
  * one has it; the entry is its name, "PDO/entry" where several have it, or 0x6041:00. */
 ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
+
+/* --- Owning outputs -------------------------------------------------------------------------- */
 
 /* Makes this client the owner of all outputs of a slave, or of none if another client has one of
  * them. `lease` is the time without ecat_sample() or ecat_commit() after which they fall to their
@@ -163,6 +180,8 @@ ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
 ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
 /* Who decides an output now, and since when. */
 ECAT_API int ecat_output(ecat_t *bus, int signal, ecat_output_info *info);
+
+/* --- Reading --------------------------------------------------------------------------------- */
 
 /* Takes one consistent image of every domain; all reads until the next call see it. Returns
  * ECAT_ESTALE or ECAT_EDOWN (the values stay readable) when the daemon no longer delivers. */
@@ -182,14 +201,19 @@ ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
 /* Raw value * scale + offset. */
 ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 
+/* --- Writing --------------------------------------------------------------------------------- */
+
 /* Stages a raw value of an output; it is checked against the type and the declared range of the
  * entry, and fractions of integers are refused. Nothing leaves the process before ecat_commit(). */
 ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
 ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
+/* Stages (value - offset) / scale, rounded for integers. */
 ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
 /* Publishes all staged outputs at once; they go out with the next cycle. ECAT_ELEASE, until something
  * is claimed again, when they are no longer owned: the lease is over, or the daemon has ended. */
 ECAT_API int ecat_commit(ecat_t *bus);
+
+/* --- Waiting --------------------------------------------------------------------------------- */
 
 /* Waits until `cycles` more cycles than at the last sample or wait have ended. 0 checks only. Returns
  * ECAT_EDOWN at once when the daemon ends; the calls after that wait for its return. */
@@ -199,18 +223,25 @@ ECAT_API int ecat_wait_domain(ecat_t *bus, int domain, unsigned exchanges, doubl
 /* Number of the last finished cycle. */
 ECAT_API uint64_t ecat_cycle(const ecat_t *bus);
 
-/* Starts an SDO upload (data NULL) or download, and returns the handle of the request. */
+/* --- Requests: nothing here but ecat_wait_request() waits ----------------------------------------- */
+
+/* Starts an SDO upload (data NULL) or download of up to ECAT_REQUEST_BYTES, and returns the handle of
+ * the request. ECAT_REQUESTS may run at the same time. */
 ECAT_API int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex,
                             const void *data, size_t length);
-/* Asks for an AL state of a slave (1 INIT, 2 PREOP, 4 SAFEOP, 8 OP), and returns the handle of the
- * request. */
+/* Asks for an AL state of a slave (enum ecat_al_state), and returns the handle of the request. */
 ECAT_API int ecat_state_start(ecat_t *bus, int position, unsigned state);
 /* ECAT_EBUSY while the request runs; else it is finished, its handle is free again, and
  * `data` (up to `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT,
  * `*abort_code` tells why. All three pointers may be NULL. Requests of a client that ends are
  * dropped, unless they have begun; those of a daemon that ends, are ECAT_EDOWN. */
 ECAT_API int ecat_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
-                           uint32_t *abort_code);
+                       uint32_t *abort_code);
+/* Waits until ecat_poll() has an answer, or returns ECAT_ETIMEOUT. Takes no samples meanwhile: the
+ * lease of a claim goes on running. */
+ECAT_API int ecat_wait_request(ecat_t *bus, int request, double timeout);
+/* Gives the handle back without an answer. The slave may have been asked already. */
+ECAT_API int ecat_cancel(ecat_t *bus, int request);
 
 #ifdef __cplusplus
 }
