@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BUS ?= ecat0
 OUT ?= bench
+SEED ?= 1
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator client_c -type f \
@@ -9,13 +10,14 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo test bench bench-full check clean
+.PHONY: help demo test death bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
 	@echo "make test    run all tests"
+	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
 	@echo "             bench-full: everything, for an hour"
 	@echo "make check   lint, types, formatting"
@@ -63,6 +65,12 @@ test: $(VENV)/.test
 	  echo "The same as an ordinary user:"; \
 	  unshare --user --map-user=1000 --map-group=1000 \
 	    $(BIN)/python -m pytest $(PARALLEL) -p no:cacheprovider -m unprivileged; fi
+
+# What the tests name in their first lines; each of these is a part of make test in small.
+death: $(VENV)/.test
+	ECAT_DEATHS=1000 ECAT_RESTARTS=200 ECAT_PAGES=1000000 ECAT_SEED=$(SEED) \
+	  $(BIN)/python -m pytest -s tests/bus/test_client_death.py tests/bus/test_daemon_death.py \
+	  $(wildcard tests/bus/test_hostile*.py)
 
 # On an idle machine; as root with real-time priority, as everyone else without.
 bench bench-full: $(VENV)/.bench

@@ -7,6 +7,7 @@ import subprocess
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -390,8 +391,11 @@ def test_outputs_that_another_program_owns(
     build: Callable[..., Path], live: Path, troll: Daemon
 ) -> None:
     program = build(START + END, live)
-    with troll.client() as owner:
-        owner.claim(3)
-        line = sentence(run(program, troll.bus))
+    with troll.client() as owner, ThreadPoolExecutor() as pool:
+        owner.claim(3, lease=0.5)
+        ends = pool.submit(run, program, troll.bus)
+        while not ends.done():
+            owner.sample()
+        line = sentence(ends.result())
     assert "of slave 3 (EL2008)" in line
     assert "belongs to" in line

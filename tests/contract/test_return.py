@@ -139,13 +139,10 @@ def test_waiting_waits_for_the_daemon(bus: Bus, handle: Handle) -> None:
 def test_the_daemon_is_not_looked_for_all_the_time(bus: Bus, handle: Handle) -> None:
     assert handle.sample() == EDOWN
     begin = time.monotonic()
-    reads = 0
     segment = None
     # The daemon is served at once after a look in vain; it is not seen before the next look.
     while handle.sample() != 0:
         segment = segment or serve(bus)
-        reads += 1
-    assert reads > 100
     assert time.monotonic() - begin >= 0.02
     assert segment is not None
     segment.close()
