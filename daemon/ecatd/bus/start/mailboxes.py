@@ -94,8 +94,7 @@ class Mailbox:
         self._station = station
         self._out = self._in = _Area(0, 0)
         self._sent = 0
-        self._is_free = False  # nothing of ours can lie in it
-        self._writes = 0  # of the last message
+        self._is_free = False  # nothing lies in the half that we write
         self._last = b""
         self._deadline = 0.0
 
@@ -150,8 +149,6 @@ class Mailbox:
                 raise _refused(body)
             taken = take(body) if kind & 0x0F == protocol else None
             if taken is not None:
-                # Since it answers it has taken the message, but perhaps not the second copy of it.
-                self._is_free = self._writes == 1
                 return taken
             self.skipped += 1
             self._check_time("it sends other messages")
@@ -169,9 +166,7 @@ class Mailbox:
             self._is_free = not managers[_STATUS] & _FULL
             self._check_time("it does not take messages")
         self._is_free = False
-        self._writes = 0
         while True:
-            self._writes += 1
             answer = yield fpwr(self._station, self._out.start, mail)
             if answer.wkc == 1:
                 return
@@ -185,7 +180,9 @@ class Mailbox:
     def _read(self) -> Talk[bytes]:
         asked_again = False
         while True:
-            yield from self._look(lambda managers: managers[_SM1 + _STATUS] & _FULL)
+            managers = yield from self._look(lambda item: item[_SM1 + _STATUS] & _FULL)
+            # A slave may answer while a second copy of the message still lies there.
+            self._is_free = not managers[_STATUS] & _FULL
             answer = yield fprd(self._station, self._in.start, self._in.size)
             if answer.wkc != 1:
                 yield from self._ask_again()
