@@ -53,6 +53,7 @@ void ecat_close(ecat_t *bus) {
   if (bus == NULL) return;
   ecat_slot_free(bus);
   ecat_segment_close(bus);
+  ecat_images_free(bus);
   free(bus);
 }
 

@@ -58,6 +58,12 @@ int ecat_domain(ecat_t *bus, int number, ecat_domain_info *info) {
   return 0;
 }
 
+const void *ecat_image(ecat_t *bus, int number, size_t *size) {
+  if (ecat_check_domain(bus, number) != 0) return NULL;
+  *size = bus->domains[number].image_bytes;
+  return bus->snapshot[number].image;
+}
+
 int ecat_validity(ecat_t *bus, int number) {
   const struct snapshot *snapshot;
   const struct signal *signal;
@@ -153,28 +159,28 @@ static int check_timeout(ecat_t *bus, double timeout) {
 }
 
 int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
-  uint64_t from;
   int code = check_timeout(bus, timeout);
   if (code != 0 || (code = wait_return(bus, timeout)) != 0) return code;
-  /* Before the first sample, from now on. */
-  from = bus->waited_cycle != 0 ? bus->waited_cycle : ecat_cycle(bus);
-  code = ecat_wait_until(bus, &bus->header->cycle, from + cycles, ECAT_WAKE_CYCLE, timeout);
+  /* Before the first sample, from the first call on. */
+  if (bus->waited_cycle == 0) bus->waited_cycle = ecat_cycle(bus);
+  code = ecat_wait_until(bus, &bus->header->cycle, bus->waited_cycle + cycles, ECAT_WAKE_CYCLE,
+                         timeout);
   if (code == 0) bus->waited_cycle = ecat_cycle(bus);
   return code;
 }
 
 int ecat_wait_domain(ecat_t *bus, int number, unsigned exchanges, double timeout) {
   struct snapshot *snapshot;
-  uint64_t from;
   int code = ecat_check_domain(bus, number);
   if (code != 0 || (code = check_timeout(bus, timeout)) != 0) return code;
   if ((code = wait_return(bus, timeout)) != 0) return code;
   snapshot = &bus->snapshot[number];
-  from = snapshot->waited_cycle;
-  if (from == 0) from = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);
-  code = ecat_wait_until(bus, &snapshot->page->cycle,
-                         from + (uint64_t)exchanges * bus->domains[number].divider, 1u << number,
-                         timeout);
+  if (snapshot->waited_cycle == 0)
+    snapshot->waited_cycle = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);
+  code = ecat_wait_until(
+      bus, &snapshot->page->cycle,
+      snapshot->waited_cycle + (uint64_t)exchanges * bus->domains[number].divider, 1u << number,
+      timeout);
   if (code == 0) snapshot->waited_cycle = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);
   return code;
 }

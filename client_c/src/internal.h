@@ -29,7 +29,7 @@ struct signal {
 /* The last sample of one domain. */
 struct snapshot {
   const ecat_shm_page *page; /* in the mapping */
-  uint64_t *image;           /* copy; padded, so that any entry may be read as a 64-bit word */
+  uint64_t *image;           /* copy; two words longer, so that any entry may be read as a word */
   size_t words;
   uint64_t cycle, time_ns;
   uint32_t wkc, wkc_state;
@@ -62,6 +62,7 @@ struct ecat_client {
   ecat_shm_domain *domains;
   struct signal *signal;
   struct snapshot *snapshot;
+  uint64_t *retired;     /* images of domains that have another size now, for who has their address */
   uint64_t waited_cycle; /* last cycle seen by ecat_wait or ecat_sample */
   uint64_t sample_cycle;
 
@@ -81,6 +82,8 @@ struct ecat_client {
   uint32_t first, bytes; /* part of the output image with all claims; multiples of 8 */
   uint32_t request_seq;
   uint32_t request[ECAT_REQUESTS]; /* seq of the running requests, 0: free */
+  int handle[ECAT_REQUESTS];       /* of the last request of each cell; never used twice */
+  unsigned handles;
   uint8_t ended[ECAT_REQUESTS]; /* 1: ended with the daemon, which its owner has not asked for yet */
   int lost;              /* claims have ended with the daemon, and were not made again */
 };
@@ -94,6 +97,7 @@ uint64_t ecat_ns(double seconds);
 /* segment.c */
 int ecat_segment_open(ecat_t *bus);
 void ecat_segment_close(ecat_t *bus);
+void ecat_images_free(ecat_t *bus); /* those that nobody may use after ecat_close() */
 /* Is the daemon still delivering, `age_ns` after its last cycle? When it is not there any more,
  * that is the end of the slot. */
 int ecat_segment_check(ecat_t *bus, uint64_t age_ns);
@@ -115,9 +119,9 @@ int ecat_check_domain(ecat_t *bus, int number);
 /* slot.c */
 int ecat_slot_take(ecat_t *bus);
 void ecat_slot_free(ecat_t *bus);
-void ecat_slot_forget(ecat_t *bus); /* the daemon that it belongs to is gone */
+void ecat_slot_forget(ecat_t *bus); /* the end of all claims and requests */
 void ecat_slot_begin(ecat_t *bus); /* a new life in it: the engine forgets the old one */
 int ecat_slot_lapsed(const ecat_t *bus);
-const ecat_out_slot *ecat_slot_of(const ecat_t *bus, int slot); /* of any client */
+const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot); /* of any client */
 
 #endif

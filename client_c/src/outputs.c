@@ -173,6 +173,13 @@ int ecat_release_entry(ecat_t *bus, int number) {
   return code != 0 ? code : release(bus, range);
 }
 
+void ecat_release_all(ecat_t *bus) {
+  if (bus->map == NULL) return;
+  ecat_slot_forget(bus);
+  bus->lost = 0;
+  memset(bus->ended, 0, sizeof bus->ended);
+}
+
 int ecat_output(ecat_t *bus, int number, ecat_output_info *info) {
   const ecat_shm_output *output;
   const ecat_out_slot *slot;
@@ -189,7 +196,7 @@ int ecat_output(ecat_t *bus, int number, ecat_output_info *info) {
   since = __atomic_load_n(&output->since_ns, __ATOMIC_RELAXED);
   info->age = now > since ? (double)(now - since) * 1e-9 : 0;
   slot = ecat_slot_of(bus, info->owner);
-  if (slot == NULL) return 0; /* nobody, or this client has not taken a slot, and may not know */
+  if (slot == NULL) return 0; /* nobody, or this user may not know */
   info->pid = slot->pid;
   memcpy(info->program, slot->program, sizeof info->program - 1);
   return 0;
@@ -197,12 +204,23 @@ int ecat_output(ecat_t *bus, int number, ecat_output_info *info) {
 
 /* --- values --------------------------------------------------------------------------------- */
 
+static int daemon_gone(ecat_t *bus) {
+  return ecat_fail(bus, ECAT_ELEASE,
+                   "bus '%s': the daemon has ended, and with it the claims of this client; claim the "
+                   "outputs again when it is back",
+                   bus->name);
+}
+
 /* The entry if this client may write it, else NULL and a code. */
 static const struct signal *writable(ecat_t *bus, int number, int *code) {
   const struct signal *signal;
   if ((*code = check_output(bus, number)) != 0) return NULL;
   signal = &bus->signal[number];
   if (set_has(bus->claims, (uint32_t)number)) return signal;
+  if (bus->lost) {
+    *code = daemon_gone(bus);
+    return NULL;
+  }
   *code = ecat_fail(bus, ECAT_ECLAIM, "0x%04X:%02X of slave %d (%s) must be claimed before it is "
                     "written", bus->signals[number].index, bus->signals[number].subindex,
                     signal->slave, bus->slaves[signal->slave].name);
@@ -307,13 +325,6 @@ static int lapsed(ecat_t *bus) {
   return ecat_fail(bus, ECAT_ELEASE,
                    "bus '%s': this client did not sample in time and lost its outputs, which are at "
                    "their safe values now; claim them again with a longer lease",
-                   bus->name);
-}
-
-static int daemon_gone(ecat_t *bus) {
-  return ecat_fail(bus, ECAT_ELEASE,
-                   "bus '%s': the daemon has ended, and with it the claims of this client; claim the "
-                   "outputs again when it is back",
                    bus->name);
 }
 

@@ -28,10 +28,11 @@ static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell)
 
 static int ring(ecat_t *bus, ecat_out_request *request, int cell) {
   bus->ended[cell] = 0;
+  bus->handle[cell] = (int)(++bus->handles & 0xFFFFFF) * ECAT_REQUESTS + cell;
   bus->request[cell] = ++bus->request_seq;
   __atomic_store_n(&request->seq, bus->request_seq, __ATOMIC_RELEASE);
   __atomic_store_n(&bus->doorbell->request_seq, bus->request_seq, __ATOMIC_RELEASE);
-  return cell;
+  return bus->handle[cell];
 }
 
 int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex, const void *data,
@@ -68,9 +69,13 @@ int ecat_state_start(ecat_t *bus, int position, unsigned state) {
   return ring(bus, request, cell);
 }
 
-static int check_request(ecat_t *bus, int cell) {
-  if (cell >= 0 && cell < ECAT_REQUESTS && (bus->request[cell] != 0 || bus->ended[cell])) return 0;
-  return ecat_fail(bus, ECAT_EARG, "%d is no running request", cell);
+/* The cell of a request, or a code. */
+static int cell_of(ecat_t *bus, int handle) {
+  int cell = handle % ECAT_REQUESTS;
+  if (handle >= 0 && bus->handle[cell] == handle && (bus->request[cell] != 0 || bus->ended[cell]))
+    return cell;
+  return ecat_fail(bus, ECAT_EARG, "%d is no running request: it was asked for to its end, or has "
+                   "ended with the claims of this client", handle);
 }
 
 static const ecat_shm_reply *reply_to(const ecat_t *bus, int cell) {
@@ -83,14 +88,14 @@ static int is_answered(const ecat_t *bus, int cell) {
          __atomic_load_n(&reply->generation, __ATOMIC_RELAXED) == bus->generation;
 }
 
-int ecat_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
+int ecat_poll(ecat_t *bus, int handle, void *data, size_t size, size_t *length,
               uint32_t *abort_code) {
   const ecat_shm_reply *reply;
   char copy[ECAT_REQUEST_BYTES];
   uint32_t reason;
   size_t bytes;
-  int code, status;
-  if ((code = check_request(bus, cell)) != 0) return code;
+  int code, status, cell = cell_of(bus, handle);
+  if (cell < 0) return cell;
   if (bus->ended[cell]) {
     bus->ended[cell] = 0;
     return ecat_fail(bus, ECAT_EDOWN, "the request has ended with the daemon of bus '%s'; whether it "
@@ -119,9 +124,10 @@ int ecat_poll(ecat_t *bus, int cell, void *data, size_t size, size_t *length,
   return 0;
 }
 
-int ecat_wait_request(ecat_t *bus, int cell, double timeout) {
+int ecat_wait_request(ecat_t *bus, int handle, double timeout) {
   uint64_t start = ecat_now(), limit = ecat_ns(timeout);
-  int code = check_request(bus, cell);
+  int code = 0, cell = cell_of(bus, handle);
+  if (cell < 0) return cell;
   while (code == 0 && !bus->ended[cell] && !is_answered(bus, cell)) {
     uint64_t passed = ecat_now() - start;
     if (passed >= limit)
@@ -134,10 +140,10 @@ int ecat_wait_request(ecat_t *bus, int cell, double timeout) {
   return code;
 }
 
-int ecat_cancel(ecat_t *bus, int cell) {
+int ecat_cancel(ecat_t *bus, int handle) {
   ecat_out_request *request;
-  int code = check_request(bus, cell);
-  if (code != 0) return code;
+  int cell = cell_of(bus, handle);
+  if (cell < 0) return cell;
   if (!bus->ended[cell]) {
     request = (ecat_out_request *)(void *)(bus->out + 1) + cell;
     __atomic_store_n(&request->seq, 0, __ATOMIC_RELEASE); /* the daemon may not have seen it yet */

@@ -103,6 +103,16 @@ static int copy_tables(ecat_t *bus) {
   return 0;
 }
 
+/* An image, with a word before it that leads to the next one where it is retired. */
+static uint64_t *make_image(size_t words) {
+  uint64_t *block = calloc(words + 3, 8);
+  return block != NULL ? block + 1 : NULL;
+}
+
+static void free_image(uint64_t *image) {
+  if (image != NULL) free(image - 1);
+}
+
 static int check_tables(ecat_t *bus) {
   const ecat_shm_header *h = bus->header;
   unsigned i;
@@ -141,7 +151,7 @@ static int check_tables(ecat_t *bus) {
     if ((code = check_domain(bus, i)) != 0) return code;
     snapshot->page = (const void *)(bus->map + bus->domains[i].page_offset);
     snapshot->words = (bus->domains[i].image_bytes + 7) / 8;
-    snapshot->image = calloc(snapshot->words + 2, 8);
+    snapshot->image = make_image(snapshot->words);
     if (snapshot->image == NULL) return ecat_fail(bus, ECAT_ESYS, "out of memory");
   }
   for (i = 0; i < h->slave_count; i++)
@@ -194,10 +204,18 @@ int ecat_segment_open(ecat_t *bus) {
   return check_tables(bus);
 }
 
+void ecat_images_free(ecat_t *bus) {
+  while (bus->retired != NULL) {
+    uint64_t *image = bus->retired;
+    bus->retired = (uint64_t *)(uintptr_t)image[-1];
+    free_image(image);
+  }
+}
+
 void ecat_segment_close(ecat_t *bus) {
   unsigned i;
   if (bus->snapshot != NULL)
-    for (i = 0; i < bus->header->domain_count; i++) free(bus->snapshot[i].image);
+    for (i = 0; i < bus->header->domain_count; i++) free_image(bus->snapshot[i].image);
   free(bus->snapshot);
   free(bus->signal);
   free(bus->stage);
@@ -269,6 +287,25 @@ static int check_same(ecat_t *fresh, const ecat_t *bus) {
   return 0;
 }
 
+/* Programs may have addresses of the images: an image stays where it is if it still fits, else it is
+ * kept beside the new one. */
+static void keep_images(ecat_t *bus, ecat_t *fresh) {
+  uint32_t i;
+  fresh->retired = bus->retired;
+  for (i = 0; i < fresh->header->domain_count; i++) {
+    struct snapshot *before = &bus->snapshot[i], *now = &fresh->snapshot[i];
+    uint64_t *image = before->image;
+    before->image = NULL;
+    if (before->words == now->words) {
+      free_image(now->image);
+      now->image = image;
+    } else {
+      image[-1] = (uint64_t)(uintptr_t)fresh->retired;
+      fresh->retired = image;
+    }
+  }
+}
+
 /* The connection is replaced as a whole; what the program was given stays where it is. */
 static void replace(ecat_t *bus, ecat_t *fresh) {
   const ecat_shm_header *h = fresh->header;
@@ -283,7 +320,10 @@ static void replace(ecat_t *bus, ecat_t *fresh) {
   fresh->domains = bus->domains;
   fresh->lost = bus->lost;
   memcpy(fresh->ended, bus->ended, sizeof fresh->ended);
+  memcpy(fresh->handle, bus->handle, sizeof fresh->handle);
+  fresh->handles = bus->handles;
   bus->tables = NULL;
+  keep_images(bus, fresh);
   ecat_segment_close(bus);
   *bus = *fresh;
   /* Old values may lie elsewhere in the image now; reads before the next sample see new ones. */

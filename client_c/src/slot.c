@@ -149,8 +149,8 @@ void ecat_slot_forget(ecat_t *bus) {
   ecat_slot_free(bus);
 }
 
-const ecat_out_slot *ecat_slot_of(const ecat_t *bus, int slot) {
-  if (bus->out_map == NULL || slot < 0 || slot >= (int)bus->layout.slot_count) return NULL;
+const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot) {
+  if (slot < 0 || map_out(bus) != 0 || slot >= (int)bus->layout.slot_count) return NULL;
   return (const void *)(bus->out_map + bus->layout.slots_offset +
                         (size_t)slot * bus->layout.slot_stride);
 }

@@ -1,1 +1,31 @@
-"""The EtherCAT daemon: bus server, gateway, command line and the data they share."""
+"""The EtherCAT daemon: bus server, gateway, command line and the data they share.
+
+`from ecatd import Client` is all that a program needs; nothing is loaded before it is asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .client import Client as Client
+    from .client import Signal as Signal
+    from .client import Validity as Validity
+    from .model.errors import EcatError as EcatError
+    from .model.errors import LeaseError as LeaseError
+    from .model.errors import OwnedError as OwnedError
+    from .model.errors import SdoAbortError as SdoAbortError
+    from .model.errors import UnreachableError as UnreachableError
+
+_HOME = {
+    **dict.fromkeys(("Client", "Signal", "Validity"), "client"),
+    **dict.fromkeys(
+        ("EcatError", "LeaseError", "OwnedError", "SdoAbortError", "UnreachableError"),
+        "model.errors",
+    ),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

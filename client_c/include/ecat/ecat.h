@@ -105,7 +105,7 @@ typedef struct ecat_output_info {
   int reason;           /* enum ecat_reason: why it is, or was last, at its safe value */
   uint64_t since_cycle; /* of the last change of owner or state */
   double age;           /* seconds since then */
-  unsigned pid;         /* of the owner, as it says itself; 0 while this client has no slot */
+  unsigned pid;         /* of the owner, as it says itself; 0 if this user may not know */
   char program[33];     /* its name, as it says itself */
 } ecat_output_info;
 
@@ -178,6 +178,9 @@ ECAT_API int ecat_release(ecat_t *bus, int position);
 /* The same for one output. */
 ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
 ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
+/* Gives all outputs back, drops all requests, and leaves the client's slot to others. Reading goes
+ * on. */
+ECAT_API void ecat_release_all(ecat_t *bus);
 /* Who decides an output now, and since when. */
 ECAT_API int ecat_output(ecat_t *bus, int signal, ecat_output_info *info);
 
@@ -190,6 +193,12 @@ ECAT_API int ecat_sample(ecat_t *bus);
 ECAT_API int ecat_sample_domain(ecat_t *bus, int domain);
 /* What is known about the last sample of a domain. */
 ECAT_API int ecat_domain(ecat_t *bus, int domain, ecat_domain_info *info);
+
+/* The last sample of a domain as bytes: outputs first, then inputs. The next sample changes what is
+ * there. Behind the `*size` bytes are 8 more that may be read, so that any entry can be loaded as a
+ * word. The address is valid until ecat_close(); when ecat_instance() differs, ask again. NULL if there
+ * is no such domain. */
+ECAT_API const void *ecat_image(ecat_t *bus, int domain, size_t *size);
 
 /* enum ecat_validity of an entry of the last sample, or a negative code. */
 ECAT_API int ecat_validity(ecat_t *bus, int signal);
@@ -204,7 +213,8 @@ ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 /* --- Writing --------------------------------------------------------------------------------- */
 
 /* Stages a raw value of an output; it is checked against the type and the declared range of the
- * entry, and fractions of integers are refused. Nothing leaves the process before ecat_commit(). */
+ * entry, and fractions of integers are refused. Nothing leaves the process before ecat_commit().
+ * ECAT_ELEASE when the claim has ended with the daemon: claim again. */
 ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
 ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
 /* Stages (value - offset) / scale, rounded for integers. */

@@ -9,6 +9,8 @@ EcatError                 70  a defect of ours, if nothing more precise fits
 ├── SdoAbortError          5  the slave refused an SDO request
 ├── NotPermittedError      6  the system or the daemon does not allow it
 └── StateError             7  wrong AL state, no such slave, no such object, bus not as expected
+    ├── OwnedError         7  another client owns the outputs
+    └── LeaseError         7  this client has lost its outputs: it must claim them again
 ```
 
 The number is the exit code of the command line. `name` is the stable name that travels in error
@@ -113,6 +115,18 @@ class StateError(EcatError):
     exit_code = 7
 
 
+class OwnedError(StateError):
+    """Another client owns the outputs; the message names it."""
+
+    name = "owned"
+
+
+class LeaseError(StateError):
+    """This client has lost its outputs, which are at their safe values: it must claim again."""
+
+    name = "lease"
+
+
 _BY_NAME: dict[str, type[EcatError]] = {
     cls.name: cls
     for cls in (
@@ -123,5 +137,7 @@ _BY_NAME: dict[str, type[EcatError]] = {
         NoAnswerError,
         NotPermittedError,
         StateError,
+        OwnedError,
+        LeaseError,
     )
 }

@@ -1,0 +1,167 @@
+"""Waiting for cycles in asyncio: a thread waits, with a connection of its own.
+
+It sleeps in the kernel until a cycle ends, and wakes the event loop only when somebody there waits
+for that cycle. It never samples for anybody: a program whose event loop hangs loses its outputs, as
+it should. The thread begins with the first wait and ends by itself when nobody waits any more.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+
+from ecatd.model.errors import EcatError, NoAnswerError, StateError, UnreachableError
+
+from .handle import Handle
+
+_IDLE = 1.0
+"""Seconds without anybody who waits after which the thread ends."""
+
+_SLICE = 0.02
+"""Seconds after which the thread looks whether it is still wanted, where no cycle ends."""
+
+
+@dataclass(eq=False, slots=True)
+class _Waiter:
+    """Somebody who waits for a cycle.
+
+    Attributes:
+        instance: Of the daemon whose cycle it is.
+        target: Number of the cycle.
+        loop: Where it runs.
+        result: Where it waits; of `loop`.
+    """
+
+    instance: int
+    target: int
+    loop: asyncio.AbstractEventLoop
+    result: asyncio.Future[int]
+
+    def tell(self, outcome: int | EcatError) -> None:
+        """Called in the thread."""
+        with suppress(RuntimeError):  # the loop was closed: nobody waits there any more
+            self.loop.call_soon_threadsafe(self._finish, outcome)
+
+    def _finish(self, outcome: int | EcatError) -> None:
+        if self.result.done():
+            return  # cancelled
+        if isinstance(outcome, EcatError):
+            self.result.set_exception(outcome)
+        else:
+            self.result.set_result(outcome)
+
+
+class CycleWaiter:
+    """Tells coroutines of the end of cycles.
+
+    Args:
+        bus: Name of the bus.
+    """
+
+    def __init__(self, bus: str) -> None:
+        self._bus = bus
+        self._changed = threading.Condition()
+        self._waiters: list[_Waiter] = []
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    async def wait(self, instance: int, target: int, timeout: float) -> int:
+        """Waits for the end of a cycle; the number of the last one that has ended.
+
+        Raises:
+            NoAnswerError: It did not come in time.
+            UnreachableError: The daemon has ended.
+        """
+        loop = asyncio.get_running_loop()
+        waiter = _Waiter(instance, target, loop, loop.create_future())
+        self._add(waiter)
+        try:
+            async with asyncio.timeout(timeout):
+                return await waiter.result
+        except TimeoutError:
+            raise NoAnswerError(
+                f"bus '{self._bus}': the cycle that was waited for did not come in time"
+            ) from None
+        finally:
+            with self._changed:
+                if waiter in self._waiters:
+                    self._waiters.remove(waiter)
+
+    def close(self) -> None:
+        """Ends the thread, and the wait of everybody who still waits; does not wait for it."""
+        with self._changed:
+            self._closed = True
+            self._tell_closed()
+            self._changed.notify()
+
+    def _add(self, waiter: _Waiter) -> None:
+        with self._changed:
+            self._waiters.append(waiter)
+            if self._thread is None:
+                self._thread = threading.Thread(
+                    target=self._run, name=f"ecatd-{self._bus}", daemon=True
+                )
+                self._thread.start()
+            self._changed.notify()
+
+    def _run(self) -> None:
+        handle: Handle | None = None
+        while self._wanted():
+            try:
+                handle = handle or Handle(self._bus)
+                handle.wait(1, _SLICE)
+            except NoAnswerError:
+                continue
+            except EcatError as error:
+                self._failed(error, handle)
+                if handle is None:
+                    time.sleep(_SLICE)
+                else:
+                    handle.close()
+                    handle = None
+            else:
+                self._ended(handle)
+        if handle is not None:
+            handle.close()
+
+    def _wanted(self) -> bool:
+        """Whether somebody waits; sleeps until then. When it is False, the thread must end."""
+        with self._changed:
+            if not self._waiters and not self._closed:
+                self._changed.wait(_IDLE)
+            if self._waiters and not self._closed:
+                return True
+            self._thread = None
+            self._tell_closed()
+            return False
+
+    def _ended(self, handle: Handle) -> None:
+        """A cycle has ended."""
+        cycle, instance = handle.cycle, handle.instance
+        restarted = UnreachableError(f"the daemon of bus '{self._bus}' was started again")
+        with self._changed:
+            for waiter in self._waiters:
+                if waiter.instance != instance:
+                    waiter.tell(restarted)
+                elif cycle >= waiter.target:
+                    waiter.tell(cycle)
+            self._waiters = [
+                w for w in self._waiters if w.instance == instance and cycle < w.target
+            ]
+
+    def _failed(self, error: EcatError, handle: Handle | None) -> None:
+        """The daemon is gone, or this handle had not yet noticed that it was started again."""
+        instance = handle.instance if handle is not None else None
+        with self._changed:
+            for waiter in self._waiters:
+                if instance in (None, waiter.instance):
+                    waiter.tell(error)
+            self._waiters = [w for w in self._waiters if instance not in (None, w.instance)]
+
+    def _tell_closed(self) -> None:
+        for waiter in self._waiters:
+            waiter.tell(StateError(f"the client of bus '{self._bus}' was closed"))
+        self._waiters = []

@@ -1,0 +1,71 @@
+"""Many entries of the last sample at once."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any
+
+from .signals import Signal, letter
+
+if TYPE_CHECKING:
+    from .client import Client
+
+
+class SignalGroup:
+    """Several entries of the last sample, read at once; `Client.group` makes it.
+
+    For more than a few entries that is several times as fast as one by one.
+
+    Attributes:
+        signals: The entries, in the order of the values.
+    """
+
+    def __init__(self, client: Client, signals: tuple[Signal, ...]) -> None:
+        self.signals = signals
+        self._client = client
+        self._prepare()
+
+    def _prepare(self) -> None:
+        self._parts: list[tuple[Callable[[memoryview], tuple[Any, ...]], memoryview]] = []
+        places: dict[int, int] = {}  # where in the words the entries are
+        for domain in sorted({signal.domain for signal in self.signals}):
+            whole = {s for s in self.signals if s.domain == domain and letter(s)}
+            if not whole:
+                continue
+            at, form = 0, "<"
+            for signal in sorted(whole, key=lambda signal: signal.bit_offset):
+                first = signal.bit_offset // 8
+                form += f"{first - at}x{letter(signal)}"
+                at = first + signal.bit_length // 8
+                places[signal.number] = len(places)
+            self._parts.append((struct.Struct(form).unpack_from, self._client._images[domain]))
+        self._odd = [signal for signal in dict.fromkeys(self.signals) if not letter(signal)]
+        for signal in self._odd:
+            places[signal.number] = len(places)
+        order = [places[signal.number] for signal in self.signals]
+        self._pick: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
+            itemgetter(*order) if len(order) > 1 else lambda words: tuple(words[n] for n in order)
+        )
+
+    def _detach(self) -> None:
+        self._parts = []
+        self._odd = list(self.signals)
+
+    @property
+    def raw(self) -> tuple[Any, ...]:
+        """The raw values."""
+        words: tuple[Any, ...] = ()
+        for unpack, image in self._parts:
+            words += unpack(image)
+        if self._odd:
+            words += tuple([signal.raw for signal in self._odd])
+        return self._pick(words)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The physical values, each in the unit of its entry."""
+        return tuple(
+            [raw * s.scale + s.offset for raw, s in zip(self.raw, self.signals, strict=True)]
+        )

@@ -1,0 +1,308 @@
+"""The Python client on a segment without an engine: values, lookups, threads, restarts."""
+
+import ctypes
+import gc
+import os
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from signal import SIGINT
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_return import kill, serve
+from test_segment import put_image
+
+from ecatd.bus.segment import Segment
+from ecatd.client import Client, Direction, Validity
+from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import StateError, UnreachableError, UsageError
+
+pytestmark = pytest.mark.unprivileged
+
+SHAPES = [
+    ("bit", DataType.BOOLEAN, 1),
+    ("two bits", DataType.BIT2, 2),
+    ("", 0, 5),  # what follows begins with a byte
+    ("i8", DataType.INTEGER8, 8),
+    ("u8", DataType.UNSIGNED8, 8),
+    ("i16", DataType.INTEGER16, 16),
+    ("u24", DataType.UNSIGNED24, 24),
+    ("i24", DataType.INTEGER24, 24),
+    ("i32", DataType.INTEGER32, 32),
+    ("u64", DataType.UNSIGNED64, 64),
+    ("i64", DataType.INTEGER64, 64),
+    ("f32", DataType.REAL32, 32),
+    ("f64", DataType.REAL64, 64),
+    ("odd", DataType.INTEGER16, 11),  # what follows does not begin with a byte
+    ("odd i16", DataType.INTEGER16, 16),
+    ("odd u32", DataType.UNSIGNED32, 32),
+    ("odd i64", DataType.INTEGER64, 64),
+    ("odd f32", DataType.REAL32, 32),
+    ("odd f64", DataType.REAL64, 64),
+    ("last", DataType.BOOLEAN, 1),
+]
+
+
+def make_bus() -> Bus:
+    def entries(index: int, scale: float) -> list[Entry]:
+        return [
+            Entry(index if name else 0, n if name else 0, name, kind, bits, "V", scale, -1.0)
+            for n, (name, kind, bits) in enumerate(SHAPES, 1)
+        ]
+
+    inputs = [Pdo(0x1A00, "in", 0, entries(0x6000, 0.5))]
+    outputs = [Pdo(0x1600, "out", 0, entries(0x7000, 2.0))]
+    return Bus(
+        f"p{os.urandom(4).hex()}", 500, [Slave(0, "all", 1, 2, 3, outputs=outputs, inputs=inputs)]
+    )
+
+
+@pytest.fixture(scope="module")
+def bus() -> Bus:
+    return make_bus()
+
+
+@pytest.fixture(scope="module")
+def segment(bus: Bus) -> Iterator[Segment]:
+    made = serve(bus)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def shared(segment: Segment, bus: Bus) -> Iterator[Client]:
+    with Client(bus.name) as client:
+        yield client
+
+
+def image_bytes(client: Client) -> int:
+    return max(s.bit_offset + s.bit_length for s in client.signals()) // 8 + 1
+
+
+@given(data=st.data())
+def test_objects_read_what_the_c_client_reads(
+    segment: Segment, shared: Client, data: st.DataObject
+) -> None:
+    size = image_bytes(shared)
+    put_image(segment, data.draw(st.binary(min_size=size, max_size=size)))
+    shared.sample()
+    signals = shared.signals()
+    assert len(signals) == 2 * (len(SHAPES) - 1)
+    for signal in signals:
+        raw = signal.raw
+        assert isinstance(raw, float if signal.real else int), signal
+        if signal.real:
+            assert same(raw, shared.read(signal.number)), signal
+        else:
+            wrapped = ctypes.c_int64(raw).value
+            assert wrapped == shared.read_int(signal.number), signal
+            assert raw >= 0 or signal.signed
+        assert same(signal.value, shared.read_physical(signal.number)), signal
+    several = shared.group(signals[::-1])
+    assert all(map(same, several.raw, [signal.raw for signal in signals[::-1]]))
+    assert all(map(same, several.values, [signal.value for signal in signals[::-1]]))
+
+
+def same(first: float, second: float) -> bool:
+    return struct.pack("d", first) == struct.pack("d", second) or first == second
+
+
+def test_entries_are_found_by_name_and_by_address(shared: Client) -> None:
+    signal = shared.signal("0/i16", direction=Direction.INPUT)
+    assert (signal.name, signal.unit, signal.address) == ("i16", "V", "0x6000:06")
+    assert (signal.output, signal.scale, signal.offset) == (False, 0.5, -1.0)
+    assert shared.signal(0, 0x6000, 6) is signal
+    assert shared.signal("all/0x6000:06") is signal
+    assert shared.signal(signal.number) is signal
+    assert repr(signal) == "<input 0/0x6000:06 'i16', 16 bit>"
+    assert shared.signals(slave=1) == []
+    with pytest.raises(StateError, match="more than one entry 'i16'"):
+        shared.signal("0/i16")
+    with pytest.raises(StateError, match="has no entry 'nothing'"):
+        shared.signal("0/nothing")
+    with pytest.raises(AttributeError):
+        signal.row = 5  # type: ignore[attr-defined]
+
+
+def test_paths_lead_to_their_entries(shared: Client) -> None:
+    paths = [signal.path for signal in shared.signals()]
+    assert len(set(paths)) == len(paths)
+    assert all(shared.signal(path).path == path for path in paths)
+    assert paths[0] == "0/out/bit"  # the name alone is also that of an input
+
+
+def test_a_group_of_one_and_of_none(shared: Client) -> None:
+    shared.sample()
+    assert shared.group([]).raw == ()
+    one = shared.signal("0/in/i32")
+    assert shared.group(["0/in/i32"]).raw == (one.raw,)
+    assert shared.group([one, one]).raw == (one.raw, one.raw)
+
+
+def test_validity_is_an_enumeration(bus: Bus, segment: Segment) -> None:
+    with Client(bus.name) as client:
+        assert client.signal("0/in/i32").validity is Validity.NEVER
+
+
+@pytest.mark.parametrize("value", ["5", None, [1], 1 << 2000])
+def test_what_is_no_number_is_told(shared: Client, value: object) -> None:
+    signal = shared.signal("0/out/i16")
+    with pytest.raises(UsageError, match="is no number"):
+        signal.raw = value
+    with pytest.raises(UsageError, match="is no number"):
+        signal.value = value  # type: ignore[assignment]
+
+
+def test_a_closed_client_says_so(bus: Bus, segment: Segment) -> None:
+    client = Client(bus.name)
+    signal, bit = client.signal("0/in/i16"), client.signal("0/in/bit")
+    several, bits = client.group([signal, signal]), client.group([bit])
+    client.sample()
+    client.close()
+    assert client.closed
+    for read in (
+        lambda: signal.raw,
+        lambda: signal.value,
+        lambda: bit.raw,
+        lambda: several.raw,
+        lambda: bits.values,
+        lambda: signal.validity,
+        lambda: client.cycle,
+        client.sample,
+        client.commit,
+        lambda: client.signal("0/in/bit"),
+        lambda: client.domain_array(),
+    ):
+        with pytest.raises(StateError, match="is closed"):
+            read()
+    with pytest.raises(StateError, match="is closed"):
+        signal.raw = 1
+
+
+def test_a_client_waits_in_one_thread(bus: Bus, segment: Segment) -> None:
+    with Client(bus.name) as client, ThreadPoolExecutor(1) as other:
+        waiting = other.submit(client.wait, 1, 30.0)
+        while not client._waits.locked():
+            assert not waiting.done()
+        for call in (client.sample, client.wait, client.close, lambda: client.claim(0)):
+            with pytest.raises(UsageError, match="open one for each"):
+                call()
+        while not waiting.done():
+            segment.header.cycle += 1
+            time.sleep(0.01)
+        waiting.result()
+        client.sample()
+
+
+def test_ctrl_c_ends_a_long_wait(bus: Bus, segment: Segment) -> None:
+    program = (
+        "import sys; from ecatd import Client; bus = Client(sys.argv[1])\n"
+        "try:\n"
+        "  print(flush=True)\n"
+        "  bus.wait(1, timeout=1000)\n"
+        "except KeyboardInterrupt: print('ended')"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, bus.name], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "\n"
+        process.send_signal(SIGINT)
+        assert process.stdout.read() == "ended\n"
+
+
+def test_importing_the_package_loads_nothing() -> None:
+    program = (
+        "import sys, ecatd\n"
+        "assert not [m for m in sys.modules if m.startswith(('ecatd.', 'ctypes', 'asyncio'))]\n"
+        "from ecatd import Client, Signal, LeaseError\n"
+        "assert Client.__module__ == 'ecatd.client.client'\n"
+        "assert not [m for m in ('asyncio', 'numpy', 'zenoh', 'msgpack') if m in sys.modules]\n"
+        "try: ecatd.nothing\n"
+        "except AttributeError as error: print(error)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (result.stdout, result.stderr) == ("module 'ecatd' has no attribute 'nothing'\n", "")
+
+
+# --- a daemon that comes back ---------------------------------------------------------------------
+
+
+def restarted(bus: Bus, client: Client, change: Bus | None = None) -> Segment:
+    """A new daemon, which the client has found."""
+    segment = serve(change or bus)
+    deadline = time.monotonic() + 30
+    while True:
+        try:
+            client.sample()
+        except UnreachableError:
+            assert time.monotonic() < deadline
+        else:
+            return segment
+
+
+def test_objects_go_on_with_the_next_daemon() -> None:
+    bus = make_bus()
+    segment = serve(bus)
+    with Client(bus.name) as client:
+        signal = client.signal("0/in/i16")
+        several = client.group([signal, client.signal("0/in/bit")])
+        array = client.domain_array()
+        image = bytearray(image_bytes(client))
+        client.sample()
+        kill(segment)
+        with pytest.raises(UnreachableError, match="has ended"):
+            client.sample()
+        assert signal.raw == 0
+        bus.slaves[0].inputs[0].entries[5] = Entry(0x6000, 6, "i16", 3, 16, "mA", 4.0)
+        segment = restarted(bus, client)
+        struct.pack_into("<h", image, signal.bit_offset // 8, -7)
+        put_image(segment, bytes(image))
+        client.sample()
+        assert (signal.raw, signal.value, signal.unit) == (-7, -28.0, "mA")
+        assert several.raw == (-7, 0)
+        assert array["0/in/i16"] == -7
+        segment.close()
+
+
+def test_an_image_of_another_size_takes_the_place_of_the_old_one() -> None:
+    """Domains do not belong to the identity of a bus; old arrays keep what they had."""
+    one = Slave(0, "a", 1, 2, 3, inputs=[Pdo(0x1A00, "p", 0, [Entry(0x6000, 1, "x", 6, 16)])])
+    two = Slave(
+        1,
+        "b",
+        1,
+        2,
+        3,
+        inputs=[Pdo(0x1A00, "p", 0, [Entry(0x6000, 1, "y", 0x1B, 64)])],
+    )
+    bus = Bus(f"p{os.urandom(4).hex()}", 500, [one, two])
+    bus.domains = [Domain("fast"), Domain("slow")]
+    segment = serve(bus)
+    with Client(bus.name) as client:
+        x, y = client.signal("0/x"), client.signal("1/y")
+        put_image(segment, b"\1\2" + bytes(7) + b"\3")
+        client.sample()
+        old = client.domain_array(0).copy(), client.domain_array(0)
+        assert (x.raw, y.raw) == (0x0201, 3 << 56)
+        for wanted in (1, 0, 1):
+            kill(segment)
+            with pytest.raises(UnreachableError):
+                client.sample()
+            two.domain = wanted
+            segment = restarted(bus, client)
+            put_image(segment, b"\7\0" + bytes(7) + b"\7")
+            client.sample()
+            assert (x.raw, x.domain, y.domain) == (7, 0, wanted)
+            assert y.raw == (7 << 56 if wanted == 0 else 0)
+            assert len(client.domain_array(wanted)["1/y"].tobytes()) == 8
+        assert old[0]["0/x"] == old[1]["0/x"] == 0x0201
+    gc.collect()
+    assert old[1]["1/y"] == 3 << 56
+    segment.close()
