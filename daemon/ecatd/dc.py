@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from . import shm
+from .segment.reader import Reader, opened, printable
 from .stats import Snapshot
 from .stats.maps import histogram_to_map
-from .stats.segment import OpenSegment, opened, printable
+from .stats.segment import snapshot as take_snapshot
 
 
 def read_clocks(bus: str) -> dict[str, Any]:
@@ -23,7 +24,7 @@ def read_clocks(bus: str) -> dict[str, Any]:
         EcatError: As `stats.read`.
     """
     with opened(bus) as segment:
-        snapshot = segment.snapshot()
+        snapshot = take_snapshot(segment)
         clock = snapshot.clock
         if clock.state != shm.DcState.OFF and not 0 <= clock.reference < snapshot.slaves_expected:
             raise segment.damaged(f"reference clock {clock.reference}")
@@ -40,10 +41,9 @@ def read_clocks(bus: str) -> dict[str, Any]:
         }
 
 
-def _slaves(segment: OpenSegment, snapshot: Snapshot) -> list[dict[str, Any]]:
-    head, count = segment.header(), snapshot.slaves_expected
-    rows = segment.rows("ecat_shm_slave", head.slaves_offset, count)
-    statuses = segment.rows("ecat_shm_slave_status", head.slave_status_offset, count)
+def _slaves(segment: Reader, snapshot: Snapshot) -> list[dict[str, Any]]:
+    head = segment.header()
+    rows, statuses = segment.table(head, "slaves"), segment.table(head, "slave_status")
     clock = snapshot.clock
     return [
         {

@@ -4,6 +4,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 ROOTS = {"ecatd": "daemon", "ecatgen": "codegen", "ecatsim": "simulator"}
 
@@ -61,12 +63,13 @@ def test_the_bus_server_never_sees_the_network() -> None:
     assert not wrong
 
 
-def test_statistics_need_the_segment_only() -> None:
-    allowed = ("ecatd.model", "ecatd.stats")
+@pytest.mark.parametrize(("package", "others"), [("segment", ()), ("stats", ("ecatd.segment",))])
+def test_what_reads_the_segment_needs_nobody(package: str, others: tuple[str, ...]) -> None:
+    allowed = ("ecatd.model", f"ecatd.{package}", *others)
     wrong = {
         (module, name)
         for module, name in imports()
-        if module.startswith("ecatd.stats")
+        if module.startswith(f"ecatd.{package}")
         and name.split(".")[0] in ROOTS
         and name != "ecatd"  # from ecatd import shm
         and not name.startswith(allowed)

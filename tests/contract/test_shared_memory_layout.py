@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from ecatd import shm
+from ecatd.cli.layout_tables import layout_lines
 from ecatd.model.config import DOMAINS_MAX
 
 INCLUDE = Path(__file__).parents[2] / "client_c" / "include"
@@ -123,3 +124,9 @@ def test_every_error_code_has_its_text() -> None:
         assert shm.LIBRARY.ecat_strerror(int(code)).decode() == texts[code]
     assert shm.LIBRARY.ecat_strerror(-99) == b"unknown error"
     assert shm.LIBRARY.ecat_strerror(7) == b"no error"
+
+
+def test_the_page_of_the_layout_is_up_to_date() -> None:
+    text = (INCLUDE.parents[1] / "docs" / "shared-memory.md").read_text()
+    tables = text.split("<!-- layout -->\n\n")[1].split("\n\n<!-- /layout -->")[0]
+    assert tables.splitlines() == layout_lines(), "put the output of `ecatctl shm --layout` there"

@@ -169,7 +169,7 @@ def test_histograms(rates: Daemon) -> None:
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [
-        ("--count 2", "--count says how often to show statistics: use it with --watch"),
+        ("--count 2", "--count says how often to show it: use it with --watch"),
         ("--watch 0.001", "'0.001' is too short"),
         ("--watch x", "'x' is no time"),
         ("--watch --count 0", "'0' is not 1 or more"),

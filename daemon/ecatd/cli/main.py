@@ -14,10 +14,11 @@ from typing import NoReturn
 from ecatd.client.remote import Remote
 from ecatd.model.datatypes import TYPE_NAMES
 from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.segment import raw
 from ecatd.stats import TIMES
 from ecatd.version import VERSION
 
-from . import dc, info, library, sdo, show, stats
+from . import dc, info, library, sdo, segment, show, stats
 from .output import SCHEMA
 
 _EPILOG = """\
@@ -122,6 +123,20 @@ def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
     )
 
 
+def _add_watch(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--watch",
+        nargs="?",
+        type=_interval,
+        const=1.0,
+        metavar="SECONDS",
+        help="show it again every SECONDS (default: 1); statistics also those of the last interval",
+    )
+    command.add_argument(
+        "--count", type=_times, metavar="N", help="with --watch: end after N times"
+    )
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="ecatctl",
@@ -140,7 +155,7 @@ def _parser() -> argparse.ArgumentParser:
         return command
 
     def add_local(
-        name: str, run: Callable[[argparse.Namespace], None], summary: str
+        name: str, run: Callable[[argparse.Namespace], int | None], summary: str
     ) -> argparse.ArgumentParser:
         """A command that finds its own way to the bus."""
         command = commands.add_parser(name, help=summary, description=summary)
@@ -155,19 +170,23 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("state", nargs="?", metavar="STATE", help="INIT, PREOP, BOOT, SAFEOP, OP")
     command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
     command = add_local("stats", stats.stats, "Show counters and timing of the cyclic exchange.")
-    command.add_argument(
-        "--watch",
-        nargs="?",
-        type=_interval,
-        const=1.0,
-        metavar="SECONDS",
-        help="show them again every SECONDS (default: 1), with those of the last interval",
-    )
-    command.add_argument(
-        "--count", type=_times, metavar="N", help="with --watch: end after N times"
-    )
+    _add_watch(command)
     command.add_argument(
         "--histogram", choices=TIMES, metavar="NAME", help=f"show one time: {', '.join(TIMES)}"
+    )
+    command = add_local(
+        "claims", segment.claims, "Show who owns which outputs, and why the others are safe."
+    )
+    _add_watch(command)
+    command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
+    command = add_local("shm", segment.shm, "Show all that is in the shared memory of the bus.")
+    _add_watch(command)
+    command.add_argument("-p", "--slave", type=_position, metavar="POS", help="only this slave")
+    command.add_argument(
+        "--raw", choices=raw.NAMES, metavar="TABLE", help=f"one table: {', '.join(raw.NAMES)}"
+    )
+    command.add_argument(
+        "--layout", action="store_true", help="print the layout itself as tables in Markdown"
     )
     add_local("dc", dc.dc, "Show the distributed clocks.")
     add_local("info", info.info, "Show what the daemon is, and which real time it was granted.")
@@ -219,12 +238,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(options: argparse.Namespace) -> None:
+def _run(options: argparse.Namespace) -> int:
     if alone := getattr(options, "alone", None):  # finds its own way to the bus, if it needs one
-        alone(options)
-        return
+        return alone(options) or 0
     with Remote(options.bus, options.connect, options.timeout) as remote:
         options.run(remote, options)
+    return 0
 
 
 def _write_no_more() -> None:
@@ -243,7 +262,7 @@ def main() -> int:
 def _main() -> int:
     options = _parser().parse_args()
     try:
-        _run(options)
+        status = _run(options)
         sys.stdout.flush()  # what cannot be written is told here, not by a traceback at the end
     except EcatError as error:
         if options.json:
@@ -257,7 +276,7 @@ def _main() -> int:
         _write_no_more()
         print(f"ecatctl: the output cannot be written: {error.strerror}", file=sys.stderr)
         return StateError.exit_code
-    return 0
+    return status
 
 
 if __name__ == "__main__":

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Iterator
 from typing import Any
 
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.errors import EcatError
 from ecatd.stats import Snapshot
 from ecatd.stats.maps import histogram_to_map, interval_to_map, to_map
 
@@ -15,12 +14,12 @@ from .output import print_json, print_json_line
 from .source import Source
 from .stats_screen import histogram_lines, stats_lines
 from .terminal import Screen
+from .watch import check, clock, ticks
 
 
 def stats(options: argparse.Namespace) -> None:
     """Shows statistics since the start, and with `--watch` of the last interval."""
-    if options.count is not None and options.watch is None:
-        raise UsageError("--count says how often to show statistics: use it with --watch")
+    check(options)
     with Source(options) as source:
         if options.watch is None:
             snapshot = source.read()
@@ -48,30 +47,24 @@ def _watch(
     now: Snapshot | EcatError = source.read()
     last: Snapshot | None = None
     notice = ""
-    due, shown = time.monotonic(), 0
-    while True:
+    for turn, _ in enumerate(ticks(options.watch, options.count)):
+        if turn > 0:
+            now = _again(source)
         interval = None
         if isinstance(now, Snapshot):
             if last is not None and now.instance != last.instance:
-                notice = f"{_clock()}  the daemon was restarted: it counts anew"
+                notice = f"{clock()}  the daemon was restarted: it counts anew"
             elif last is not None:
                 interval = now - last
             last = now
         yield now, interval, notice
-        shown += 1
-        if shown == options.count:
-            return
-        # On a grid, so that showing takes nothing from the interval; late ones are left out.
-        due = max(due + options.watch, time.monotonic())
-        time.sleep(due - time.monotonic() if due > time.monotonic() else 0)
-        try:
-            now = source.read()
-        except EcatError as error:
-            now = error
 
 
-def _clock() -> str:
-    return time.strftime("%H:%M:%S")
+def _again(source: Source) -> Snapshot | EcatError:
+    try:
+        return source.read()
+    except EcatError as error:
+        return error
 
 
 def _document(snapshot: Snapshot, histogram: str | None) -> dict[str, Any]:
@@ -110,5 +103,5 @@ def _screen(
 ) -> list[str]:
     notices = [notice] if notice else []
     if isinstance(now, EcatError):
-        return [f"{_clock()}  {now}", *notices, "Waiting for it to come back; Ctrl-C ends."]
+        return [f"{clock()}  {now}", *notices, "Waiting for it to come back; Ctrl-C ends."]
     return [*_lines(now, interval, options.histogram), *notices]

@@ -1,13 +1,51 @@
-"""A screen that is drawn again and again."""
+"""What commands show on a terminal: coloured lines, and a screen that is drawn again and again."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
+from collections.abc import Iterable
+from typing import Self
 
 _HIDE, _SHOW = "\033[?25l", "\033[?25h"
 _HOME, _CLEAR = "\033[H", "\033[2J"
 _REST_OF_LINE, _REST_OF_SCREEN = "\033[K", "\033[J"
+
+
+class Line(str):
+    """A line in a colour, which only terminals show; to everything else it is its text."""
+
+    style: str
+
+    def __new__(cls, text: str, style: str) -> Self:
+        """Makes a line; `style` is the number of an SGR sequence (ECMA-48)."""
+        made = super().__new__(cls, text)
+        made.style = style
+        return made
+
+
+def heading(text: str) -> Line:
+    """The head of a table."""
+    return Line(text, "1")
+
+
+def alarm(text: str) -> Line:
+    """A line that says what is wrong."""
+    return Line(text, "31")
+
+
+def _painted(line: str, width: int | None = None) -> str:
+    text = line if width is None else line[:width]
+    if isinstance(line, Line) and text and not os.environ.get("NO_COLOR"):
+        return f"\033[{line.style}m{text}\033[0m"
+    return text
+
+
+def show(lines: Iterable[str]) -> None:
+    """Prints lines, in colours on a terminal."""
+    coloured = sys.stdout.isatty()
+    print("\n".join(_painted(line) if coloured else line for line in lines))
 
 
 class Screen:
@@ -30,7 +68,7 @@ class Screen:
             if len(lines) >= height:
                 room = max(1, height - 2)
                 lines = [*lines[:room], f"({len(lines) - room} more lines: enlarge the window)"]
-            text = "".join(f"{line[:width]}{_REST_OF_LINE}\n" for line in lines)
+            text = "".join(f"{_painted(line, width)}{_REST_OF_LINE}\n" for line in lines)
             sys.stdout.write(_HIDE + self._begin + _HOME + text + _REST_OF_SCREEN + _SHOW)
             self._begin = ""
         else:

@@ -1,0 +1,67 @@
+"""The layout of the shared memory as tables in Markdown, for `docs/shared-memory.md`."""
+
+from __future__ import annotations
+
+from ecatd import shm
+
+
+def layout_lines() -> list[str]:
+    """Constants, enumerations and structs, in the order of their definition."""
+    lines = [
+        "### Constants",
+        "",
+        *_table(("constant", "value", "meaning"), _constants()),
+    ]
+    lines += ["", "### Enumerations"]
+    for line in shm.DEFINITION:
+        if line.kind == "enum":
+            lines += ["", f"`{line.of}`: {_text(line.comment)}", ""]
+            lines += _table(("value", "name", "meaning"), _enumerators(line.of))
+    lines += ["", "### Structs"]
+    for line in shm.DEFINITION:
+        if line.kind == "struct":
+            lines += ["", f"`{line.of}`, {line.size} bytes: {_text(line.comment)}", ""]
+            lines += _table(("offset", "type", "field", "meaning"), _fields(line.of))
+    return lines
+
+
+def _constants() -> list[tuple[str, ...]]:
+    return [
+        (f"`{line.name}`", _number(line.value), _text(line.comment))
+        for line in shm.DEFINITION
+        if line.kind == "const"
+    ]
+
+
+def _enumerators(name: str) -> list[tuple[str, ...]]:
+    return [
+        (str(line.value), f"`{line.name}`", _text(line.comment))
+        for line in shm.DEFINITION
+        if line.kind == "value" and line.of == name
+    ]
+
+
+def _fields(name: str) -> list[tuple[str, ...]]:
+    return [
+        (
+            str(field.value),
+            field.type + (f"[{field.count}]" if field.count > 1 else ""),
+            f"`{field.name}`",
+            _text(field.comment),
+        )
+        for field in shm.fields_of(name)
+    ]
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    lines = [head, tuple("---" for _ in head), *rows]
+    return [f"| {' | '.join(cells)} |" for cells in lines]
+
+
+def _text(comment: str) -> str:
+    """Text that Markdown shows as it is: what looks like a tag or a column is code."""
+    return comment.replace("|", "\\|").replace("<", "&lt;")
+
+
+def _number(value: int) -> str:
+    return f"0x{value:X}" if value > 0xFFFF else str(value)

@@ -1,0 +1,124 @@
+"""Commands `shm` and `claims`: what is in the shared memory of a bus, and who owns its outputs."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from typing import Any
+
+from ecatd import shm as layout
+from ecatd.model.errors import StateError, UnreachableError, UsageError
+from ecatd.segment.claims import read_claims
+from ecatd.segment.picture import picture
+from ecatd.segment.raw import plain, read_raw
+
+from .layout_tables import layout_lines
+from .segment_screen import claims_lines, picture_lines
+from .watch import present
+
+# Fields that nobody reads in decimal.
+_HEXADECIMAL = frozenset(
+    (
+        *("magic", "layout", "fingerprint", "vendor", "product", "revision", "serial"),
+        *("index", "subindex", "type", "pdo", "al_state", "al_code", "abort_code"),
+    )
+)
+
+
+def shm(options: argparse.Namespace) -> int:
+    """Shows the shared memory; returns the exit status."""
+    if options.layout:
+        print("\n".join(layout_lines()))
+        return 0
+    _check_local(options)
+    if options.raw is not None:
+        present(options, lambda: _raw_document(options), _raw_lines)
+        return 0
+    bus = options.bus
+    return _status(present(options, lambda: _chosen(picture(bus), options), picture_lines))
+
+
+def claims(options: argparse.Namespace) -> int:
+    """Shows clients and outputs; returns the exit status."""
+    _check_local(options)
+    bus = options.bus
+    return _status(present(options, lambda: _chosen(read_claims(bus), options), claims_lines))
+
+
+def _check_local(options: argparse.Namespace) -> None:
+    if options.connect is not None:
+        raise UsageError(
+            "shared memory can only be read on the machine of the daemon: leave --connect out, or "
+            "run the command there"
+        )
+
+
+def _chosen(document: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
+    """The document, or what it has of one slave."""
+    if options.slave is None:
+        return document
+    count = len(document["slaves"])
+    if options.slave >= count:
+        raise StateError(
+            f"there is no slave {options.slave}: bus '{options.bus}' has {count} slaves, "
+            f"0 to {count - 1}"
+        )
+    kept = {"slaves": [document["slaves"][options.slave]]}
+    for key in ("signals", "outputs"):
+        if key in document:
+            kept[key] = [row for row in document[key] if row["slave"] == options.slave]
+    return document | kept
+
+
+def _status(document: dict[str, Any]) -> int:
+    if not document["alive"]:
+        return UnreachableError.exit_code
+    return StateError.exit_code if document["problems"] else 0
+
+
+def _raw_document(options: argparse.Namespace) -> dict[str, Any]:
+    rows = read_raw(options.bus, options.raw)
+    made = [plain(row) for row in rows]
+    return {
+        "bus": options.bus,
+        "table": options.raw,
+        "struct": type(rows[0]).__name__ if rows else None,
+        "rows": made,
+    }
+
+
+def _raw_lines(document: dict[str, Any]) -> list[str]:
+    if not document["rows"]:
+        return [f"{document['table']}: no entries"]
+    lines: list[str] = []
+    for number, row in enumerate(document["rows"]):
+        lines.append(f"{document['table']}[{number}]  ({document['struct']})")
+        lines += _fields(document["struct"], row, "  ")
+    return lines
+
+
+def _fields(struct: str, row: dict[str, Any], indent: str) -> list[str]:
+    lines = []
+    for field in layout.fields_of(struct):
+        value = row[field.name]
+        if isinstance(value, dict):
+            lines.append(f"{indent}{field.name}")
+            lines += _fields(field.type, value, indent + "  ")
+        elif isinstance(value, list) and len(value) > 8:
+            some = {number: count for number, count in enumerate(value) if count}
+            lines.append(f"{indent}{field.name:<20}{some or 'all 0'!s}")
+        else:
+            text = f"{indent}{field.name:<20}  {_word(field, value):<20}"
+            comment = textwrap.shorten(field.comment, max(16, 78 - len(text)), placeholder="…")
+            lines.append(f"{text}  {comment}")
+    return lines
+
+
+def _word(field: layout.Line, value: Any) -> str:
+    """A value, with its name if its comment begins with that of an enumeration."""
+    if isinstance(value, int):
+        members = layout.ENUMS.get(field.comment.split(";")[0].split(" ")[0])
+        if members is not None:
+            return f"{value} {members(value).name}"
+        return f"0x{value:X}" if field.name in _HEXADECIMAL else str(value)
+    return repr(value) if isinstance(value, str) else str(value)

@@ -1,0 +1,326 @@
+"""How the shared memory of a bus looks: tables of 80 columns."""
+
+from __future__ import annotations
+
+import textwrap
+import time
+from collections.abc import Callable, Iterable, Iterator
+from itertools import groupby, zip_longest
+from typing import Any
+
+from ecatd.segment.picture import COUNTERS
+
+from .output import table_lines
+from .stats_screen import duration
+from .terminal import alarm, heading
+
+WIDTH = 80
+_SHORTEST = 12  # that a name is cut to
+_REASONS = {
+    "start": "never claimed",
+    "released": "released",
+    "lapsed": "lease lost",
+    "gone": "owner died",
+    "stopping": "daemon stops",
+    "wkc": "working counter",
+}
+
+Document = dict[str, Any]
+
+
+def picture_lines(document: Document) -> list[str]:
+    """A segment, as `segment.picture.picture` describes it."""
+    return [
+        *_head(document),
+        *_section(_domains(document["domains"])),
+        *_section(_slaves(document["slaves"])),
+        *_section(_signals(document)),
+        *_section(_slots(document["slots"])),
+        *_section(_settings(document["settings"])),
+        *_section(_health(document["health"])),
+        *_problems(document),
+    ]
+
+
+def claims_lines(document: Document) -> list[str]:
+    """Clients and outputs, as `segment.claims.read_claims` describes them."""
+    return [
+        _title(document),
+        *_section(_slots(document["slots"]) or ["no client has outputs or sends requests"]),
+        *_section(_outputs(document) or ["no outputs"]),
+        *_problems(document),
+    ]
+
+
+def age(us: float | None) -> str:
+    """A time that has passed: `12 µs`, `1.2 ms`, `3.4 s`, `0:05:12`."""
+    if us is None:
+        return "-"
+    if us < 1000:
+        return f"{us:.0f} µs"
+    if us < 1e6:
+        return f"{us / 1000:.{1 if us < 1e5 else 0}f} ms"
+    return f"{us / 1e6:.1f} s" if us < 6e7 else duration(us / 1e6)
+
+
+# --- parts --------------------------------------------------------------------------------------
+
+
+def _title(document: Document) -> str:
+    cycle = f"cycle {document['cycle']}, ended {age(document['age_us'])} ago"
+    text = f"bus {document['bus']}: {document['state']}, {cycle}"
+    if not document["alive"]:
+        return alarm(f"bus {document['bus']}: NO DAEMON, what it left behind; {cycle}")
+    return heading(text)
+
+
+def _head(document: Document) -> list[str]:
+    lease = f"{document['lease_us'] / 1000:g} to {document['lease_max_us'] / 1000:g} ms"
+    started = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(document["started"] % 2**40))
+    return [
+        _title(document),
+        f"ecatd {document['version']}, pid {document['pid']}, started {started}",
+        f"{document['file']}: {document['bytes']} bytes, layout {document['layout']}",
+        f"every {document['cycle_time_us']:g} µs, leases of {lease}, "
+        f"fingerprint {document['fingerprint']}",
+    ]
+
+
+def _section(lines: list[str]) -> list[str]:
+    """A blank line, and a table under its head; nothing without lines."""
+    return ["", heading(lines[0]), *lines[1:]] if lines else []
+
+
+def _fitting(table: Callable[[int], list[str]]) -> list[str]:
+    """A table whose names are cut as far as the width demands.
+
+    Args:
+        table: Makes it, with names of at most so many characters.
+    """
+    room = 64
+    while True:
+        lines = table(room)
+        excess = max(map(len, lines), default=0) - WIDTH
+        if excess <= 0 or room == _SHORTEST:
+            return lines
+        room = max(_SHORTEST, room - excess)
+
+
+def _domains(rows: list[Document]) -> list[str]:
+    def table(room: int) -> list[str]:
+        return table_lines(
+            ("DOMAIN", "EVERY", "CYCLE", "AGE", "WKC", "STATE", "OUT", "IN"),
+            (
+                (
+                    f"{row['number']} {row['name']}"[:room],
+                    f"{row['divider']}+{row['phase']}" if row["phase"] else row["divider"],
+                    "-" if row["cycle"] is None else row["cycle"],
+                    age(row["age_us"]),
+                    f"{row['wkc']}/{row['wkc_expected']}",
+                    row["wkc_state"],
+                    f"{row['output_bytes']} B",
+                    f"{row['input_bytes']} B",
+                )
+                for row in rows
+            ),
+            " >>>> >>",
+        )
+
+    return _fitting(table)
+
+
+def _slaves(rows: list[Document]) -> list[str]:
+    def table(room: int) -> list[str]:
+        return table_lines(
+            ("POS", "STATE", "NAME", "VENDOR", "PRODUCT", "DOMAIN", "OUT", "IN"),
+            (
+                (
+                    row["position"],
+                    row["state"],
+                    (row["name"] or "(no name)")[:room],
+                    f"{row['vendor']:08X}",
+                    f"{row['product']:08X}",
+                    row["domain"],
+                    f"{row['output_bytes']} B",
+                    f"{row['input_bytes']} B",
+                )
+                for row in rows
+            ),
+            ">    >>>",
+        )
+
+    return _fitting(table)
+
+
+def _signals(document: Document) -> list[str]:
+    rows = document["signals"]
+    head = ("SIGNAL", "RAW", "VALUE", "VALIDITY", "OWNER")
+
+    def table(room: int) -> list[str]:
+        cells = (
+            (
+                f"  {'out' if row['output'] else 'in '} {row['address']} {_name(row, room)}",
+                _number(row["raw"]),
+                _physical(row),
+                row["validity"].replace("not_operational", "not in OP"),
+                _owner(row) if row["output"] else "",
+            )
+            for row in rows
+        )
+        return _grouped(head, rows, cells, document, " >>")
+
+    return _fitting(table)
+
+
+def _owner(row: Document) -> str:
+    return "nobody" if row["owner"] is None else f"slot {row['owner']}"
+
+
+def _slots(rows: list[Document]) -> list[str]:
+    if not rows:
+        return []
+    head = ("SLOT", "PID", "PROGRAM", "SINCE", "HEARTBEAT", "LEASE", "OWNS", "STATE")
+    title, *lines = _fitting(
+        lambda room: table_lines(head, (_slot(row, room) for row in rows), ">>  >>>")
+    )
+    made = [title]
+    for row, line in zip(rows, lines, strict=True):
+        made += [line, *(f"      {note}" for note in _notes(row))]
+    return made
+
+
+def _slot(row: Document, room: int) -> tuple[Any, ...]:
+    since = "?"
+    if row["since"] is not None:
+        form = "%H:%M:%S" if row["seconds"] < 86400 else "%Y-%m-%d"
+        since = time.strftime(form, time.localtime(row["since"])) + f" ({duration(row['seconds'])})"
+    return (
+        row["slot"],
+        "?" if row["pid"] is None else row["pid"],
+        (row["program"] or "?")[:room],
+        since,
+        age(row["heartbeat_us"]),
+        age(row["lease_us"]),
+        row["outputs"],
+        row["state"],
+    )
+
+
+def _notes(row: Document) -> Iterator[str]:
+    """What is not as it should be with a client."""
+    if row["state"] == "lapsed":
+        yield f"has lost its outputs: {_REASONS.get(row['reason'], row['reason'])}"
+    if row["held"] is False:
+        yield "the process is gone"
+    if row["refused"]:
+        yield f"{row['refused']} values out of their range were refused"
+
+
+def _outputs(document: Document) -> list[str]:
+    rows = document["outputs"]
+    programs = {slot["slot"]: slot["program"] or "?" for slot in document["slots"]}
+    head = ("OUTPUT", "VALUE", "STATE", "OWNER OR WHY NONE", "SINCE")
+
+    def decided(row: Document) -> str:
+        if row["owner"] is not None:
+            return f"slot {row['owner']} {programs.get(row['owner'], '?')[:12]}"
+        return str(_REASONS.get(row["reason"], row["reason"]))
+
+    def table(room: int) -> list[str]:
+        cells = (
+            (
+                f"  {row['address']} {_name(row, room)}",
+                _physical(row) or _number(row["raw"]),
+                row["state"],
+                decided(row),
+                age(row["since_us"]) if row["since_cycle"] else "",
+            )
+            for row in rows
+        )
+        return _grouped(head, rows, cells, document, " >  >")
+
+    return _fitting(table)
+
+
+def _grouped(
+    head: tuple[str, ...],
+    rows: list[Document],
+    cells: Iterable[tuple[Any, ...]],
+    document: Document,
+    right: str,
+) -> list[str]:
+    """A table of entries with a line above those of each slave."""
+    if not rows:
+        return []
+    names = {slave["position"]: slave["name"] for slave in document["slaves"]}
+    title, *lines = table_lines(head, cells, right)
+    made = [title]
+    for position, group in groupby(zip(rows, lines, strict=True), lambda pair: pair[0]["slave"]):
+        made.append(f"{position} {names.get(position, '') or '(no name)'}"[:WIDTH])
+        made += [line for _row, line in group]
+    return made
+
+
+def _name(row: Document, room: int) -> str:
+    return str(row["name"] or row["pdo_name"])[:room]
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _physical(row: Document) -> str:
+    """The value with its unit, where it is not just the raw one."""
+    if row["value"] is None or not (row["unit"] or row["scaled"]):
+        return ""
+    return f"{row['value']:.6g} {row['unit']}".rstrip()
+
+
+def _settings(rows: list[Document]) -> list[str]:
+    cells = []
+    for row in rows:
+        result = "granted" if row["granted"] else "REFUSED" if row["wanted"] else "not asked for"
+        value = f" ({row['value']})" if row["granted"] and row["value"] else ""
+        cells.append(f"{row['setting'].replace('_', ' '):<15}{result}{value}")
+    return ["REAL TIME", *_columns(cells, 2)] if cells else []
+
+
+def _health(row: Document | None) -> list[str]:
+    if row is None:
+        return []
+    cells = [f"{name.replace('_', ' '):<14}{row[name]:>10}" for name in COUNTERS]
+    for name in ("slaves_found", "ring", "dc"):
+        cells.append(f"{name.replace('_', ' '):<14}{row[name]:>10}")
+    return ["EXCHANGE", *_columns(cells, 3)]
+
+
+def _columns(cells: list[str], count: int) -> list[str]:
+    """Cells below each other, in columns."""
+    rows = -(-len(cells) // count)
+    columns = [cells[at : at + rows] for at in range(0, len(cells), rows)]
+    return [
+        "  ".join(cell.ljust(WIDTH // count - 2) for cell in row).rstrip()
+        for row in zip_longest(*columns, fillvalue="")
+    ]
+
+
+def _problems(document: Document) -> list[str]:
+    problems, made = document["problems"], []
+    if problems:
+        made = ["", alarm(f"DAMAGED: {len(problems)} things make no sense")]
+        for problem in problems[:20]:
+            made += [alarm(line) for line in textwrap.wrap(problem, WIDTH - 1)]
+        if len(problems) > 20:
+            made.append(alarm(f"… and {len(problems) - 20} more (--json has all)"))
+    if not document["alive"]:
+        file = document["file"]
+        made += [
+            "",
+            "No daemon runs on this bus. The next start of ecatd replaces what is left here;",
+            f"to remove it now: rm -f {file} {file}.out",
+        ]
+    elif problems:
+        made.append("Restart the daemon: it makes the segment anew.")
+    return made

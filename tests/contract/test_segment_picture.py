@@ -1,0 +1,371 @@
+"""`ecatctl shm` and `claims` on segments of all kinds: sound, damaged, left behind, and random."""
+
+import fcntl
+import json
+import os
+import random
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_segment import make_bus, name_of, put_image
+
+from ecatd import shm
+from ecatd.bus.layout import lay_out
+from ecatd.bus.segment import Segment
+from ecatd.cli.segment_screen import WIDTH, age, claims_lines, picture_lines
+from ecatd.dc import read_clocks
+from ecatd.model.errors import EcatError, StateError, UnreachableError, UsageError
+from ecatd.segment import raw
+from ecatd.segment.claims import read_claims
+from ecatd.segment.picture import picture
+from ecatd.stats import read
+
+pytestmark = pytest.mark.unprivileged
+
+MUTATIONS = 10_000
+
+
+@pytest.fixture
+def segment() -> Iterator[Segment]:
+    bus = make_bus()
+    made = Segment(bus.name)
+    made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
+    made.header.state = shm.BusState.RUNNING
+    made.header.cycle_end_ns = 1 << 62  # "just now" for ever: no engine runs here
+    made.publish()
+    yield made
+    made.close()
+
+
+def table(segment: Segment, name: str, struct_name: str, number: int = 0) -> Any:
+    offset = getattr(segment.header, f"{name}_offset") + number * shm.size(struct_name)
+    return shm.struct(struct_name).from_address(segment.address + offset)
+
+
+def page(segment: Segment) -> Any:
+    domain = table(segment, "domains", "ecat_shm_domain")
+    return shm.struct("ecat_shm_page").from_address(segment.address + domain.page_offset)
+
+
+def exchange(segment: Segment, image: bytes) -> None:
+    put_image(segment, image)
+    row = page(segment)
+    row.cycle, row.wkc, row.wkc_state = 7, 3, shm.WkcState.COMPLETE
+    for position in range(2):
+        table(segment, "slave_status", "ecat_shm_slave_status", position).al_state = 8
+
+
+def test_values_of_all_shapes_are_shown(segment: Segment) -> None:
+    odd = -700
+    word = 1 | ((odd & 0x7FF) << 1)
+    exchange(segment, struct.pack("<HHQqfd", 515, word, (1 << 64) - 1, -(1 << 63), 1.5, -2.25))
+    found = picture(name_of(segment))
+    assert [s["raw"] for s in found["signals"]] == [
+        *(1, odd, (1 << 64) - 1, -(1 << 63), 1.5, -2.25, 515)
+    ]
+    assert {s["validity"] for s in found["signals"]} == {"valid"}
+    scaled = found["signals"][4]
+    assert (scaled["value"], scaled["unit"], scaled["scaled"]) == (1.75, "V", True)
+    assert found["problems"] == []
+    text = "\n".join(picture_lines(found))
+    assert "1.75 V" in text
+    assert "18446744073709551615" in text
+    assert max(map(len, text.splitlines())) <= WIDTH
+
+
+def test_validity_says_why(segment: Segment) -> None:
+    def seen() -> list[str]:
+        return [signal["validity"] for signal in picture(name_of(segment))["signals"]]
+
+    assert set(seen()) == {"never"}
+    exchange(segment, bytes(32))
+    table(segment, "slave_status", "ecat_shm_slave_status", 0).al_state = 4
+    table(segment, "slave_status", "ecat_shm_slave_status", 1).al_state = 4
+    assert seen() == ["valid"] * 6 + ["not_operational"]  # SAFEOP has inputs, but no outputs
+    table(segment, "slave_status", "ecat_shm_slave_status", 0).al_state = 0x14
+    assert set(seen()) == {"not_operational"}
+    page(segment).wkc_state = shm.WkcState.INCOMPLETE
+    assert set(seen()) == {"incomplete"}
+    segment.header.cycle_end_ns = 1
+    assert set(seen()) == {"stale"}
+
+
+def test_clients_are_shown_without_what_steers_a_terminal(segment: Segment) -> None:
+    out = segment.out
+    bell = shm.struct("ecat_out_doorbell")(generation=3)
+    os.pwrite(segment.out_fd, bytes(bell), out.doorbells_offset + 2 * len(bytes(bell)))
+    evil = b"\x1b[31mroot\x07\n\xff\xe2\x80\xae" + b"x" * 19  # no end, and a right-to-left override
+    client = shm.struct("ecat_out_slot")(pid=4242, generation=3, since_ns=1)
+    data = bytearray(bytes(client))
+    data[-32:] = evil
+    os.pwrite(segment.out_fd, bytes(data), out.slots_offset + 2 * out.slot_stride)
+    status = table(segment, "slot_status", "ecat_shm_slot_status", 2)
+    status.state, status.reason = shm.SlotState.LAPSED, shm.Reason.LAPSED
+    status.lease_ns, status.lapses, status.refused = 20_000_000, 1, 4
+    output = table(segment, "outputs", "ecat_shm_output", 6)
+    output.owner, output.state, output.since_cycle, output.since_ns = 2, 2, 9, 1
+
+    found = read_claims(name_of(segment))
+    (slot,) = found["slots"]
+    assert (slot["slot"], slot["pid"], slot["state"], slot["held"]) == (2, 4242, "lapsed", False)
+    assert (slot["lease_us"], slot["outputs"], slot["lapses"]) == (20_000, 1, 1)
+    assert slot["program"].startswith("�[31mroot��")
+    assert slot["seconds"] > 1
+    (owned,) = found["outputs"]
+    assert (owned["address"], owned["owner"], owned["state"]) == ("0x7000:01", 2, "active")
+    lines = claims_lines(found)
+    assert all(line.isprintable() for line in lines)
+    assert lines[4:7] == [
+        "      has lost its outputs: lease lost",
+        "      the process is gone",
+        "      4 values out of their range were refused",
+    ]
+    assert max(map(len, lines)) <= WIDTH
+
+
+@pytest.mark.parametrize(
+    ("row", "field", "value", "problem"),
+    [
+        (("slaves", "ecat_shm_slave", 1), "domain", 9, "slaves[1] is in domain 9"),
+        (("slaves", "ecat_shm_slave", 0), "name", b"x" * 64, "slaves[0] has a name without end"),
+        (("slaves", "ecat_shm_slave", 0), "input_bytes", 1 << 31, "slaves[0] has inputs beyond"),
+        (("slaves", "ecat_shm_slave", 0), "signals_count", 99, "slaves[0] has entries beyond"),
+        (("signals", "ecat_shm_signal", 3), "bit_length", 65, "signals[3] has 65 bits"),
+        (("signals", "ecat_shm_signal", 3), "slave", 99, "signals[3] is of slave 99"),
+        (("signals", "ecat_shm_signal", 3), "domain", 1, "signals[3] is in domain 1"),
+        (("signals", "ecat_shm_signal", 3), "bit_offset", 999, "signals[3] ends at bit 1063"),
+        (("signals", "ecat_shm_signal", 2), "unit", b"y" * 16, "signals[2] has a unit without"),
+        (("domains", "ecat_shm_domain", 0), "page_offset", 3, "cannot be at byte 3"),
+        (("domains", "ecat_shm_domain", 0), "image_bytes", 1 << 31, "there is no room for"),
+        (("domains", "ecat_shm_domain", 0), "output_base", 1 << 31, "domains[0] has outputs"),
+        (("domains", "ecat_shm_domain", 0), "divider", 0, "domains[0] has divider 0"),
+        (("outputs", "ecat_shm_output", 6), "owner", 32, "outputs[6] belongs to slot 32"),
+    ],
+)
+def test_what_is_damaged_is_named_and_the_rest_shown(
+    segment: Segment, row: tuple[str, str, int], field: str, value: Any, problem: str
+) -> None:
+    exchange(segment, bytes(32))
+    setattr(table(segment, *row), field, value)
+    found = picture(name_of(segment))
+    assert any(problem in text for text in found["problems"]), found["problems"]
+    assert len(found["signals"]) == 7
+    text = "\n".join(picture_lines(found))
+    assert "DAMAGED: " in text
+    assert "Restart the daemon" in text
+
+
+def test_a_page_that_was_left_in_the_middle_is_told(segment: Segment) -> None:
+    page(segment).seq = 5
+    (problem,) = picture(name_of(segment))["problems"]
+    assert problem == "domains[0] has a page that its writer left in the middle"
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "problem"),
+    [
+        ("slaves_offset", 0xFFFFFFF8, "table ecat_shm_slave: 2 entries cannot be at byte"),
+        ("signals_offset", 4, "table ecat_shm_signal: 7 entries cannot be at byte 4"),
+        ("slave_count", 1025, "slave_count 1025 of the header is more than 1024"),
+        ("domain_count", 17, "domain_count 17 of the header is more than 16"),
+        ("signal_count", 1 << 30, "table ecat_shm_signal: 1073741824 entries"),
+        ("health_offset", 0xFFFFFFF8, "table ecat_shm_health"),
+        ("settings_offset", 1, "table ecat_shm_setting"),
+        ("cycle_time_ns", 0, "header: the cycle time is 0"),
+    ],
+)
+def test_a_table_that_is_not_there_is_told(
+    segment: Segment, field: str, value: int, problem: str
+) -> None:
+    setattr(segment.header, field, value)
+    found = picture(name_of(segment))
+    assert any(problem in text for text in found["problems"]), found["problems"]
+    assert picture_lines(found)
+
+
+@contextmanager
+def copy_of(segment: Segment, *, alive: bool) -> Iterator[tuple[str, Path, int]]:
+    """Both files under another name; `alive`: with the lock of a daemon held."""
+    name = f"{name_of(segment)}c"
+    path = shm.FOLDER / f"ecat.{name}"
+    out = path.with_name(f"{path.name}.out")
+    with ExitStack() as stack:
+        for file, source in ((path, segment.path), (out, segment.out_path)):
+            file.write_bytes(source.read_bytes())
+            stack.callback(file.unlink, missing_ok=True)
+        fd = os.open(path, os.O_RDWR)
+        stack.callback(os.close, fd)
+        if alive:
+            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, shm.LOCK_DAEMON, 1, 0)
+            fcntl.fcntl(fd, fcntl.F_OFD_SETLK, lock)
+        yield name, path, fd
+
+
+def test_a_leftover_is_shown_and_what_to_do_with_it(segment: Segment) -> None:
+    with copy_of(segment, alive=False) as (name, path, _fd):
+        found = picture(name)
+        assert not found["alive"]
+        assert len(found["signals"]) == 7
+        text = "\n".join(picture_lines(found))
+        assert "NO DAEMON" in text
+        assert f"rm -f {path} {path}.out" in text
+        with pytest.raises(UnreachableError, match="no ecatd serves bus"):
+            read_claims(name)
+        path.with_name(f"{path.name}.out").unlink()
+        assert picture(name)["slots"] == []
+
+
+@pytest.mark.parametrize(
+    ("alive", "change", "sentence"),
+    [
+        (False, b"", "is a leftover without content (0 bytes, and a header has "),
+        (False, b"garbage of a daemon", "is a leftover without content (19 bytes, and"),
+        (True, b"", "is still starting"),
+        (False, bytes(4096), "is a leftover without content (its daemon never finished it)"),
+        (True, b"GARBAGE!\0\0\1\0" + bytes(4096), "magic number at byte 0 is 'GARBAGE!'"),
+        (True, b"\x1b[31mROT\0\0\1\0" + bytes(4096), "magic number at byte 0 is '�[31mROT'"),
+        (True, b"ECATSHM1\0\0\2\0" + bytes(4096), "speaks layout 2.0, this client 1.0: update the"),
+        (False, b"ECATSHM1\1\0\0\0" + bytes(4096), "client 1.0: update the daemon"),
+    ],
+)
+def test_what_is_no_segment_is_told_in_one_sentence(
+    segment: Segment, alive: bool, change: bytes, sentence: str
+) -> None:
+    with copy_of(segment, alive=alive) as (name, path, _fd):
+        path.write_bytes(change)
+        with pytest.raises((StateError, UnreachableError)) as caught:
+            picture(name)
+        assert sentence in str(caught.value)
+        assert str(caught.value).isprintable()
+
+
+def test_a_file_that_is_cut_short_says_so(segment: Segment) -> None:
+    with copy_of(segment, alive=True) as (name, path, _fd):
+        size = path.stat().st_size
+        os.truncate(path, size - 8)
+        with pytest.raises(StateError, match=f"it should have {size} bytes, and has {size - 8}"):
+            picture(name)
+
+
+def test_the_segment_of_the_clients_may_be_damaged_too(segment: Segment) -> None:
+    with copy_of(segment, alive=True) as (name, path, _fd):
+        out = path.with_name(f"{path.name}.out")
+        whole = out.read_bytes()
+        for data, problem in (
+            (b"", "has no header"),
+            (bytes(8) + whole[8:], "magic number of"),
+            (whole[:16] + bytes(8) + whole[24:], "is of another run of the daemon"),
+            (whole[:12] + b"\xff" * 4 + whole[16:], "has 4294967295 slots"),
+        ):
+            out.write_bytes(data)
+            found = picture(name)
+            assert [text for text in found["problems"] if problem in text], found["problems"]
+        out.write_bytes(whole[:4096])  # without slots: nobody can be named
+        assert picture(name)["slots"] == []
+        with pytest.raises(StateError, match="table slots is cut short"):
+            raw.read_raw(name, "slots")
+        out.unlink()
+        (problem,) = picture(name)["problems"]
+        assert "where clients say who they are" in problem
+
+
+@pytest.mark.parametrize("name", raw.NAMES)
+def test_every_table_can_be_seen_as_it_is(segment: Segment, name: str) -> None:
+    slots, requests = shm.SLOTS, shm.SLOTS * shm.REQUESTS
+    counts = {
+        "slaves": 2,
+        "slave_status": 2,
+        "signals": 7,
+        "outputs": 7,
+        "settings": shm.SETTINGS,
+        "slot_status": slots,
+        "doorbells": slots,
+        "slots": slots,
+        "replies": requests,
+        "requests": requests,
+        "images": shm.SLOTS * shm.IMAGES,
+    }
+    rows = raw.read_raw(name_of(segment), name)
+    assert len(rows) == counts.get(name, 1)
+    for row in rows:
+        made = raw.plain(row)
+        assert list(made) == [field.name for field in shm.fields_of(type(row).__name__)]
+    if name == "signals":
+        assert (made["name"], made["index"], made["bit_length"]) == ("u16", 0x7000, 16)
+
+
+def test_a_table_that_does_not_exist(segment: Segment) -> None:
+    with pytest.raises(UsageError, match="'nothing' is no table: use one of header, slaves"):
+        raw.read_raw(name_of(segment), "nothing")
+
+
+def mutate(random_: random.Random, fd: int, size: int, hot: list[int]) -> None:
+    """Some random bytes, where they matter more often than elsewhere."""
+    for _ in range(random_.choice((1, 1, 2, 5, 20))):
+        near = random_.choice(hot) + random_.randrange(400)
+        at = random_.choice((near, near, random_.randrange(size)))
+        value = random_.choice(
+            (
+                random_.randbytes(random_.choice((1, 2, 4, 8, 64))),
+                b"\xff" * random_.choice((1, 4, 8)),
+                struct.pack("<I", 1 << random_.randrange(32)),
+                struct.pack("<d", random_.choice((float("nan"), float("inf"), 1e308))),
+            )
+        )
+        os.pwrite(fd, value, min(at, size - len(value)))
+
+
+def read_all_else(bus: str) -> None:
+    for reader in (read, read_clocks):
+        with suppress(EcatError):
+            reader(bus)
+    for name in raw.NAMES:
+        with suppress(EcatError):
+            json.dumps([raw.plain(row) for row in raw.read_raw(bus, name)])
+
+
+@pytest.mark.parametrize("alive", [True, False])
+def test_ten_thousand_random_mutations_are_no_tracebacks(segment: Segment, alive: bool) -> None:
+    random_ = random.Random(4711)
+    exchange(segment, random_.randbytes(32))
+    refused = told = sound = 0
+    with copy_of(segment, alive=alive) as (name, path, fd):
+        out = os.open(path.with_name(f"{path.name}.out"), os.O_RDWR)
+        whole, whole_out = os.pread(fd, 1 << 24, 0), os.pread(out, 1 << 24, 0)[: 3 * 4096]
+        hot = [0, 12, *(getattr(segment.header, f"{key}_offset") for key in raw.TABLES)]
+        hot.append(table(segment, "domains", "ecat_shm_domain").page_offset)
+        for turn in range(MUTATIONS // 2):
+            mutate(random_, fd, len(whole), hot)
+            mutate(random_, out, len(whole_out), [0, 4096, 8192])
+            if turn % 50 == 0:
+                os.truncate(fd, random_.randrange(len(whole)))
+            try:
+                found = picture(name)
+            except EcatError as error:
+                refused += 1
+                lines = [str(error)]
+            else:
+                told, sound = told + bool(found["problems"]), sound + (not found["problems"])
+                lines = picture_lines(found)
+                assert json.dumps(found)
+                with suppress(EcatError):
+                    lines += claims_lines(read_claims(name))
+            assert all(line.isprintable() for line in lines)
+            if turn % 10 == 0:
+                read_all_else(name)
+            os.pwrite(fd, whole, 0)
+            os.pwrite(out, whole_out, 0)
+        os.close(out)
+    # Each kind of outcome was met often, or this would say nothing.
+    assert min(told, refused) > MUTATIONS // 100
+    assert sound > MUTATIONS // 100
+
+
+def test_ages_are_short() -> None:
+    assert [age(us) for us in (None, 0.4, 999, 1234, 250_000, 3.4e6, 3.6e9)] == [
+        *("-", "0 µs", "999 µs", "1.2 ms", "250 ms", "3.4 s", "1:00:00")
+    ]

@@ -1,0 +1,212 @@
+"""`ecatctl shm` and `ecatctl claims` beside a live daemon, and beside one that was killed."""
+
+import contextlib
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from conftest import SHM, Daemon, one_line_error, run_module, wait_for
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+EL2008 = 3
+OWNER = """
+import sys, time
+from ecatd.client import Client
+with Client() as bus:
+    bus.claim({slave}, {lease})
+    bus.write(bus.bind({slave}, 0x7000, 1), 1)
+    bus.commit()
+    print("ready", flush=True)
+    while True:
+        bus.sample()
+        bus.commit()
+        time.sleep(0.005)
+"""
+
+
+@contextlib.contextmanager
+def owner(daemon: Daemon, lease: float = 0.5) -> Iterator[subprocess.Popen[str]]:
+    """Another process that owns the outputs of the EL2008, the first of which is on."""
+    program = OWNER.format(slave=EL2008, lease=lease).replace("Client()", f"Client({daemon.bus!r})")
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], text=True, stdout=subprocess.PIPE, env=daemon.env
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def outputs_of(daemon: Daemon) -> list[dict[str, Any]]:
+    outputs: list[dict[str, Any]] = daemon.ctl_json("claims", "-p", str(EL2008))["outputs"]
+    return outputs
+
+
+def test_claims_name_who_owns_what(troll: Daemon) -> None:
+    with owner(troll) as process:
+        wait_for(lambda: outputs_of(troll)[0]["raw"] == 1, troll)
+        document = troll.ctl_json("claims")
+        (slot,) = document["slots"]
+        assert (slot["pid"], slot["held"], slot["state"]) == (process.pid, True, "active")
+        assert slot["program"].startswith("python")
+        assert (slot["lease_us"], slot["outputs"]) == (500_000, 8)
+        assert 0 <= slot["seconds"] < 60
+        assert abs(slot["since"] + slot["seconds"] - time.time()) < 60
+        assert slot["heartbeat_us"] < 500_000
+        drive, *_rest = document["outputs"]
+        assert (drive["owner"], drive["state"], drive["reason"]) == (None, "safe", "start")
+        first, second = outputs_of(troll)[:2]
+        assert (first["address"], first["raw"], first["state"]) == ("0x7000:01", 1, "active")
+        assert (second["raw"], second["state"]) == (0, "claimed")
+        assert first["owner"] == second["owner"] == slot["slot"]
+        text = troll.ctl("claims").stdout
+        row = rf"^ +{slot['slot']} +{process.pid}  python.* 500 ms +8  active$"
+        assert re.search(row, text, re.M)
+        assert re.search(r"^  0x7000:01 Output +1  active +slot \d+ python", text, re.M)
+        assert re.search(r"^  0x6040:00 Control word +0  safe +never claimed$", text, re.M)
+        assert max(map(len, text.splitlines())) <= 80
+
+
+def test_clients_that_hang_or_die_are_told(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    with owner(daemon, lease=0.1) as process:
+        process.send_signal(signal.SIGSTOP)
+        wait_for(lambda: outputs_of(daemon)[0]["state"] == "safe", daemon)
+        text = daemon.ctl("claims").stdout
+        row = rf"{process.pid}  python.* 0  lapsed\n +has lost its outputs: lease lost$"
+        assert re.search(row, text, re.M)
+        assert re.search(r"^  0x7000:01 Output +\d  safe +lease lost ", text, re.M)
+        process.kill()
+        process.wait()
+        text = daemon.ctl("claims").stdout
+        assert "      has lost its outputs: lease lost\n      the process is gone\n" in text
+        assert max(map(len, text.splitlines())) <= 80
+        (slot,) = daemon.ctl_json("claims")["slots"]
+        assert (slot["held"], slot["lapses"], slot["reason"]) == (False, 1, "lapsed")
+
+
+def test_shm_shows_the_whole_segment(troll: Daemon) -> None:
+    document = troll.ctl_json("shm")
+    assert (document["alive"], document["state"], document["problems"]) == (True, "running", [])
+    assert document["counts"] == {"slave": 8, "signal": 156, "domain": 1, "slot": 32}
+    assert len(document["signals"]) == 156
+    assert {slave["state"] for slave in document["slaves"]} == {"OP"}
+    with troll.client() as client:
+        client.sample()
+        assert f"{client.fingerprint:016x}" == document["fingerprint"]
+        for signal_, seen in zip(client.signals(), document["signals"], strict=True):
+            assert (signal_.address, signal_.output) == (seen["address"], seen["output"])
+            if signal_.slave == 5:  # constants
+                assert client.read(signal_.number) == seen["raw"] or "Toggle" in signal_.name
+    text = troll.ctl("shm").stdout
+    assert text.startswith(f"bus {troll.bus}: running, cycle ")
+    for head in ("DOMAIN ", "POS  STATE", "SIGNAL ", "REAL TIME", "EXCHANGE"):
+        assert f"\n{head}" in text
+    assert re.search(r"^  in  0x6070:11 Value +32767 +valid$", text, re.M)
+    assert "\033" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    one = troll.ctl("shm", "-p", "2").stdout
+    assert "EL1018" in one
+    assert "EL2008" not in one
+
+
+def test_raw_tables_come_with_their_meaning(troll: Daemon) -> None:
+    text = troll.ctl("shm", "--raw", "header").stdout
+    assert "header[0]  (ecat_shm_header)" in text
+    assert re.search(r"^  magic +0x314D485354414345 +ECAT_SHM_MAGIC$", text, re.M)
+    assert re.search(r"^  state +2 RUNNING +ecat_bus_state; control$", text, re.M)
+    document = troll.ctl_json("shm", "--raw", "slaves")
+    assert (document["table"], document["struct"]) == ("slaves", "ecat_shm_slave")
+    assert [row["product"] for row in document["rows"]][:2] == [0x00030924, 0x044C2C52]
+    wrong = troll.ctl("shm", "--raw", "nothing", check=False)
+    assert wrong.returncode == 2
+    assert "invalid choice: 'nothing'" in wrong.stderr
+
+
+def test_watch_comes_again_and_outlives_the_daemon(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    lines = daemon.ctl("claims", "--json", "--watch", "0.1", "--count", "3").stdout.splitlines()
+    cycles = [json.loads(line)["cycle"] for line in lines]
+    assert cycles == sorted(set(cycles))
+    assert len(cycles) == 3
+    command = [sys.executable, "-m", "ecatd.cli", "claims", "--json", "--watch", "0.1"]
+    with subprocess.Popen(command, env=daemon.env, text=True, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        try:
+            assert json.loads(process.stdout.readline())["alive"]
+            daemon.kill_all()
+            while "error" not in (gone := json.loads(process.stdout.readline())):
+                pass
+            assert gone["error"]["name"] == "unreachable"
+        finally:
+            process.kill()
+
+
+def test_a_segment_that_was_left_behind(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    daemon.kill_all()
+    left = daemon.ctl("shm", check=False)
+    assert (left.returncode, left.stderr) == (3, "")
+    assert left.stdout.startswith(f"bus {daemon.bus}: NO DAEMON, what it left behind; cycle ")
+    assert f"rm -f {SHM}/ecat.{daemon.bus} {SHM}/ecat.{daemon.bus}.out" in left.stdout
+    assert json.loads(daemon.ctl("shm", "--json", check=False).stdout)["alive"] is False
+    claims = daemon.ctl("claims", check=False)
+    assert claims.returncode == 3
+    assert "no ecatd serves bus" in one_line_error(claims.stderr, "ecatctl")
+    file = SHM / f"ecat.{daemon.bus}"
+    data = bytearray(file.read_bytes())
+    data[0] ^= 0xFF
+    file.write_bytes(data)
+    broken = daemon.ctl("shm", check=False)
+    assert broken.returncode == 7
+    assert "is damaged (magic number at byte 0" in one_line_error(broken.stderr, "ecatctl")
+
+
+@pytest.mark.parametrize("command", ["shm", "claims"])
+def test_wrong_usage_and_nobody_there(troll: Daemon, command: str) -> None:
+    far = troll.ctl(command, "--connect", "tcp/127.0.0.1:1", check=False)
+    assert far.returncode == 2
+    assert "can only be read on the machine of the daemon" in far.stderr
+    count = troll.ctl(command, "--count", "2", check=False)
+    assert "--count says how often to show it: use it with --watch" in count.stderr
+    slave = troll.ctl(command, "-p", "77", check=False)
+    assert slave.returncode == 7
+    assert "there is no slave 77" in one_line_error(slave.stderr, "ecatctl")
+    nobody = run_module("ecatd.cli", command, "--bus", "nobody", env=troll.env)
+    assert nobody.returncode == 3
+    assert "no ecatd serves bus 'nobody'" in one_line_error(nobody.stderr, "ecatctl")
+
+
+@pytest.mark.parametrize(("variables", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
+def test_colours_are_for_terminals(
+    troll: Daemon, variables: dict[str, str], coloured: bool
+) -> None:
+    main, child = pty.openpty()
+    env = {key: value for key, value in troll.env.items() if key != "NO_COLOR"} | variables
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ecatd.cli", "claims"], env=env, stdin=child, stdout=child
+    )
+    os.close(child)
+    output = b""
+    with contextlib.suppress(OSError):  # the other side is closed
+        while data := os.read(main, 65536):
+            output += data
+    os.close(main)
+    assert process.wait(20) == 0
+    assert (b"\033[1mbus " in output) is coloured
+    assert (b"\033" in output) is coloured
