@@ -145,7 +145,7 @@ def test_interface_switched_off_and_on(bench: Bench) -> None:
     assert bench.health().link_first == shm.Link.UP
     bench.wait_for_data()
     bench.wait_for_op()
-    bench.wait_for_log("back to OP after the watchdog")
+    bench.wait_for_log("back in OP after")
 
 
 def test_carrier_lost_and_back(bench: Bench) -> None:
@@ -306,10 +306,10 @@ def test_slaves_that_lost_their_power_are_told_from_missing_ones(bench: Bench) -
     bench.ctl("power-off", "7")
     bench.wait_for_log("now 7: no answer from slave 7 (EL6751) on: 1 slave missing")
     bench.ctl("power-on", "7")
-    bench.wait_for_log("no answer from slave 7 (EL6751) at its address, though 8 slaves are there")
+    bench.wait_for_log("slave 7 (EL6751): back in OP after")
     bench.wait_for_event("slaves", found=8)
-    with bench.daemon.client() as client:
-        assert [slave.al_state for slave in client.slaves()] == [AlState.OP] * 7 + [0]
+    bench.wait_for_op()
+    bench.wait_for_data()
 
 
 def take_real_time_away() -> None:

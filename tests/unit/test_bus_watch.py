@@ -5,19 +5,14 @@ import asyncio
 import pytest
 
 from ecatd.bus.engine import Event
-from ecatd.bus.master import SlaveState
 from ecatd.bus.watch.counters import Disturbance, Report
 from ecatd.bus.watch.paced import Paced
-from ecatd.bus.watch.recovery import TRIES, Recovery
-from ecatd.bus.watch.slaves import describe_presence
+from ecatd.bus.watch.presence import describe_presence
 from ecatd.bus.watch.wire import describe_ring
-from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.shm import Ring
 
 BUS = Bus("b", 1000, [Slave(i, f"EL{i}", 2, 3, 4) for i in range(4)])
-FALLEN = SlaveState(0, AlState.SAFEOP | 0x10, 0x001B)
-OP = SlaveState(0, AlState.OP, 0)
 
 
 def reports(values: list[int]) -> list[Report | None]:
@@ -64,44 +59,6 @@ def test_events_of_every_cycle_are_told_at_a_bounded_rate() -> None:
 
     asyncio.run(flap())
     assert told == [5, 0, 3]
-
-
-def test_the_watchdog_is_undone_three_times_and_told_once() -> None:
-    recovery = Recovery(1)
-    tries, told = 0, 0
-    for second in range(100):
-        due, given_up = recovery.look([FALLEN], float(second))
-        tries += len(due)
-        told += len(given_up)
-        recovery.look([OP], second + 0.5)  # it falls again and again
-    assert (tries, told) == (TRIES, 1)
-
-
-def test_a_slave_that_was_steady_in_op_may_fall_again() -> None:
-    recovery = Recovery(1)
-    for begin in range(0, 100, 20):
-        assert recovery.look([FALLEN], float(begin)) == ([0], [])
-        for second in range(1, 15):
-            assert recovery.look([OP], float(begin + second)) == ([], [])
-
-
-def test_only_what_was_wanted_in_op_and_fell_by_its_watchdog_is_brought_back() -> None:
-    recovery = Recovery(1)
-    assert recovery.look([SlaveState(0, AlState.SAFEOP | 0x10, 0x001A)], 0.0) == ([], [])
-    assert recovery.look([SlaveState(0, AlState.SAFEOP, 0)], 1.0) == ([], [])
-    assert recovery.look([SlaveState(0, 0, 0)], 2.0) == ([], [])
-    recovery.want([0], AlState.SAFEOP)
-    assert recovery.look([FALLEN], 3.0) == ([], [])
-    recovery.want([0], AlState.OP)
-    assert recovery.look([FALLEN], 4.0) == ([0], [])
-
-
-def test_a_try_that_leaves_the_slave_in_safeop_is_followed_by_another() -> None:
-    recovery = Recovery(1)
-    assert recovery.look([FALLEN], 0.0) == ([0], [])
-    acknowledged = SlaveState(0, AlState.SAFEOP, 0)
-    assert recovery.look([acknowledged], 0.1) == ([], [])  # not at once
-    assert recovery.look([acknowledged], 1.0) == ([0], [])
 
 
 @pytest.mark.parametrize(

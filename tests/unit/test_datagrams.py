@@ -9,6 +9,7 @@ from wire_bench import Wire, served
 from ecatd.bus.datagrams import (
     DATAGRAM_BYTES,
     Datagrams,
+    Station,
     aprd,
     apwr,
     brd,
@@ -122,7 +123,7 @@ def test_eeproms_of_all_kinds_are_read_at_the_same_time(loss: int) -> None:
     with bus(*chips) as (registers, _segment, wire):
         if loss:
             wire.lose = lambda number: number % 10 == loss
-        stations = [(0x1001 + i, f"slave {i}") for i in range(len(chips))]
+        stations = [(Station(0x1001 + i), f"slave {i}") for i in range(len(chips))]
 
         def decode(words: Callable[[int, int], bytes]) -> bytes:
             # Odd addresses, and some that depend on what was read before.
@@ -133,7 +134,7 @@ def test_eeproms_of_all_kinds_are_read_at_the_same_time(loss: int) -> None:
             image(i)[2 * (i & 1) :][:6] + image(i)[14 : 14 + 0xC0].ljust(0xC0, b"\xff")
             for i in range(len(chips))
         ]
-        owners = registers.read_all([station for station, _ in stations], 0x0500, 1)
+        owners = registers.read_all([slave.address for slave, _ in stations], 0x0500, 1)
         assert [answer.data for answer in owners] == [b"\x01"] * len(chips)
 
 
@@ -145,24 +146,24 @@ def test_eeproms_that_cannot_be_read_are_named() -> None:
 
     with bus(Chip(), Chip(), Chip(eeprom_read_us=HOUR_US)) as (registers, segment, _wire):
         with pytest.raises(StateError, match=r"^B: EEPROM: it makes no sense$"):
-            read_eeproms(registers, [(0x1001, "A"), (0x1002, "B")], decode)
+            read_eeproms(registers, [(Station(0x1001), "A"), (Station(0x1002), "B")], decode)
         with pytest.raises(StateError, match=r"^C: EEPROM: it is busy for more than 0.5 s$"):
-            read_eeproms(registers, [(0x1001, "A"), (0x1003, "C")], decode)
+            read_eeproms(registers, [(Station(0x1001), "A"), (Station(0x1003), "C")], decode)
         with pytest.raises(StateError, match=r"^D: EEPROM: .* the slave does not answer$"):
-            read_eeproms(registers, [(0x1001, "A"), (0x1004, "D")], decode)
+            read_eeproms(registers, [(Station(0x1001), "A"), (Station(0x1004), "D")], decode)
         with pytest.raises(StateError, match="stopped while"):
-            read_eeproms(registers, [(0x1001, "A")], decode, lambda: True)
+            read_eeproms(registers, [(Station(0x1001), "A")], decode, lambda: True)
         segment.set_eeprom(0, b"")
         with pytest.raises(StateError, match=r"^A: EEPROM: .* does not acknowledge .* 0x2\w+\)$"):
-            read_eeproms(registers, [(0x1001, "A")], decode)
+            read_eeproms(registers, [(Station(0x1001), "A")], decode)
         segment.set_eeprom(0, image(0))
-        assert read_eeproms(registers, [(0x1001, "A")], decode) == [image(0)[:16]]
+        assert read_eeproms(registers, [(Station(0x1001), "A")], decode) == [image(0)[:16]]
 
 
 def test_a_device_that_keeps_its_eeprom_is_overruled() -> None:
     with bus(Chip()) as (registers, segment, _wire):
         registers.exchange([fpwr(0x1001, 0x0500, b"\x01")])
         segment.write(0, 0x0501, b"\x01")  # the device takes it
-        assert read_eeproms(registers, [(0x1001, "A")], lambda words: words(0, 8)) == [
+        assert read_eeproms(registers, [(Station(0x1001), "A")], lambda words: words(0, 8)) == [
             image(0)[:16]
         ]

@@ -101,6 +101,36 @@ def apwr(position: int, register: int, data: bytes) -> Datagram:
     return Datagram(Command.APWR, -position & 0xFFFF, register, data)
 
 
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A slave by its configured station address."""
+
+    address: int
+
+    def read(self, register: int, size: int) -> Datagram:
+        """Reads its memory."""
+        return fprd(self.address, register, size)
+
+    def write(self, register: int, data: bytes) -> Datagram:
+        """Writes its memory."""
+        return fpwr(self.address, register, data)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A slave by its place on the wire, 0 first: the only way to one that has no address yet."""
+
+    position: int
+
+    def read(self, register: int, size: int) -> Datagram:
+        """Reads its memory."""
+        return aprd(self.position, register, size)
+
+    def write(self, register: int, data: bytes) -> Datagram:
+        """Writes its memory."""
+        return apwr(self.position, register, data)
+
+
 def brd(register: int, size: int) -> Datagram:
     """Reads `size` bytes of all slaves, ORed."""
     return Datagram(Command.BRD, 0, register, bytes(size))

@@ -6,14 +6,19 @@ import asyncio
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ecatd.model.errors import StateError
+
+from .steps import Steps
 
 T = TypeVar("T")
 
 _QUEUE_LIMIT = 64
 """Requests that may wait; further ones are told so instead of waiting for minutes."""
+
+_PAUSE = 0.01
+"""Seconds between two looks of steps that wait: a share of the wire is left to others."""
 
 
 class Mailbox:
@@ -38,6 +43,19 @@ class Mailbox:
         future.add_done_callback(self._finished)
         return future
 
+    async def run_steps(self, steps: Steps[T]) -> T:
+        """Runs steps to their end; what others have queued is done wherever they wait.
+
+        They are never refused as one too many: a slave is waited for by those in the queue.
+        """
+        while True:
+            try:
+                await asyncio.wrap_future(self._pool.submit(_advance, steps))
+            except _End as end:
+                result: T = end.value
+                return result
+            await asyncio.sleep(_PAUSE)
+
     def _finished(self, _future: Future[T]) -> None:
         with self._lock:
             self._waiting -= 1
@@ -49,3 +67,17 @@ class Mailbox:
     def close(self) -> None:
         """Lets the running call end and drops the waiting ones."""
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class _End(Exception):  # noqa: N818  no error: the result of steps on its way to another thread
+    def __init__(self, value: Any) -> None:
+        super().__init__()
+        self.value = value
+
+
+def _advance(steps: Steps[Any]) -> None:
+    """Goes to the next place where steps wait; StopIteration cannot leave a future."""
+    try:
+        next(steps)
+    except StopIteration as end:
+        raise _End(end.value) from None

@@ -11,7 +11,7 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -29,10 +29,11 @@ from ecatd.model.errors import (
     UnreachableError,
 )
 
-from .datagrams import Datagram, Datagrams, aprd, fprd, fpwr, source_address
+from .datagrams import Datagram, Datagrams, Station, aprd, bwr, fprd, fpwr, source_address
 from .interface import needs_rights, open_for_control, own
 from .relay import Relay
 from .start.eeprom import Words, read_eeproms
+from .steps import Steps, finish
 
 _SDO_BUFFER = 1 << 16
 """Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
@@ -41,10 +42,9 @@ _SLAVES_MAX = 199
 _TOO_MANY = -4
 """What `config_init` returns for more slaves than SOEM has room for."""
 
-_STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130
+_STATION_ADDRESS, _AL_CONTROL, _AL_STATUS = 0x0010, 0x0120, 0x0130
 
 _TRIES = 3
-_POLL = 0.002
 _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5
 
@@ -197,7 +197,7 @@ class Master:
         chosen = range(len(self.stations)) if positions is None else positions
         return read_eeproms(
             self.registers,
-            [(self.stations[position], self._label(position)) for position in chosen],
+            [(Station(self.stations[position]), self._label(position)) for position in chosen],
             decode,
             self._cancelled,
         )
@@ -334,18 +334,15 @@ class Master:
         except (pysoem.SdoInfoError, pysoem.SdoError, pysoem.WkcError, pysoem.PacketError) as error:
             raise StateError(f"slave {position}: no answer to SDO information: {error}") from error
 
-    def _request(self, state: int, positions: Sequence[int] | None) -> None:
+    def _request(self, state: int, positions: Iterable[int] | None) -> None:
         """Writes AL control, of all slaves by one broadcast if `positions` is None."""
+        data = struct.pack("<H", state)
         if positions is None:
-            self._master.state = state
-            self._master.write_state()
-            return
-        for position in positions:
-            slave = self._master.slaves[position]
-            slave.state = state
-            slave.write_state()
+            self.registers.exchange([bwr(_AL_CONTROL, data)])
+        else:
+            self.registers.exchange([fpwr(self.stations[p], _AL_CONTROL, data) for p in positions])
 
-    def _acknowledge(self, positions: Sequence[int] | None) -> None:
+    def _acknowledge(self, positions: set[int]) -> Steps[None]:
         """Acknowledges errors (AL control bit 4), and gives the slaves time to follow.
 
         A controller that emulates its device repeats AL control in AL status, acknowledgement
@@ -353,18 +350,16 @@ class Master:
         """
         deadline = time.monotonic() + _ACKNOWLEDGE_TIMEOUT
         while time.monotonic() < deadline:
-            flagged = [
-                item
-                for item in self.states()
-                if item.al_state & AL_ERROR_FLAG
-                and (positions is None or item.position in positions)
-            ]
+            flagged: dict[int, list[int]] = {}
+            for item in self.states():
+                if item.al_state & AL_ERROR_FLAG and item.position in positions:
+                    bit = AL_ERROR_FLAG if item.al_code else 0
+                    flagged.setdefault((item.al_state & 0x0F) | bit, []).append(item.position)
             if not flagged:
                 return
-            for item in flagged:
-                bit = AL_ERROR_FLAG if item.al_code else 0
-                self._request((item.al_state & 0x0F) | bit, [item.position])
-            time.sleep(_POLL)
+            for state, who in flagged.items():
+                self._request(state, who)
+            yield
 
     def states(self) -> list[SlaveState]:
         """The AL status of every slave, freshly read."""
@@ -375,38 +370,62 @@ class Master:
             for position, answer in enumerate(answers)
         ]
 
-    def reach(self, state: AlState, timeout: float, positions: Sequence[int] | None = None) -> None:
-        """Acknowledges errors, requests a state and waits until all slaves have it.
+    def approach(
+        self, state: AlState, timeout: float, positions: Iterable[int] | None = None
+    ) -> Steps[list[SlaveState]]:
+        """Acknowledges errors, requests a state and waits for it; nobody holds the others up.
 
         Args:
             state: The state.
             timeout: Seconds to wait.
             positions: The slaves, or None for all.
 
-        Raises:
-            StateError: Slaves did not reach it; the message names each, with its AL status.
+        Returns:
+            The slaves that refused, or did not reach it in time, as they are now.
         """
-        self._acknowledge(positions)
+        waiting = set(range(len(self.stations)) if positions is None else positions)
+        yield from self._acknowledge(waiting)
+        whom = None if positions is None else waiting
         deadline = time.monotonic() + timeout
         ask_again = 0.0
+        refused = []
         while True:
             now = time.monotonic()
             if now >= ask_again:  # one lost frame is no reason to wait in vain
-                self._request(state, positions)
+                self._request(state, whom)
                 ask_again = now + _ASK_AGAIN
             wrong = [
                 item
                 for item in self.states()
-                if item.al_state != state and (positions is None or item.position in positions)
+                if item.position in waiting and item.al_state != state
             ]
-            if not wrong:
-                return
-            refused = [item for item in wrong if item.al_state & AL_ERROR_FLAG and item.al_code]
-            if refused or now > deadline:
-                raise StateError(self._missed(refused or wrong, state))
+            refused += [item for item in wrong if item.al_state & AL_ERROR_FLAG and item.al_code]
+            wrong = [item for item in wrong if item not in refused]
+            waiting = {item.position for item in wrong}
+            if not waiting or now > deadline:
+                return refused + wrong
             if self._cancelled():
                 raise StateError(f"stopped while slaves were going to {state.name}")
-            time.sleep(_POLL)
+            whom = waiting
+            yield
+
+    def reach(self, state: AlState, timeout: float, positions: Iterable[int] | None = None) -> None:
+        """`approach` to its end.
+
+        Raises:
+            StateError: Slaves did not reach it; the message names each, with its AL status.
+        """
+        finish(self.expect(state, timeout, positions))
+
+    def expect(
+        self, state: AlState, timeout: float, positions: Iterable[int] | None = None
+    ) -> Steps[None]:
+        """`approach` that raises as `reach` does."""
+        missed = yield from self.approach(state, timeout, positions)
+        # What a slave has refused is the news; others were perhaps waiting for it.
+        refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]
+        if missed:
+            raise StateError(self._missed(refused or missed, state))
 
     def _missed(self, wrong: list[SlaveState], state: AlState) -> str:
         """Which slaves do not reach a state, those with the same AL status together."""

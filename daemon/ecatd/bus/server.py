@@ -32,6 +32,7 @@ from ecatd.version import VERSION
 from .mailbox import Mailbox
 from .master import Master, SlaveState
 from .start.bring_up import BringUp
+from .steps import Steps
 from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
@@ -155,12 +156,15 @@ class BusServer:
         return {"slaves": [self._state_row(item) for item in self._running.states]}
 
     def _state_row(self, item: SlaveState) -> dict[str, Any]:
+        condition, more = self._running.condition(item.position)
         return {
             "position": item.position,
             "name": self.bus.slaves[item.position].name,
             "al_state": item.al_state,
             "al_code": item.al_code,
             "text": item.describe(),
+            "recovery": str(condition),
+            "recovery_text": more,
         }
 
     async def _set_state(self, request: SetState) -> dict[str, Any]:
@@ -170,19 +174,20 @@ class BusServer:
         chosen = range(len(self.bus.slaves)) if request.slave is None else [request.slave]
         timeout = self._config.state_timeout_s
 
-        def change() -> None:
+        def change() -> Steps[None]:
             # Up one state at a time, as the state machine wants it; down in one go.
             for state in _UPWARDS:
                 states = {item.position: item.al_state & 0x0F for item in master.states()}
                 below = [position for position in chosen if states[position] < state]
                 if state < target and below:
-                    master.reach(state, timeout, below)
-            master.reach(target, timeout, chosen)
+                    yield from master.expect(state, timeout, below)
+            yield from master.expect(target, timeout, chosen)
 
         self._running.want(list(chosen), target)
         try:
-            await self._mailbox.run(change)
+            await self._mailbox.run_steps(change())
         finally:
+            self._running.settled(list(chosen))
             await self._running.look()
         return self._state_rows()
 
@@ -234,7 +239,7 @@ class BusServer:
                     with suppress(StateError):
                         up.master.reach(state, _STOP_TIMEOUT)
             if up.clocks is not None:
-                up.clocks.stop_signals()
+                up.clocks.signals.stop()
         finally:
             if up.engine is not None:
                 up.engine.close()

@@ -10,6 +10,7 @@ from typing import Any
 
 from ecatd import shm
 from ecatd.model.al import AlState, al_state_text
+from ecatd.model.bus import positions_text
 from ecatd.model.errors import NoAnswerError, UnreachableError
 from ecatd.real_time import SETTINGS
 from ecatd.stats import Grant, Snapshot, to_map
@@ -79,6 +80,7 @@ def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list
         ("started", f"{_date(snapshot.instance)}, {duration(snapshot.seconds)} ago"),
         ("version", snapshot.version),
     ]
+    rows += [("recovery", text) for text in _recovery(running)]
     if silent:
         rows.append(("gateway", "does not answer; all this is from shared memory"))
     if snapshot.silence:
@@ -95,6 +97,17 @@ def _slaves(snapshot: Snapshot) -> str:
     who = "all" if snapshot.slaves_found == snapshot.slaves_expected else "these"
     text += f", {who} in {al_state_text(state)}" if state in _SINGLE else ", in different AL states"
     return text + (", with errors (see ecatctl state)" if snapshot.al_status & 0x10 else "")
+
+
+def _recovery(running: dict[str, Any]) -> list[str]:
+    """Slaves that should be in OP and are not, together where the same is known of them."""
+    alike: dict[str, list[int]] = {}
+    for row in running.get("recovery", []):
+        alike.setdefault(row["state"], []).append(row["slave"])
+    return [
+        f"slave{'s' * (len(positions) > 1)} {positions_text(positions)}: {state}"
+        for state, positions in alike.items()
+    ]
 
 
 def _links(snapshot: Snapshot, running: dict[str, Any]) -> list[tuple[str, str]]:

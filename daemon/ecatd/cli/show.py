@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from ecatd.client.remote import Remote
 from ecatd.model.al import al_state_text
@@ -39,6 +40,8 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 "position": slave.position,
                 "alias": slave.alias,
                 "state": al_state_text(states[slave.position]["al_state"]),
+                "recovery": states[slave.position]["recovery"],
+                "recovery_text": states[slave.position]["recovery_text"],
                 "name": slave.name,
                 "vendor": slave.vendor,
                 "product": slave.product,
@@ -66,7 +69,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
             (
                 slave.position,
                 slave.alias,
-                al_state_text(states[slave.position]["al_state"]),
+                _state(states[slave.position]),
                 slave.name or "(no name)",
                 f"0x{slave.vendor:08X}",
                 f"0x{slave.product:08X}",
@@ -79,6 +82,12 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
         ),
         ">>      >>",
     )
+
+
+def _state(row: dict[str, Any]) -> str:
+    """AL state of a slave, and what is done about it where it should be in OP and is not."""
+    text = al_state_text(row["al_state"])
+    return f"{text}, {row['recovery']}" if row.get("recovery") else text
 
 
 def pdos(remote: Remote, options: argparse.Namespace) -> None:
@@ -135,5 +144,11 @@ def state(remote: Remote, options: argparse.Namespace) -> None:
         print_json({"bus": remote.bus, "slaves": rows})
         return
     print_table(
-        ("POS", "NAME", "STATE"), ((row["position"], row["name"], row["text"]) for row in rows), ">"
+        ("POS", "NAME", "STATE"), ((row["position"], row["name"], _told(row)) for row in rows), ">"
     )
+
+
+def _told(row: dict[str, Any]) -> str:
+    """What is known of the state of a slave."""
+    known = (row["text"], row.get("recovery"), row.get("recovery_text"))
+    return "; ".join(text for text in known if text)

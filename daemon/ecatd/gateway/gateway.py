@@ -61,7 +61,7 @@ class Gateway:
         self._declared: list[Any] = []
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answers: OrderedDict[str, asyncio.Future[dict[str, Any]]] = OrderedDict()
-        self._description: dict[str, Any] = {}
+        self._bus_description: dict[str, Any] = {}  # which stays as it is
 
     async def start(self) -> None:
         """Connects to the bus server and opens the Zenoh session.
@@ -70,7 +70,7 @@ class Gateway:
             EcatError: One of both does not work.
         """
         await self._bus.open()
-        self._description = await self._bus.ask(Describe())
+        self._bus_description = (await self._bus.ask(Describe()))["bus"]
         zenoh.init_log_from_env_or("off")
         self._session = session = self._open_session()
         loop = asyncio.get_running_loop()
@@ -168,9 +168,9 @@ class Gateway:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
         match parts:
             case ["ro", "info"]:
-                return dict(self._description["info"])
+                return dict((await self._bus.ask(Describe()))["info"])
             case ["ro", "slaves"]:
-                return dict(self._description["bus"])
+                return dict(self._bus_description)
             case ["ro", "state"]:
                 return await self._bus.ask(ReadStates())
             case ["ro", "stats"]:

@@ -39,6 +39,40 @@ AL_ERROR_FLAG = 0x10
 AL_WATCHDOG = 0x001B
 """AL status code of a slave that has had no process data for the time of its watchdog."""
 
+AL_SYNCHRONIZATION = frozenset((0x001A, 0x002C, 0x002D, 0x0032, 0x0033, 0x0034, 0x0035))
+"""AL status codes that speak of clocks and SYNC signals: of these some were missing or late."""
+
+_NEEDS_SET_UP = frozenset((0x0021, 0x0022, 0x0023, 0x0060))
+_FROM_OUTSIDE = frozenset((0x0000, 0x0018, 0x0019, AL_WATCHDOG, 0x002A, 0x002B, 0x0052))
+
+
+def comes_from_outside(code: int) -> bool:
+    """Whether an AL status code says that the slave lacked something, and nothing is wrong with it.
+
+    Frames, clocks and SYNC signals come back, and then it can go on. All other codes, also
+    reserved ones and those of vendors, are the slave's own reason, which stays however often it is
+    asked.
+    """
+    return code in _FROM_OUTSIDE or code in AL_SYNCHRONIZATION or needs_set_up(code)
+
+
+def needs_set_up(code: int) -> bool:
+    """Whether a slave says that it has to begin anew from a lower state."""
+    return code in _NEEDS_SET_UP
+
+
+def al_remedy(code: int) -> str:
+    """What can be done about an AL status code that is the slave's own reason."""
+    if code in (0x0016, 0x0017, 0x001C, 0x001D, 0x001E, 0x0024, 0x0025, 0x0070):
+        return "its process data do not fit what was set up: compare `ecatctl pdos` with its manual"
+    if code in (0x001F, 0x0026, 0x0027, 0x0028, 0x0029, 0x002E, 0x0030, 0x0031, 0x0036, 0x0037):
+        return "it does not take its settings: compare cycle, watchdog and [dc] with its manual"
+    if code in (0x0006, 0x0050, 0x0051):
+        return "its EEPROM is damaged or of another firmware: see its manual"
+    if code == 0x0020:
+        return "switch it off and on"
+    return "look for the code in its manual, and mend what it says"
+
 
 def al_state_text(register: int) -> str:
     """The AL status register in words, for example `SAFEOP+ERROR`."""

@@ -50,10 +50,14 @@ class Assignment:
             NoAnswerError: The slave does not answer.
             StateError: What it answers makes no sense.
         """
-        yield from self._coe.open()
-        self._slave.outputs = yield from self._pdos(USAGE_OUTPUTS)
-        self._slave.inputs = yield from self._pdos(USAGE_INPUTS)
+        self._slave.outputs, self._slave.inputs = yield from self.read_pdos()
         yield from self._add_names()
+
+    def read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
+        """Reads which PDOs are assigned, without names: outputs, inputs; raises as `read`."""
+        yield from self._coe.open()
+        outputs = yield from self._pdos(USAGE_OUTPUTS)
+        return outputs, (yield from self._pdos(USAGE_INPUTS))
 
     def _pdos(self, usage: int) -> Talk[list[Pdo]]:
         pdos = []

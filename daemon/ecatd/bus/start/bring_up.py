@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
-from ecatd.model.config import Config
+from ecatd.model.config import Config, RecoveryConfig
 from ecatd.model.errors import StateError
 from ecatd.real_time import SETTINGS
 
@@ -24,15 +24,18 @@ from ..engine import Engine, Grant, Index, RealTime, open_socket
 from ..layout import Image, assign_domains, lay_out
 from ..master import Master
 from ..segment import Segment
+from ..steps import finish
 from .clocks import Clocks, clock_bits
+from .identify import Finder
 from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .round_trip import measure_round_trip
 from .safe import safe_images
+from .set_up import SetUp, is_line, read_mailboxes, wait_for_outputs
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
-_FIRST_CYCLES = 3
-"""Cycles with valid outputs before slaves are asked for OP."""
+_CLOCK_PAUSE = 0.01
+"""Seconds between two looks at the SYNC signals of slaves."""
 
 
 @dataclass(slots=True)
@@ -47,6 +50,9 @@ class RunningBus:
         master: The master.
         engine: The cyclic engine.
         clocks: The distributed clocks, where they are used.
+        set_up: Sets slaves up again that have begun anew.
+        finder: Finds slaves again that have forgotten their address.
+        recovery: Which slaves come back by themselves.
     """
 
     bus: Bus
@@ -56,6 +62,9 @@ class RunningBus:
     master: Master
     engine: Engine
     clocks: Clocks | None
+    set_up: SetUp
+    finder: Finder
+    recovery: RecoveryConfig
 
 
 class BringUp:
@@ -86,6 +95,8 @@ class BringUp:
         self._cancelled = cancelled
         self._begin = time.monotonic()
         self._scanned: list[Scanned] = []
+        self._mailboxes: list[bytes] = []
+        self._line = False
         self._interfaces = [name for name in (interface, config.second_interface) if name]
         self._run = secrets.randbits(32)
         self.bus = Bus(config.bus, config.cycle_time_us)
@@ -121,7 +132,25 @@ class BringUp:
         engine.restart_counting()  # until now working counters could not be complete
         self._tell(image)
         return RunningBus(
-            self.bus, self._interfaces, self._run, segment, master, engine, self.clocks
+            self.bus,
+            self._interfaces,
+            self._run,
+            segment,
+            master,
+            engine,
+            self.clocks,
+            SetUp(
+                master,
+                segment,
+                self.bus,
+                self._scanned,
+                image,
+                self._mailboxes,
+                self.clocks,
+                self._config.state_timeout_s,
+            ),
+            Finder(master.registers, self.bus.slaves, line=self._line),
+            self._config.recovery,
         )
 
     def _scan(self, master: Master) -> None:
@@ -142,6 +171,8 @@ class BringUp:
         for item, bits in zip(self._scanned, clock_bits(master), strict=True):
             item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]
+        self._mailboxes = read_mailboxes(master)
+        self._line = not self._config.second_interface and is_line(master)
 
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""
@@ -214,7 +245,9 @@ class BringUp:
             f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{self.clocks.reference.label} (after {seconds:.1f} s)"
         )
-        self.clocks.start_signals(segment)
+        failed = finish(self.clocks.signals.start(segment), _CLOCK_PAUSE)
+        for position, why in failed.items():
+            raise StateError(f"{self.bus.slaves[position].label}: {why}")
 
     def _tell_grants(self, grants: list[Grant]) -> None:
         for grant in grants:
@@ -227,17 +260,9 @@ class BringUp:
 
     def _reach_op(self, master: Master, segment: Segment) -> None:
         """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
-        cycles = _FIRST_CYCLES + self.bus.output_cycles - 1
-        cycle_s = self._config.cycle_time_us * 1e-6
-        first = segment.header.cycle
-        deadline = time.monotonic() + cycles * cycle_s + self._config.state_timeout_s
-        while segment.header.cycle < first + cycles:
-            if time.monotonic() > deadline:
-                raise StateError("the cyclic engine does not run")
-            if self._cancelled():
-                raise StateError("stopped while outputs were sent for the first time")
-            time.sleep(cycle_s)
-        master.reach(AlState.OP, self._config.state_timeout_s)
+        timeout = self._config.state_timeout_s
+        finish(wait_for_outputs(segment, self.bus, timeout, self._cancelled))
+        master.reach(AlState.OP, timeout)
 
     def _tell(self, image: Image) -> None:
         count = len(self.bus.slaves)

@@ -1,9 +1,9 @@
-"""The distributed clocks of a bus (ETG.1000.4): found, measured, followed; SYNC signals.
+"""The distributed clocks of a bus (ETG.1000.4): found, measured, followed.
 
 Order matters: `Clocks()`, which checks what is wanted, and `measure` in PREOP; then the engine
 starts, which distributes the time of the reference clock in every cycle; `wait_for_lock`;
-`start_signals`; and only then SAFEOP, where slaves want to see their signals. `stop_signals` comes
-when slaves are back in INIT.
+`signals.start`; and only then SAFEOP, where slaves want to see their signals. `signals.stop` comes
+when slaves are back in INIT. A slave that has been without power comes back by `rejoin`.
 
 Times of a clock are ns since 2000-01-01 00:00 UTC, and in a clock of 32 bits their lower half.
 """
@@ -12,41 +12,37 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from statistics import mode
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, DcSlaveConfig
+from ecatd.model.config import Config
 from ecatd.model.errors import ConfigError, StateError
-from ecatd.model.sii import read_dc_modes
-from ecatd.shm import DcState
+from ecatd.shm import DcState, Ring
 
-from ..datagrams import bwr
+from ..datagrams import Place, Station, bwr
 from ..engine import Clock
 from ..master import Master
 from ..segment import Segment
+from ..steps import Steps
+from .clock_registers import (
+    DELAY,
+    DIFFERENCE,
+    OFFSET,
+    SPEED_START,
+    SPEED_START_DEFAULT,
+    SYSTEM_TIME,
+    difference,
+    number,
+)
 from .delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
+from .signals import Signals
 
 _FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08
 _LOOP_CONTROL, _LOOP_CLOSED = 0x0101, 0x03  # two bits a port
 _DL_STATUS = 0x0110
 _PORT_TIMES = 0x0900
-_SYSTEM_TIME = 0x0910
 _UNIT_TIME = 0x0918
-_OFFSET = 0x0920  # followed by the delay, 0x0928
-_DELAY = 0x0928
-_DIFFERENCE = 0x092C
-_SPEED_START, _SPEED_START_DEFAULT = 0x0930, 0x1000
-_SYNC_CONTROL = 0x0980  # followed by the activation, 0x0981
-_PULSE_LENGTH, _PULSE_UNIT_NS = 0x0982, 10
-_ACTIVATION_STATUS = 0x0984
-_START = 0x0990
-_CYCLES = 0x09A0  # of SYNC0 and SYNC1
-
-_RUN, _SYNC0, _SYNC1, _SIGNALS = 0x0100, 0x0200, 0x0400, 0x0700
-"""In the word that the SII calls AssignActivate: registers 0x0980 and 0x0981."""
 
 _EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01, since 1970-01-01
 IN_STEP_NS = 1000
@@ -54,9 +50,10 @@ IN_STEP_NS = 1000
 _STEADY = 3  # looks in a row
 _POLL = 0.01
 _TRIES = 3
-_CYCLES_ASKED = 5
-_LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
-_NEAR_NS = 2_000_000_000  # what a clock of 32 bits can tell from the past
+_ASKED = 8  # slaves, for the time that they have kept
+_RING_OPEN_NS = 100_000
+"""The same where a break keeps the time of the reference clock from slaves, and they hear what the
+engine believes it to be."""
 
 
 def clock_bits(master: Master) -> list[int]:
@@ -67,24 +64,11 @@ def clock_bits(master: Master) -> list[int]:
     """
     wanted = [(position, _FEATURES, 2) for position in range(len(master.stations))]
     bits = []
-    times = master.registers.read_all(master.stations, _SYSTEM_TIME, 4)
+    times = master.registers.read_all(master.stations, SYSTEM_TIME, 4)
     for data, time_ in zip(master.read_registers(wanted), times, strict=True):
-        has_clock = _number(data) & _HAS_CLOCK and time_.wkc
-        bits.append(0 if not has_clock else 64 if _number(data) & _HAS_64_BITS else 32)
+        has_clock = number(data) & _HAS_CLOCK and time_.wkc
+        bits.append(0 if not has_clock else 64 if number(data) & _HAS_64_BITS else 32)
     return bits
-
-
-@dataclass(frozen=True, slots=True)
-class _Signals:
-    """The SYNC signals of a slave.
-
-    Attributes:
-        slave: The slave, with their times.
-        activation: What goes to the registers 0x0980 and 0x0981.
-    """
-
-    slave: Slave
-    activation: int
 
 
 class Clocks:
@@ -98,6 +82,7 @@ class Clocks:
     Attributes:
         reference: The slave with the reference clock.
         followers: Slaves whose clocks follow it.
+        signals: The SYNC signals.
 
     Raises:
         ConfigError: This bus cannot do what the configuration wants.
@@ -111,7 +96,7 @@ class Clocks:
         self.reference = self._choose_reference()
         self.followers = [s for s in self._clocks if s.position > self.reference.position]
         self._hearing = self.followers  # those that the time comes to, and not only an estimate
-        self._signals = [self._plan(item) for item in config.dc.slave]
+        self.signals = Signals(bus, config, master, self._check_follower)
 
     def _choose_reference(self) -> Slave:
         wanted = self._config.dc.reference
@@ -137,40 +122,16 @@ class Clocks:
             )
         return slaves[position]
 
-    def _plan(self, item: DcSlaveConfig) -> _Signals:
-        """Checks the signals of a slave, and notes them in its description."""
-        slave, reference = self._with_clock("dc.slave", item.slave), self.reference
+    def _check_follower(self, position: int) -> Slave:
+        """A slave that is to have SYNC signals."""
+        slave, reference = self._with_clock("dc.slave", position), self.reference
         if slave.position < reference.position:
             raise ConfigError(
                 f"dc.slave: {slave.label} cannot follow the reference clock, {reference.label}: "
                 f"the frame that brings its time passes only the slaves behind it; choose a "
                 f"reference at or before slave {slave.position}"
             )
-        slave.sync0_ns = round(self._config.sync0_us(item) * 1000)
-        slave.sync1_ns = round(item.sync1_us * 1000)
-        slave.sync_shift_ns = round(self._config.shift_us(item) * 1000)
-        if slave.dc_bits == 32 and _whole_period(slave) > _NEAR_NS - _LEAD_NS:
-            raise ConfigError(
-                f"dc.slave: {slave.label} has a clock of 32 bits, which cannot tell times that are "
-                f"more than {_NEAR_NS * 1e-9:g} s away: its signals must come more often"
-            )
-        self._check_pulse_length(slave)
-        return _Signals(slave, self._activation(slave))
-
-    def _check_pulse_length(self, slave: Slave) -> None:
-        length = _number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
-        if slave.sync0_ns <= length * _PULSE_UNIT_NS:
-            raise ConfigError(
-                f"dc.slave: {slave.label} makes pulses of {length * _PULSE_UNIT_NS / 1000:g} µs, "
-                f"so SYNC0 cannot come every {slave.sync0_ns / 1000:g} µs"
-            )
-
-    def _activation(self, slave: Slave) -> int:
-        """Which signals, and who controls them: as the EEPROM has it, if it knows such a mode."""
-        wanted = _RUN | _SYNC0 | (_SYNC1 if slave.sync1_ns else 0)
-        (modes,) = self._master.read_eeproms(read_dc_modes, [slave.position])
-        known = (item.assign_activate for item in modes)
-        return next((word for word in known if word & _SIGNALS == wanted), wanted)
+        return slave
 
     @property
     def engine_clock(self) -> Clock:
@@ -201,11 +162,11 @@ class Clocks:
             delay = round((times[slave.position] or 0.0) - origin)
             offset = (now + delay - then) % (1 << slave.dc_bits)
             # A clock before the reference clock does not follow it: its delay does not matter.
-            writes.append((slave.position, _OFFSET, struct.pack("<QI", offset, max(0, delay))))
+            writes.append((slave.position, OFFSET, struct.pack("<QI", offset, max(0, delay))))
             # What the control loop of the clock has learnt with an earlier master is forgotten.
-            writes.append((slave.position, _SPEED_START, struct.pack("<H", _SPEED_START_DEFAULT)))
+            writes.append((slave.position, SPEED_START, struct.pack("<H", SPEED_START_DEFAULT)))
         self._master.write_registers(writes)
-        delays = self._read([(place, _DELAY, 4) for place in places])
+        delays = self._read([(place, DELAY, 4) for place in places])
         for slave, delay in zip(self._clocks, delays, strict=True):
             slave.dc_delay_ns = delay
 
@@ -274,7 +235,7 @@ class Clocks:
 
     def _read(self, wanted: list[tuple[int, int, int]]) -> list[int]:
         """Numbers in registers: position, address and bytes of each."""
-        return [_number(data) for data in self._master.read_registers(wanted)]
+        return [number(data) for data in self._master.read_registers(wanted)]
 
     # --- lock ----------------------------------------------------------------------------------
 
@@ -284,9 +245,9 @@ class Clocks:
         Those that do not answer are left out.
         """
         stations = [slave.address for slave in self.followers]
-        answers = self._master.registers.read_all(stations, _DIFFERENCE, 4)
+        answers = self._master.registers.read_all(stations, DIFFERENCE, 4)
         return {
-            slave.position: _difference(answer.data)
+            slave.position: difference(answer.data)
             for slave, answer in zip(self.followers, answers, strict=True)
             if answer.wkc
         }
@@ -345,106 +306,91 @@ class Clocks:
             text += "dc.lock_us"
         return text
 
-    # --- SYNC signals --------------------------------------------------------------------------
+    # --- slaves that come back -----------------------------------------------------------------
 
-    def start_signals(self, segment: Segment) -> None:
-        """Starts the SYNC signals of all slaves that have some, and waits for their first pulse.
+    def restart_reference(self, place: Place) -> None:
+        """Gives the reference clock its time again, before it has its address and is followed.
 
-        Raises:
-            StateError: A slave does not start them.
+        It goes on where the other clocks are, so that their SYNC signals stay where they were; if
+        none of them has kept its time, it gets that of this computer.
+
+        Args:
+            place: Where it stands on the wire.
         """
-        if not self._signals:
-            return
-        zero = self._cycle_zero(segment)
-        for signals in self._signals:
-            self._start(signals, segment, zero)
-        for signals in self._signals:
-            self._wait_for_pulse(signals.slave)
+        registers, reference = self._master.registers, self.reference
+        others = [Station(slave.address) for slave in self.followers]
+        registers.exchange([place.write(OFFSET, bytes(12))])
+        own, *times = registers.exchange(
+            [
+                place.read(SYSTEM_TIME, reference.dc_bits // 8),
+                *(station.read(SYSTEM_TIME, 8) for station in others[:_ASKED]),
+            ]
+        )
+        wanted = time.time_ns() - _EPOCH_NS
+        for slave, answer in zip(self.followers, times, strict=False):
+            if answer.wkc and slave.dc_bits >= reference.dc_bits:
+                wanted = number(answer.data) - slave.dc_delay_ns
+                break
+        offset = (wanted - number(own.data)) % (1 << reference.dc_bits)
+        registers.exchange(
+            [
+                place.write(OFFSET, struct.pack("<QI", offset, 0)),
+                place.write(SPEED_START, struct.pack("<H", SPEED_START_DEFAULT)),
+            ]
+        )
 
-    def _cycle_zero(self, segment: Segment) -> int:
-        """When cycle 0 began, on the clock of the reference: signals go with certain cycles.
+    def rejoin(self, positions: Iterable[int], segment: Segment) -> Steps[dict[int, str]]:
+        """Brings clocks in step again that began anew, and starts their SYNC signals.
 
-        A frame that was lost or late gives another cycle, so several are asked.
+        They are where they were, so their delays are those that the start has measured.
+
+        Returns:
+            Slaves whose clocks do not come in step, and why.
         """
-        period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
-
-        def zero() -> int:
-            before, deadline = segment.header.cycle, time.monotonic() + 1 + 10 * period * 1e-9
-            while segment.header.cycle == before:
-                if time.monotonic() > deadline:
-                    raise StateError("the cyclic engine does not run")
-                time.sleep(period * 1e-9 / 8)
-            cycle, now = segment.header.cycle, segment.health.dc_time_ns
-            # The frame passed the reference clock after the deadline, hardly ever before.
-            return int((now - phase + period // 4) // period - cycle) * period
-
-        return mode(zero() for _ in range(_CYCLES_ASKED))
-
-    def _start(self, signals: _Signals, segment: Segment, zero: int) -> None:
-        """Sets the signals of a slave up; again if this takes so long that the start has passed."""
-        master, slave = self._master, signals.slave
-        position = slave.position
-        cycles = struct.pack("<II", slave.sync0_ns, slave.sync1_ns)
-        # The cycles that carry its domain.
-        turn = self._bus.domains[slave.domain].phase * self._bus.cycle_time_us * 1000
-        whole, base = _whole_period(slave), zero + turn + slave.sync_shift_ns
-        for tries in range(1, _TRIES + 1):
-            master.register_write(position, _SYNC_CONTROL, bytes(2))  # off, and ours
-            own = self._system_time(slave)
-            reference = segment.health.dc_time_ns
-            now = reference + _signed(own - reference)  # the upper half may be another one
-            first = base - (base - now - tries * _LEAD_NS) // whole * whole
-            start = (own + first - now) % (1 << slave.dc_bits)
-            master.register_write(position, _CYCLES, cycles)
-            master.register_write(position, _START, struct.pack("<Q", start))
-            master.register_write(position, _SYNC_CONTROL, struct.pack("<H", signals.activation))
-            if _signed(start - self._system_time(slave), slave.dc_bits) > 0:
-                return
-        raise StateError(f"{slave.label}: its SYNC signals cannot be set up before they begin")
-
-    def _system_time(self, slave: Slave) -> int:
-        data = self._master.register_read(slave.position, _SYSTEM_TIME, slave.dc_bits // 8)
-        return _number(data)
-
-    def _wait_for_pulse(self, slave: Slave) -> None:
-        patience = (_TRIES * _LEAD_NS + 2 * _whole_period(slave)) * 1e-9 + 1.0
-        deadline = time.monotonic() + patience
-        while _number(self._master.register_read(slave.position, _ACTIVATION_STATUS, 1)) & 0x03:
+        chosen = [slave for slave in self._clocks if slave.position in set(positions)]
+        failed: dict[int, str] = {}
+        for slave in chosen:
+            if slave is not self.reference and not self._set_time(slave):
+                failed[slave.position] = (
+                    f"its clock cannot be set: no answer from it or from the reference clock, "
+                    f"{self.reference.label}"
+                )
+            yield
+        # Without SYNC signals, a clock may also come in step while its slave is in OP.
+        waiting = {slave.position for slave in chosen if self.signals.has(slave.position)}
+        waiting -= set(failed)
+        ready = set(waiting)
+        deadline = time.monotonic() + self._config.dc.timeout_s
+        while waiting and not self._in_step(waiting, segment):
             if time.monotonic() > deadline:
-                raise StateError(f"{slave.label}: its SYNC signals do not begin")
-            time.sleep(_POLL)
+                why = f"its clock does not come in step with that of {self.reference.label}"
+                failed |= dict.fromkeys(waiting, why)
+                ready = set()
+                break
+            yield
+        failed |= yield from self.signals.start(segment, ready)
+        return failed
 
-    def stop_signals(self) -> None:
-        """Ends the SYNC signals; slaves that go by them should be in INIT by then."""
-        for signals in self._signals:
-            with suppress(StateError):  # one that is gone has none any more
-                self._master.register_write(signals.slave.position, _SYNC_CONTROL, bytes(2))
+    def _in_step(self, positions: Iterable[int], segment: Segment) -> bool:
+        limit = _RING_OPEN_NS if segment.health.ring == Ring.OPEN else IN_STEP_NS
+        differences = self.differences() | {self.reference.position: 0}
+        in_step = all(abs(differences.get(p, limit + 1)) <= limit for p in positions)
+        return in_step and segment.health.dc_state == DcState.LOCKED
 
-
-def _whole_period(slave: Slave) -> int:
-    """After which SYNC0 and SYNC1 come together again in the same way, in ns.
-
-    SYNC1 follows SYNC0 after `sync1_ns`; where that is longer than a period of SYNC0, it follows
-    each time the first SYNC0 after itself.
-    """
-    return (slave.sync1_ns // slave.sync0_ns + 1) * slave.sync0_ns
-
-
-def _number(data: bytes) -> int:
-    return int.from_bytes(data, "little")
-
-
-def _signed(value: int, bits: int = 32) -> int:
-    """A difference of two times of which the lower bits are known."""
-    half = 1 << bits - 1
-    return (value + half) % (2 * half) - half
-
-
-def _difference(data: bytes) -> int:
-    """Register 0x092C: magnitude, and in bit 31 whether the own time was not behind.
-
-    So it is in the newer data sheets and in what real slaves answer; ETG.1000.4 has the bit the
-    other way round.
-    """
-    value = _number(data)
-    return value & 0x7FFFFFFF if value >> 31 else -value
+    def _set_time(self, slave: Slave) -> bool:
+        """Sets a clock by the reference clock: one frame passes both."""
+        registers = self._master.registers
+        at, size = Station(slave.address), slave.dc_bits // 8
+        registers.exchange([at.write(OFFSET, struct.pack("<QI", 0, slave.dc_delay_ns))])
+        reference = Station(self.reference.address).read(SYSTEM_TIME, self.reference.dc_bits // 8)
+        now, own = registers.exchange([reference, at.read(SYSTEM_TIME, size)])
+        if not (now.wkc and own.wkc):
+            return False
+        offset = (number(now.data) + slave.dc_delay_ns - number(own.data)) % (1 << slave.dc_bits)
+        registers.exchange(
+            [
+                at.write(OFFSET, struct.pack("<QI", offset, slave.dc_delay_ns)),
+                at.write(SPEED_START, struct.pack("<H", SPEED_START_DEFAULT)),
+            ]
+        )
+        return True

@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 from ecatd.model.errors import StateError
 
-from ..datagrams import Datagrams, fprd, fpwr
+from ..datagrams import Datagrams, Place, Station
 
 Words = Callable[[int, int], bytes]
 """Gives words of an EEPROM: word address and how many."""
@@ -44,8 +44,8 @@ class _Unread(Exception):  # noqa: N818  no error, but a question
 class _Eeprom(Generic[T]):
     """One EEPROM while it is being read."""
 
-    def __init__(self, station: int, label: str, decode: Callable[[Words], T]) -> None:
-        self.station = station
+    def __init__(self, slave: Station | Place, label: str, decode: Callable[[Words], T]) -> None:
+        self.slave = slave
         self._label = label
         self._decode = decode
         self._known: dict[int, bytes] = {}  # by even word address, 4 bytes each
@@ -115,7 +115,7 @@ class _Eeprom(Generic[T]):
 
 def read_eeproms(
     registers: Datagrams,
-    slaves: Sequence[tuple[int, str]],
+    slaves: Sequence[tuple[Station | Place, str]],
     decode: Callable[[Words], T],
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[T]:
@@ -123,7 +123,7 @@ def read_eeproms(
 
     Args:
         registers: The way to the slaves.
-        slaves: Configured station address of each, and how messages name it.
+        slaves: Where each is found, and how messages name it.
         decode: Makes something of the words it asks for. It is called again from its beginning
             whenever it has asked for words that were not read yet, so it should have no effects,
             and ask for many words at once.
@@ -135,10 +135,9 @@ def read_eeproms(
     Raises:
         StateError: An EEPROM cannot be read, or `decode` raised one. The message names the slave.
     """
-    eeproms = [_Eeprom(station, label, decode) for station, label in slaves]
-    stations = [station for station, _ in slaves]
+    eeproms = [_Eeprom(slave, label, decode) for slave, label in slaves]
     for owner in (_FORCE_TO_MASTER, _TO_MASTER):
-        registers.exchange([fpwr(station, _ASSIGNMENT, owner) for station in stations])
+        registers.exchange([slave.write(_ASSIGNMENT, owner) for slave, _ in slaves])
     unread = eeproms
     while unread:
         if cancelled():
@@ -146,17 +145,15 @@ def read_eeproms(
         asked = [item for item in unread if item.command is not None]
         # What is written takes effect at the end of the frame, so the status is read by another.
         registers.exchange(
-            [fpwr(item.station, _CONTROL, item.command) for item in asked if item.command]
+            [item.slave.write(_CONTROL, item.command) for item in asked if item.command]
         )
         for item in asked:
             item.command = None
-        answers = registers.exchange(
-            [fprd(item.station, _CONTROL, _CONTROL_SIZE) for item in unread]
-        )
+        answers = registers.exchange([item.slave.read(_CONTROL, _CONTROL_SIZE) for item in unread])
         for item, answer in zip(unread, answers, strict=True):
             item.look(answer.data, answer.wkc == 1)
         if all(item.command is None for item in unread):
             time.sleep(_PAUSE)
         unread = [item for item in unread if not item.result]
-    registers.exchange([fpwr(station, _ASSIGNMENT, _TO_DEVICE) for station in stations])
+    registers.exchange([slave.write(_ASSIGNMENT, _TO_DEVICE) for slave, _ in slaves])
     return [item.result[0] for item in eeproms]

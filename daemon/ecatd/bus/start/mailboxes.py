@@ -19,6 +19,7 @@ from typing import NamedTuple, TypeAlias, TypeVar
 from ecatd.model.errors import EcatError, NoAnswerError, StateError
 
 from ..datagrams import DATAGRAM_BYTES, Answer, Datagram, Datagrams, fprd, fpwr
+from ..steps import Steps, finish
 
 T = TypeVar("T")
 
@@ -238,6 +239,39 @@ def _refused(body: bytes) -> StateError:
     return StateError(f"mailbox error 0x{code:04X}: {_ERRORS.get(code, 'unknown')}")
 
 
+def talk_all(
+    registers: Datagrams, talks: Sequence[Talk[T]]
+) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
+    """Leads all conversations at the same time, and yields where all of them wait.
+
+    Returns:
+        What each of them found out, and how others failed, by number.
+    """
+    found: dict[int, T] = {}
+    failed: dict[int, EcatError] = {}
+    wanted: dict[int, Datagram] = {}
+
+    def step(number: int, answer: Answer | None) -> None:
+        talk = talks[number]
+        try:
+            wanted[number] = next(talk) if answer is None else talk.send(answer)
+        except StopIteration as end:
+            found[number] = end.value
+        except EcatError as error:
+            failed[number] = error
+
+    for number in range(len(talks)):
+        step(number, None)
+    while wanted:
+        if all(item.register == _SYNC_MANAGERS for item in wanted.values()):
+            yield
+        asked, wanted = wanted, {}
+        answers = registers.exchange([*asked.values()], repeat=False)
+        for number, answer in zip(asked, answers, strict=True):
+            step(number, answer)
+    return found, failed
+
+
 def converse(
     registers: Datagrams,
     talks: Sequence[Talk[T]],
@@ -256,33 +290,21 @@ def converse(
     Raises:
         EcatError: Conversations failed, and how. The others were led to their ends.
     """
-    found: dict[int, T] = {}
-    failed: dict[int, EcatError] = {}
-    wanted: dict[int, Datagram] = {}
-
-    def step(number: int, answer: Answer | None) -> None:
-        talk = talks[number]
-        try:
-            wanted[number] = next(talk) if answer is None else talk.send(answer)
-        except StopIteration as end:
-            found[number] = end.value
-        except EcatError as error:
-            failed[number] = error
-
-    for number in range(len(talks)):
-        step(number, None)
-    while wanted:
-        if cancelled():
-            raise StateError("stopped while slaves were being read")
-        if all(item.register == _SYNC_MANAGERS for item in wanted.values()):
-            time.sleep(_PAUSE_S)
-        asked, wanted = wanted, {}
-        answers = registers.exchange([*asked.values()], repeat=False)
-        for number, answer in zip(asked, answers, strict=True):
-            step(number, answer)
+    found, failed = finish(_unless(cancelled, talk_all(registers, talks)), _PAUSE_S)
     if failed:
         raise _all_of([failed[number] for number in sorted(failed)])
     return [found[number] for number in range(len(talks))]
+
+
+def _unless(cancelled: Callable[[], bool], steps: Steps[T]) -> Steps[T]:
+    while True:
+        if cancelled():
+            raise StateError("stopped while slaves were being read")
+        try:
+            yield next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
 
 
 def _all_of(errors: list[EcatError]) -> EcatError:

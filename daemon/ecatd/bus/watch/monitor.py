@@ -64,8 +64,8 @@ class Monitor:
         self._requests = SlotRequests(
             running.segment, running.engine, mailbox, running.master, len(running.bus.slaves)
         )
-        self._slaves = SlaveWatch(running, mailbox, log, self._tell)
         self._wire = WireWatch(running, log, self._tell)
+        self._slaves = SlaveWatch(running, mailbox, log, self._tell, self._wire.is_foreign)
         self._clocks = (
             None
             if running.clocks is None
@@ -87,16 +87,30 @@ class Monitor:
         self._slaves.read()
 
     def want(self, positions: list[int], state: AlState) -> None:
-        """Somebody has asked slaves for a state, which is not changed behind his back."""
+        """Somebody brings slaves to a state; nothing is done behind his back until `settled`."""
         self._slaves.want(positions, state)
+
+    def settled(self, positions: list[int]) -> None:
+        """Nobody else is at work on these slaves any more."""
+        self._slaves.settled(positions)
+
+    def condition(self, position: int) -> tuple[str, str]:
+        """What is known of a slave that should be in OP and is not: a word, and more of them."""
+        return self._slaves.condition(position)
 
     async def look(self) -> None:
         """Reads the AL states, and tells of every change."""
         await self._slaves.look()
 
     def describe(self) -> dict[str, Any]:
-        """What `ecatctl info` shows of links, beside what is in shared memory."""
-        return self._wire.describe()
+        """What `ecatctl info` shows of links and slaves, beside what is in shared memory."""
+        conditions = {i: self.condition(i) for i in range(len(self._bus.slaves))}
+        recovery = [
+            {"slave": position, "state": str(word), "text": text}
+            for position, (word, text) in conditions.items()
+            if word
+        ]
+        return {**self._wire.describe(), "recovery": recovery}
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begins to bring the engine's events, and those of the links, to the event loop."""
@@ -105,8 +119,9 @@ class Monitor:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the watch: no event is handled any more."""
+        """Ends the watch: no event is handled any more, and no slave brought back."""
         self._stopping.set()
+        self._slaves.close()
 
     def close(self) -> None:
         """Waits until nothing uses the engine any more; after `stop`."""

@@ -1,86 +1,262 @@
-"""Brings slaves back to OP that left it because no process data came for a while.
+"""Decides which slaves are brought back to OP, how, and when. `repair.py` does it.
 
-After an outage of the whole bus every slave with outputs is in SAFEOP with AL status code 0x001B
-(sync manager watchdog). Once it answers again there is nothing wrong with it, and outputs are
-governed by the leases of their owners; so the daemon asks for OP again, if OP is what was wanted.
+A slave that lacked something, frames or SYNC signals, is asked for OP again: a few times soon, then
+slowly for as long as OP is what is wanted. One that does not stay there, that has begun anew or has
+forgotten its address, is set up as at the start. One that has a reason of its own is left alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
 
-from ecatd.model.al import AL_ERROR_FLAG, AL_WATCHDOG, AlState
+from ecatd.model.al import (
+    AL_ERROR_FLAG,
+    AL_SYNCHRONIZATION,
+    AL_WATCHDOG,
+    AlState,
+    al_remedy,
+    al_status_text,
+    comes_from_outside,
+    needs_set_up,
+)
 
 from ..master import SlaveState
 
-TRIES = 3
-_PAUSES = (0.5, 2.0, 0.0)
-"""Seconds after each try before the next one."""
+QUICK_TRIES = 3
+_PAUSES = (0.5, 2.0)
+"""Seconds after each of the first tries before the next one."""
 _STEADY = 10.0
 """Seconds in OP after which a slave may fall as often again."""
+_ASKED_ONLY = 2
+"""Tries in which a slave is only asked; then it is set up anew."""
+_PATIENCE = 3.0
+"""Seconds that a slave stays as it is which was taken out of OP without an error: another master
+that is at work on it betrays itself in this time."""
+
+
+class Condition(StrEnum):
+    """What is known of a slave that should be in OP and is not."""
+
+    FINE = ""
+    MISSING = "missing"
+    EXCHANGED = "exchanged"
+    RECOVERING = "recovering"
+    WAITING = "waiting"
+    REFUSED = "refused"
+    LEFT = "left"
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why a slave did not come back.
+
+    Attributes:
+        text: In words.
+        condition: What it is from now on; `WAITING` is tried again.
+    """
+
+    text: str
+    condition: Condition = Condition.WAITING
+
+
+@dataclass(slots=True)
+class Plan:
+    """What follows from the states of the slaves; positions.
+
+    Attributes:
+        fallen: Have left OP, or the bus, since the last look.
+        ask: To be asked for OP now.
+        set_up: To be set up anew now.
+        recovered: Are back in OP, and the seconds that it took.
+        slow: Have used their quick tries; told once.
+        refused: Have a reason of their own, in words; told once.
+    """
+
+    fallen: list[int] = field(default_factory=list)
+    ask: list[int] = field(default_factory=list)
+    set_up: list[int] = field(default_factory=list)
+    recovered: dict[int, float] = field(default_factory=dict)
+    slow: list[int] = field(default_factory=list)
+    refused: dict[int, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class _Slave:
     wanted: AlState = AlState.OP
-    fallen: bool = False  # by its watchdog, and not been in OP since
+    down_since: float | None = None
+    op_since: float = 0.0
+    state: int = AlState.OP  # AL status when it was last seen
+    changed_at: float = 0.0
+    code: int = 0  # the last reason that it gave
+    watchdog: bool = False  # it fell by its watchdog, and has not been in OP since
+    thorough: bool = False  # somebody else may have changed its settings
     tries: int = 0
     not_before: float = 0.0
-    op_since: float = 0.0
-    given_up: bool = False
+    told_slow: bool = False
+    told: str = ""  # the failure that was last told
+    missing: bool = False
+    busy: bool = False  # somebody is at work on it
+    condition: Condition = Condition.FINE
+    text: str = ""
+
+    def is_odd(self, now: float) -> bool:
+        """Whether somebody seems to be at work on it who is not us."""
+        by_itself = self.tries or self.code or self.watchdog or self.state & AL_ERROR_FLAG
+        return not by_itself and bool(self.state) and now - self.changed_at < _PATIENCE
+
+    def begin_anew(self) -> None:
+        """Counting begins anew."""
+        self.tries, self.not_before, self.told_slow, self.told = 0, 0.0, False, ""
 
 
 class Recovery:
-    """Decides which slaves are asked for OP, and when.
+    """The policy for the slaves of one bus.
 
     Args:
         count: Number of slaves; all of them are wanted in OP.
+        mode: `recovery.slaves` of the configuration: "all", "watchdog" or "none".
+        retry_s: Seconds between slow tries.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, mode: str = "all", retry_s: float = 10.0) -> None:
         self._slaves = [_Slave() for _ in range(count)]
+        self._mode = mode
+        self._retry_s = retry_s
+        self._strangers = 0
 
     def want(self, positions: Iterable[int], state: AlState) -> None:
-        """Somebody has asked for a state: it is respected, and counting begins anew."""
+        """Somebody brings slaves to a state: nothing is done behind his back until `done`."""
         for position in positions:
-            self._slaves[position] = _Slave(wanted=state)
+            down_since = self._slaves[position].down_since
+            self._slaves[position] = _Slave(wanted=state, down_since=down_since, busy=True)
 
-    def look(self, states: Iterable[SlaveState], now: float) -> tuple[list[int], list[int]]:
-        """What follows from the present states.
+    def condition(self, position: int) -> tuple[Condition, str]:
+        """What is known of a slave, and in words where there is more to say."""
+        slave = self._slaves[position]
+        if slave.down_since is None:
+            return Condition.FINE, ""
+        return slave.condition, slave.text
+
+    def look(
+        self, states: Sequence[SlaveState], strangers: int, now: float, *, foreign: bool = False
+    ) -> Plan:
+        """What follows from the present states; what is to be done counts as a try.
 
         Args:
-            states: The states.
+            states: AL status of all slaves, 0 of those that do not answer at their address.
+            strangers: Slaves on the wire beside those that answer at their address.
             now: CLOCK_MONOTONIC in seconds.
-
-        Returns:
-            The slaves that are to be asked for OP now, which counts as a try; and those that have
-            fallen again after the last try, each told once.
+            foreign: Another master is at work: nothing is done against it.
         """
-        due, given_up = [], []
+        plan = Plan()
+        more = strangers != self._strangers
+        self._strangers = strangers
         for item in states:
             slave = self._slaves[item.position]
-            self._note(slave, item, now)
-            if not slave.fallen or item.al_state & 0x0F != AlState.SAFEOP:
+            self._note(plan, slave, item, now, foreign)
+            if slave.down_since is None or slave.busy or foreign or slave.is_odd(now):
                 continue
-            if slave.tries == TRIES:
-                if not slave.given_up:
-                    given_up.append(item.position)
-                slave.given_up = True
-            elif now >= slave.not_before:
-                slave.tries += 1
-                slave.not_before = now + _PAUSES[slave.tries - 1]
-                due.append(item.position)
-        return due, given_up
+            steps = self._choose(slave, item, strangers)
+            if steps is None:
+                self._explain(plan, slave, item)
+            elif now >= slave.not_before or (more and not item.al_state):
+                self._count(slave, now)
+                (plan.ask if steps == "ask" else plan.set_up).append(item.position)
+            elif slave.tries == QUICK_TRIES and slave.condition == Condition.WAITING:
+                if not slave.told_slow:
+                    plan.slow.append(item.position)
+                slave.told_slow = True
+        return plan
 
-    def _note(self, slave: _Slave, item: SlaveState, now: float) -> None:
+    def _note(self, plan: Plan, slave: _Slave, item: SlaveState, now: float, foreign: bool) -> None:
+        if item.al_state != slave.state:
+            slave.state, slave.changed_at = item.al_state, now
         if item.al_state == AlState.OP:
-            slave.fallen = False
+            if slave.down_since is not None and slave.wanted == AlState.OP and not slave.busy:
+                plan.recovered[item.position] = now - slave.down_since
+            if not slave.busy:
+                slave.down_since = None
+                slave.code, slave.watchdog, slave.thorough = 0, False, False
+                slave.condition, slave.text = Condition.FINE, ""
             slave.op_since = slave.op_since or now
+            slave.missing = False
             if now - slave.op_since >= _STEADY:
-                slave.tries = 0
-                slave.given_up = False
+                slave.begin_anew()
             return
         slave.op_since = 0.0
-        fell = item.al_state == AlState.SAFEOP | AL_ERROR_FLAG and item.al_code == AL_WATCHDOG
-        slave.fallen = slave.fallen or (fell and slave.wanted == AlState.OP)
+        if slave.wanted != AlState.OP:
+            slave.down_since = None
+            return
+        if slave.down_since is None:
+            slave.down_since = now
+            plan.fallen.append(item.position)
+        slave.thorough = slave.thorough or foreign
+        if foreign:
+            slave.code = 0  # what the slave says to another master is nothing to us
+        elif item.al_state & AL_ERROR_FLAG:
+            slave.code = item.al_code
+            slave.watchdog = slave.watchdog or item.al_code == AL_WATCHDOG
+        if slave.missing and item.al_state and not slave.busy:
+            slave.begin_anew()  # what failed while it was away says nothing about it
+        slave.missing = not item.al_state
+        if item.al_state in (AlState.NONE, AlState.INIT) and slave.condition == Condition.REFUSED:
+            slave.begin_anew()  # it was switched off, which may have mended it
+            slave.condition, slave.code = Condition.MISSING, 0
+
+    def _choose(self, slave: _Slave, item: SlaveState, strangers: int) -> str | None:
+        """`"ask"`, `"set up"`, or None where nothing can or should be done."""
+        state = item.al_state & 0x0F
+        if self._mode == "none" or state == AlState.BOOT:
+            return None  # firmware may be on its way
+        if self._mode == "watchdog":
+            return "ask" if slave.watchdog and state == AlState.SAFEOP else None
+        if state == AlState.NONE:
+            return "set up" if strangers else None
+        if slave.condition == Condition.REFUSED or not comes_from_outside(slave.code):
+            return None
+        if state in (AlState.INIT, AlState.PREOP) or slave.thorough or needs_set_up(slave.code):
+            return "set up"
+        asked_only = 1 if slave.code in AL_SYNCHRONIZATION else _ASKED_ONLY
+        return "ask" if slave.tries < asked_only else "set up"
+
+    def _explain(self, plan: Plan, slave: _Slave, item: SlaveState) -> None:
+        """Why nothing is done, told once where somebody has to do something."""
+        if not item.al_state & 0x0F:
+            slave.condition, slave.text = Condition.MISSING, ""
+        elif self._mode != "all" or item.al_state & 0x0F == AlState.BOOT:
+            slave.condition, slave.text = Condition.LEFT, ""
+        elif slave.condition != Condition.REFUSED:
+            slave.condition = Condition.REFUSED
+            slave.text = (
+                f"AL status 0x{slave.code:04X}, {al_status_text(slave.code).lower()}: "
+                f"{al_remedy(slave.code)}; then `ecatctl state OP -p {item.position}`"
+            )
+            plan.refused[item.position] = slave.text
+
+    def _count(self, slave: _Slave, now: float) -> None:
+        slave.tries = min(slave.tries + 1, QUICK_TRIES)
+        slave.busy = True
+        slave.condition, slave.text = Condition.RECOVERING, ""
+        pauses = (*_PAUSES, self._retry_s)
+        slave.not_before = now + min(pauses[slave.tries - 1], self._retry_s)
+
+    def done(self, position: int, failure: Failure | None) -> bool:
+        """A try is over; what the slave is in now is told by the next look.
+
+        Returns:
+            Whether the failure is another one than that of the try before.
+        """
+        slave = self._slaves[position]
+        slave.busy = False
+        if slave.down_since is None or slave.wanted != AlState.OP:
+            return False
+        # Asked, it may have come to OP for a moment: if it falls again, it waits for the next try.
+        slave.condition, slave.text = Condition.WAITING, ""
+        if failure is None:
+            return False
+        slave.condition, slave.text = failure.condition, failure.text
+        news = failure.text != slave.told
+        slave.told = failure.text
+        return news

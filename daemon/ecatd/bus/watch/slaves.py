@@ -7,21 +7,20 @@ that changes. Then all slaves are asked here, so that the one that has changed i
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from itertools import groupby
 
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.bus import Bus, positions_text
-from ecatd.model.errors import StateError
 
 from ..datagrams import aprd
 from ..mailbox import Mailbox
 from ..master import SlaveState
 from ..start.bring_up import RunningBus
-from .recovery import TRIES, Recovery
+from .presence import describe_presence, name_slaves
+from .recovery import Condition
+from .repair import Repair
 
 _SLOW_PERIOD = 2.0
 """Seconds between looks while all slaves are in OP: then every change is told by the engine, and
@@ -30,7 +29,6 @@ _PERIOD = 0.25
 """The same while they are not: then the state of one can hide the change of another."""
 _PAUSE, _LONGEST_PAUSE = 0.02, 1.0
 """Shortest time between two looks, which grows while each of them finds something to tell."""
-_RECOVERY_TIMEOUT = 1.0
 _STATION_ADDRESS = 0x0010
 _TRIES = 3
 _NAMES_MAX = 3
@@ -45,13 +43,19 @@ class SlaveWatch:
         mailbox: The worker on which slaves are asked.
         log: Where changes are told.
         tell: Publishes an event: its kind, and facts.
+        foreign: Whether another master is at work.
 
     Attributes:
         states: AL status of every slave when it was last read.
     """
 
     def __init__(
-        self, running: RunningBus, mailbox: Mailbox, log: Log, tell: Callable[..., None]
+        self,
+        running: RunningBus,
+        mailbox: Mailbox,
+        log: Log,
+        tell: Callable[..., None],
+        foreign: Callable[[], bool],
     ) -> None:
         self._bus = running.bus
         self._master = running.master
@@ -60,7 +64,9 @@ class SlaveWatch:
         self._mailbox = mailbox
         self._log = log
         self._tell = tell
-        self._recovery = Recovery(len(self._bus.slaves))
+        self._repair = Repair(running, mailbox, log, tell, self.look)
+        self._by_hand = running.recovery.slaves != "all"
+        self._foreign = foreign
         self._changed = asyncio.Event()
         self._pause = _PAUSE
         self._found = self._added = 0
@@ -68,8 +74,20 @@ class SlaveWatch:
         self.states: list[SlaveState] = []
 
     def want(self, positions: Iterable[int], state: AlState) -> None:
-        """Somebody has asked slaves for a state, which is not changed behind his back."""
-        self._recovery.want(positions, state)
+        """Somebody brings slaves to a state; nothing is done behind his back until `settled`."""
+        self._repair.want(positions, state)
+
+    def settled(self, positions: Iterable[int]) -> None:
+        """Nobody else is at work on these slaves any more."""
+        self._repair.settled(positions)
+
+    def condition(self, position: int) -> tuple[Condition, str]:
+        """What is known of a slave that should be in OP and is not."""
+        return self._repair.condition(position)
+
+    def close(self) -> None:
+        """Ends what is done to slaves; on the event loop's thread."""
+        self._repair.close()
 
     def on_change(self, found: int) -> None:
         """The engine has seen another number of slaves, or another AL state."""
@@ -114,7 +132,10 @@ class SlaveWatch:
             await asyncio.wait_for(self._changed.wait(), _SLOW_PERIOD if healthy else _PERIOD)
         self._changed.clear()
         something = await self.look()
-        await self._recover()
+        present = sum(bool(item.al_state & 0x0F) for item in self.states)
+        well = all(item.al_state == AlState.OP for item in self.states)
+        foreign = not well and self._foreign()
+        self._repair.act(self.states, max(0, self._found - present), foreign=foreign)
         await asyncio.sleep(self._pause)
         self._pause = min(2 * self._pause, _LONGEST_PAUSE) if something else _PAUSE
 
@@ -134,14 +155,14 @@ class SlaveWatch:
         for positions, item in _group(present):
             # OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
             tell = self._log.info if item.al_state == AlState.OP else self._log.warning
-            tell(f"{_name(self._bus, positions)}: {item.describe()}")
+            tell(f"{name_slaves(self._bus, positions)}: {item.describe()}")
         return bool(changed)
 
     def _tell_presence(self) -> None:
         """Tells, once, that slaves are missing or that there are more, and when that is over."""
         found = self._found
         lost = [item.position for item in self.states if not item.al_state & 0x0F]
-        text = describe_presence(self._bus, found, lost, self._added)
+        text = describe_presence(self._bus, found, lost, self._added, by_hand=self._by_hand)
         if text == self._told:
             return
         self._told = text
@@ -150,28 +171,6 @@ class SlaveWatch:
         else:
             self._log.info(f"all {len(self._bus.slaves)} slaves answer, and no others")
         self._tell("slaves", found=found, expected=len(self._bus.slaves), missing=lost, text=text)
-
-    async def _recover(self) -> None:
-        """Asks slaves for OP that their watchdog has taken out of it."""
-        due, given_up = self._recovery.look(self.states, time.monotonic())
-        for position in given_up:
-            self._log.error(
-                f"{self._bus.slaves[position].label}: left OP {TRIES} times because no process "
-                f"data came, and stays in SAFEOP: look for lost frames (`ecatctl stats`), then "
-                f"`ecatctl state OP --slave {position}`"
-            )
-            self._tell("given_up", slave=position)
-        if not due:
-            return
-        names = _name(self._bus, due)
-        try:
-            await self._mailbox.run(lambda: self._master.reach(AlState.OP, _RECOVERY_TIMEOUT, due))
-        except StateError as error:
-            self._log.warning(f"{names}: not back to OP after the watchdog: {error}")
-        else:
-            self._log.info(f"{names}: back to OP after the watchdog")
-        self._tell("recovery", slaves=due)
-        await self.look()
 
 
 def _group(states: Iterable[SlaveState]) -> list[tuple[list[int], SlaveState]]:
@@ -188,59 +187,3 @@ def _group(states: Iterable[SlaveState]) -> list[tuple[list[int], SlaveState]]:
         else:
             groups += [([item.position], item) for item in alike]
     return groups
-
-
-def _name(bus: Bus, positions: Sequence[int]) -> str:
-    """How messages name one slave or several: `slave 2 (EL1018)`, `slaves 0, 3-7`."""
-    if len(positions) == 1:
-        return bus.slaves[positions[0]].label
-    return f"slaves {positions_text(positions)}"
-
-
-def describe_presence(bus: Bus, found: int, lost: Sequence[int], added: int = 0) -> str:
-    """What is wrong with the number of slaves, in words; empty if nothing is.
-
-    Args:
-        bus: The bus as it was brought up.
-        found: Slaves that answer a broadcast.
-        lost: Positions of those that do not answer at their address.
-        added: Where there are more: position of the first new one.
-    """
-    count = len(bus.slaves)
-    if found > count:
-        who = "a slave was" if found == count + 1 else f"{found - count} slaves were"
-        where = f"behind {bus.slaves[added - 1].label}" if added else "in front of all others"
-        return (
-            f"slave count changed: {count}, now {found}: {who} added {where}; restart ecatd to use "
-            f"{'it' if found == count + 1 else 'them'}"
-        )
-    if not lost:
-        return ""
-    if len(lost) == count:
-        if found:
-            return (
-                f"no slave answers at its address, though {found} are there: they were switched "
-                f"off and on, or exchanged; restart ecatd to use them"
-            )
-        return (
-            f"no slave answers: check the cable to {bus.slaves[0].label}, and its power; the bus "
-            f"goes on by itself when they are back"
-        )
-    if found == count:
-        return (
-            f"no answer from {_name(bus, lost)} at {'its' if len(lost) == 1 else 'their'} "
-            f"address, though {count} slaves are there: switched off and on, or exchanged; "
-            f"restart ecatd to use {'it' if len(lost) == 1 else 'them'}"
-        )
-    first = bus.slaves[lost[0]]
-    missing = f"{len(lost)} slave{'s' * (len(lost) != 1)} missing"
-    if list(lost) == list(range(lost[0], count)):
-        before = bus.slaves[lost[0] - 1].label
-        return (
-            f"slave count changed: {count}, now {found}: no answer from {first.label} on: "
-            f"{missing}; check the cable behind {before}, and the power of {first.label}"
-        )
-    return (
-        f"slave count changed: {count}, now {found}: no answer from {_name(bus, lost)}: {missing}; "
-        f"check cables and power"
-    )

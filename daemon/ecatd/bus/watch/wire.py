@@ -23,6 +23,8 @@ from .link import LinkState, LinkWatch
 from .paced import Paced
 
 _PERIOD = 1.0
+_FOREIGN_GONE = 3.0
+"""Seconds without a frame of another master after which it is taken to be gone."""
 _SETTLED = 0.1
 """Seconds after which a change is what it is: whoever takes an interface away switches it off
 first."""
@@ -76,6 +78,7 @@ class WireWatch:
         self._publish_links()
         self._foreign = ForeignWatch(running.interfaces, running.run)
         self._foreign_frames = [0 for _ in running.interfaces]
+        self._foreign_at = -_FOREIGN_GONE  # when frames of another master were last seen
         self._foreign_masters = [Disturbance({"frames": 0}) for _ in running.interfaces]
         self._sources = [""] * len(running.interfaces)
         self._disturbance = Disturbance(self._read_counters())
@@ -104,6 +107,12 @@ class WireWatch:
                 for name, state in zip(self._interfaces, self._links.states, strict=True)
             }
         }
+
+    def is_foreign(self) -> bool:
+        """Whether another master is at work now."""
+        for number in range(len(self._interfaces)):
+            self._look_for_others(number, time.monotonic())
+        return time.monotonic() - self._foreign_at < _FOREIGN_GONE
 
     async def watch(self) -> None:
         """Waits for a while, and looks at what only counters tell."""
@@ -135,6 +144,8 @@ class WireWatch:
         interface = self._interfaces[number]
         foreign = self._foreign.look(number)
         self._foreign_frames[number] += foreign.count
+        if foreign.count:
+            self._foreign_at = now
         if foreign.sources:
             self._sources[number] = "; ".join(foreign.sources)
         report = self._foreign_masters[number].look({"frames": self._foreign_frames[number]}, now)

@@ -14,6 +14,7 @@ from .tables import (
     MailboxConfig,
     OutputsConfig,
     RealTimeConfig,
+    RecoveryConfig,
     SafeConfig,
 )
 
@@ -28,6 +29,7 @@ __all__ = [
     "MailboxConfig",
     "OutputsConfig",
     "RealTimeConfig",
+    "RecoveryConfig",
     "SafeConfig",
     "load_config",
     "read_config",

@@ -12,12 +12,14 @@ from .outputs import read_outputs
 from .reader import Reader, Rules
 from .slaves import POSITION_MAX, SYNC_MAX_US, check_clocks, read_domains
 from .tables import (
+    RECOVERY_MODES,
     Config,
     DcConfig,
     DcSlaveConfig,
     GatewayConfig,
     MailboxConfig,
     RealTimeConfig,
+    RecoveryConfig,
 )
 
 BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,31}")
@@ -31,6 +33,7 @@ _TOP: Rules = {
     "domain": (list, 0, 0),
     "dc": (dict, 0, 0),
     "mailbox": (dict, 0, 0),
+    "recovery": (dict, 0, 0),
     "realtime": (dict, 0, 0),
     "outputs": (dict, 0, 0),
     "gateway": (dict, 0, 0),
@@ -58,6 +61,7 @@ _DC_SLAVE: Rules = {
     "sync1_us": (float, 0, SYNC_MAX_US),
 }
 _MAILBOX: Rules = {"share": (float, 0.01, 1)}
+_RECOVERY: Rules = {"slaves": (str, 0, 0), "retry_s": (float, 0.1, 3600)}
 _GATEWAY: Rules = {"listen": (list, 0, 0), "publish_hz": (float, 0, 1000)}
 
 
@@ -104,6 +108,7 @@ def _read(reader: Reader, data: dict[str, Any]) -> Config:
         "gateway": _gateway(reader, top.pop("gateway", {})),
         "realtime": RealTimeConfig(**_table(reader, top, _REALTIME, "realtime")),
         "mailbox": MailboxConfig(**_table(reader, top, _MAILBOX, "mailbox")),
+        "recovery": _recovery(reader, top),
         "dc": _clocks(reader, top.pop("dc", {})),
         "domain": read_domains(reader, top.pop("domain", [])),
     }
@@ -111,6 +116,14 @@ def _read(reader: Reader, data: dict[str, Any]) -> Config:
     _check_interfaces(reader, config)
     check_clocks(reader, config)
     return config
+
+
+def _recovery(reader: Reader, top: dict[str, Any]) -> RecoveryConfig:
+    recovery = RecoveryConfig(**_table(reader, top, _RECOVERY, "recovery"))
+    if recovery.slaves not in RECOVERY_MODES:
+        modes = ", ".join(f'"{mode}"' for mode in RECOVERY_MODES)
+        reader.fail("recovery", "slaves", f"{recovery.slaves!r} is none of {modes}")
+    return recovery
 
 
 def _table(reader: Reader, top: dict[str, Any], rules: Rules, name: str) -> dict[str, Any]:

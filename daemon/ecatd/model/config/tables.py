@@ -91,6 +91,24 @@ class DcConfig:
     slave: list[DcSlaveConfig] = field(default_factory=list)
 
 
+RECOVERY_MODES = ("all", "watchdog", "none")
+
+
+@dataclass(slots=True)
+class RecoveryConfig:
+    """`[recovery]`: which slaves come back to OP by themselves.
+
+    Attributes:
+        slaves: "all": those that lacked frames or SYNC signals, and those that were without power
+            or have begun anew; "watchdog": only those that got no process data for a while;
+            "none".
+        retry_s: Seconds between tries, after the first ones.
+    """
+
+    slaves: str = "all"
+    retry_s: float = 10.0
+
+
 @dataclass(slots=True)
 class MailboxConfig:
     """`[mailbox]`: how much of the wire mailbox and register traffic may take.
@@ -174,6 +192,7 @@ class Config:
     domain: list[DomainConfig] = field(default_factory=list)
     dc: DcConfig = field(default_factory=DcConfig)
     mailbox: MailboxConfig = field(default_factory=MailboxConfig)
+    recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
     realtime: RealTimeConfig = field(default_factory=RealTimeConfig)
     outputs: OutputsConfig = field(default_factory=OutputsConfig)
     gateway: GatewayConfig = field(default_factory=GatewayConfig)

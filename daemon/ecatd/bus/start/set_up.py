@@ -1,0 +1,216 @@
+"""From INIT to OP: what the start does to all slaves, and recovery to those that begin anew.
+
+Steps for some slaves never touch the others, and one that fails does not hold up the rest.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from ecatd.model.al import AlState
+from ecatd.model.bus import Bus, Pdo, Slave
+from ecatd.model.errors import StateError
+
+from ..layout import Image
+from ..master import Master
+from ..segment import Segment
+from ..steps import Steps
+from .assignment import Assignment
+from .clock_registers import SYNC_CONTROL
+from .clocks import Clocks
+from .coe import Coe
+from .mailboxes import talk_all
+from .mapping import Scanned, configure
+
+_SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
+_EEPROM_ASSIGNMENT, _TO_DEVICE = 0x0500, b"\x01"
+_DL_STATUS = 0x0110
+
+_FIRST_CYCLES = 3
+"""Cycles with valid outputs before slaves are asked for OP."""
+
+
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """Why a slave did not come as far as it should.
+
+    Attributes:
+        text: In words.
+        changed: Whether it is not what it was at the start; asking again would not help.
+    """
+
+    text: str
+    changed: bool = False
+
+
+def read_mailboxes(master: Master) -> list[bytes]:
+    """How the sync managers of all mailboxes are set up, in PREOP: registers 0x0800 to 0x080F.
+
+    Empty for slaves without a mailbox.
+    """
+    wanted = [
+        (position, _SYNC_MANAGERS, _MAILBOXES_SIZE) for position in range(len(master.stations))
+    ]
+    found = []
+    for data in master.read_registers(wanted):
+        managers = [struct.unpack("<HHBBBB", data[at : at + 8]) for at in (0, 8)]
+        enabled = any(manager[4] & 1 for manager in managers)
+        # Without the status (0x0805), which is the slave's.
+        kept = [struct.pack("<HHBBBB", *m[:3], 0, m[4], 0) for m in managers]
+        found.append(b"".join(kept) if enabled else b"")
+    return found
+
+
+def is_line(master: Master) -> bool:
+    """Whether no slave has more than two of its ports in use (DL status, ETG.1000.4)."""
+    wanted = [(position, _DL_STATUS, 2) for position in range(len(master.stations))]
+    status = [int.from_bytes(data, "little") for data in master.read_registers(wanted)]
+    return all(sum(bits >> 4 + port & 1 for port in range(4)) <= 2 for bits in status)
+
+
+def wait_for_outputs(
+    segment: Segment, bus: Bus, patience_s: float, cancelled: Callable[[], bool] = lambda: False
+) -> Steps[None]:
+    """Waits until outputs have been sent a few times; slaves want valid ones before OP.
+
+    Raises:
+        StateError: The engine does not run.
+    """
+    cycles = _FIRST_CYCLES + bus.output_cycles - 1
+    first = segment.header.cycle
+    deadline = time.monotonic() + cycles * bus.cycle_time_us * 1e-6 + patience_s
+    while segment.header.cycle < first + cycles:
+        if time.monotonic() > deadline:
+            raise StateError("the cyclic engine does not run")
+        if cancelled():
+            raise StateError("stopped while outputs were sent for the first time")
+        yield
+
+
+class SetUp:
+    """Sets slaves up that have begun anew; the bus goes on meanwhile.
+
+    Args:
+        master: The master; all calls belong on the mailbox worker.
+        segment: The shared memory.
+        bus: The bus.
+        scanned: What the start has found out about its slaves.
+        image: Where their process data are.
+        mailboxes: See `read_mailboxes`.
+        clocks: The distributed clocks, where they are used.
+        timeout_s: Seconds that slaves have to reach a state.
+    """
+
+    def __init__(
+        self,
+        master: Master,
+        segment: Segment,
+        bus: Bus,
+        scanned: Sequence[Scanned],
+        image: Image,
+        mailboxes: Sequence[bytes],
+        clocks: Clocks | None,
+        timeout_s: float,
+    ) -> None:
+        self._master = master
+        self._segment = segment
+        self._bus = bus
+        self._scanned = scanned
+        self._image = image
+        self._mailboxes = mailboxes
+        self._clocks = clocks
+        self._timeout_s = timeout_s
+
+    def ask(
+        self, positions: Iterable[int], state: AlState = AlState.OP
+    ) -> Steps[dict[int, Missed]]:
+        """Asks slaves for a state; returns those that did not reach it."""
+        missed = yield from self._master.approach(state, self._timeout_s, positions)
+        return {
+            item.position: Missed(f"it does not reach {state.name}: {item.describe()}")
+            for item in missed
+        }
+
+    def run(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
+        """Takes slaves that have their address from INIT to OP; returns those that do not arrive.
+
+        Raises:
+            StateError: One does not answer any more.
+        """
+        here = set(positions)
+        missed = yield from self.ask(here, AlState.INIT)
+        here -= missed.keys()
+        self._prepare(here)
+        missed |= yield from self.ask(here, AlState.PREOP)
+        here -= missed.keys()
+        missed |= yield from self._compare(here)
+        here -= missed.keys()
+        configure(self._master, [self._scanned[position] for position in sorted(here)], self._image)
+        if self._clocks is not None:
+            late = yield from self._clocks.rejoin(here, self._segment)
+            missed |= {position: Missed(text) for position, text in late.items()}
+            here -= late.keys()
+        missed |= yield from self.ask(here, AlState.SAFEOP)
+        here -= missed.keys()
+        yield from wait_for_outputs(self._segment, self._bus, self._timeout_s)
+        missed |= yield from self.ask(here, AlState.OP)
+        return missed
+
+    def _prepare(self, positions: Iterable[int]) -> None:
+        """What a slave needs for PREOP: its mailboxes, and access to its EEPROM."""
+        writes = []
+        for position in positions:
+            if self._scanned[position].slave.sync0_ns:
+                writes.append((position, SYNC_CONTROL, bytes(2)))
+            if self._mailboxes[position]:
+                writes.append((position, _SYNC_MANAGERS, self._mailboxes[position]))
+            writes.append((position, _EEPROM_ASSIGNMENT, _TO_DEVICE))
+        self._master.write_registers(writes)
+
+    def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
+        """Finds those whose process data have changed: a slave may forget its assignment."""
+        items = [self._scanned[position] for position in sorted(positions)]
+        items = [item for item in items if item.slave.coe]
+        slaves = [item.slave for item in items]
+        talks = [
+            Assignment(slave, item.sii, Coe(slave.position, slave.address)).read_pdos()
+            for slave, item in zip(slaves, items, strict=True)
+        ]
+        found, failed = yield from talk_all(self._master.registers, talks)
+        missed = {}
+        for number, error in failed.items():
+            text = f"its PDO assignment cannot be read: {error}"
+            missed[items[number].slave.position] = Missed(text)
+        for number, (outputs, inputs) in found.items():
+            if text := _difference(items[number].slave, outputs, inputs):
+                missed[items[number].slave.position] = Missed(text, changed=True)
+        return missed
+
+
+def _difference(slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo]) -> str:
+    """What is not as it was at the start, in words."""
+    for name, before, now in (
+        ("outputs", slave.outputs, outputs),
+        ("inputs", slave.inputs, inputs),
+    ):
+        if _layout(before) != _layout(now):
+            return (
+                f"its {name} are other PDOs than at the start ({_names(now)}, not "
+                f"{_names(before)}): assign them as they were (0x1C12, 0x1C13) and ask for OP "
+                f"again (`ecatctl state OP -p {slave.position}`), or restart ecatd to use them"
+            )
+    return ""
+
+
+def _layout(pdos: Sequence[Pdo]) -> list[tuple[int, int, list[tuple[int, int, int]]]]:
+    return [
+        (pdo.index, pdo.sync_manager, [(e.index, e.subindex, e.bit_length) for e in pdo.entries])
+        for pdo in pdos
+    ]
+
+
+def _names(pdos: Sequence[Pdo]) -> str:
+    return ", ".join(f"0x{pdo.index:04X} with {pdo.bit_length} bits" for pdo in pdos) or "none"

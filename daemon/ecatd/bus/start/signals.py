@@ -1,0 +1,206 @@
+"""The SYNC signals of slaves: planned, started in step with the cycle, stopped (ETG.1000.4)."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Container
+from contextlib import suppress
+from dataclasses import dataclass
+from statistics import mode
+
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.config import Config, DcSlaveConfig
+from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.sii import read_dc_modes
+
+from ..master import Master
+from ..segment import Segment
+from ..steps import Steps
+from .clock_registers import SYNC_CONTROL, SYSTEM_TIME, number, signed
+
+_PULSE_LENGTH, _PULSE_UNIT_NS = 0x0982, 10
+_ACTIVATION_STATUS = 0x0984
+_START = 0x0990
+_CYCLES = 0x09A0  # of SYNC0 and SYNC1
+
+_RUN, _SYNC0, _SYNC1, _SIGNALS = 0x0100, 0x0200, 0x0400, 0x0700
+"""In the word that the SII calls AssignActivate: registers 0x0980 and 0x0981."""
+
+_TRIES = 3
+_CYCLES_ASKED = 5
+_LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
+_NEAR_NS = 2_000_000_000  # what a clock of 32 bits can tell from the past
+
+
+@dataclass(frozen=True, slots=True)
+class _Signals:
+    """The SYNC signals of a slave.
+
+    Attributes:
+        slave: The slave, with their times.
+        activation: What goes to the registers 0x0980 and 0x0981.
+    """
+
+    slave: Slave
+    activation: int
+
+
+class Signals:
+    """The SYNC signals of one bus.
+
+    Args:
+        bus: The bus.
+        config: The configuration.
+        master: Reads and writes registers.
+        check: Gives the slave at a position, if it can have signals; raises `ConfigError` if not.
+
+    Raises:
+        ConfigError: This bus cannot do what the configuration wants.
+    """
+
+    def __init__(
+        self, bus: Bus, config: Config, master: Master, check: Callable[[int], Slave]
+    ) -> None:
+        self._bus = bus
+        self._config = config
+        self._master = master
+        self._check = check
+        self._signals = [self._plan(item) for item in config.dc.slave]
+
+    def has(self, position: int) -> bool:
+        """Whether a slave has SYNC signals."""
+        return any(signals.slave.position == position for signals in self._signals)
+
+    def _plan(self, item: DcSlaveConfig) -> _Signals:
+        """Checks the signals of a slave, and notes them in its description."""
+        slave = self._check(item.slave)
+        slave.sync0_ns = round(self._config.sync0_us(item) * 1000)
+        slave.sync1_ns = round(item.sync1_us * 1000)
+        slave.sync_shift_ns = round(self._config.shift_us(item) * 1000)
+        if slave.dc_bits == 32 and _whole_period(slave) > _NEAR_NS - _LEAD_NS:
+            raise ConfigError(
+                f"dc.slave: {slave.label} has a clock of 32 bits, which cannot tell times that are "
+                f"more than {_NEAR_NS * 1e-9:g} s away: its signals must come more often"
+            )
+        self._check_pulse_length(slave)
+        return _Signals(slave, self._activation(slave))
+
+    def _check_pulse_length(self, slave: Slave) -> None:
+        length = number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
+        if slave.sync0_ns <= length * _PULSE_UNIT_NS:
+            raise ConfigError(
+                f"dc.slave: {slave.label} makes pulses of {length * _PULSE_UNIT_NS / 1000:g} µs, "
+                f"so SYNC0 cannot come every {slave.sync0_ns / 1000:g} µs"
+            )
+
+    def _activation(self, slave: Slave) -> int:
+        """Which signals, and who controls them: as the EEPROM has it, if it knows such a mode."""
+        wanted = _RUN | _SYNC0 | (_SYNC1 if slave.sync1_ns else 0)
+        (modes,) = self._master.read_eeproms(read_dc_modes, [slave.position])
+        known = (item.assign_activate for item in modes)
+        return next((word for word in known if word & _SIGNALS == wanted), wanted)
+
+    def start(
+        self, segment: Segment, positions: Container[int] | None = None
+    ) -> Steps[dict[int, str]]:
+        """Starts the SYNC signals of slaves that have some, and waits for their first pulse.
+
+        Args:
+            segment: Where the cycle and the time of the reference clock are found.
+            positions: Which slaves; None for all.
+
+        Returns:
+            Slaves that do not start them, and why.
+        """
+        chosen = [s for s in self._signals if positions is None or s.slave.position in positions]
+        failed: dict[int, str] = {}
+        if not chosen:
+            return failed
+        zero = self._cycle_zero(segment)
+        begun = []
+        for signals in chosen:
+            try:
+                self._start(signals, segment, zero)
+                begun.append((signals.slave, time.monotonic() + _patience(signals.slave)))
+            except StateError as error:
+                failed[signals.slave.position] = str(error)
+            yield
+        for slave, deadline in begun:
+            try:
+                while self._waits_for_pulse(slave):
+                    if time.monotonic() > deadline:
+                        raise StateError("its SYNC signals do not begin")
+                    yield
+            except StateError as error:
+                failed[slave.position] = str(error)
+        return failed
+
+    def _cycle_zero(self, segment: Segment) -> int:
+        """When cycle 0 began, on the clock of the reference: signals go with certain cycles.
+
+        A frame that was lost or late gives another cycle, so several are asked.
+        """
+        period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
+
+        def zero() -> int:
+            before, deadline = segment.header.cycle, time.monotonic() + 1 + 10 * period * 1e-9
+            while segment.header.cycle == before:
+                if time.monotonic() > deadline:
+                    raise StateError("the cyclic engine does not run")
+                time.sleep(period * 1e-9 / 8)
+            cycle, now = segment.header.cycle, segment.health.dc_time_ns
+            # The frame passed the reference clock after the deadline, hardly ever before.
+            return int((now - phase + period // 4) // period - cycle) * period
+
+        return mode(zero() for _ in range(_CYCLES_ASKED))
+
+    def _start(self, signals: _Signals, segment: Segment, zero: int) -> None:
+        """Sets the signals of a slave up; again if this takes so long that the start has passed."""
+        master, slave = self._master, signals.slave
+        position = slave.position
+        cycles = struct.pack("<II", slave.sync0_ns, slave.sync1_ns)
+        # The cycles that carry its domain.
+        turn = self._bus.domains[slave.domain].phase * self._bus.cycle_time_us * 1000
+        whole, base = _whole_period(slave), zero + turn + slave.sync_shift_ns
+        for tries in range(1, _TRIES + 1):
+            master.register_write(position, SYNC_CONTROL, bytes(2))  # off, and ours
+            own = self._system_time(slave)
+            reference = segment.health.dc_time_ns
+            now = reference + signed(own - reference)  # the upper half may be another one
+            first = base - (base - now - tries * _LEAD_NS) // whole * whole
+            start = (own + first - now) % (1 << slave.dc_bits)
+            master.register_write(position, _CYCLES, cycles)
+            master.register_write(position, _START, struct.pack("<Q", start))
+            master.register_write(position, SYNC_CONTROL, struct.pack("<H", signals.activation))
+            if signed(start - self._system_time(slave), slave.dc_bits) > 0:
+                return
+        raise StateError("its SYNC signals cannot be set up before they begin")
+
+    def _system_time(self, slave: Slave) -> int:
+        data = self._master.register_read(slave.position, SYSTEM_TIME, slave.dc_bits // 8)
+        return number(data)
+
+    def _waits_for_pulse(self, slave: Slave) -> bool:
+        status = self._master.register_read(slave.position, _ACTIVATION_STATUS, 1)
+        return bool(number(status) & 0x03)
+
+    def stop(self) -> None:
+        """Ends the SYNC signals; slaves that go by them should be in INIT by then."""
+        for signals in self._signals:
+            with suppress(StateError):  # one that is gone has none any more
+                self._master.register_write(signals.slave.position, SYNC_CONTROL, bytes(2))
+
+
+def _patience(slave: Slave) -> float:
+    """Seconds in which the first pulse must come."""
+    return (_TRIES * _LEAD_NS + 2 * _whole_period(slave)) * 1e-9 + 1.0
+
+
+def _whole_period(slave: Slave) -> int:
+    """After which SYNC0 and SYNC1 come together again in the same way, in ns.
+
+    SYNC1 follows SYNC0 after `sync1_ns`; where that is longer than a period of SYNC0, it follows
+    each time the first SYNC0 after itself.
+    """
+    return (slave.sync1_ns // slave.sync0_ns + 1) * slave.sync0_ns

@@ -1,0 +1,66 @@
+"""What is said of slaves that are missing, and of those that are new."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ecatd.model.bus import Bus, positions_text
+
+
+def name_slaves(bus: Bus, positions: Sequence[int]) -> str:
+    """How messages name one slave or several: `slave 2 (EL1018)`, `slaves 0, 3-7`."""
+    if len(positions) == 1:
+        return bus.slaves[positions[0]].label
+    return f"slaves {positions_text(positions)}"
+
+
+def describe_presence(
+    bus: Bus, found: int, lost: Sequence[int], added: int = 0, *, by_hand: bool = False
+) -> str:
+    """What is wrong with the number of slaves, in words; empty if nothing is.
+
+    Args:
+        bus: The bus as it was brought up.
+        found: Slaves that answer a broadcast.
+        lost: Positions of those that do not answer at their address.
+        added: Where there are more: position of the first new one.
+        by_hand: Whether slaves that were without power do not come back by themselves.
+    """
+    count = len(bus.slaves)
+    if found > count:
+        who = "a slave was" if found == count + 1 else f"{found - count} slaves were"
+        where = f"behind {bus.slaves[added - 1].label}" if added else "in front of all others"
+        return (
+            f"slave count changed: {count}, now {found}: {who} added {where}; restart ecatd to use "
+            f"{'it' if found == count + 1 else 'them'}"
+        )
+    if not lost:
+        return ""
+    restart = f"; restart ecatd to use {'it' if len(lost) == 1 else 'them'}" if by_hand else ""
+    if len(lost) == count:
+        if found:
+            return (
+                f"no slave answers at its address, though {found} are there: they were switched "
+                f"off and on, or exchanged{restart}"
+            )
+        return (
+            f"no slave answers: check the cable to {bus.slaves[0].label}, and its power; the bus "
+            f"goes on by itself when they are back"
+        )
+    if found == count:
+        return (
+            f"no answer from {name_slaves(bus, lost)} at {'its' if len(lost) == 1 else 'their'} "
+            f"address, though {count} slaves are there: switched off and on, or exchanged{restart}"
+        )
+    first = bus.slaves[lost[0]]
+    missing = f"{len(lost)} slave{'s' * (len(lost) != 1)} missing"
+    if list(lost) == list(range(lost[0], count)):
+        before = bus.slaves[lost[0] - 1].label
+        return (
+            f"slave count changed: {count}, now {found}: no answer from {first.label} on: "
+            f"{missing}; check the cable behind {before}, and the power of {first.label}"
+        )
+    return (
+        f"slave count changed: {count}, now {found}: no answer from {name_slaves(bus, lost)}: "
+        f"{missing}; check cables and power"
+    )

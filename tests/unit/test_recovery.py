@@ -1,0 +1,273 @@
+"""Which slaves are brought back to OP, how and when; and who is who on the wire."""
+
+import pytest
+
+from ecatd.bus.master import SlaveState
+from ecatd.bus.start.identify import Identity, match
+from ecatd.bus.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
+from ecatd.model.al import AlState
+from ecatd.model.bus import Slave
+
+ERROR = 0x10
+SAFEOP_ERROR = AlState.SAFEOP | ERROR
+OUTSIDE = (0x0018, 0x0019, 0x001A, 0x001B, 0x002C, 0x002D, 0x0032, 0x0033, 0x0034, 0x0035)
+OWN = (0x0011, 0x0016, 0x001D, 0x001E, 0x0024, 0x0030, 0x0036, 0x0050, 0x1234, 0x8001)
+
+
+class Watch:
+    """A recovery of one slave, and the time."""
+
+    def __init__(self, mode: str = "all") -> None:
+        self.recovery = Recovery(1, mode, retry_s=10.0)
+        self.now = 100.0
+        self.see(AlState.OP)
+
+    def see(self, state: int, code: int = 0, strangers: int = 0, **options: bool) -> Plan:
+        states = [SlaveState(0, state, code)]
+        return self.recovery.look(states, strangers, self.now, **options)
+
+    def during(
+        self, seconds: float, state: int, code: int = 0, strangers: int = 0
+    ) -> list[tuple[float, str]]:
+        """What is done while a slave stays as it is; each try fails at once."""
+        begin, done = self.now, []
+        while self.now < begin + seconds:
+            plan = self.see(state, code, strangers)
+            for kind in ("ask", "set_up", "slow"):
+                if getattr(plan, kind):
+                    done.append((round(self.now - begin, 1), kind))
+            if plan.ask or plan.set_up:
+                self.recovery.done(0, Failure("it does not"))
+            self.now += 0.25
+        return done
+
+    def condition(self) -> Condition:
+        return self.recovery.condition(0)[0]
+
+
+@pytest.mark.parametrize("code", OUTSIDE)
+def test_a_slave_that_lacked_something_is_asked_soon_and_then_slowly(code: int) -> None:
+    watch = Watch()
+    done = watch.during(60, SAFEOP_ERROR, code)
+    assert done[0] == (0, "ask")
+    tries = [time for time, kind in done if kind != "slow"]
+    assert tries[1] == 0.5
+    assert tries[2] == 2.5
+    assert tries[3:] == [12.5, 22.5, 32.5, 42.5, 52.5]
+    assert [kind for _, kind in done].count("slow") == 1
+    assert watch.condition() == Condition.WAITING
+
+
+def test_the_watchdog_is_asked_twice_and_then_set_up() -> None:
+    kinds = [kind for _, kind in Watch().during(11, SAFEOP_ERROR, 0x001B) if kind != "slow"]
+    assert kinds == ["ask", "ask", "set_up"]
+
+
+def test_sync_signals_begin_anew_where_asking_is_no_help() -> None:
+    kinds = [kind for _, kind in Watch().during(1, SAFEOP_ERROR, 0x001A)]
+    assert kinds == ["ask", "set_up"]
+
+
+def test_the_acknowledged_state_goes_on_where_it_was() -> None:
+    watch = Watch()
+    assert watch.see(SAFEOP_ERROR, 0x001B).ask == [0]
+    watch.recovery.done(0, None)
+    assert not watch.see(AlState.SAFEOP).ask  # not at once
+    watch.now += 1
+    assert watch.see(AlState.SAFEOP).ask == [0]
+
+
+@pytest.mark.parametrize("code", OWN)
+def test_a_reason_of_its_own_is_told_once_and_not_touched(code: int) -> None:
+    watch = Watch()
+    plan = watch.see(SAFEOP_ERROR, code)
+    assert not plan.ask
+    assert not plan.set_up
+    assert f"0x{code:04X}" in plan.refused[0]
+    assert "ecatctl state OP -p 0" in plan.refused[0]
+    assert not watch.see(SAFEOP_ERROR, code).refused
+    assert watch.during(60, SAFEOP_ERROR, code) == []
+    assert watch.condition() == Condition.REFUSED
+
+
+def test_switching_off_and_on_ends_a_refusal() -> None:
+    watch = Watch()
+    watch.see(SAFEOP_ERROR, 0x001E)
+    watch.see(AlState.NONE)
+    assert watch.see(AlState.NONE, strangers=1).set_up == [0]
+
+
+def test_asking_by_hand_ends_a_refusal() -> None:
+    watch = Watch()
+    watch.see(SAFEOP_ERROR, 0x001E)
+    watch.recovery.want([0], AlState.OP)
+    assert not watch.see(SAFEOP_ERROR, 0x001B).ask  # somebody is at work
+    watch.recovery.done(0, None)
+    assert watch.see(SAFEOP_ERROR, 0x001B).ask == [0]
+
+
+@pytest.mark.parametrize("wanted", [AlState.INIT, AlState.PREOP, AlState.SAFEOP])
+def test_a_state_that_somebody_wants_is_respected(wanted: AlState) -> None:
+    watch = Watch()
+    watch.recovery.want([0], wanted)
+    watch.recovery.done(0, None)
+    assert watch.during(60, wanted) == []
+    assert watch.during(60, SAFEOP_ERROR, 0x001B) == []
+    assert watch.during(60, AlState.NONE, strangers=1) == []
+    assert watch.condition() == Condition.FINE
+
+
+def test_a_missing_slave_is_looked_for_when_somebody_without_address_is_there() -> None:
+    watch = Watch()
+    assert watch.during(30, AlState.NONE) == []
+    assert watch.condition() == Condition.MISSING
+    assert watch.see(AlState.NONE, strangers=1).set_up == [0]
+    assert watch.condition() == Condition.RECOVERING
+    assert watch.recovery.done(0, Failure("another device", Condition.EXCHANGED))
+    assert watch.condition() == Condition.EXCHANGED
+    tries = [kind for _, kind in watch.during(40, AlState.NONE, strangers=1) if kind != "slow"]
+    assert 4 <= tries.count("set_up") == len(tries) <= 6
+
+
+def test_whoever_comes_or_goes_is_looked_at_at_once() -> None:
+    watch = Watch()
+    watch.during(60, AlState.NONE, strangers=1)
+    assert not watch.see(AlState.NONE, strangers=1).set_up
+    assert watch.see(AlState.NONE, strangers=2).set_up == [0]
+
+
+def test_the_same_failure_is_told_once() -> None:
+    recovery = Watch().recovery
+    recovery.look([SlaveState(0, SAFEOP_ERROR, 0x001B)], 0, 1.0)
+    assert recovery.done(0, Failure("a"))
+    assert not recovery.done(0, Failure("a"))
+    assert recovery.done(0, Failure("b"))
+
+
+@pytest.mark.parametrize("state", [AlState.INIT, AlState.PREOP])
+def test_a_slave_that_began_anew_is_set_up(state: AlState) -> None:
+    watch = Watch()
+    assert watch.during(2.5, state) == []  # another master might be at work
+    assert [kind for _, kind in watch.during(1, state)][:1] == ["set_up"]
+
+
+def test_firmware_on_its_way_is_not_disturbed() -> None:
+    assert Watch().during(60, AlState.BOOT) == []
+
+
+def test_another_master_is_not_fought() -> None:
+    watch = Watch()
+    for _ in range(100):
+        plan = watch.see(SAFEOP_ERROR, 0x001B, foreign=True)
+        assert not plan.ask
+        assert not plan.set_up
+        watch.now += 1
+    plan = watch.see(SAFEOP_ERROR, 0x001B)
+    assert plan.set_up == [0]  # its settings may be those of the other one
+
+
+def test_how_long_it_took_is_told_once() -> None:
+    watch = Watch()
+    assert watch.see(SAFEOP_ERROR, 0x001B).fallen == [0]
+    watch.recovery.done(0, None)
+    watch.now += 1.5
+    assert watch.see(AlState.OP).recovered == {0: 1.5}
+    assert watch.see(AlState.OP).recovered == {}
+
+
+def test_one_that_falls_again_and_again_is_asked_slowly() -> None:
+    watch = Watch()
+    tries = []
+    for _ in range(240):
+        plan = watch.see(SAFEOP_ERROR, 0x001B)
+        if plan.ask or plan.set_up:
+            tries.append(watch.now)
+            watch.recovery.done(0, None)
+            watch.see(AlState.OP)
+        watch.now += 0.25
+    assert len(tries) == QUICK_TRIES + 5
+
+
+def test_one_that_was_steady_in_op_has_its_quick_tries_again() -> None:
+    watch = Watch()
+    for _ in range(5):
+        assert watch.see(SAFEOP_ERROR, 0x001B).ask == [0]
+        watch.recovery.done(0, None)
+        for _ in range(12):
+            watch.see(AlState.OP)
+            watch.now += 1
+
+
+def test_only_the_watchdog_where_only_that_is_wanted() -> None:
+    watch = Watch("watchdog")
+    assert watch.during(20, SAFEOP_ERROR, 0x001A) == []
+    assert watch.during(20, AlState.NONE, strangers=1) == []
+    assert watch.during(20, AlState.INIT) == []
+    done = Watch("watchdog").during(20, SAFEOP_ERROR, 0x001B)
+    assert {kind for _, kind in done} == {"ask", "slow"}
+
+
+def test_nothing_where_nothing_is_wanted() -> None:
+    watch = Watch("none")
+    assert watch.during(20, SAFEOP_ERROR, 0x001B) == []
+    assert watch.during(20, AlState.NONE, strangers=1) == []
+    assert watch.condition() == Condition.MISSING
+
+
+A, B, C = (2, 0xA, 1), (2, 0xB, 1), (2, 0xC, 1)
+
+
+def places(
+    scan: list[Identity], wire: list[int | Identity], *, line: bool = True
+) -> tuple[dict[int, int], set[int], set[int]]:
+    """Who is found where, exchanged, unclear; a number on the wire is a slave with its address."""
+    slaves = [Slave(i, f"S{i}", *item, address=0x1001 + i) for i, item in enumerate(scan)]
+    found = match(
+        slaves,
+        [0x1001 + item if isinstance(item, int) else 0 for item in wire],
+        {place: item for place, item in enumerate(wire) if not isinstance(item, int)},
+        line=line,
+    )
+    return found.places, set(found.exchanged), set(found.unclear)
+
+
+@pytest.mark.parametrize(
+    ("scan", "wire", "expected"),
+    [
+        ([A, B, C], [0, B, 2], ({1: 1}, set(), set())),
+        ([A, B, C], [A, B, C], ({0: 0, 1: 1, 2: 2}, set(), set())),
+        ([A, B, C], [0, C, B], ({}, {1, 2}, set())),  # another order
+        ([A, B, C], [0, C, 2], ({}, {1}, set())),  # another device
+        ([A, B, C], [0, (2, 0xB, 9), 2], ({}, {1}, set())),  # another revision
+        ([A, B, C], [0, C, C], ({2: 2}, {1}, set())),  # the right one comes back all the same
+        ([A, A, A, A], [0, A, A], ({1: 1, 2: 2}, set(), set())),  # the last one is still missing
+        ([A, B, C], [0, 1, 2, A], ({}, set(), set())),  # a new one
+        ([A, B, C], [0, B, B, 2], ({}, set(), {1})),  # two in the place of one
+        ([A, B, C], [1, 0, C], ({}, set(), {2})),  # plugged in otherwise
+        ([A, B, C], [0, 0, C], ({}, set(), {1, 2})),  # an address twice
+        ([A, B], [], ({}, set(), set())),
+    ],
+)
+def test_slaves_are_found_by_place_and_identity(
+    scan: list[Identity],
+    wire: list[int | Identity],
+    expected: tuple[dict[int, int], set[int], set[int]],
+) -> None:
+    assert places(scan, wire) == expected
+
+
+@pytest.mark.parametrize(
+    ("scan", "wire", "expected"),
+    [
+        ([A, B, C, A], [0, C, 3], ({2: 1}, set(), set())),  # there is only one way
+        ([A, B, B, A], [0, B, 3], ({}, set(), {1, 2})),  # which of both?
+        ([A, B, C, A], [0, A, 3], ({}, set(), {1, 2})),
+        ([A, B, C, B], [0, B, C], ({1: 1, 2: 2}, set(), set())),
+    ],
+)
+def test_with_branches_or_a_ring_those_behind_may_be_there_first(
+    scan: list[Identity],
+    wire: list[int | Identity],
+    expected: tuple[dict[int, int], set[int], set[int]],
+) -> None:
+    assert places(scan, wire, line=False) == expected
