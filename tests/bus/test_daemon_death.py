@@ -1,16 +1,29 @@
-"""The daemon dies, and another one takes its place: what its clients do, and what it heals."""
+"""The daemon dies, and another one takes its place: what its clients do, and what it heals.
 
+`ECAT_RESTARTS=200` (`make death`) has it killed so often; without it a few times.
+"""
+
+import os
+import random
+import signal
+import statistics
+import threading
+import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
-from conftest import Daemon
-from handle import EBUSY, EDOWN, ELEASE, Handle
+from conftest import SHM, Daemon, wait_for
+from handle import EBUSY, EDOWN, ELEASE, ESTALE, ETIMEOUT, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 EL2008, DRIVE = 3, 0
 """Positions in the rig `troll`."""
+RESTARTS = int(os.environ.get("ECAT_RESTARTS", "15"))
+OWN = 1
+"""Slave of `line:4` that the surviving writer owns."""
 
 
 def restart(start_daemon: Callable[..., Daemon], daemon: Daemon) -> Daemon:
@@ -56,3 +69,173 @@ def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon])
         assert handle.sample() == 0
         assert handle.value(output) == 1
     assert daemon.stop() == 0
+
+
+class Survivor(threading.Thread):
+    """A client in a loop that no daemon's end stops.
+
+    Attributes:
+        down: CLOCK_MONOTONIC in s of the first call that said that the daemon is gone; None: up.
+        instance: The daemon that it is connected to.
+        rounds: Loops with this daemon in which everything was done.
+    """
+
+    def __init__(self, bus: str) -> None:
+        super().__init__()
+        self.handle = Handle(bus)
+        self.down: float | None = None
+        self.instance = self.handle.instance
+        self.rounds = 0
+        self.codes: set[int] = set()
+        self.end = threading.Event()
+        self.failed: BaseException | None = None
+
+    def run(self) -> None:
+        try:
+            while not self.end.is_set():
+                self._step()
+        except BaseException as error:
+            self.failed = error
+        finally:
+            self.handle.close()
+
+    def _step(self) -> None:
+        code = self.handle.wait(1, 1.0) or self.handle.sample()
+        now = time.monotonic()
+        self.codes.add(code)
+        assert code in (0, EDOWN, ETIMEOUT, ESTALE), self.handle.error
+        if code == EDOWN and self.down is None:
+            self.down = now
+        if code == 0:
+            if self.handle.instance != self.instance:
+                assert self.down is not None, "a new daemon, but nobody told that the old one ended"
+                self.instance, self.rounds = self.handle.instance, 0
+                self.begin()
+            self.down = None
+            self.rounds += self.work()
+
+    def begin(self) -> None:
+        """With a new daemon."""
+
+    def work(self) -> bool:
+        """In a cycle; whether all is as it should be."""
+        return True
+
+    def stop(self) -> None:
+        self.end.set()
+        self.join(30)
+
+
+class Writer(Survivor):
+    """Claims again whenever it is told to, and only then."""
+
+    def __init__(self, bus: str) -> None:
+        super().__init__(bus)
+        self.outputs = [self.handle.bind(OWN, 0x7000, n + 1, 1) for n in range(32)]
+        self.value = 0
+        assert self.handle.claim(OWN, 20.0) == 0
+
+    def begin(self) -> None:
+        assert self.handle.write(self.outputs[0], 1.0) == ELEASE
+        assert self.handle.commit() == ELEASE
+
+    def work(self) -> bool:
+        self.value = self.value % 255 + 1
+        for output in self.outputs:
+            if self.handle.write(output, float(self.value)) != 0:
+                break
+        code = self.handle.commit()
+        self.codes.add(code)
+        if code == ELEASE:
+            code = self.handle.claim(OWN, 20.0)
+            assert code in (0, EDOWN, ESTALE), self.handle.error
+            return False
+        return code == 0
+
+
+def leftovers(daemon: Daemon) -> list[str]:
+    """Processes of a daemon that was killed."""
+    mark = f"ECATD_RUNTIME_DIR={daemon.env['ECATD_RUNTIME_DIR']}".encode()
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark in (folder / "environ").read_bytes().split(b"\0"):
+                found.append((folder / "cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue
+    return found
+
+
+def power_cut(daemon: Daemon) -> None:
+    """Kills one process of the daemon, or all of them, and waits for the end of all."""
+    victim = random.choice(["all", "all", "bus", "supervisor"])
+    if victim == "all":
+        daemon.kill_all()
+    elif victim == "supervisor":
+        os.kill(daemon.process.pid, signal.SIGKILL)
+    else:
+        try:
+            os.kill(daemon.child_pid("ecatd.bus"), signal.SIGKILL)
+        except (AssertionError, OSError):  # it has not started one yet
+            daemon.kill_all()
+    daemon.process.wait(30)
+    end = time.monotonic() + 60
+    while left := leftovers(daemon):
+        assert time.monotonic() < end, left
+        time.sleep(0.005)
+
+
+@pytest.mark.timeout(120 + 4 * RESTARTS)
+def test_clients_survive_a_daemon_that_is_killed_at_any_point(tmp_path: Path) -> None:
+    random.seed(int(os.environ.get("ECAT_SEED", "1")))
+    daemon = Daemon(tmp_path, "line:4").wait_ready()
+    bus = daemon.bus
+    files = {f"ecat.{bus}", f"ecat.{bus}.out"}
+
+    def start(before: Daemon) -> Daemon:
+        before._socket.close()
+        made = Daemon(tmp_path, "line:4", "--bus", bus)
+        made.bus = bus
+        return made
+
+    clients = [Survivor(bus), Writer(bus)]
+    for client in clients:
+        client.start()
+    told: list[float] = []
+    early = 0
+    try:
+        for number in range(RESTARTS):
+            if number % 2:  # while it starts; sometimes after that
+                time.sleep(random.uniform(0, 1))
+                early += any(client.down for client in clients)
+                power_cut(daemon)
+            else:
+                if number > 0:
+                    daemon.wait_ready()
+                assert {path.name for path in SHM.glob(f"*{bus}*")} == files
+                wait_for(lambda: all(c.rounds > 20 for c in clients), daemon)
+                time.sleep(random.uniform(0, 0.05))
+                begin = time.monotonic()
+                daemon.kill_all()
+                end = time.monotonic() + 30
+                while not all(client.down for client in clients):
+                    assert time.monotonic() < end
+                    time.sleep(0.001)
+                told += [client.down - begin for client in clients if client.down]
+            assert "Traceback" not in daemon.log, daemon.log
+            assert not any(client.failed for client in clients), [c.failed for c in clients]
+            daemon = start(daemon)
+        daemon.wait_ready()
+        wait_for(lambda: all(c.rounds > 20 for c in clients), daemon)
+        assert daemon.stop() == 0
+    finally:
+        for client in clients:
+            client.stop()
+        daemon.close()
+    assert not any(client.failed for client in clients), [c.failed for c in clients]
+    assert ELEASE in clients[1].codes
+    assert early > 0
+    print(f"{early} starts were killed before all clients were there again")
+    print(f"told after {max(told):.3f} s at most, {statistics.median(told):.3f} s as a rule")
+    assert not list(SHM.glob(f"*{bus}*"))
+    assert not list((tmp_path / "run").iterdir())

@@ -1,7 +1,7 @@
 """Creates the two shared-memory segments of a bus and fills their tables.
 
-The segment appears under its final name only when it is complete, is locked for as long as this
-process lives, and replaces the leftover of a daemon that was killed.
+Both get their names when they are locked and complete, respectively; the lock lasts as long as this
+process, and tells leftovers of a daemon that was killed, which are replaced.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import fcntl
 import math
 import mmap
 import os
+import stat
 import struct as binary
 import time
 from collections import Counter
@@ -69,12 +70,9 @@ class Segment:
         self.header: Any = None
         self._name = bus
         with _explained(self.path):
-            self._fd, temporary = _create(self.path, 0o640)
-            try:
-                _lock(self._fd)
-                self._put_in_place(temporary)
-            finally:
-                temporary.unlink()
+            self._fd = _create(0o640)
+            _lock(self._fd)
+            self._put_in_place()
 
     def fill(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
         """Lays the tables and pages of a bus out.
@@ -97,9 +95,10 @@ class Segment:
             self._map = mmap.mmap(self._fd, plan.size)
             self._fill(plan, instance, lease_ns, lease_max_ns)
         with _explained(self.out_path):
-            self.out_fd, temporary = _create(self.out_path, 0o660)
+            self.out_fd = _create(0o660)
             self._fill_out(instance)
-            temporary.replace(self.out_path)
+            self.out_path.unlink(missing_ok=True)  # of a daemon that was killed
+            _name(self.out_fd, self.out_path)
 
     def _at(self, name: str, offset: int, count: int = 1) -> Any:
         kind = shm.struct(name)
@@ -198,17 +197,20 @@ class Segment:
         os.pwrite(self.out_fd, bytes(header), 0)
         self.out = header
 
-    def _put_in_place(self, temporary: Path) -> None:
+    def _put_in_place(self) -> None:
         """Gives the segment its name, unless a living daemon has it."""
         while True:
             try:
-                os.link(temporary, self.path)
+                _name(self._fd, self.path)
             except FileExistsError:
                 self._remove_leftover()
             else:
                 return
 
     def _remove_leftover(self) -> None:
+        with suppress(FileNotFoundError):
+            if not stat.S_ISREG(self.path.lstat().st_mode):  # no daemon makes such a thing
+                self.path.unlink()
         try:
             old = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
         except FileNotFoundError:
@@ -321,15 +323,26 @@ def _text(text: str, room: int) -> bytes:
     return data.decode("utf-8", "ignore").encode()
 
 
-def _create(path: Path, mode: int) -> tuple[int, Path]:
-    """A new file beside `path`, with a name that is ours alone until it gets its own."""
-    temporary = path.with_name(f"{path.name}.new.{os.getpid()}")
-    temporary.unlink(missing_ok=True)  # of a daemon of the same process number that was killed
-    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
-    fd = os.open(temporary, flags, mode)
+def _create(mode: int) -> int:
+    """A new file without a name: nobody finds it half made, nor after this process was killed."""
+    fd = os.open(shm.FOLDER, os.O_RDWR | os.O_TMPFILE | os.O_CLOEXEC, mode)
     os.fchmod(fd, mode)  # whatever the umask is
     give_to_group(fd)
-    return fd, temporary
+    return fd
+
+
+def _name(fd: int, path: Path) -> None:
+    """Gives a file its name.
+
+    Raises:
+        FileExistsError: Something else has it.
+    """
+    # By a descriptor of the directory, since only then Python has the kernel follow the link.
+    folder = os.open("/proc/self/fd", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.link(str(fd), path, src_dir_fd=folder, follow_symlinks=True)
+    finally:
+        os.close(folder)
 
 
 @contextmanager
@@ -341,6 +354,10 @@ def _explained(path: Path) -> Iterator[None]:
         raise NotPermittedError(
             f"cannot make {path} ({error.strerror}): a leftover of another user is in the way; "
             f"give the bus another name, or have its owner remove it"
+        ) from error
+    except IsADirectoryError as error:
+        raise EcatError(
+            f"cannot make {path}: a directory has this name; remove it, or give the bus another one"
         ) from error
     except OSError as error:
         raise EcatError(f"cannot make {path}: {error.strerror}") from error

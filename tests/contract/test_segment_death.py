@@ -1,0 +1,116 @@
+"""A daemon that is killed while it makes its segments: the next start finds nothing in its way."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_segment import make_bus
+
+from ecatd import shm
+from ecatd.bus.layout import lay_out
+from ecatd.bus.segment import Segment
+from ecatd.model.errors import EcatError
+
+pytestmark = pytest.mark.unprivileged
+
+KILLED_AT_EVERY_LINE = """
+import os, signal, sys
+from test_segment import make_bus
+from ecatd import shm
+from ecatd.bus import segment as module
+from ecatd.bus.layout import lay_out
+from ecatd.client import Client
+
+bus = make_bus()
+files = lambda: sorted(path.name for path in shm.FOLDER.glob(f"*{bus.name}*"))
+
+def serve():
+    made = module.Segment(bus.name)
+    made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
+    made.header.cycle_end_ns = 1 << 62
+    made.publish()
+    return made
+
+def die_at(number):
+    seen = set()
+    def trace(frame, event, argument):
+        if frame.f_code.co_filename != module.__file__:
+            return None
+        seen.add((frame.f_code, frame.f_lineno))
+        if len(seen) > number:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return trace
+    sys.settrace(trace)
+
+left = set()
+for number in range(10000):
+    child = os.fork()
+    if child == 0:
+        die_at(number)
+        serve()
+        os._exit(0)
+    _, status = os.waitpid(child, 0)
+    left.add(tuple(files()))
+    again = serve()
+    Client(bus.name).close()
+    assert files() == [f"ecat.{bus.name}", f"ecat.{bus.name}.out"], (number, files())
+    again.close()
+    assert files() == [], (number, files())
+    if os.WIFEXITED(status):
+        break
+print(number, len(left))
+"""
+
+
+def test_a_start_that_is_killed_at_any_point_is_healed() -> None:
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    run = subprocess.run(
+        [sys.executable, "-c", KILLED_AT_EVERY_LINE],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    lines, leftovers = map(int, run.stdout.split())
+    assert lines > 80
+    assert leftovers >= 3  # nothing, the first file, both
+
+
+@pytest.mark.parametrize("kind", ["file", "symlink", "dangling", "fifo"])
+@pytest.mark.parametrize("suffix", ["", ".out"])
+def test_whatever_has_the_name_is_replaced(kind: str, suffix: str, tmp_path: Path) -> None:
+    bus = make_bus()
+    path = shm.FOLDER / f"ecat.{bus.name}{suffix}"
+    target = tmp_path / "target"
+    if kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "file":
+        path.write_bytes(b"x" * 100)
+    else:
+        path.symlink_to(target)
+    if kind == "symlink":
+        target.write_text("not ours")
+    segment = Segment(bus.name)
+    segment.fill(bus, lay_out(bus, set()), 1, 1)
+    assert path.is_file()
+    assert not path.is_symlink()
+    segment.close()
+    assert not path.exists()
+    assert target.exists() == (kind == "symlink")
+    assert kind != "symlink" or target.read_text() == "not ours"
+
+
+@pytest.mark.parametrize("suffix", ["", ".out"])
+def test_what_cannot_be_replaced_is_named(suffix: str) -> None:
+    bus = make_bus()
+    path = shm.FOLDER / f"ecat.{bus.name}{suffix}"
+    path.mkdir()
+    try:
+        with pytest.raises(EcatError, match=rf"{path}: a directory has this name"):
+            Segment(bus.name).fill(bus, lay_out(bus, set()), 1, 1)
+    finally:
+        path.rmdir()
+        (shm.FOLDER / f"ecat.{bus.name}").unlink(missing_ok=True)
