@@ -7,6 +7,7 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
 from ecatsim import rig
 from ecatsim.slave import sii
+from ecatsim.slave.device import Device
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, checksum
 
 
@@ -195,3 +196,11 @@ def test_pdos_of_the_terminals_are_those_of_the_real_ones():
         (0x6010, 0x10, "Status__TxPDO Toggle", 1, 1),
         (0x6010, 0x11, "Value", 3, 16),
     ]
+
+
+def test_a_device_class_sets_the_length_of_its_pulses() -> None:
+    class Pulsed(Device):
+        vendor, product, order = 1, 2, "Pulsed"
+        sync_pulse = 250
+
+    assert struct.unpack_from("<H", Pulsed().sii_image(), 4) == (250,)

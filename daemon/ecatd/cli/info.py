@@ -57,7 +57,7 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
         for row, grant in zip(known["realtime"]["settings"], snapshot.grants, strict=True)
     ]
     document["gateway"] = {"error": silent} if silent else {"error": None}
-    # What the gateway knows of links and ring is from its start.
+    # Links and ring are in shared memory, too.
     later = {key: running[key] for key in running.keys() - {"schema", "links", "ring"}}
     return {**document, **later}
 

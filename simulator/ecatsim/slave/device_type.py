@@ -32,6 +32,8 @@ class DeviceType:
         chip: The slave controller.
         pdi_control: SII word 0.
         pdi_config: SII word 1; None takes what the DC modes need.
+        sync_pulse: SII word 2: length of SYNC pulses in 10 ns; 0 lets them last until the device
+            acknowledges them.
         physical_ports: SII port types, nibbles from port 0: 0 none, 1 MII, 3 EBUS.
         ebus_current: Current taken from the E-bus in mA.
         mailbox: The mailbox with CoE, or None for a device without a processor.
@@ -80,6 +82,7 @@ class DeviceType:
     chip: Chip = Chip()
     pdi_control: int = 0x0C05
     pdi_config: int | None = None
+    sync_pulse: int = 0
     physical_ports: int = 0x11
     ebus_current: int = 0
     mailbox: Mailbox | None = None
@@ -127,6 +130,7 @@ class DeviceType:
                 group_name=self.group_name,
                 pdi_control=self.pdi_control,
                 pdi_config=self._pdi_configuration(),
+                sync_pulse=self.sync_pulse,
                 mailbox=self.mailbox,
                 bootstrap=self.bootstrap,
                 sync_managers=settings,
