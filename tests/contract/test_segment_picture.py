@@ -22,6 +22,7 @@ from ecatd.model.errors import EcatError, StateError, UnreachableError, UsageErr
 from ecatd.segment import raw
 from ecatd.segment.claims import read_claims
 from ecatd.segment.picture import picture
+from ecatd.segment.reader import TABLES
 from ecatd.stats import read
 
 pytestmark = pytest.mark.unprivileged
@@ -336,7 +337,7 @@ def test_ten_thousand_random_mutations_are_no_tracebacks(segment: Segment, alive
     with copy_of(segment, alive=alive) as (name, path, fd):
         out = os.open(path.with_name(f"{path.name}.out"), os.O_RDWR)
         whole, whole_out = os.pread(fd, 1 << 24, 0), os.pread(out, 1 << 24, 0)[: 3 * 4096]
-        hot = [0, 12, *(getattr(segment.header, f"{key}_offset") for key in raw.TABLES)]
+        hot = [0, 12, *(getattr(segment.header, f"{key}_offset") for key in TABLES)]
         hot.append(table(segment, "domains", "ecat_shm_domain").page_offset)
         for turn in range(MUTATIONS // 2):
             mutate(random_, fd, len(whole), hot)

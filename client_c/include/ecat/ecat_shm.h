@@ -11,7 +11,8 @@
  *   - add enumerators, and entries to the ecat_shm_setting table,
  *   - give a meaning to a field `pad...`, where 0 means what was so before.
  * It never changes the size of an entry of a table, of a part of a slot or of a page, nor the
- * meaning of a field. Everything else is a new major version.
+ * meaning of a field. Everything else is a new major version; but magic number, layout and the byte of
+ * the lock stay where they are for ever, so that every client can tell every daemon what is wrong.
  *
  * A client accepts a daemon of its own major and of its own or a later minor version. So it finds
  * tables by their offsets and never by what lies before them, takes a value that its enumeration

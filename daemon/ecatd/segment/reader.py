@@ -34,7 +34,7 @@ _TRIES = 1000  # until a page is copied in which the engine did not write
 
 # Tables of the segment: their struct and how many entries they have; `<name>_offset` of the header
 # says where they begin.
-_TABLES: dict[str, tuple[str, str | int]] = {
+TABLES: dict[str, tuple[str, str | int]] = {
     "slaves": ("ecat_shm_slave", "slave_count"),
     "signals": ("ecat_shm_signal", "signal_count"),
     "domains": ("ecat_shm_domain", "domain_count"),
@@ -46,7 +46,6 @@ _TABLES: dict[str, tuple[str, str | int]] = {
     "settings": ("ecat_shm_setting", shm.SETTINGS),
     "health": ("ecat_shm_health", 1),
 }
-TABLES = tuple(_TABLES)
 _LIMITS = {
     "slave_count": shm.MAX_SLAVES,
     "domain_count": shm.MAX_DOMAINS,
@@ -196,7 +195,7 @@ class Reader:
         Raises:
             StateError: It does not lie within the segment, or is larger than any can be.
         """
-        struct, counted = _TABLES[name]
+        struct, counted = TABLES[name]
         count: int = counted if isinstance(counted, int) else getattr(head, counted)
         if isinstance(counted, str) and count > _LIMITS.get(counted, count):
             raise self.damaged(f"{counted} {count} of the header is more than {_LIMITS[counted]}")
