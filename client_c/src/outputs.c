@@ -349,6 +349,7 @@ int ecat_commit(ecat_t *bus) {
   image->seq = seq;
   image->first = bus->first;
   image->bytes = bus->bytes;
+  image->generation = bus->generation;
   image->commit_ns = now;
   image->sample_cycle = bus->sample_cycle;
   memcpy(image + 1, (const uint8_t *)bus->mask + bus->first, bus->bytes);

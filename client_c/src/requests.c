@@ -29,7 +29,8 @@ static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell)
 static int ring(ecat_t *bus, ecat_out_request *request, int cell) {
   bus->ended[cell] = 0;
   bus->handle[cell] = (int)(++bus->handles & 0xFFFFFF) * ECAT_REQUESTS + cell;
-  bus->request[cell] = ++bus->request_seq;
+  if (++bus->request_seq == 0) bus->request_seq = 1; /* 0: empty */
+  bus->request[cell] = bus->request_seq;
   __atomic_store_n(&request->seq, bus->request_seq, __ATOMIC_RELEASE);
   __atomic_store_n(&bus->doorbell->request_seq, bus->request_seq, __ATOMIC_RELEASE);
   return bus->handle[cell];

@@ -67,7 +67,7 @@ static void read_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   if (pread(c->out_fd, c->slot_image, size, at) != (ssize_t)size) return;
   __atomic_thread_fence(__ATOMIC_ACQUIRE);
   if (pread(c->out_fd, &after, sizeof after, bell) != (ssize_t)sizeof after) return;
-  if (image->seq != seq || after - seq > ECAT_IMAGES - 2) {
+  if (image->seq != seq || image->generation != slot->generation || after - seq > ECAT_IMAGES - 2) {
     counter_add(&c->health->torn, 1);
     return; /* the newer image is read in the next cycle */
   }
@@ -82,17 +82,21 @@ static void read_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   counter_add(&c->health->commits, 1);
 }
 
-static void begin(cyclic_t *c, uint32_t number, uint32_t generation) {
+/* The new client may have claimed and asked already, but has not committed: it owns nothing. */
+static void begin(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
+  uint32_t generation = bell->generation;
   struct slot *slot = &c->slot[number];
   ecat_shm_slot_status *status = &c->slot_status[number];
   cyclic_outputs_drop(c, number, generation == 0 ? ECAT_REASON_RELEASED : ECAT_REASON_GONE);
-  slot->heartbeat = slot->claim_seq = slot->commit_seq = slot->request_seq = 0;
+  slot->heartbeat = bell->heartbeat;
+  slot->claim_seq = bell->claim_seq - 1;
+  slot->commit_seq = bell->commit_seq;
+  slot->request_seq = bell->request_seq - 1;
   slot->commit_ns = 0;
   slot->told_malformed = 0;
   slot->generation = generation;
   slot->beat_ns = c->now_ns;
   slot->lease_ns = c->header->lease_ns;
-  status->claim_ack = status->commit_ack = 0;
   __atomic_store_n(&status->lease_ns, slot->lease_ns, __ATOMIC_RELAXED);
   __atomic_store_n(&status->beat_ns, c->now_ns, __ATOMIC_RELAXED);
   __atomic_store_n(&status->refused, 0, __ATOMIC_RELAXED);
@@ -164,7 +168,7 @@ void cyclic_slots_read(cyclic_t *c) {
     uint32_t generation = c->doorbell[i].generation;
     if ((generation | c->slot[i].generation) == 0) continue;
     c->used |= 1u << i;
-    if (generation != c->slot[i].generation) begin(c, i, generation);
+    if (generation != c->slot[i].generation) begin(c, i, &c->doorbell[i]);
   }
   if (c->used != 0) choose_claims(c);
   for (i = 0; i < c->out.slot_count; i++)

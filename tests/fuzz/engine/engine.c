@@ -202,6 +202,7 @@ static void lie(struct source *source, const ecat_out_header *header, ecat_out_d
   head->first = 0;
   head->bytes = SLAVES * SLAVE_BYTES;
   if (one_in(source, 50) || bell->generation == 0) bell->generation++;
+  if (!one_in(source, 10)) head->generation = bell->generation;
   if (one_in(source, 20) || bell->claim_seq == 0) {
     memset(claims, one_in(source, 2) ? 0xFF : (int)below(source, 256), sizeof claims);
     (void)!pwrite(out_fd, claims, sizeof claims, slot + header->claims_offset);
