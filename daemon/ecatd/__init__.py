@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .client import Validity as Validity
     from .model.errors import EcatError as EcatError
     from .model.errors import LeaseError as LeaseError
+    from .model.errors import NoAnswerError as NoAnswerError
     from .model.errors import OwnedError as OwnedError
     from .model.errors import SdoAbortError as SdoAbortError
     from .model.errors import UnreachableError as UnreachableError
@@ -19,7 +20,10 @@ if TYPE_CHECKING:
 _HOME = {
     **dict.fromkeys(("Client", "Signal", "Validity"), "client"),
     **dict.fromkeys(
-        ("EcatError", "LeaseError", "OwnedError", "SdoAbortError", "UnreachableError"),
+        (
+            *("EcatError", "LeaseError", "NoAnswerError", "OwnedError"),
+            *("SdoAbortError", "UnreachableError"),
+        ),
         "model.errors",
     ),
 }

@@ -60,6 +60,8 @@ static void reading_and_writing(ecat::Client& bus) {
     for (int n = 0; n < 3000 && (bus.wait(), bus.sample(), input.read() != level); n++) continue;
     expect(input.read() == level && light.read() == level, "what is written comes back");
   }
+  expect(bus.image().second > 0 && bus.domain().wkc_state == ECAT_WKC_COMPLETE, "the image");
+  expect_error(ECAT_EARG, "has no domain 7", [&] { bus.image(7); });
   expect(input.valid() && input.physical() == 0, "validity and physical value");
 
   const long before = allocations;
@@ -101,7 +103,9 @@ static void ownership(ecat::Client& bus, const char* name) {
   expect_error(ECAT_ELEASE, "did not sample in time", [&] { bus.commit(); });
   brief.renew();
   expect(light.owner().owned == 1, "a claim is made again");
-  brief.release();
+  ecat::Claim all = bus.claim(3);
+  all = std::move(brief);
+  all.release();
   expect(light.owner().owner == -1, "a claim is given back");
 }
 

@@ -1,8 +1,6 @@
 """The examples of the documentation, run as they stand."""
 
 import re
-import shlex
-import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
@@ -24,47 +22,6 @@ ROOT = Path(__file__).parents[2]
 def blocks(document: str, language: str) -> list[str]:
     text = (ROOT / document).read_text()
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-
-
-def test_the_c_program(troll: Daemon, tmp_path: Path) -> None:
-    (source,) = blocks("docs/clients.md", "c")
-    (tmp_path / "blink.c").write_text(source.replace("ecat_open(&bus, NULL)", "OPEN"))
-    flags = shlex.split(run_module("ecatd.cli", "client-flags").stdout)
-    subprocess.run(
-        [
-            *("gcc", "-Wall", "-Wextra", "-Werror", f'-DOPEN=ecat_open(&bus, "{troll.bus}")'),
-            *(tmp_path / "blink.c", *flags, "-o", tmp_path / "blink"),
-        ],
-        check=True,
-    )
-    result = subprocess.run([tmp_path / "blink"], text=True, capture_output=True, check=False)
-    assert (result.returncode, result.stdout) == (0, "after 1000 cycles the input is 1\n")
-
-
-def test_the_python_program(troll: Daemon) -> None:
-    (source, _statistics) = blocks("docs/clients.md", "python")
-    result = subprocess.run(
-        [sys.executable, "-c", source.replace('"ecat0"', f'"{troll.bus}"')],
-        text=True,
-        capture_output=True,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr
-    assert len(result.stdout.splitlines()) == 3
-
-
-def test_the_python_statistics(troll: Daemon) -> None:
-    (_program, source) = blocks("docs/clients.md", "python")
-    result = subprocess.run(
-        [sys.executable, "-c", source.replace('"ecat0"', f'"{troll.bus}"')],
-        text=True,
-        capture_output=True,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr
-    first, second = result.stdout.splitlines()
-    assert re.fullmatch(r"[1-9]\d* cycles, \d+ frames lost", first)
-    assert re.fullmatch(r"P99 [\d.]+ µs, longest [\d.]+ µs", second)
 
 
 def test_every_link_leads_somewhere() -> None:

@@ -171,7 +171,8 @@ ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
  * them. `lease` is the time without ecat_sample() or ecat_commit() after which they fall to their
  * safe values; 0 takes the daemon's default, more than its maximum is cut, and the longest of all
  * claims counts for all. An output stays safe until the first ecat_commit() after it was written.
- * After ECAT_ELEASE all claims and running requests are gone; claim again. */
+ * After ECAT_ELEASE all claims and running requests are gone; claim again. To claim what is owned does
+ * nothing. */
 ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
 /* Gives the outputs of a slave back; they go to their safe values. */
 ECAT_API int ecat_release(ecat_t *bus, int position);

@@ -118,10 +118,7 @@ class Signal {
     } else {
       std::int64_t value = 0;
       detail::check(bus_, ecat_read_int(bus_, number_, &value));
-      if constexpr (std::is_same_v<T, bool>)
-        return value != 0;
-      else
-        return static_cast<T>(value);
+      return static_cast<T>(value);
     }
   }
   // Raw value * scale + offset, in the unit of info().
@@ -182,24 +179,19 @@ class [[nodiscard]] Claim {
       : bus_(bus), what_(what), number_(number), lease_(lease) {
     renew();
   }
-  Claim(Claim&& other) noexcept
-      : bus_(std::exchange(other.bus_, nullptr)),
-        what_(other.what_),
-        number_(other.number_),
-        lease_(other.lease_) {}
-  Claim& operator=(Claim&& other) noexcept {
-    Claim taken(std::move(other));
-    std::swap(bus_, taken.bus_);
-    std::swap(what_, taken.what_);
-    std::swap(number_, taken.number_);
-    std::swap(lease_, taken.lease_);
+  Claim(Claim&& other) noexcept { *this = std::move(other); }
+  Claim& operator=(Claim&& other) noexcept {  // what this one had ends with the other one
+    std::swap(bus_, other.bus_);
+    std::swap(what_, other.what_);
+    std::swap(number_, other.number_);
+    std::swap(lease_, other.lease_);
     return *this;
   }
   ~Claim() {
     if (bus_ != nullptr) give_back();
   }
 
-  // Claims again, after ECAT_ELEASE or a restart of the daemon.
+  // Claims again, after ECAT_ELEASE or a restart of the daemon; else it does nothing.
   void renew() {
     auto claim = what_ == What::slave ? ecat_claim : ecat_claim_entry;
     detail::check(bus_, claim(bus_, number_, lease_.count()));
@@ -212,10 +204,10 @@ class [[nodiscard]] Claim {
     return (what_ == What::slave ? ecat_release : ecat_release_entry)(bus_, number_);
   }
 
-  ecat_t* bus_;
-  What what_;
-  int number_;
-  Seconds lease_;
+  ecat_t* bus_ = nullptr;
+  What what_ = What::slave;
+  int number_ = 0;
+  Seconds lease_{};
 };
 
 // A question to the slave's mailbox, or for an AL state. It never blocks the program, but for wait().
@@ -223,17 +215,12 @@ class [[nodiscard]] Request {
  public:
   // Client::upload(), download() and state() make them.
   Request(ecat_t* bus, int request) : bus_(bus), request_(detail::check(bus, request)) {}
-  Request(Request&& other) noexcept
-      : bus_(other.bus_),
-        request_(std::exchange(other.request_, -1)),
-        length_(other.length_),
-        data_(other.data_) {}
+  Request(Request&& other) noexcept { *this = std::move(other); }
   Request& operator=(Request&& other) noexcept {
-    Request taken(std::move(other));
-    std::swap(bus_, taken.bus_);
-    std::swap(request_, taken.request_);
-    std::swap(length_, taken.length_);
-    std::swap(data_, taken.data_);
+    std::swap(bus_, other.bus_);
+    std::swap(request_, other.request_);
+    std::swap(length_, other.length_);
+    std::swap(data_, other.data_);
     return *this;
   }
   ~Request() {
@@ -272,8 +259,8 @@ class [[nodiscard]] Request {
   }
 
  private:
-  ecat_t* bus_;
-  int request_;  // -1: answered
+  ecat_t* bus_ = nullptr;
+  int request_ = -1;  // of C; -1: answered
   std::size_t length_ = 0;
   std::array<unsigned char, ECAT_REQUEST_BYTES> data_{};
 };
@@ -327,6 +314,8 @@ class Client {
   Claim claim(const Output<T>& output, Seconds lease = Seconds(0)) {
     return {handle(), Claim::What::entry, output.number(), lease};
   }
+  // Gives all outputs back, and drops all requests.
+  void release_all() { ecat_release_all(handle()); }
 
   // Requests to the mailbox of a slave; at most ECAT_REQUESTS at a time.
   Request upload(int position, unsigned index, unsigned subindex = 0) {
@@ -378,8 +367,16 @@ class Client {
     detail::check(handle(), ecat_domain(handle(), number, &info));
     return info;
   }
+  // The last sample of a domain as bytes, see ecat_image.
+  std::pair<const unsigned char*, std::size_t> image(int domain = 0) const {
+    std::size_t size = 0;
+    const void* data = ecat_image(handle(), domain, &size);
+    if (data == nullptr) detail::fail(handle(), ECAT_EARG);
+    return {static_cast<const unsigned char*>(data), size};
+  }
   const char* name() const noexcept { return ecat_name(handle()); }
   std::uint64_t fingerprint() const noexcept { return ecat_fingerprint(handle()); }
+  std::uint64_t instance() const noexcept { return ecat_instance(handle()); }
   std::uint64_t cycle() const noexcept { return ecat_cycle(handle()); }  // the last finished one
   Seconds cycle_time() const noexcept { return Seconds(ecat_cycle_time(handle())); }
 

@@ -1,6 +1,6 @@
 """Clients of the daemon.
 
-`Client` reads and writes the process image in shared memory; `docs/clients.md` has examples.
+`Client` reads and writes the process image in shared memory; `docs/process-image.md` has examples.
 `ecatd.client.remote.Remote` sends requests over Zenoh; it is not imported from here, so that
 programs that only use shared memory need not load Zenoh.
 """
