@@ -14,8 +14,9 @@ from ecatd.model.errors import EcatError, UnreachableError
 from ecatd.shm import Direction
 
 from .claims import Claim
+from .connection import text_of
 from .group import SignalGroup
-from .handle import Handle, text_of
+from .handle import Handle
 from .info import OutputInfo, Owner
 from .requests import Request
 from .signals import Signal, make
@@ -72,7 +73,7 @@ class Client(Handle):
     @property
     def closed(self) -> bool:
         """Whether `close` was called."""
-        return self._connection is None
+        return self._memory is None
 
     def close(self) -> None:
         """Releases all claims and forgets the bus; who still waits in asyncio gets an error.
