@@ -27,8 +27,8 @@ enum cyclic_index {
 };
 
 enum cyclic_event_type {
-  CYCLIC_EVENT_CLAIMED = 1, /* slot owns the outputs of slave */
-  CYCLIC_EVENT_SAFE = 2,    /* outputs of slave fell to their safe values; value: ecat_reason */
+  CYCLIC_EVENT_CLAIMED = 1, /* slot owns outputs of slave; value: generation */
+  CYCLIC_EVENT_SAFE = 2,    /* outputs of slave that slot owned are safe; value: ecat_reason */
   CYCLIC_EVENT_WKC = 3,     /* working-counter state of a domain changed; slave: domain, value: state */
   CYCLIC_EVENT_REQUEST = 4, /* slot has new requests; value: generation */
   CYCLIC_EVENT_SEND = 5,    /* sending on port `slot` began to fail (value: errno), or works again (0) */
@@ -37,7 +37,8 @@ enum cyclic_event_type {
   CYCLIC_EVENT_CLOCK = 8,   /* value: ecat_dc_state */
   CYCLIC_EVENT_OVERRUN = 9, /* value: deadlines missed since the last such event */
   CYCLIC_EVENT_REFUSED = 10, /* a value of slot is out of the declared range; value: signal */
-  CYCLIC_EVENT_MALFORMED = 11 /* slot holds what no client library writes */
+  CYCLIC_EVENT_MALFORMED = 11, /* slot holds what no client library writes; value: generation */
+  CYCLIC_EVENT_STOPPED = 12 /* value 1: a drive of slave has stopped, 0: it had its time for that */
 };
 
 typedef struct cyclic_event {

@@ -18,6 +18,16 @@ static uint32_t bit_of(const cyclic_t *c, uint32_t signal) {
   return 8 * c->domain[s->domain].output_base + s->bit_offset;
 }
 
+static void tell_owner(cyclic_t *c, uint32_t signal, int32_t owner, uint32_t state,
+                       uint32_t reason) {
+  ecat_shm_output *output = &c->output[signal];
+  __atomic_store_n(&output->state, state, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->reason, reason, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->since_cycle, c->cycle, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->since_ns, c->now_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&output->owner, owner, __ATOMIC_RELEASE);
+}
+
 int cyclic_outputs_init(cyclic_t *c) {
   size_t image = ((size_t)c->header->output_bytes + 7) / 8 + 2, sets = claim_words(c);
   uint64_t *at;
@@ -34,21 +44,12 @@ int cyclic_outputs_init(cyclic_t *c) {
     slot->active = slot->mask + image;
     at = slot->active + image;
   }
+  c->now_ns = cyclic_now();
   for (i = 0; i < c->header->signal_count; i++) {
-    c->output[i].owner = -1;
+    tell_owner(c, i, -1, ECAT_OUTPUTS_SAFE, ECAT_REASON_START);
     if (c->signals[i].output) set_add(c->claimable, i);
   }
   return 0;
-}
-
-static void tell_owner(cyclic_t *c, uint32_t signal, int32_t owner, uint32_t state,
-                       uint32_t reason) {
-  ecat_shm_output *output = &c->output[signal];
-  __atomic_store_n(&output->state, state, __ATOMIC_RELAXED);
-  __atomic_store_n(&output->reason, reason, __ATOMIC_RELAXED);
-  __atomic_store_n(&output->since_cycle, c->cycle, __ATOMIC_RELAXED);
-  __atomic_store_n(&output->since_ns, c->now_ns, __ATOMIC_RELAXED);
-  __atomic_store_n(&output->owner, owner, __ATOMIC_RELEASE);
 }
 
 /* --- safe values ---------------------------------------------------------------------------- */
@@ -67,20 +68,28 @@ static int moves(uint64_t statusword) {
   return (statusword & 0x6F) == 0x27 || (statusword & 0x6F) == 0x07 || (statusword & 0x4F) == 0x0F;
 }
 
+/* A new owner ends a stop by its first commit of the controlword, not by its claim. */
+static int goes_on(cyclic_t *c, const struct stop *stop) {
+  const ecat_shm_output *output = &c->output[stop->signal];
+  const struct domain *domain = &c->domain[stop->domain];
+  int stands = domain->wkc_state == ECAT_WKC_COMPLETE &&
+               !moves(bits_get(domain->image, stop->status_bit, 16));
+  if (output->state == ECAT_OUTPUTS_ACTIVE) return 0;
+  if (!stands && c->now_ns < stop->until_ns) return 1;
+  bits_put(c->outputs, stop->bit, 16, bits_get(c->safe, stop->bit, 16));
+  if (output->owner < 0)
+    tell_owner(c, stop->signal, -1, ECAT_OUTPUTS_SAFE, output->reason);
+  if (c->now_ns > stop->until_ns - stop->patience_ns) /* else there was nothing to stop */
+    (void)cyclic_emit(c, CYCLIC_EVENT_STOPPED, c->signals[stop->signal].slave, -1,
+                      (uint32_t)stands);
+  return 0;
+}
+
 void cyclic_outputs_stop_drives(cyclic_t *c) {
   uint32_t i, running = 0;
   for (i = 0; i < c->stops; i++) {
     struct stop *stop = &c->stop_sequence[i];
-    if (!stop->running) continue;
-    if (c->output[stop->signal].owner >= 0) {
-      stop->running = c->output[stop->signal].state != ECAT_OUTPUTS_ACTIVE;
-    } else if (c->now_ns >= stop->until_ns ||
-               (c->domain[stop->domain].wkc_state == ECAT_WKC_COMPLETE &&
-                !moves(bits_get(c->domain[stop->domain].image, stop->status_bit, 16)))) {
-      stop->running = 0;
-      bits_put(c->outputs, stop->bit, 16, bits_get(c->safe, stop->bit, 16));
-      tell_owner(c, stop->signal, -1, ECAT_OUTPUTS_SAFE, c->output[stop->signal].reason);
-    }
+    if (stop->running) stop->running = goes_on(c, stop);
     running += (uint32_t)stop->running;
   }
   __atomic_store_n(&c->stopping, running, __ATOMIC_RELEASE);
@@ -172,7 +181,7 @@ static void grant_set(cyclic_t *c, uint32_t number) {
       grant(c, number, signal);
       if (c->signals[signal].slave == slave) continue;
       slave = c->signals[signal].slave;
-      cyclic_emit(c, CYCLIC_EVENT_CLAIMED, slave, (int32_t)number, 0);
+      cyclic_emit(c, CYCLIC_EVENT_CLAIMED, slave, (int32_t)number, slot->generation);
     }
   }
 }

@@ -34,7 +34,8 @@ static off_t slot_at(const cyclic_t *c, uint32_t number) {
 static void refuse(cyclic_t *c, uint32_t number) {
   counter_add(&c->health->malformed, 1);
   if (!c->slot[number].told_malformed)
-    c->slot[number].told_malformed = cyclic_emit(c, CYCLIC_EVENT_MALFORMED, -1, (int32_t)number, 0);
+    c->slot[number].told_malformed = cyclic_emit(c, CYCLIC_EVENT_MALFORMED, -1, (int32_t)number,
+                                                 c->slot[number].generation);
 }
 
 static void read_claims(cyclic_t *c, uint32_t number) {

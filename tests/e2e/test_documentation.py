@@ -11,7 +11,7 @@ from typing import Any, cast, get_args, get_type_hints
 import pytest
 
 from conftest import Daemon, run_module
-from ecatd.model.config import Config, DomainConfig, load_config, read_config
+from ecatd.model.config import Config, DomainConfig, SignalConfig, load_config, read_config
 from ecatd.model.errors import ConfigError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -95,6 +95,7 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
     assert (result.returncode, result.stdout) == (0, "3 True fa00\n"), result.stderr
 
 
+ARRAYS_OF_TABLES = ("domain", "dc.slave", "outputs.safe", "signal")
 DEPENDENT = ("domain.phase", "dc.phase_us", "dc.lock_us")
 """Keys whose largest value follows from others, which the documentation says in words."""
 
@@ -102,7 +103,7 @@ DEPENDENT = ("domain.phase", "dc.phase_us", "dc.lock_us")
 def one_key(key: str, value: str) -> dict[str, Any]:
     """A configuration with nothing but this key."""
     table, _, name = key.rpartition(".")
-    head = f"[[{table}]]" if table in ("domain", "dc.slave", "outputs.safe") else f"[{table}]"
+    head = f"[[{table}]]" if table in ARRAYS_OF_TABLES else f"[{table}]"
     return tomllib.loads(f"{head if table else ''}\n{name} = {value}")
 
 
@@ -126,7 +127,8 @@ def test_defaults_and_ranges_are_documented() -> None:
             assert value == getattr(Config(), key), key
         elif default.strip().startswith("`") and key.count(".") == 1:
             table, name = key.split(".")
-            made = DomainConfig() if table == "domain" else getattr(Config(), table)
+            rows_of = {"domain": DomainConfig(), "signal": SignalConfig(0, "0x6041:00")}
+            made = rows_of.get(table) or getattr(Config(), table)
             (written,) = one_key(key, default.strip(" `")).values()
-            assert (written[0] if table == "domain" else written)[name] == getattr(made, name), key
+            assert (written[0] if table in rows_of else written)[name] == getattr(made, name), key
     assert numbers > 15

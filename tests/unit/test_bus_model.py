@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from ecatd.bus.start.safe import safe_images
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
-from ecatd.model.config import SafeConfig
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.errors import UsageError
 
 
 def slave(position: int, out_bits: list[int], in_bits: list[int]) -> Slave:
@@ -76,30 +74,3 @@ def test_domains_travel_with_the_description() -> None:
     old = made.to_dict()
     del old["domains"]
     assert Bus.from_dict(old).domain_label(1) == "domain 1"
-
-
-def test_safe_values_reach_the_right_bits() -> None:
-    made = bus(slave(0, [1, 3, 4, 16], []))
-    rules = [
-        SafeConfig(0, 5, "0x7000:02"),
-        SafeConfig(0, "hold", "0x7000:04"),
-    ]
-    value, hold = safe_images(made, rules)[0]
-    assert value == bytes([5 << 1, 0, 0])
-    assert hold == bytes([0, 0xFF, 0xFF])
-    value, hold = safe_images(made, [SafeConfig(0, "hold"), SafeConfig(0, "zero", "0x7000:01")])[0]
-    assert (value, hold) == (b"\0\0\0", b"\xfe\xff\xff")
-
-
-@pytest.mark.parametrize(
-    ("rule", "what"),
-    [
-        (SafeConfig(1, "zero"), r"slave 1 \(.*\) has no outputs"),
-        (SafeConfig(2, "zero"), "there is no slave 2: bus '.*' has 2"),
-        (SafeConfig(0, 1, "0x7000:09"), "has no output 0x7000:09"),
-        (SafeConfig(0, 8, "0x7000:02"), "8 is out of range .* 0 to 7"),
-    ],
-)
-def test_wrong_safe_values_are_refused(rule: SafeConfig, what: str) -> None:
-    with pytest.raises(ConfigError, match=what):
-        safe_images(bus(slave(0, [1, 3], []), slave(1, [], [1])), [rule])

@@ -6,7 +6,7 @@ import pytest
 
 from ecatd.bus.engine import Event
 from ecatd.bus.watch.counters import Disturbance, Report
-from ecatd.bus.watch.paced import Paced
+from ecatd.bus.watch.paced import Gathered, Paced
 from ecatd.bus.watch.presence import describe_presence
 from ecatd.bus.watch.wire import describe_ring
 from ecatd.model.bus import Bus, Slave
@@ -59,6 +59,45 @@ def test_events_of_every_cycle_are_told_at_a_bounded_rate() -> None:
 
     asyncio.run(flap())
     assert told == [5, 0, 3]
+
+
+def test_events_that_belong_together_are_told_together_and_never_flood() -> None:
+    told: list[tuple[list[int], int]] = []
+
+    async def flood() -> None:
+        gathered = Gathered(lambda events, left: told.append(([e.value for e in events], left)))
+        gathered.note(Event(value=1))
+        gathered.note(Event(value=2))
+        while not told:
+            await asyncio.sleep(0.001)
+        assert told == [([1, 2], 0)]
+        for value in range(5000):
+            gathered.note(Event(value=value))
+        await asyncio.sleep(0.02)
+        assert len(told) == 1  # not now
+        gathered.close()
+
+    asyncio.run(flood())
+    values, left_out = told[1]
+    assert (values[-1], left_out + len(values)) == (4999, 5000)
+    assert len(values) < 2000
+
+
+def test_who_goes_on_is_told_less_and_less() -> None:
+    calls: list[float] = []
+
+    async def go_on(seconds: float) -> None:
+        loop = asyncio.get_running_loop()
+        gathered = Gathered(lambda events, left: calls.append(loop.time()))
+        end = loop.time() + seconds
+        while loop.time() < end:
+            gathered.note(Event())
+            await asyncio.sleep(0.001)
+        gathered.close()
+
+    asyncio.run(go_on(2.0))
+    # At 0, 0.25, 0.75 and 1.75 s at the earliest, and at the end.
+    assert 2 <= len(calls) <= 5
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ from ecatd.model.config import (
     DcConfig,
     DcSlaveConfig,
     DomainConfig,
+    SafeConfig,
+    SignalConfig,
     load_config,
     read_config,
 )
@@ -68,6 +70,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         [outputs]
         lease_cycles = 7
         lease_max_ms = 100
+        wkc_limit = 3
         [[outputs.safe]]
         slave = 3
         value = "hold"
@@ -75,6 +78,26 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         slave = 0
         entry = "0x60FF:00"
         value = -5
+        [[outputs.safe]]
+        slave = 1
+        value = "quick_stop"
+        stop_timeout_s = 3
+        [[outputs.safe]]
+        slave = 2
+        entry = "0x7000:01"
+        value = 1.5
+        [[signal]]
+        slave = 0
+        entry = "0x60FF:00"
+        name = "speed"
+        unit = "rpm"
+        scale = 0.5
+        offset = 1
+        minimum = -100
+        maximum = 100
+        [[signal]]
+        slave = 0
+        entry = "0x606c:0"
         [gateway]
         listen = ["tcp/127.0.0.1:7000"]
         publish_hz = 2.5
@@ -100,6 +123,16 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
     assert (config.outputs.lease_cycles, config.outputs.lease_max_ms) == (7, 100)
     assert config.outputs.safe[0].value == "hold"
     assert config.outputs.safe[1].address == (0x60FF, 0)
+    assert config.outputs.safe[2:] == [
+        SafeConfig(1, "quick_stop", stop_timeout_s=3.0),
+        SafeConfig(2, 1.5, "0x7000:01"),
+    ]
+    assert (config.outputs.wkc_limit, config.outputs.stop_patience) == (3, 3.0)
+    assert config.signal == [
+        SignalConfig(0, "0x60FF:00", "speed", "rpm", 0.5, 1.0, -100.0, 100.0),
+        SignalConfig(0, "0x606c:0"),
+    ]
+    assert config.signal[1].address == (0x606C, 0)
     assert config.gateway.listen == ["tcp/127.0.0.1:7000"]
     assert config.gateway.publish_hz == 2.5
     assert read_config(json.loads(json.dumps(config.to_dict()))) == config
@@ -158,9 +191,54 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
         ("[[domain]]\nslaves = [true]", ":2: domain.slaves:", "true is neither a position"),
         ("[gateway]\nlisten = ['nonsense']", ":2: gateway.listen:", "is no Zenoh endpoint"),
         ("[[outputs.safe]]\nvalue = 'hold'", ":1: outputs.safe.slave:", "is missing"),
-        ("[[outputs.safe]]\nslave = 1\nvalue = 'keep'", ":3: outputs.safe.value:", "neither"),
+        ("[[outputs.safe]]\nslave = 1\nvalue = 'keep'", ":3: outputs.safe.value:", "is none of"),
         ("[[outputs.safe]]\nslave = 1\nvalue = 3", ":3: outputs.safe.value:", "needs an entry"),
-        ("[[outputs.safe]]\nslave = 1\nvalue = 1.5", ":3: outputs.safe.value:", "whole number"),
+        ("[[outputs.safe]]\nslave = 1\nvalue = 1.5", ":3: outputs.safe.value:", "needs an entry"),
+        ("[[outputs.safe]]\nslave = 1\nvalue = true", ":3: outputs.safe.value:", "be a number, or"),
+        ("[[outputs.safe]]\nslave = 1\nvalue = inf", ":3: outputs.safe.value:", "be finite"),
+        (
+            "[[outputs.safe]]\nslave = 1\nvalue = 'hold'\nstop_timeout_s = 1",
+            ":4: outputs.safe.stop_timeout_s:",
+            'is for value = "quick_stop" and "disable"',
+        ),
+        (
+            "[[outputs.safe]]\nslave = 1\nvalue = 'disable'\nstop_timeout_s = 31",
+            ":4: outputs.safe.stop_timeout_s:",
+            "must be from 0.01 to 30",
+        ),
+        ("[outputs]\nwkc_limit = -1", ":2: outputs.wkc_limit:", "must be from 0 to 1000000"),
+        ("signal = 3", ":1: signal:", "write [[signal]]"),
+        ("[[signal]]\nentry = '0x1:0'", ":1: signal.slave:", "is missing"),
+        ("[[signal]]\nslave = 1", ":1: signal.entry:", "is missing"),
+        ("[[signal]]\nslave = 1\nentry = 'x'", ":3: signal.entry:", "'x' is no address"),
+        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nscale = 0", ":4: signal.scale:", "is 0"),
+        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nscale = nan", ":4: signal.scale:", "must be"),
+        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nmin = 1", ":4: signal.min:", "'minimum'?"),
+        (
+            "[[signal]]\nslave = 1\nentry = '0x1:0'\nmaximum = inf",
+            ":4: signal.maximum:",
+            "is inf, but must be from",
+        ),
+        (
+            "[[signal]]\nslave = 1\nentry = '0x1:0'\nminimum = 2\nmaximum = 1",
+            ":4: signal.minimum:",
+            "is 2, more than the maximum, 1",
+        ),
+        (
+            f"[[signal]]\nslave = 1\nentry = '0x1:0'\nunit = '{'µ' * 8}'",
+            ":4: signal.unit:",
+            "at most 15 bytes",
+        ),
+        (
+            f"[[signal]]\nslave = 1\nentry = '0x1:0'\nname = '{'n' * 64}'",
+            ":4: signal.name:",
+            "at most 63 bytes",
+        ),
+        (
+            "[[signal]]\nslave = 1\nentry = '0x1:0'\n[[signal]]\nslave = 1\nentry = '0x0001:00'",
+            ":6: signal.entry:",
+            "0x0001:00 of slave 1 has two tables",
+        ),
         ("[[outputs.safe]]\nslave = 1\nentry = '60FF'", ":3: outputs.safe.entry:", "no address"),
         ("[outputs]\nsafe = [1]", ":2: outputs.safe:", "array of tables"),
         (
@@ -290,7 +368,9 @@ SCALARS = st.one_of(
     st.floats(),
     st.booleans(),
     st.text(max_size=5),
-    st.sampled_from(["5-7", "zero", "hold", "0x60FF:00", "tcp/127.0.0.1:7447", "eth1"]),
+    st.sampled_from(
+        ["5-7", "zero", "hold", "quick_stop", "0x60FF:00", "tcp/127.0.0.1:7447", "eth1"]
+    ),
 )
 
 
@@ -324,8 +404,12 @@ CONFIGURATIONS = st.fixed_dictionaries(
         "mailbox": st.one_of(SCALARS, table("share")),
         "realtime": st.one_of(SCALARS, table("priority", "cpu", "dma_latency_us", "\n")),
         "outputs": st.one_of(
-            SCALARS, st.fixed_dictionaries({}, optional={"safe": rows("slave", "entry", "value")})
+            SCALARS,
+            st.fixed_dictionaries(
+                {}, optional={"safe": rows("slave", "entry", "value", "stop_timeout_s")}
+            ),
         ),
+        "signal": rows("slave", "entry", "unit", "scale", "offset", "minimum", "maximum"),
         "gateway": st.one_of(SCALARS, table("listen", "publish_hz")),
     },
 )

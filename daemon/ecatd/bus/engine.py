@@ -32,6 +32,7 @@ class EventType(IntEnum):
     OVERRUN = 9
     REFUSED = 10
     MALFORMED = 11
+    STOPPED = 12
 
 
 class Event(ctypes.Structure):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
-import math
 import mmap
 import os
 import stat
@@ -54,6 +53,7 @@ class Segment:
         address: Address of the header in this process, for the engine.
         out_fd: File descriptor of the `.out` segment.
         header: `ecat_shm_header` in place: assignments are visible to clients.
+        signals: `ecat_shm_signal` table in place.
         slave_status: `ecat_shm_slave_status` table in place.
         settings: `ecat_shm_setting` table in place.
         health: `ecat_shm_health` in place.
@@ -154,14 +154,14 @@ class Segment:
 
     def _fill_signals(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_signal") * max(1, len(plan.signals))
-        table = kind.from_buffer(self._map, plan.offsets["signals"])
+        self.signals = table = kind.from_buffer(self._map, plan.offsets["signals"])
         for row, (slave, pdo, entry, output, bit_offset) in zip(table, plan.signals, strict=False):
             row.slave, row.domain = slave.position, slave.domain
             row.index, row.subindex, row.output = entry.index, entry.subindex, int(output)
             row.type, row.bit_length = entry.data_type, entry.bit_length
             row.bit_offset = bit_offset
             row.scale, row.offset = entry.scale, entry.offset
-            row.minimum, row.maximum = -math.inf, math.inf
+            row.minimum, row.maximum = entry.raw_range()
             row.pdo, row.pdo_name = pdo.index, _text(pdo.name, 64)
             row.name, row.unit = _text(entry.name or pdo.name, 64), _text(entry.unit, 16)
 

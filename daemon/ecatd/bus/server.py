@@ -29,8 +29,10 @@ from ecatd.model.messages import (
 )
 from ecatd.version import VERSION
 
+from .engine import Engine
 from .mailbox import Mailbox
 from .master import Master, SlaveState
+from .segment import Segment
 from .start.bring_up import BringUp
 from .steps import Steps
 from .watch.monitor import Monitor
@@ -86,7 +88,7 @@ class BusServer:
 
     def _bring_up(self) -> Monitor:
         running = self._up.run()
-        monitor = Monitor(running, self._mailbox, self._log, self._publish)
+        monitor = Monitor(running, self._config.outputs, self._mailbox, self._log, self._publish)
         monitor.read_states()
         running.segment.publish()
         self._started = time.time()
@@ -216,19 +218,32 @@ class BusServer:
     async def stop(self) -> None:
         """Takes the bus down in order; also after a start that failed half-way."""
         segment, engine = self._up.segment, self._up.engine
-        if self._monitor is not None:
-            self._monitor.stop()
         if segment is not None:
             segment.set_state(shm.BusState.STOPPING)
-        if engine is not None:
-            engine.make_safe()
-            cycles = _STOP_CYCLES + self.bus.output_cycles
-            await asyncio.sleep(min(cycles * self._config.cycle_time_us * 1e-6, _SAFE_TIMEOUT))
+        if engine is not None and segment is not None:
+            await self._make_safe(engine, segment)
         if self._monitor is not None:
+            self._monitor.stop()
             self._monitor.close()
         await asyncio.to_thread(self._mailbox.close)
         self._aborted.clear()  # on the way down slaves are waited for
         await asyncio.to_thread(self._take_down)
+
+    async def _make_safe(self, engine: Engine, segment: Segment) -> None:
+        """Sends safe outputs to all slaves while these are in OP, and waits until drives stand."""
+        cycle_s, header = self._config.cycle_time_us * 1e-6, segment.header
+        first = header.cycle
+        engine.make_safe()
+        if first == 0:
+            return  # the exchange has not begun
+        deadline = time.monotonic() + _SAFE_TIMEOUT
+        enough = first + _STOP_CYCLES + self.bus.output_cycles
+        while header.cycle < enough and time.monotonic() < deadline:
+            await asyncio.sleep(cycle_s)
+        # The engine ends each stop when its time is over, so this is longer than ever needed.
+        deadline = time.monotonic() + self._config.outputs.stop_patience + _SAFE_TIMEOUT
+        while engine.stopping and time.monotonic() < deadline:
+            await asyncio.sleep(cycle_s)
 
     def _take_down(self) -> None:
         up = self._up

@@ -7,7 +7,7 @@ from typing import Any
 
 from ecatd.client.remote import Remote
 from ecatd.model.al import al_state_text
-from ecatd.model.bus import Bus, Pdo, Slave
+from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import type_name
 from ecatd.model.errors import StateError
 
@@ -126,8 +126,20 @@ def _print_pdos(kind: str, group: list[Pdo]) -> None:
                 continue
             print(
                 f"      {place}  {entry.address}  {entry.bit_length:2d} bit  "
-                f"{type_name(entry.data_type):<10}  {entry.name}".rstrip()
+                f"{type_name(entry.data_type):<10}  {entry.name}  {_meaning(entry)}".rstrip()
             )
+
+
+def _meaning(entry: Entry) -> str:
+    """What is known of the values of an entry, in brackets."""
+    facts = [entry.unit] if entry.unit else []
+    if (entry.minimum, entry.maximum) != (None, None):
+        low = "any" if entry.minimum is None else f"{entry.minimum:g}"
+        high = "any" if entry.maximum is None else f"{entry.maximum:g}"
+        facts.append(f"{low} to {high}")
+    if entry.safe is not None:
+        facts.append(f"safe {entry.safe}")
+    return f"[{', '.join(facts)}]" if facts else ""
 
 
 def state(remote: Remote, options: argparse.Namespace) -> None:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from typing import Any
 
+from .datatypes import is_real, nearest_real
 from .errors import UsageError
 
 SCHEMA = 1
@@ -31,6 +33,11 @@ class Entry:
         unit: Physical unit of the scaled value, or empty.
         scale: Physical value = raw value * scale + offset.
         offset: See `scale`.
+        minimum: Smallest physical value that an output may have; None: as the type allows.
+        maximum: Largest one.
+        safe: What an output is while nobody owns it: a raw value, "hold" for what was last sent,
+            or "quick_stop" or "disable" for the controlword of a drive that is stopped; None for
+            inputs.
     """
 
     index: int
@@ -41,6 +48,9 @@ class Entry:
     unit: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    minimum: float | None = None
+    maximum: float | None = None
+    safe: int | float | str | None = None
 
     @property
     def is_gap(self) -> bool:
@@ -51,6 +61,28 @@ class Entry:
     def address(self) -> str:
         """The address as it is always printed: `0x6060:00`."""
         return f"0x{self.index:04X}:{self.subindex:02X}"
+
+    def raw_range(self) -> tuple[float, float]:
+        """Raw values whose physical ones are within the declared range, both ends included.
+
+        Whole numbers for integer types; infinite where nothing is declared.
+        """
+        declared = (
+            -math.inf if self.minimum is None else self.minimum,
+            math.inf if self.maximum is None else self.maximum,
+        )
+        low, high = sorted((limit - self.offset) / self.scale for limit in declared)
+        if is_real(self.data_type):
+            return nearest_real(self.data_type, low), nearest_real(self.data_type, high)
+        return _inwards(low, math.ceil), _inwards(high, math.floor)
+
+
+def _inwards(limit: float, rounded: Callable[[float], int]) -> float:
+    """The next whole number within a limit, which may be off by the rounding of its scale."""
+    if math.isinf(limit):
+        return limit
+    nearest = round(limit)
+    return nearest if math.isclose(limit, nearest, rel_tol=1e-12, abs_tol=1e-9) else rounded(limit)
 
 
 @dataclass(slots=True)

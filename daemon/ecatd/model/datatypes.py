@@ -7,6 +7,7 @@ from the entry and only the meaning of the bits from the type.
 
 from __future__ import annotations
 
+import ctypes
 import struct
 from enum import IntEnum
 
@@ -105,6 +106,13 @@ def is_signed(data_type: int) -> bool:
 def is_real(data_type: int) -> bool:
     """Whether values of the type are floating-point numbers."""
     return data_type in _REAL
+
+
+def nearest_real(data_type: int, value: float) -> float:
+    """The value of a floating-point type that is nearest to `value`; infinite beyond its range."""
+    if data_type != DataType.REAL32:
+        return value
+    return ctypes.c_float(value).value
 
 
 def bit_length(data_type: int) -> int:

@@ -25,6 +25,7 @@ _GATEWAY_PAUSE = 1.0
 _PYTHON = (sys.executable, "-P", "-m")
 """-P: modules are never looked for in the directory that somebody happens to be in."""
 _STOP_PATIENCE = 15.0
+"""Seconds that a child has to clean up, beside those in which drives are brought to a stop."""
 
 
 class _EndedError(EcatError):
@@ -197,8 +198,9 @@ class Supervisor:
             if child.returncode is not None:
                 continue
             child.terminate()
+            patience = _STOP_PATIENCE + self._config.outputs.stop_patience
             try:
-                await asyncio.wait_for(child.wait(), _STOP_PATIENCE)
+                await asyncio.wait_for(child.wait(), patience)
             except TimeoutError:
                 self._log.error(f"process {child.pid} does not end; it is killed")
                 child.kill()

@@ -7,6 +7,7 @@ leaves it as attributes.
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 import time
@@ -26,10 +27,11 @@ from ..master import Master
 from ..segment import Segment
 from ..steps import finish
 from .clocks import Clocks, clock_bits
+from .declared import declare_signals
 from .identify import Finder
 from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .round_trip import measure_round_trip
-from .safe import safe_images
+from .safe import SafeOutputs, safe_outputs
 from .set_up import SetUp, is_line, read_mailboxes, wait_for_outputs
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
@@ -84,6 +86,7 @@ class BringUp:
         image: The process image, from `map` on.
         wire: How long its frames are on the wire, from `map` on.
         clocks: The distributed clocks, from `map` on, where the configuration wants them.
+        safe: What outputs are while nobody owns them, from `map` on.
     """
 
     def __init__(
@@ -106,6 +109,7 @@ class BringUp:
         self.image: Image | None = None
         self.wire: WireTime | None = None
         self.clocks: Clocks | None = None
+        self.safe = SafeOutputs()
 
     def run(self) -> RunningBus:
         """Brings the bus to OP; blocks, and belongs on the mailbox worker.
@@ -176,6 +180,8 @@ class BringUp:
 
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""
+        declare_signals(self.bus, self._config.signal)
+        self.safe = safe_outputs(self.bus, self._config.outputs.safe)
         assign_domains(self.bus, self._config.domain)
         self.image = image = lay_out(self.bus, without_lrw(master, self._scanned))
         self.wire = wire_time(
@@ -205,7 +211,6 @@ class BringUp:
         cycle_ns = config.cycle_time_us * 1000
         lease_max = config.outputs.lease_max_ms * 1_000_000
         lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
-        safe = safe_images(self.bus, config.outputs.safe)
         segment.fill(self.bus, image, lease, lease_max)
         self.engine = engine = Engine(
             segment.address,
@@ -217,8 +222,7 @@ class BringUp:
             engine.add_domain(domain)
         if self.clocks is not None:
             engine.set_clock(self.clocks.engine_clock)
-        for position, (value, hold) in safe.items():
-            engine.set_safe(position, value, hold)
+        self._guard(segment, engine)
         wanted = config.realtime
         grants = engine.start(
             RealTime(
@@ -228,12 +232,30 @@ class BringUp:
                 wanted.busy_receive,
                 wanted.poll_us,
                 wanted.dma_latency_us,
+                config.outputs.wkc_limit,
             )
         )
         master.relay.follow(engine)
         segment.set_grants(grants)
         self._tell_grants(grants)
         return engine
+
+    def _guard(self, segment: Segment, engine: Engine) -> None:
+        """Tells the engine what outputs are without an owner, and what they never are."""
+        numbers = {}
+        for number, row in enumerate(segment.signals[: segment.header.signal_count]):
+            numbers[row.slave, row.index, row.subindex, row.output] = number
+            if row.output and (row.minimum > -math.inf or row.maximum < math.inf):
+                engine.set_limit(number, row.minimum, row.maximum)
+        for position, (value, hold) in self.safe.images.items():
+            engine.set_safe(position, value, hold)
+        for stop in self.safe.stops:
+            engine.set_stop(
+                numbers[stop.slave, stop.controlword, 0, 1],
+                numbers[stop.slave, stop.statusword, 0, 0],
+                stop.value,
+                stop.patience,
+            )
 
     def _synchronise(self, segment: Segment) -> None:
         """Waits until all clocks are in step, and starts the SYNC signals."""

@@ -1,66 +1,224 @@
-"""Safe values of outputs, from the configuration to the bytes that the engine applies."""
+"""Safe values of outputs, from the configuration to the bytes that the engine applies.
+
+A drive of CiA 402 (IEC 61800-7-201) is brought to a stop first: its controlword asks for a quick
+stop, or for disable operation, until the statusword says that it no longer moves; then it is 0.
+What limits the stop (decelerations, torque limits) and what it acts on (target position, mode of
+operation) keeps its last value meanwhile and afterwards; only what makes it move is 0 at once.
+"""
 
 from __future__ import annotations
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import SafeConfig
-from ecatd.model.datatypes import is_real, is_signed, value_range
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.config import STOPS, SafeConfig
+from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
 from ecatd.model.errors import ConfigError
 
+from .declared import find_slave
 
-def safe_images(bus: Bus, rules: list[SafeConfig]) -> dict[int, tuple[bytes, bytes]]:
-    """Value and hold mask for every slave with outputs (zero and no hold without a rule).
+_AXES = range(8)
+_AXIS_OBJECTS = 0x800
+"""Objects of an axis: the second one has them from 0x6800 on, and so forth (ETG.6010)."""
+_PROFILE = 0x6000
+_CONTROLWORD, _STATUSWORD = 0x6040, 0x6041
+_ZERO = frozenset({0x6040, 0x6042, 0x6071, 0x60B1, 0x60B2, 0x60FE, 0x60FF})
+"""Controlword; target velocity of both velocity modes, target torque and both offsets; digital
+outputs."""
+_STOP_VALUES = {"quick_stop": 0x0002, "disable": 0x0007}
+
+
+@dataclass(slots=True)
+class Stop:
+    """How one axis is brought to a stop.
+
+    Attributes:
+        slave: Position.
+        controlword: Object index of its controlword.
+        how: "quick_stop" or "disable".
+        patience: Seconds after which the controlword gets its safe value in any case.
+    """
+
+    slave: int
+    controlword: int
+    how: str
+    patience: float
+
+    @property
+    def value(self) -> int:
+        """The controlword while the drive moves."""
+        return _STOP_VALUES[self.how]
+
+    @property
+    def statusword(self) -> int:
+        """Object index of its statusword."""
+        return self.controlword + _STATUSWORD - _CONTROLWORD
+
+
+@dataclass(slots=True)
+class SafeOutputs:
+    """What outputs are while nobody owns them.
+
+    Attributes:
+        images: Value and hold mask of every slave with outputs, by position.
+        stops: Axes that are stopped first.
+    """
+
+    images: dict[int, tuple[bytes, bytes]] = field(default_factory=dict)
+    stops: list[Stop] = field(default_factory=list)
+
+
+def safe_outputs(bus: Bus, rules: list[SafeConfig]) -> SafeOutputs:
+    """Safe values of all outputs, zero without a rule; also noted in the entries of the bus.
 
     Raises:
-        ConfigError: A rule names a slave, an entry or a value that this bus does not have.
+        ConfigError: A rule does not fit this bus, or a safe value is out of its declared range.
     """
-    values = {slave.position: 0 for slave in bus.slaves if slave.output_bytes}
-    holds = dict.fromkeys(values, 0)
+    slaves = {slave.position: _SlaveOutputs(slave) for slave in bus.slaves if slave.output_bytes}
     for rule in rules:
-        if rule.slave >= len(bus.slaves):
-            raise ConfigError(
-                f"outputs.safe: there is no slave {rule.slave}: bus '{bus.name}' has "
-                f"{len(bus.slaves)}"
-            )
-        if rule.slave not in values:
-            raise ConfigError(f"outputs.safe: {bus.slaves[rule.slave].label} has no outputs")
-        slave = bus.slaves[rule.slave]
-        bit, bits = _place(slave, rule)
+        slave = find_slave(bus, rule.slave, "outputs.safe")
+        if rule.slave not in slaves:
+            raise ConfigError(f"outputs.safe: {slave.label} has no outputs")
+        slaves[rule.slave].apply(rule)
+    safe = SafeOutputs()
+    for position, outputs in slaves.items():
+        outputs.note()
+        safe.images[position] = outputs.image()
+        safe.stops += outputs.stops.values()
+    return safe
+
+
+class _SlaveOutputs:
+    """Safe values of one slave, as its image of outputs in one long number."""
+
+    def __init__(self, slave: Slave) -> None:
+        self._slave = slave
+        self._value = self._hold = 0
+        self.stops: dict[int, Stop] = {}
+
+    def apply(self, rule: SafeConfig) -> None:
+        if rule.value in STOPS:
+            self._stop(rule)
+        elif rule.address is None:
+            self.stops.clear()
+            self._set(0, 8 * self._slave.output_bytes, 0, hold=rule.value == "hold")
+        else:
+            self._set_entry(rule, rule.address)
+
+    def _set(self, bit: int, bits: int, value: int, *, hold: bool = False) -> None:
         mask = ((1 << bits) - 1) << bit
-        values[rule.slave] &= ~mask
-        holds[rule.slave] &= ~mask
-        if rule.value == "hold":
-            holds[rule.slave] |= mask
-        elif isinstance(rule.value, int):
-            values[rule.slave] |= (rule.value & ((1 << bits) - 1)) << bit
-    return {
-        position: (
-            values[position].to_bytes(bus.slaves[position].output_bytes, "little"),
-            holds[position].to_bytes(bus.slaves[position].output_bytes, "little"),
-        )
-        for position in values
-    }
+        self._value = self._value & ~mask | value << bit & mask
+        self._hold = self._hold & ~mask | (mask if hold else 0)
+
+    def _set_entry(self, rule: SafeConfig, address: tuple[int, int]) -> None:
+        found = False
+        for entry, bit in self._entries():
+            if (entry.index, entry.subindex) != address:
+                continue
+            found = True
+            value = 0 if isinstance(rule.value, str) else self._raw(entry, rule.value)
+            self._set(bit, entry.bit_length, value, hold=rule.value == "hold")
+        if not found:
+            raise ConfigError(f"outputs.safe: {self._slave.label} has no output {rule.entry}")
+        if address[1] == 0:
+            self.stops.pop(address[0], None)
+
+    def _entries(self) -> Iterator[tuple[Entry, int]]:
+        for _pdo, entry, bit in self._slave.entries(outputs=True):
+            yield entry, bit
+
+    def _raw(self, entry: Entry, value: float) -> int:
+        """The bits of a number that is the raw value of an entry."""
+        where = f"for {entry.address} of {self._slave.label}"
+        if is_real(entry.data_type):
+            try:
+                code = "<f" if entry.data_type == DataType.REAL32 else "<d"
+                return int.from_bytes(struct.pack(code, value), "little")
+            except OverflowError:
+                raise ConfigError(f"outputs.safe: {value} is out of range {where}") from None
+        low, high = value_range(entry.data_type, entry.bit_length)
+        if isinstance(value, float) or not low <= value <= high:
+            sign = "" if is_signed(entry.data_type) else " (it is unsigned)"
+            raise ConfigError(
+                f"outputs.safe: {value} is out of range {where}: whole numbers from {low} to "
+                f"{high} are allowed{sign}"
+            )
+        return value
+
+    def _stop(self, rule: SafeConfig) -> None:
+        """Has one axis, or all of the slave, brought to a stop."""
+        addresses = {(entry.index, entry.subindex) for entry, _ in self._entries()}
+        axes = [n for n in _AXES if (_CONTROLWORD + n * _AXIS_OBJECTS, 0) in addresses]
+        if rule.address is not None:
+            axes = [n for n in axes if (_CONTROLWORD + n * _AXIS_OBJECTS, 0) == rule.address]
+        if not axes:
+            entry = f"{rule.entry} is no controlword in" if rule.entry else "no controlword is in"
+            raise ConfigError(
+                f'outputs.safe: "{rule.value}" is for drives of CiA 402, but {entry} the outputs '
+                f"of {self._slave.label}: it is 0x6040:00, and 0x800 further for each further axis"
+            )
+        for axis in axes:
+            self._stop_axis(axis, rule)
+
+    def _stop_axis(self, axis: int, rule: SafeConfig) -> None:
+        first = _PROFILE + axis * _AXIS_OBJECTS
+        statusword = _STATUSWORD + axis * _AXIS_OBJECTS
+        inputs = {
+            (entry.index, entry.subindex, entry.bit_length)
+            for _pdo, entry, _bit in self._slave.entries(outputs=False)
+        }
+        if (statusword, 0, 16) not in inputs:
+            raise ConfigError(
+                f'outputs.safe: "{rule.value}" needs the statusword 0x{statusword:04X}:00 of '
+                f"{self._slave.label} in its process data: it tells when the drive has stopped"
+            )
+        for entry, bit in self._entries():
+            if first <= entry.index < first + _AXIS_OBJECTS:
+                moves = entry.index - axis * _AXIS_OBJECTS in _ZERO
+                self._set(bit, entry.bit_length, 0, hold=not moves)
+        word = _CONTROLWORD + axis * _AXIS_OBJECTS
+        self.stops[word] = Stop(self._slave.position, word, str(rule.value), rule.patience)
+
+    def image(self) -> tuple[bytes, bytes]:
+        size = self._slave.output_bytes
+        return self._value.to_bytes(size, "little"), self._hold.to_bytes(size, "little")
+
+    def note(self) -> None:
+        """Writes into the bus description what each output is while nobody owns it."""
+        pdos, bit = [], 0
+        for pdo in self._slave.outputs:
+            entries = []
+            for entry in pdo.entries:
+                noted = entry if entry.is_gap else replace(entry, safe=self._safe(entry, bit))
+                entries.append(noted)
+                bit += entry.bit_length
+            pdos.append(Pdo(pdo.index, pdo.name, pdo.sync_manager, entries))
+        self._slave.outputs = pdos
+
+    def _safe(self, entry: Entry, bit: int) -> int | float | str:
+        raw = self._value >> bit & ((1 << entry.bit_length) - 1)
+        value = _meaning(entry, raw)
+        low, high = entry.raw_range()
+        if not low <= value <= high:
+            raise ConfigError(
+                f"signal: {entry.address} of {self._slave.label} must not be {value:g} (raw), "
+                f"which it is before a client owns it: give it a value within its range by "
+                f"[[outputs.safe]]"
+            )
+        if entry.subindex == 0 and entry.index in self.stops:
+            return self.stops[entry.index].how
+        mask = ((1 << entry.bit_length) - 1) << bit
+        return "hold" if self._hold & mask == mask else value
 
 
-def _place(slave: Slave, rule: SafeConfig) -> tuple[int, int]:
-    """First bit and number of bits that a rule is about, within the slave's outputs."""
-    if rule.address is None:
-        return 0, 8 * slave.output_bytes
-    for _pdo, entry, bit in slave.entries(outputs=True):
-        if (entry.index, entry.subindex) != rule.address:
-            continue
-        if isinstance(rule.value, int):
-            if is_real(entry.data_type):
-                raise ConfigError(
-                    f"outputs.safe: {entry.address} of {slave.label} is a floating-point number; "
-                    f'only "zero" and "hold" are possible'
-                )
-            low, high = value_range(entry.data_type, entry.bit_length)
-            if not low <= rule.value <= high:
-                raise ConfigError(
-                    f"outputs.safe: {rule.value} is out of range for {entry.address} of "
-                    f"{slave.label}: {low} to {high} are allowed"
-                    + ("" if is_signed(entry.data_type) else " (it is unsigned)")
-                )
-        return bit, entry.bit_length
-    raise ConfigError(f"outputs.safe: {slave.label} has no output {rule.entry}")
+def _meaning(entry: Entry, raw: int) -> int | float:
+    """The number that the bits of an entry are."""
+    if is_real(entry.data_type) and entry.bit_length in (32, 64):
+        code = "<f" if entry.bit_length == 32 else "<d"
+        value: float = struct.unpack(code, raw.to_bytes(entry.bit_length // 8, "little"))[0]
+        return value
+    if is_signed(entry.data_type) and raw >> (entry.bit_length - 1):
+        return raw - (1 << entry.bit_length)
+    return raw

@@ -16,6 +16,7 @@ from typing import Any
 from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.al import AlState
+from ecatd.model.config import OutputsConfig
 from ecatd.model.errors import StateError
 
 from ..engine import Event, EventType
@@ -24,6 +25,7 @@ from ..master import SlaveState
 from ..slot_requests import SlotRequests
 from ..start.bring_up import RunningBus
 from .clocks import ClockWatch
+from .outputs import OutputWatch
 from .paced import Paced
 from .slaves import SlaveWatch
 from .wire import WireWatch
@@ -32,19 +34,13 @@ _EVENT_PATIENCE = 0.2
 _COUNTER_PAUSE = 0.1
 """Seconds between two events about a domain's working counter, which may change in every cycle."""
 
-_REASONS = {
-    shm.Reason.RELEASED: "their owner released them",
-    shm.Reason.LAPSED: "their owner gave no sign of life",
-    shm.Reason.GONE: "their owner is gone",
-    shm.Reason.STOPPING: "the daemon stops",
-}
-
 
 class Monitor:
     """The watch over one bus, from OP until it is stopped.
 
     Args:
         running: The bus.
+        outputs: What is configured about outputs.
         mailbox: The worker on which slaves are asked.
         log: Where events are told.
         publish: Called with every event, as a map, on the event loop's thread.
@@ -53,6 +49,7 @@ class Monitor:
     def __init__(
         self,
         running: RunningBus,
+        outputs: OutputsConfig,
         mailbox: Mailbox,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
@@ -64,6 +61,7 @@ class Monitor:
         self._requests = SlotRequests(
             running.segment, running.engine, mailbox, running.master, len(running.bus.slaves)
         )
+        self._outputs = OutputWatch(running.bus, running.segment, outputs, log, self._tell)
         self._wire = WireWatch(running, log, self._tell)
         self._slaves = SlaveWatch(running, mailbox, log, self._tell, self._wire.is_foreign)
         self._clocks = (
@@ -129,6 +127,7 @@ class Monitor:
             self._thread.join()
         for item in self._working_counters:
             item.close()
+        self._outputs.close()
         if self._clocks is not None:
             self._clocks.close()
         self._wire.close()
@@ -145,10 +144,14 @@ class Monitor:
         match event.type:
             case EventType.REQUEST:
                 self._requests.look(event.slot, event.value)
-            case EventType.CLAIMED:
-                self._tell("claimed", slave=event.slave, slot=event.slot, cycle=event.cycle)
-            case EventType.SAFE:
-                self._on_safe(event)
+            case (
+                EventType.CLAIMED
+                | EventType.SAFE
+                | EventType.REFUSED
+                | EventType.MALFORMED
+                | EventType.STOPPED
+            ):
+                self._outputs.handle(event)
             case EventType.WKC:
                 self._working_counters[event.slave].note(event)
             case EventType.SEND:
@@ -167,14 +170,6 @@ class Monitor:
         state = shm.WkcState(event.value).name.lower()
         self._log.debug(f"domain {event.slave}: working counter {state}")
         self._tell("working_counter", domain=event.slave, state=state, cycle=event.cycle)
-
-    def _on_safe(self, event: Event) -> None:
-        cause = shm.Reason(event.value)
-        if cause in (shm.Reason.LAPSED, shm.Reason.GONE):
-            self._log.warning(
-                f"outputs of {self._bus.slaves[event.slave].label} are safe: {_REASONS[cause]}"
-            )
-        self._tell("safe", slave=event.slave, reason=cause.name.lower(), cycle=event.cycle)
 
     def _tell(self, kind: str, **facts: Any) -> None:
         self._publish({"event": kind, "time_ns": time.time_ns(), **facts})

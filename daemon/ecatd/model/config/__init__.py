@@ -6,6 +6,7 @@ Unknown keys are refused with the nearest valid one, and every message starts wi
 from .file import BUS_NAME, load_config, read_config
 from .slaves import DOMAINS_MAX
 from .tables import (
+    STOPS,
     Config,
     DcConfig,
     DcSlaveConfig,
@@ -16,11 +17,13 @@ from .tables import (
     RealTimeConfig,
     RecoveryConfig,
     SafeConfig,
+    SignalConfig,
 )
 
 __all__ = [
     "BUS_NAME",
     "DOMAINS_MAX",
+    "STOPS",
     "Config",
     "DcConfig",
     "DcSlaveConfig",
@@ -31,6 +34,7 @@ __all__ = [
     "RealTimeConfig",
     "RecoveryConfig",
     "SafeConfig",
+    "SignalConfig",
     "load_config",
     "read_config",
 ]

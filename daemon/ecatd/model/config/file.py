@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError
-from .outputs import read_outputs
+from .outputs import read_outputs, read_signals
 from .reader import Reader, Rules
 from .slaves import POSITION_MAX, SYNC_MAX_US, check_clocks, read_domains
 from .tables import (
@@ -36,6 +36,7 @@ _TOP: Rules = {
     "recovery": (dict, 0, 0),
     "realtime": (dict, 0, 0),
     "outputs": (dict, 0, 0),
+    "signal": (list, 0, 0),
     "gateway": (dict, 0, 0),
 }
 _REALTIME: Rules = {
@@ -105,6 +106,7 @@ def _read(reader: Reader, data: dict[str, Any]) -> Config:
         )
     tables: dict[str, Any] = {
         "outputs": read_outputs(reader, top.pop("outputs", {})),
+        "signal": read_signals(reader, top.pop("signal", [])),
         "gateway": _gateway(reader, top.pop("gateway", {})),
         "realtime": RealTimeConfig(**_table(reader, top, _REALTIME, "realtime")),
         "mailbox": MailboxConfig(**_table(reader, top, _MAILBOX, "mailbox")),

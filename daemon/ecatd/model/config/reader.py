@@ -12,7 +12,7 @@ from ..errors import ConfigError
 Rules = dict[str, tuple[type, float, float]]
 """Key -> (type, smallest, largest); bounds count for numbers only. `object`: checked elsewhere."""
 
-_ARRAYS_OF_TABLES = ("domain", "dc.slave", "outputs.safe")
+_ARRAYS_OF_TABLES = ("domain", "dc.slave", "outputs.safe", "signal")
 _TYPE_WORDS = {
     str: "a text in quotes",
     int: "a whole number",

@@ -120,25 +120,46 @@ class MailboxConfig:
     share: float = 0.5
 
 
+def entry_address(entry: str) -> tuple[int, int] | None:
+    """Index and subindex of an entry such as "0x60FF:00"; None if it is no address."""
+    match = _ENTRY.fullmatch(entry)
+    return (int(match[1], 16), int(match[2], 16)) if match else None
+
+
+STOPS = ("quick_stop", "disable")
+"""Safe values that bring a drive to a stop first."""
+
+STOP_TIMEOUT_S = 2.0
+
+
 @dataclass(slots=True)
 class SafeConfig:
     """`[[outputs.safe]]`: the safe value of a slave's outputs, or of one of its entries.
 
     Attributes:
         slave: Position.
-        value: "zero", "hold" (keep what was last sent), or a whole number, which needs `entry`.
-        entry: Address such as "0x60FF:00"; empty for all outputs of the slave.
+        value: "zero", "hold" (keep what was last sent), a raw number, which needs `entry`, or for a
+            CiA 402 drive "quick_stop" or "disable".
+        entry: Address such as "0x60FF:00"; empty for all outputs of the slave. That of a
+            controlword stands for all objects of its axis where the drive is to be stopped.
+        stop_timeout_s: With "quick_stop" and "disable": seconds that the drive has to stop, after
+            which its controlword is 0 in any case; None: `STOP_TIMEOUT_S`.
     """
 
     slave: int
-    value: str | int = "zero"
+    value: str | int | float = "zero"
     entry: str = ""
+    stop_timeout_s: float | None = None
 
     @property
     def address(self) -> tuple[int, int] | None:
         """Index and subindex of `entry`, or None for the whole slave."""
-        match = _ENTRY.fullmatch(self.entry)
-        return (int(match[1], 16), int(match[2], 16)) if match else None
+        return entry_address(self.entry)
+
+    @property
+    def patience(self) -> float:
+        """Seconds that a drive has to stop."""
+        return STOP_TIMEOUT_S if self.stop_timeout_s is None else self.stop_timeout_s
 
 
 @dataclass(slots=True)
@@ -149,12 +170,53 @@ class OutputsConfig:
         lease_cycles: Cycles without a sign of life after which outputs fall to their safe values,
             unless the client asks for a longer lease.
         lease_max_ms: Longest lease that a client can ask for, in milliseconds.
+        wkc_limit: Outputs of a domain fall to their safe values after so many exchanges in a row
+            with an incomplete working counter; 0: never.
         safe: Safe values that differ from zero.
     """
 
     lease_cycles: int = 5
     lease_max_ms: int = 500
+    wkc_limit: int = 0
     safe: list[SafeConfig] = field(default_factory=list)
+
+    @property
+    def stop_patience(self) -> float:
+        """Seconds until all drives are stopped, or have had their time."""
+        return max((rule.patience for rule in self.safe if rule.value in STOPS), default=0.0)
+
+
+@dataclass(slots=True)
+class SignalConfig:
+    """`[[signal]]`: what an entry of the process data means.
+
+    Attributes:
+        slave: Position.
+        entry: Address such as "0x60FF:00".
+        name: Name for people and for lookups; empty: as the slave calls it.
+        unit: Unit of the physical value.
+        scale: Physical value = raw value * scale + offset.
+        offset: See `scale`.
+        minimum: Smallest physical value that an output may get from a client; None: as the type
+            allows.
+        maximum: Largest one.
+    """
+
+    slave: int
+    entry: str
+    name: str = ""
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    minimum: float | None = None
+    maximum: float | None = None
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of `entry`."""
+        address = entry_address(self.entry)
+        assert address is not None, "checked when the configuration was read"
+        return address
 
 
 @dataclass(slots=True)
@@ -182,6 +244,7 @@ class Config:
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
         state_timeout_s: Time that the slaves have to reach a state, in seconds.
         domain: Domains, 0 first; without any there is domain 0 with all slaves.
+        signal: Entries of the process data about which more is known than the slaves say.
     """
 
     bus: str = "ecat0"
@@ -195,6 +258,7 @@ class Config:
     recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
     realtime: RealTimeConfig = field(default_factory=RealTimeConfig)
     outputs: OutputsConfig = field(default_factory=OutputsConfig)
+    signal: list[SignalConfig] = field(default_factory=list)
     gateway: GatewayConfig = field(default_factory=GatewayConfig)
 
     def domain_of(self, position: int) -> int:

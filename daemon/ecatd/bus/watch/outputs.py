@@ -1,0 +1,171 @@
+"""Tells who owns outputs, why they are safe, and which client does what none should do.
+
+Who a client is, only its slot says, which the client writes itself: its word is told, not trusted.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from itertools import groupby
+from typing import Any
+
+from ecatd import shm
+from ecatd.log import Log
+from ecatd.model.bus import Bus, Entry, Slave, positions_text
+from ecatd.model.config import OutputsConfig
+
+from ..engine import Event, EventType
+from ..segment import Segment
+from .paced import Gathered
+
+_TOLD = 4
+"""Things that are told at once about one client; what came before them is only counted."""
+
+_REASONS = {
+    shm.Reason.RELEASED: "{} released them",
+    shm.Reason.LAPSED: "{} gave no sign of life for its lease",
+    shm.Reason.GONE: "{} is gone, and another client has its place",
+    shm.Reason.STOPPING: "the daemon stops; {} owned them",
+    shm.Reason.WKC: "slaves of their domain did not take part in the exchange; {} owned them",
+}
+_EXPECTED = (shm.Reason.RELEASED, shm.Reason.STOPPING)
+
+
+class OutputWatch:
+    """What is told about outputs and their owners; for the thread of the event loop.
+
+    Args:
+        bus: The bus.
+        segment: Its shared memory.
+        config: Tells how long drives have to stop.
+        log: Where it is told.
+        tell: Publishes an event: its kind and its facts.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        segment: Segment,
+        config: OutputsConfig,
+        log: Log,
+        tell: Callable[..., None],
+    ) -> None:
+        self._bus = bus
+        self._segment = segment
+        self._patience = {rule.slave: rule.patience for rule in config.safe}
+        self._log = log
+        self._tell = tell
+        self._clients: dict[int, tuple[str, int]] = {}  # program and pid of each slot
+        self._gathered: dict[tuple[int, int], Gathered] = {}
+
+    def handle(self, event: Event) -> None:
+        """Takes an event of the engine about a client, or about the drive of a slave."""
+        if event.type in (EventType.CLAIMED, EventType.MALFORMED):
+            self._look_at(event.slot, event.value)
+        about = (event.slot, event.slave if event.slot < 0 else -1)
+        if about not in self._gathered:
+            self._gathered[about] = Gathered(partial(self._tell_all, event.slot))
+        self._gathered[about].note(event)
+
+    def close(self) -> None:
+        """Tells what is left."""
+        for item in self._gathered.values():
+            item.close()
+
+    def _look_at(self, slot: int, generation: int) -> None:
+        """Remembers who is in a slot, for when another client has its place."""
+        out, kind = self._segment.out, shm.struct("ecat_out_slot")
+        at = out.slots_offset + slot * out.slot_stride
+        data = os.pread(self._segment.out_fd, shm.size(kind.__name__), at)
+        if len(data) < shm.size(kind.__name__):
+            return
+        found = kind.from_buffer_copy(data)
+        if found.generation == generation:
+            program = found.program.decode("utf-8", "replace")
+            printable = "".join(c if c.isprintable() else "?" for c in program)
+            self._clients[slot] = (printable, found.pid)
+
+    def _who(self, slot: int) -> str:
+        program, pid = self._clients.get(slot, ("", 0))
+        return f"'{program}' (pid {pid})" if pid else f"the client in slot {slot}"
+
+    def _tell_all(self, slot: int, events: list[Event], left_out: int) -> None:
+        groups = [list(group) for _, group in groupby(events, lambda e: (e.type, e.value))]
+        left_out += sum(map(len, groups[:-_TOLD]))
+        if left_out:
+            self._log.warning(
+                f"{left_out} events about outputs of {self._who(slot)} are not told: they come too "
+                f"often"
+            )
+        for group in groups[-_TOLD:]:
+            self._say(group)
+            for event in group:
+                self._publish(event)
+
+    def _publish(self, event: Event) -> None:
+        facts: dict[str, Any] = {"cycle": event.cycle}
+        if event.slot >= 0:
+            program, pid = self._clients.get(event.slot, ("", 0))
+            facts |= {"slot": event.slot, "program": program, "pid": pid}
+        if event.slave >= 0:
+            facts["slave"] = event.slave
+        if event.type == EventType.SAFE:
+            facts["reason"] = shm.Reason(event.value).name.lower()
+        elif event.type == EventType.REFUSED:
+            facts["entry"] = self._entry(event.value).address
+        elif event.type == EventType.STOPPED:
+            facts["in_time"] = bool(event.value)
+        self._tell(EventType(event.type).name.lower(), **facts)
+
+    def _say(self, group: list[Event]) -> None:
+        """One line about events of one kind that came one after the other."""
+        first = group[0]
+        who = self._who(first.slot)
+        slaves = self._slaves({event.slave for event in group if event.slave >= 0})
+        match first.type:
+            case EventType.CLAIMED:
+                self._log.info(f"{who} owns outputs of {slaves}")
+            case EventType.SAFE:
+                reason = shm.Reason(first.value)
+                say = self._log.info if reason in _EXPECTED else self._log.warning
+                say(f"outputs of {slaves} are safe: {_REASONS[reason].format(who)}")
+            case EventType.REFUSED:
+                self._log.warning(f"{who} wrote {self._refused(first)}")
+            case EventType.MALFORMED:
+                self._log.warning(
+                    f"slot {first.slot} holds what no client library writes, which is not taken "
+                    f"over: see what {who} does"
+                )
+            case EventType.STOPPED if first.value:
+                self._log.info(f"{slaves}: the drive has stopped")
+            case EventType.STOPPED:
+                self._log.warning(
+                    f"{slaves}: the drive has not stopped in "
+                    f"{self._patience.get(first.slave, 0):g} s; its controlword is 0 now"
+                )
+
+    def _slaves(self, positions: set[int]) -> str:
+        if len(positions) == 1:
+            return self._bus.slaves[next(iter(positions))].label
+        return f"slaves {positions_text(positions)}"
+
+    def _entry(self, signal: int) -> Entry:
+        row = self._segment.signals[signal]
+        slave: Slave = self._bus.slaves[row.slave]
+        return next(
+            entry
+            for _pdo, entry, _bit in slave.entries(outputs=True)
+            if (entry.index, entry.subindex) == (row.index, row.subindex)
+        )
+
+    def _refused(self, event: Event) -> str:
+        entry = self._entry(event.value)
+        low = "any" if entry.minimum is None else f"{entry.minimum:g}"
+        high = "any" if entry.maximum is None else f"{entry.maximum:g}"
+        return (
+            f"{entry.address} ({entry.name}) of {self._bus.slaves[event.slave].label} out of its "
+            f"declared range, {low} to {high} {entry.unit}".rstrip()
+            + "; the value before is kept"
+        )
