@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from . import native
 from .model.al import AlState
@@ -317,3 +317,36 @@ def bucket(ns: int) -> int:
 def bound(number: int) -> int:
     """The smallest time in ns that belongs to a bucket."""
     return int(LIBRARY.ecat_histogram_bound(number))
+
+
+class Table(NamedTuple):
+    """A table of the daemon's segment; `<name>_offset` of the header says where it begins.
+
+    Attributes:
+        struct: Its entries.
+        counted: The field of the header that says how many there are, or empty for one.
+        times: So many for each.
+    """
+
+    struct: str
+    counted: str = ""
+    times: int = 1
+
+    def count(self, head: Any) -> int:
+        """How many entries a segment with this header has."""
+        return self.times * (getattr(head, self.counted) if self.counted else 1)
+
+
+TABLES = {
+    "slaves": Table("ecat_shm_slave", "slave_count"),
+    "signals": Table("ecat_shm_signal", "signal_count"),
+    "domains": Table("ecat_shm_domain", "domain_count"),
+    "slave_status": Table("ecat_shm_slave_status", "slave_count"),
+    "outputs": Table("ecat_shm_output", "signal_count"),
+    "slot_status": Table("ecat_shm_slot_status", "slot_count"),
+    "replies": Table("ecat_shm_reply", "slot_count", REQUESTS),
+    "domain_status": Table("ecat_shm_domain_status", "domain_count"),
+    "settings": Table("ecat_shm_setting", times=SETTINGS),
+    "health": Table("ecat_shm_health"),
+}
+"""All tables by name."""

@@ -1,6 +1,5 @@
 """Daemons and clients of different versions of the layout: what fits works, the rest is told."""
 
-import fcntl
 import os
 import shutil
 import struct
@@ -18,11 +17,11 @@ from conftest import Daemon, one_line_error, run_module, wait_for
 from ecatd import shm
 from ecatd.client import Client
 from ecatd.dc import read_clocks
+from ecatd.file_locks import take
 from ecatd.model.errors import StateError
 from ecatd.segment import raw
 from ecatd.segment.claims import read_claims
 from ecatd.segment.picture import picture
-from ecatd.segment.reader import TABLES
 from ecatd.stats import read
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -58,10 +57,9 @@ def later_segment(data: bytes) -> bytes:
         page.seq, page.wkc_state = 2, shm.WkcState.COMPLETE  # whatever the moment was
         image = data[start + size : start + size + domain.image_bytes]
         domain.page_offset = put(bytes(page) + image, 16)
-    for name, (kind, counted) in reversed(TABLES.items()):
-        count = counted if isinstance(counted, int) else getattr(head, counted)
-        count *= head.slot_count if name == "replies" else 1
-        rows = rows_of(data, kind, getattr(head, f"{name}_offset"), count)
+    for name, table in reversed(shm.TABLES.items()):
+        offset = getattr(head, f"{name}_offset")
+        rows = rows_of(data, table.struct, offset, table.count(head))
         rows = domains if name == "domains" else rows
         for row in rows:
             use_padding(row)
@@ -91,8 +89,7 @@ def served(name: str, data: bytes, out: bytes) -> Iterator[None]:
     path.with_name(f"{path.name}.out").write_bytes(out)
     fd = os.open(path, os.O_RDWR)
     try:
-        lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, shm.LOCK_DAEMON, 1, 0)
-        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, lock)
+        assert take(fd, shm.LOCK_DAEMON)
         yield
     finally:
         os.close(fd)

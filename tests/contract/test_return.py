@@ -1,9 +1,7 @@
 """A daemon that goes and comes back: what its clients see of it, without an engine."""
 
 import ctypes
-import fcntl
 import os
-import struct
 import time
 from collections.abc import Iterator
 
@@ -13,6 +11,7 @@ from test_segment import make_bus
 from ecatd import shm
 from ecatd.bus.layout import lay_out
 from ecatd.bus.segment import Segment
+from ecatd.file_locks import release
 from ecatd.model.bus import Bus
 from handle import EBUS, ECLAIM, EDOWN, ELAYOUT, ETIMEOUT, LIB, Handle
 
@@ -33,8 +32,7 @@ def serve(bus: Bus) -> Segment:
 def kill(segment: Segment) -> None:
     """What is left of a daemon that was killed: files, without a lock, and an old cycle."""
     segment.header.cycle_end_ns = 1
-    unlock = struct.pack("hhqqi4x", fcntl.F_UNLCK, os.SEEK_SET, shm.LOCK_DAEMON, 1, 0)
-    fcntl.fcntl(segment._fd, fcntl.F_OFD_SETLK, unlock)
+    release(segment._fd, shm.LOCK_DAEMON)
     os.close(segment.out_fd)
 
 

@@ -1,6 +1,5 @@
 """`ecatctl shm` and `claims` on segments of all kinds: sound, damaged, left behind, and random."""
 
-import fcntl
 import json
 import os
 import random
@@ -18,11 +17,11 @@ from ecatd.bus.layout import lay_out
 from ecatd.bus.segment import Segment
 from ecatd.cli.segment_screen import WIDTH, age, claims_lines, picture_lines
 from ecatd.dc import read_clocks
+from ecatd.file_locks import take
 from ecatd.model.errors import EcatError, StateError, UnreachableError, UsageError
 from ecatd.segment import raw
 from ecatd.segment.claims import read_claims
 from ecatd.segment.picture import picture
-from ecatd.segment.reader import TABLES
 from ecatd.stats import read
 
 pytestmark = pytest.mark.unprivileged
@@ -201,8 +200,7 @@ def copy_of(segment: Segment, *, alive: bool) -> Iterator[tuple[str, Path, int]]
         fd = os.open(path, os.O_RDWR)
         stack.callback(os.close, fd)
         if alive:
-            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, shm.LOCK_DAEMON, 1, 0)
-            fcntl.fcntl(fd, fcntl.F_OFD_SETLK, lock)
+            assert take(fd, shm.LOCK_DAEMON)
         yield name, path, fd
 
 
@@ -337,7 +335,7 @@ def test_ten_thousand_random_mutations_are_no_tracebacks(segment: Segment, alive
     with copy_of(segment, alive=alive) as (name, path, fd):
         out = os.open(path.with_name(f"{path.name}.out"), os.O_RDWR)
         whole, whole_out = os.pread(fd, 1 << 24, 0), os.pread(out, 1 << 24, 0)[: 3 * 4096]
-        hot = [0, 12, *(getattr(segment.header, f"{key}_offset") for key in TABLES)]
+        hot = [0, 12, *(getattr(segment.header, f"{key}_offset") for key in shm.TABLES)]
         hot.append(table(segment, "domains", "ecat_shm_domain").page_offset)
         for turn in range(MUTATIONS // 2):
             mutate(random_, fd, len(whole), hot)

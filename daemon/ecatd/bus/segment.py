@@ -7,11 +7,9 @@ process, and tells leftovers of a daemon that was killed, which are replaced.
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import mmap
 import os
 import stat
-import struct as binary
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -21,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd import shm
+from ecatd.file_locks import take
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, NotPermittedError, StateError
 from ecatd.paths import give_to_group
@@ -29,18 +28,7 @@ from ecatd.version import VERSION
 from .engine import Grant, publish_layout
 from .layout import Image
 
-_FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
 _PAGE = 4096
-
-
-def _lock(fd: int) -> bool:
-    """Takes the daemon's lock of a segment (see `client_c/src/internal.h`); False if it is held."""
-    request = binary.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, shm.LOCK_DAEMON, 1, 0)
-    try:
-        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, request)
-    except OSError:
-        return False
-    return True
 
 
 class Segment:
@@ -71,7 +59,7 @@ class Segment:
         self._name = bus
         with _explained(self.path):
             self._fd = _create(0o640)
-            _lock(self._fd)
+            take(self._fd, shm.LOCK_DAEMON)
             self._put_in_place()
 
     def fill(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
@@ -117,10 +105,8 @@ class Segment:
         header.lease_ns = lease_ns
         header.lease_max_ns = lease_max_ns
         header.pid = os.getpid()
-        header.slave_count = len(bus.slaves)
-        header.signal_count = len(plan.signals)
-        header.domain_count = len(self._image.domains)
-        header.slot_count = shm.SLOTS
+        for key in ("slave_count", "signal_count", "domain_count", "slot_count"):
+            setattr(header, key, getattr(plan, key))
         header.output_bytes = self._image.output_bytes
         header.bus = bus.name.encode()
         header.version = VERSION.encode()[:15]
@@ -221,7 +207,7 @@ class Segment:
                 f"give the bus another name, or have its owner remove it"
             ) from error
         try:
-            if not _lock(old):
+            if not take(old, shm.LOCK_DAEMON):
                 header = os.pread(old, shm.size("ecat_shm_header"), 0)
                 pid = ""  # not known while that one is still starting
                 if len(header) == shm.size("ecat_shm_header"):
@@ -289,17 +275,10 @@ class _Plan:
             for slave, end in zip(bus.slaves, ends, strict=True)
         ]
         self.size = _up(shm.size("ecat_shm_header"), 64)
+        self.slave_count, self.signal_count = len(bus.slaves), len(self.signals)
+        self.domain_count, self.slot_count = len(image.domains), shm.SLOTS
         self.offsets = {
-            "slaves": self._place("ecat_shm_slave", len(bus.slaves)),
-            "signals": self._place("ecat_shm_signal", len(self.signals)),
-            "domains": self._place("ecat_shm_domain", len(image.domains)),
-            "slave_status": self._place("ecat_shm_slave_status", len(bus.slaves)),
-            "outputs": self._place("ecat_shm_output", len(self.signals)),
-            "slot_status": self._place("ecat_shm_slot_status", shm.SLOTS),
-            "replies": self._place("ecat_shm_reply", shm.SLOTS * shm.REQUESTS),
-            "domain_status": self._place("ecat_shm_domain_status", len(image.domains)),
-            "settings": self._place("ecat_shm_setting", len(shm.Setting)),
-            "health": self._place("ecat_shm_health", 1),
+            name: self._place(table.struct, table.count(self)) for name, table in shm.TABLES.items()
         }
         self.pages = []
         for domain in image.domains:

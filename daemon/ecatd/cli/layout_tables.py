@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 from ecatd import shm
+
+# Comments end with who writes the field, or all fields of a struct; what nobody is named for is
+# written once, by control, before clients come.
+_WRITER = re.compile(r"; (engine|relay|control)\b")
+_OF_CLIENTS = ("ecat_out_doorbell", "ecat_out_slot", "ecat_out_image", "ecat_out_request")
 
 
 def layout_lines() -> list[str]:
@@ -21,7 +28,7 @@ def layout_lines() -> list[str]:
     for line in shm.DEFINITION:
         if line.kind == "struct":
             lines += ["", f"`{line.of}`, {line.size} bytes: {_text(line.comment)}", ""]
-            lines += _table(("offset", "type", "field", "meaning"), _fields(line.of))
+            lines += _table(("offset", "type", "field", "written by", "meaning"), _fields(line))
     return lines
 
 
@@ -41,15 +48,18 @@ def _enumerators(name: str) -> list[tuple[str, ...]]:
     ]
 
 
-def _fields(name: str) -> list[tuple[str, ...]]:
+def _fields(struct: shm.Line) -> list[tuple[str, ...]]:
+    whole = _WRITER.search(struct.comment)
+    usual = whole[1] if whole else "client" if struct.of in _OF_CLIENTS else "once"
     return [
         (
             str(field.value),
             field.type + (f"[{field.count}]" if field.count > 1 else ""),
             f"`{field.name}`",
-            _text(field.comment),
+            found[1] if (found := _WRITER.search(field.comment)) else usual,
+            _text(_WRITER.sub("", field.comment)),
         )
-        for field in shm.fields_of(name)
+        for field in shm.fields_of(struct.of)
     ]
 
 

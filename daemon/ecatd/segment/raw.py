@@ -7,7 +7,7 @@ from typing import Any
 from ecatd import shm
 from ecatd.model.errors import UsageError
 
-from .reader import TABLES, Reader, SlotReader, opened
+from .reader import Reader, SlotReader, opened
 
 _OUT = {
     "out_header": "ecat_out_header",
@@ -16,7 +16,7 @@ _OUT = {
     "requests": "ecat_out_request",
     "images": "ecat_out_image",
 }
-NAMES = ("header", *TABLES, "pages", *_OUT)
+NAMES = ("header", *shm.TABLES, "pages", *_OUT)
 
 
 def read_raw(bus: str, table: str) -> list[Any]:
@@ -39,7 +39,7 @@ def read_raw(bus: str, table: str) -> list[Any]:
             return [head]
         if table == "pages":
             return [segment.page(domain).head for domain in segment.table(head, "domains")]
-        if table in TABLES:
+        if table in shm.TABLES:
             return segment.table(head, table)
         return _of_clients(segment, head, table)
 

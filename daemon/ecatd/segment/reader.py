@@ -7,10 +7,8 @@ of versions are in `client_c/include/ecat/ecat_shm.h`; the C client says the sam
 
 from __future__ import annotations
 
-import fcntl
 import os
 import stat
-import struct as binary
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd import shm
+from ecatd.file_locks import held
 from ecatd.model.config import BUS_NAME
 from ecatd.model.errors import (
     JOIN,
@@ -29,23 +28,8 @@ from ecatd.model.errors import (
     UsageError,
 )
 
-_FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
 _TRIES = 1000  # until a page is copied in which the engine did not write
 
-# Tables of the segment: their struct and how many entries they have; `<name>_offset` of the header
-# says where they begin.
-TABLES: dict[str, tuple[str, str | int]] = {
-    "slaves": ("ecat_shm_slave", "slave_count"),
-    "signals": ("ecat_shm_signal", "signal_count"),
-    "domains": ("ecat_shm_domain", "domain_count"),
-    "slave_status": ("ecat_shm_slave_status", "slave_count"),
-    "outputs": ("ecat_shm_output", "signal_count"),
-    "slot_status": ("ecat_shm_slot_status", "slot_count"),
-    "replies": ("ecat_shm_reply", shm.REQUESTS),
-    "domain_status": ("ecat_shm_domain_status", "domain_count"),
-    "settings": ("ecat_shm_setting", shm.SETTINGS),
-    "health": ("ecat_shm_health", 1),
-}
 _LIMITS = {
     "slave_count": shm.MAX_SLAVES,
     "domain_count": shm.MAX_DOMAINS,
@@ -103,16 +87,6 @@ def _not_running(bus: str) -> UnreachableError:
     return UnreachableError(f"no ecatd serves bus '{bus}'; {START}")
 
 
-def locked(fd: int, byte: int) -> bool:
-    """Whether a living process holds the lock of a byte (see `ECAT_LOCK_DAEMON`)."""
-    ask = binary.pack(_FLOCK, fcntl.F_RDLCK, os.SEEK_SET, byte, 1, 0)
-    try:
-        answer = fcntl.fcntl(fd, fcntl.F_OFD_GETLK, ask)
-    except OSError:
-        return True  # an answer that cannot be had is no proof of death
-    return bool(binary.unpack(_FLOCK, answer)[0] != fcntl.F_UNLCK)
-
-
 def printable(raw: bytes) -> str:
     """Text that can be shown: of a damaged segment, or of a client, it may hold anything."""
     text = raw.decode("utf-8", "replace")
@@ -145,7 +119,7 @@ class Reader:
     @property
     def alive(self) -> bool:
         """Whether the daemon that made the segment lives."""
-        return locked(self._fd, shm.LOCK_DAEMON)
+        return held(self._fd, shm.LOCK_DAEMON)
 
     def header(self, *, leftover: bool = False) -> Any:
         """`ecat_shm_header`, checked as far as it can be by itself.
@@ -190,18 +164,17 @@ class Reader:
         )
 
     def table(self, head: Any, name: str) -> list[Any]:
-        """Copies of all rows of a table, by its name in `TABLES`.
+        """Copies of all rows of a table, by its name in `shm.TABLES`.
 
         Raises:
             StateError: It does not lie within the segment, or is larger than any can be.
         """
-        struct, counted = TABLES[name]
-        count: int = counted if isinstance(counted, int) else getattr(head, counted)
-        if isinstance(counted, str) and count > _LIMITS.get(counted, count):
-            raise self.damaged(f"{counted} {count} of the header is more than {_LIMITS[counted]}")
-        if name == "replies":
-            count *= head.slot_count
-        return self.rows(struct, getattr(head, f"{name}_offset"), count)
+        table = shm.TABLES[name]
+        if table.counted in _LIMITS:
+            count, limit = getattr(head, table.counted), _LIMITS[table.counted]
+            if count > limit:
+                raise self.damaged(f"{table.counted} {count} of the header is more than {limit}")
+        return self.rows(table.struct, getattr(head, f"{name}_offset"), table.count(head))
 
     def rows(self, name: str, offset: int, count: int) -> list[Any]:
         """Copies of rows of a struct.
@@ -312,7 +285,7 @@ class SlotReader:
 
     def held(self, slot: int) -> bool:
         """Whether a living process has the slot."""
-        return locked(self._fd, shm.LOCK_SLOT + slot)
+        return held(self._fd, shm.LOCK_SLOT + slot)
 
     def _one(self, name: str, offset: int) -> Any:
         size = shm.size(name)
