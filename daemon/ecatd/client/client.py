@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, overload
+from weakref import WeakSet
 
 from ecatd import shm
 from ecatd.model.al import AlState
@@ -64,7 +65,7 @@ class Client(Handle):
         super().__init__(bus)
         self._images = self._find_images()
         self._signals: dict[int, Signal] = {}
-        self._groups: list[SignalGroup] = []
+        self._groups: WeakSet[SignalGroup] = WeakSet()
         self._abandoned: list[int] = []
         self._waiter: CycleWaiter | None = None
         self._seen = 0  # last cycle that asyncio waited for
@@ -162,7 +163,7 @@ class Client(Handle):
         made = SignalGroup(
             self, tuple(self.signal(s) if isinstance(s, str) else s for s in signals)
         )
-        self._groups.append(made)
+        self._groups.add(made)
         return made
 
     def domain_array(self, number: int = 0) -> NDArray[np.void]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -82,10 +81,15 @@ class Connection:
         StateError: The daemon has another version.
     """
 
+    # Of the `ecat_t`. It is not there while a thread waits in a call, and after `close`, so that
+    # the calls of others fail without a test in each of them: see `__getattr__`.
+    _address: int
+
     def __init__(self, bus: str = "ecat0") -> None:
-        self._memory: _Memory | None = _Memory(bus)
         self._name = bus
-        self._waits = threading.Lock()  # held while a thread waits in a call
+        self._memory: _Memory | None = None
+        self._memory = _Memory(bus)
+        self._address = self._memory.address
         self._gone = False  # the daemon was not there when it was last looked for
         self._unsure = False  # the daemon may be another one than before
         self._instance = int(QUICK.ecat_instance(self._address))
@@ -98,6 +102,7 @@ class Connection:
         """
         if self._memory is not None:
             QUICK.ecat_release_all(self._address)
+            del self._address
             self._memory = None
 
     def __enter__(self) -> Self:
@@ -116,11 +121,10 @@ class Connection:
         """Name of the bus."""
         return self._name
 
-    @property
-    def _address(self) -> int:
-        if self._memory is None or self._waits.locked():
+    def __getattr__(self, name: str) -> NoReturn:
+        if name == "_address":
             raise self._unusable()
-        return self._memory.address
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def _unusable(self) -> EcatError:
         if self._memory is None:
@@ -160,13 +164,16 @@ class Connection:
     @contextmanager
     def _waiting(self) -> Iterator[int]:
         """Keeps other threads out while this one waits without the GIL."""
-        address = self._address
-        if not self._waits.acquire(blocking=False):
-            raise self._unusable()
-        try:
+        taken = True
+        try:  # from here on, since Ctrl-C may come at any place
+            address = vars(self).pop("_address", 0)
+            if not address:
+                taken = False
+                raise self._unusable()
             yield address
         finally:
-            self._waits.release()
+            if taken and self._memory is not None:
+                self._address = self._memory.address
 
     def _ring(self, function: Callable[..., int], *arguments: float) -> None:
         """Changes claims; the engine answers at the end of a cycle."""

@@ -44,6 +44,7 @@ class SignalGroup:
         self._odd = [signal for signal in dict.fromkeys(self.signals) if not letter(signal)]
         for signal in self._odd:
             places[signal.number] = len(places)
+        self._factors = [(signal.scale, signal.offset) for signal in self.signals]
         order = [places[signal.number] for signal in self.signals]
         self._pick: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
             itemgetter(*order) if len(order) > 1 else lambda words: tuple(words[n] for n in order)
@@ -66,6 +67,5 @@ class SignalGroup:
     @property
     def values(self) -> tuple[float, ...]:
         """The physical values, each in the unit of its entry."""
-        return tuple(
-            [raw * s.scale + s.offset for raw, s in zip(self.raw, self.signals, strict=True)]
-        )
+        pairs = zip(self.raw, self._factors, strict=True)
+        return tuple([raw * scale + offset for raw, (scale, offset) in pairs])

@@ -15,6 +15,8 @@ from .connection import Connection, text_of
 from .info import DomainInfo, SlaveInfo
 from .structs import QUICK, WAITING, DomainStruct, SignalStruct, SlaveStruct
 
+_VALIDITIES = tuple(shm.Validity)
+
 
 class Handle(Connection):
     """A connection to one bus; belongs to one thread at a time.
@@ -138,7 +140,8 @@ class Handle(Connection):
 
     def validity(self, signal: int) -> shm.Validity:
         """What an entry of the last sample is worth."""
-        return shm.Validity(self._check(QUICK.ecat_validity(self._address, signal)))
+        code: int = QUICK.ecat_validity(self._address, signal)
+        return _VALIDITIES[code] if code >= 0 else self._fail(code)
 
     def read(self, signal: int) -> float:
         """Raw value of the last sample: exact for up to 53 bits."""

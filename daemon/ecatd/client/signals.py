@@ -15,7 +15,7 @@ from ecatd.model.datatypes import is_real, is_signed
 from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.shm import Direction, Validity
 
-from .structs import SignalStruct
+from .structs import QUICK, SignalStruct
 
 if TYPE_CHECKING:
     from .client import Client
@@ -105,6 +105,8 @@ class Signal:
         "_as_parameter_",
         "_cell",
         "_client",
+        "_high",
+        "_low",
         "_mask",
         "_shift",
         "_sign",
@@ -154,6 +156,10 @@ class Signal:
         self.pdo_name: str = info.pdo_name.decode("utf-8", "replace")
         self.name: str = info.name.decode("utf-8", "replace")
         self.unit: str = info.unit.decode("utf-8", "replace")
+        # What ecat_write_int() can be given: it takes 64 bits as they are.
+        unsigned = not (self.signed or self.real)
+        self._low = 0 if unsigned else -(1 << 63)
+        self._high = (1 << (64 if unsigned and self.bit_length == 64 else 63)) - 1
         self._cell = self._find_cell(image)
 
     def _find_cell(self, image: memoryview) -> _Cell:
@@ -198,12 +204,10 @@ class Signal:
         except TypeError:
             client.write(self.number, number_of(value))
             return
-        low = -(1 << 63) if self.signed or self.real else 0
-        high = (
-            1 << 64 if self.bit_length == 64 and not (self.signed or self.real) else 1 << 63
-        ) - 1
-        if low <= whole <= high:
-            client.write_int(self.number, whole)
+        if self._low <= whole <= self._high:
+            code = QUICK.ecat_write_int(client._address, self.number, whole)
+            if code < 0:
+                client._fail(code)
         else:  # out of range whatever the entry is: this says so
             client.write(self.number, number_of(whole))
 
