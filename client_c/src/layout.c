@@ -17,7 +17,7 @@ static struct {
   } while (0)
 
 static void write_constants(void) {
-#define CONST(name, comment) \
+#define ECAT_CONST(name, comment) \
   ROW("const - %s - %llu - - %s\n", #name, (unsigned long long)(name), comment);
 #include <ecat/ecat_shm.def>
 }
@@ -28,27 +28,27 @@ static void write_enumerations(void) {
   of = #name;                   \
   ROW("enum %s - - - - - %s\n", of, comment);
 #define VALUE_ROW(name, value, comment) ROW("value %s %s - %d - - %s\n", of, #name, value, comment);
-#define ENUM(name, comment) ENUM_ROW(name, comment)
-#define FIRST(name, value, comment) VALUE_ROW(name, value, comment)
-#define VALUE(name, value, comment) VALUE_ROW(name, value, comment)
+#define ECAT_ENUM(name, comment) ENUM_ROW(name, comment)
+#define ECAT_FIRST(name, value, comment) VALUE_ROW(name, value, comment)
+#define ECAT_VALUE(name, value, comment) VALUE_ROW(name, value, comment)
 #include <ecat/ecat_shm.def>
-#define ENUM(name, comment) ENUM_ROW(name, comment)
-#define FIRST(name, value, comment) VALUE_ROW(name, value, comment)
-#define VALUE(name, value, comment) VALUE_ROW(name, value, comment)
+#define ECAT_ENUM(name, comment) ENUM_ROW(name, comment)
+#define ECAT_FIRST(name, value, comment) VALUE_ROW(name, value, comment)
+#define ECAT_VALUE(name, value, comment) VALUE_ROW(name, value, comment)
 #include <ecat/ecat.def>
 }
 
 static void write_structs(void) {
   /* A scope per struct: within it, `self` is the struct that the fields belong to. */
-#define STRUCT(name, comment)                                               \
+#define ECAT_STRUCT(name, comment)                                               \
   {                                                                         \
     typedef name self;                                                      \
     const char *of = #name;                                                 \
     ROW("struct %s - - - %zu - %s\n", of, sizeof(self), comment);
-#define FIELD(type, field, count, comment)                                         \
+#define ECAT_FIELD(type, field, count, comment)                                         \
     ROW("field %s %s %s %zu %zu %d %s\n", of, #field, #type, offsetof(self, field), \
         sizeof(((self *)0)->field), count, comment);
-#define END(name) }
+#define ECAT_END(name) }
 #include <ecat/ecat_shm.def>
 }
 

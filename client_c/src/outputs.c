@@ -268,7 +268,7 @@ int ecat_write_int(ecat_t *bus, int number, int64_t value) {
   if (signal == NULL) return code;
   if (signal->real) return ecat_write(bus, number, (double)value);
   if (signal->bits < 64) {
-    int64_t low = signal->sign ? -(1ll << (signal->bits - 1)) : 0;
+    int64_t low = signal->sign ? -((int64_t)1 << (signal->bits - 1)) : 0;
     int64_t high = (int64_t)((1ull << (signal->bits - signal->sign)) - 1);
     if (value < low || value > high) return out_of_range(bus, number, (double)value);
   }

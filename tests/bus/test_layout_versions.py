@@ -147,12 +147,18 @@ def patched_definition(text: str) -> str:
     for old, new in (
         ("#define ECAT_SHM_LAYOUT_MINOR 0u", "#define ECAT_SHM_LAYOUT_MINOR 1u"),
         (
-            "END(ecat_shm_header)",
-            'FIELD(uint64_t, later, 1, "new")\nFIELD(uint32_t, later_offset, 1, "new")\n'
-            'FIELD(uint32_t, later_count, 1, "new")\nEND(ecat_shm_header)',
+            "ECAT_END(ecat_shm_header)",
+            'ECAT_FIELD(uint64_t, later, 1, "new")\nECAT_FIELD(uint32_t, later_offset, 1, "new")\n'
+            'ECAT_FIELD(uint32_t, later_count, 1, "new")\nECAT_END(ecat_shm_header)',
         ),
-        ("END(ecat_shm_health)", 'FIELD(uint64_t, later, 4, "new")\nEND(ecat_shm_health)'),
-        ("END_ENUM(ecat_ring)", 'VALUE(ECAT_RING_LATER, 3, "new")\nEND_ENUM(ecat_ring)'),
+        (
+            "ECAT_END(ecat_shm_health)",
+            'ECAT_FIELD(uint64_t, later, 4, "new")\nECAT_END(ecat_shm_health)',
+        ),
+        (
+            "ECAT_END_ENUM(ecat_ring)",
+            'ECAT_VALUE(ECAT_RING_LATER, 3, "new")\nECAT_END_ENUM(ecat_ring)',
+        ),
     ):
         assert old in text
         text = text.replace(old, new)

@@ -12,9 +12,10 @@ from conftest import Daemon
 HERE = Path(__file__).parent
 CLIENT = HERE.parents[1] / "client_c"
 WARNINGS = (
-    *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wshadow"),
-    *("-Wold-style-cast", "-Wnon-virtual-dtor", "-Werror"),
+    *("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wshadow", "-Wpointer-arith"),
+    *("-Wvla", "-Werror"),
 )
+STRICTER = ("-Wpedantic", "-Wold-style-cast", "-Wnon-virtual-dtor")
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -32,13 +33,13 @@ def build(
         objects.append(folder / f"{file.stem}.o")
         subprocess.run(
             [
-                *(c, "-std=c11", "-D_GNU_SOURCE", "-O2", "-g", include, *flags),
+                *(c, "-std=c11", "-D_GNU_SOURCE", "-O2", "-g", *WARNINGS, include, *flags),
                 *("-c", file, "-o", objects[-1]),
             ],
             check=True,
         )
     program = folder / source.stem
-    command = (cpp, standard, *flags, "-O2", "-g", *WARNINGS, include, source, *objects)
+    command = (cpp, standard, *flags, "-O2", "-g", *WARNINGS, *STRICTER, include, source, *objects)
     subprocess.run([*command, "-lm", "-pthread", "-o", program], check=True)
     return program
 

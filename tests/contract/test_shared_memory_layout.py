@@ -19,22 +19,23 @@ PROGRAM = r"""
 #include <stdio.h>
 int main(void) {
   const char *of = "";
-#define CONST(name, comment) printf("const - " #name " - %llu - -\n", (unsigned long long)name);
-#define ENUM(name, comment) of = #name; printf("enum %s - - - - -\n", of);
-#define FIRST(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
-#define VALUE(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#define ECAT_CONST(name, comment) \
+    printf("const - " #name " - %llu - -\n", (unsigned long long)name);
+#define ECAT_ENUM(name, comment) of = #name; printf("enum %s - - - - -\n", of);
+#define ECAT_FIRST(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#define ECAT_VALUE(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
 #include <ecat/ecat_shm.def>
-#define ENUM(name, comment) of = #name; printf("enum %s - - - - -\n", of);
-#define FIRST(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
-#define VALUE(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#define ECAT_ENUM(name, comment) of = #name; printf("enum %s - - - - -\n", of);
+#define ECAT_FIRST(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
+#define ECAT_VALUE(name, number, comment) printf("value %s " #name " - %d - -\n", of, (int)name);
 #include <ecat/ecat.def>
-#define STRUCT(name, comment) \
+#define ECAT_STRUCT(name, comment) \
   { typedef name self; of = #name; printf("struct %s - - - %u -\n", of, (unsigned)sizeof(self));
-#define FIELD(type, field, count, comment) \
+#define ECAT_FIELD(type, field, count, comment) \
     printf("field %s " #field " " #type " %u %u %u\n", of, (unsigned)offsetof(self, field), \
            (unsigned)sizeof(((self *)0)->field), \
            (unsigned)(sizeof(((self *)0)->field) / sizeof(type)));
-#define END(name) }
+#define ECAT_END(name) }
 #include <ecat/ecat_shm.def>
   return 0;
 }

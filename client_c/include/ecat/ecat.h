@@ -59,10 +59,10 @@ typedef struct ecat_client ecat_t;
 
 /* enum ecat_errno, ecat_direction (ECAT_INPUT, ECAT_OUTPUT, ECAT_ANY), ecat_validity and
  * ecat_al_state, with what each value means. */
-#define ENUM(name, comment) enum name {
-#define FIRST(name, value, comment) name = value
-#define VALUE(name, value, comment) , name = value
-#define END_ENUM(name) };
+#define ECAT_ENUM(name, comment) enum name {
+#define ECAT_FIRST(name, value, comment) name = value
+#define ECAT_VALUE(name, value, comment) , name = value
+#define ECAT_END_ENUM(name) };
 #include "ecat.def"
 
 typedef struct ecat_slave_info {
@@ -120,7 +120,7 @@ typedef struct ecat_domain_info {
   int wkc_state;         /* enum ecat_wkc_state */
 } ecat_domain_info;
 
-/* --- Connecting ----------------------------------------------------------------------------- */
+/* --- Connecting ------------------------------------------------------------------------------- */
 
 /* Connects to the bus `name` (NULL: "ecat0"). On failure *bus is still set, so that ecat_error()
  * can be asked, and must be closed; it is NULL only when memory is exhausted. */
@@ -133,7 +133,7 @@ ECAT_API const char *ecat_error(const ecat_t *bus);
 /* The general meaning of a code. Never NULL. */
 ECAT_API const char *ecat_strerror(int code);
 
-/* --- What is on the bus ---------------------------------------------------------------------- */
+/* --- What is on the bus ----------------------------------------------------------------------- */
 
 ECAT_API int ecat_slave_count(const ecat_t *bus);
 ECAT_API int ecat_signal_count(const ecat_t *bus);
@@ -165,7 +165,7 @@ ECAT_API int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subin
  * one has it; the entry is its name, "PDO/entry" where several have it, or 0x6041:00. */
 ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
 
-/* --- Owning outputs -------------------------------------------------------------------------- */
+/* --- Owning outputs --------------------------------------------------------------------------- */
 
 /* Makes this client the owner of all outputs of a slave, or of none if another client has one of
  * them. `lease` is the time without ecat_sample() or ecat_commit() after which they fall to their
@@ -185,7 +185,7 @@ ECAT_API void ecat_release_all(ecat_t *bus);
 /* Who decides an output now, and since when. */
 ECAT_API int ecat_output(ecat_t *bus, int signal, ecat_output_info *info);
 
-/* --- Reading --------------------------------------------------------------------------------- */
+/* --- Reading ---------------------------------------------------------------------------------- */
 
 /* Takes one consistent image of every domain; all reads until the next call see it. Returns
  * ECAT_ESTALE or ECAT_EDOWN (the values stay readable) when the daemon no longer delivers. */
@@ -211,7 +211,7 @@ ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
 /* Raw value * scale + offset. */
 ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 
-/* --- Writing --------------------------------------------------------------------------------- */
+/* --- Writing ---------------------------------------------------------------------------------- */
 
 /* Stages a raw value of an output; it is checked against the type and the declared range of the
  * entry, and fractions of integers are refused. Nothing leaves the process before ecat_commit().
@@ -224,7 +224,7 @@ ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
  * is claimed again, when they are no longer owned: the lease is over, or the daemon has ended. */
 ECAT_API int ecat_commit(ecat_t *bus);
 
-/* --- Waiting --------------------------------------------------------------------------------- */
+/* --- Waiting ---------------------------------------------------------------------------------- */
 
 /* Waits until `cycles` more cycles than at the last sample or wait have ended. 0 checks only. Returns
  * ECAT_EDOWN at once when the daemon ends; the calls after that wait for its return. */
@@ -234,7 +234,7 @@ ECAT_API int ecat_wait_domain(ecat_t *bus, int domain, unsigned exchanges, doubl
 /* Number of the last finished cycle. */
 ECAT_API uint64_t ecat_cycle(const ecat_t *bus);
 
-/* --- Requests: nothing here but ecat_wait_request() waits ----------------------------------------- */
+/* --- Requests: nothing here but ecat_wait_request() waits ------------------------------------- */
 
 /* Starts an SDO upload (data NULL) or download of up to ECAT_REQUEST_BYTES, and returns the handle of
  * the request. ECAT_REQUESTS may run at the same time. */

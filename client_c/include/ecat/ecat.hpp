@@ -67,7 +67,7 @@ inline int check(const ecat_t* bus, int code) {
   return code;
 }
 
-// CoE data types (ETG.1000.6).
+// By CoE data type (ETG.1000.6), as in the library.
 constexpr bool is_real(const ecat_signal_info& entry) {
   return (entry.type == 0x0008 && entry.bit_length == 32) ||
          (entry.type == 0x0011 && entry.bit_length == 64);
@@ -75,7 +75,7 @@ constexpr bool is_real(const ecat_signal_info& entry) {
 
 constexpr bool is_signed(const ecat_signal_info& entry) {
   return (entry.type >= 0x0002 && entry.type <= 0x0004) || entry.type == 0x0010 ||
-         (entry.type >= 0x0012 && entry.type <= 0x0015);
+         entry.type == 0x0015;
 }
 
 // Whether T holds every value of the entry.

@@ -25,12 +25,12 @@
 
 #include <stdint.h>
 
-#define ENUM(name, comment) enum name {
-#define FIRST(name, value, comment) name = value
-#define VALUE(name, value, comment) , name = value
-#define END_ENUM(name) };
-#define STRUCT(name, comment) typedef struct name {
-#define FIELD(type, name, count, comment) ECAT_FIELD_##count(type, name)
+#define ECAT_ENUM(name, comment) enum name {
+#define ECAT_FIRST(name, value, comment) name = value
+#define ECAT_VALUE(name, value, comment) , name = value
+#define ECAT_END_ENUM(name) };
+#define ECAT_STRUCT(name, comment) typedef struct name {
+#define ECAT_FIELD(type, name, count, comment) ECAT_FIELD_##count(type, name)
 #define ECAT_FIELD_1(type, name) type name;
 #define ECAT_FIELD_3(type, name) type name[3];
 #define ECAT_FIELD_4(type, name) type name[4];
@@ -39,7 +39,7 @@
 #define ECAT_FIELD_64(type, name) type name[64];
 #define ECAT_FIELD_512(type, name) type name[512];
 #define ECAT_FIELD_928(type, name) type name[928];
-#define END(name) } name;
+#define ECAT_END(name) } name;
 #include "ecat_shm.def"
 
 #if defined(__GNUC__)
