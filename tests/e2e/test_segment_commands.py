@@ -78,7 +78,9 @@ def test_claims_name_who_owns_what(troll: Daemon) -> None:
         row = rf"^ +{slot['slot']} +{process.pid}  python.* 500 ms +8  active$"
         assert re.search(row, text, re.M)
         assert re.search(r"^  0x7000:01 Output +1  active +slot \d+ python", text, re.M)
-        assert re.search(r"^  0x6040:00 Control word +0  safe +never claimed$", text, re.M)
+        assert re.search(r"^0 Gold .*: 6 outputs, each +0  safe +never claimed$", text, re.M)
+        drive_text = troll.ctl("claims", "-p", "0").stdout
+        assert re.search(r"^  0x6040:00 Control word +0  safe +never claimed$", drive_text, re.M)
         assert max(map(len, text.splitlines())) <= 80
 
 
@@ -87,7 +89,7 @@ def test_clients_that_hang_or_die_are_told(start_daemon: Callable[..., Daemon]) 
     with owner(daemon, lease=0.1) as process:
         process.send_signal(signal.SIGSTOP)
         wait_for(lambda: outputs_of(daemon)[0]["state"] == "safe", daemon)
-        text = daemon.ctl("claims").stdout
+        text = daemon.ctl("claims", "-p", str(EL2008)).stdout
         row = rf"{process.pid}  python.* 0  lapsed\n +has lost its outputs: lease lost$"
         assert re.search(row, text, re.M)
         assert re.search(r"^  0x7000:01 Output +\d  safe +lease lost ", text, re.M)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import textwrap
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby, zip_longest
 from typing import Any
 
 from ecatd.segment.picture import COUNTERS
 
-from .output import table_lines
+from .output import shortened, table_lines
 from .stats_screen import duration
 from .terminal import alarm, heading
 
@@ -112,7 +113,7 @@ def _domains(rows: list[Document]) -> list[str]:
             ("DOMAIN", "EVERY", "CYCLE", "AGE", "WKC", "STATE", "OUT", "IN"),
             (
                 (
-                    f"{row['number']} {row['name']}"[:room],
+                    shortened(f"{row['number']} {row['name']}", room),
                     f"{row['divider']}+{row['phase']}" if row["phase"] else row["divider"],
                     "-" if row["cycle"] is None else row["cycle"],
                     age(row["age_us"]),
@@ -137,7 +138,7 @@ def _slaves(rows: list[Document]) -> list[str]:
                 (
                     row["position"],
                     row["state"],
-                    (row["name"] or "(no name)")[:room],
+                    shortened(row["name"] or "(no name)", room),
                     f"{row['vendor']:08X}",
                     f"{row['product']:08X}",
                     row["domain"],
@@ -197,7 +198,7 @@ def _slot(row: Document, room: int) -> tuple[Any, ...]:
     return (
         row["slot"],
         "?" if row["pid"] is None else row["pid"],
-        (row["program"] or "?")[:room],
+        shortened(row["program"] or "?", room),
         since,
         age(row["heartbeat_us"]),
         age(row["lease_us"]),
@@ -216,20 +217,36 @@ def _notes(row: Document) -> Iterator[str]:
         yield f"{row['refused']} values out of their range were refused"
 
 
+def _folded(rows: list[Document]) -> Iterator[Document]:
+    """One row, with `alike`, for a slave whose outputs are all zero and nobody's for one reason."""
+    for _position, group in groupby(rows, lambda row: row["slave"]):
+        outputs = list(group)
+        first = outputs[0]
+        reasons = {(row["owner"], row["state"], row["reason"], row["raw"]) for row in outputs}
+        if len(outputs) > 1 and reasons == {(None, "safe", first["reason"], 0)}:
+            yield first | {"alike": len(outputs), "unit": "", "scaled": False}
+        else:
+            yield from outputs
+
+
 def _outputs(document: Document) -> list[str]:
-    rows = document["outputs"]
+    rows, names = document["outputs"], _slave_names(document)
+    if len(names) > 1:
+        rows = list(_folded(rows))
     programs = {slot["slot"]: slot["program"] or "?" for slot in document["slots"]}
     head = ("OUTPUT", "VALUE", "STATE", "OWNER OR WHY NONE", "SINCE")
 
     def decided(row: Document) -> str:
         if row["owner"] is not None:
-            return f"slot {row['owner']} {programs.get(row['owner'], '?')[:12]}"
+            return f"slot {row['owner']} {shortened(programs.get(row['owner'], '?'), 12)}"
         return str(_REASONS.get(row["reason"], row["reason"]))
 
     def table(room: int) -> list[str]:
         cells = (
             (
-                f"  {row['address']} {_name(row, room)}",
+                f"{shortened(names[row['slave']], room + 8)}: {row['alike']} outputs, each"
+                if "alike" in row
+                else f"  {row['address']} {_name(row, room)}",
                 _physical(row) or _number(row["raw"]),
                 row["state"],
                 decided(row),
@@ -252,17 +269,27 @@ def _grouped(
     """A table of entries with a line above those of each slave."""
     if not rows:
         return []
-    names = {slave["position"]: slave["name"] for slave in document["slaves"]}
+    names = _slave_names(document)
     title, *lines = table_lines(head, cells, right)
     made = [title]
     for position, group in groupby(zip(rows, lines, strict=True), lambda pair: pair[0]["slave"]):
-        made.append(f"{position} {names.get(position, '') or '(no name)'}"[:WIDTH])
-        made += [line for _row, line in group]
+        entries = list(group)
+        if "alike" not in entries[0][0]:  # which says itself of which slave it is
+            made.append(shortened(names[position], WIDTH))
+        made += [line for _row, line in entries]
     return made
 
 
+def _slave_names(document: Document) -> dict[int, str]:
+    """Position and name; also of slaves that a damaged segment does not have."""
+    names = defaultdict[int, str](lambda: "(no such slave)")
+    for slave in document["slaves"]:
+        names[slave["position"]] = f"{slave['position']} {slave['name'] or '(no name)'}"
+    return names
+
+
 def _name(row: Document, room: int) -> str:
-    return str(row["name"] or row["pdo_name"])[:room]
+    return shortened(row["name"] or row["pdo_name"], room)
 
 
 def _number(value: float | None) -> str:
