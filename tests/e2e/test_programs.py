@@ -124,7 +124,7 @@ def test_the_table_names_what_there_is_in_cpp_and_python() -> None:
 
 def test_the_table_has_every_error() -> None:
     rows = {re.sub("`", "", row[0]): row[1].strip("`") for row in table("Errors")}
-    assert set(rows) == {f"ECAT_{member.name}" for member in shm.Errno if member != 0}
+    assert {f"ECAT_{member.name}" for member in shm.Errno if member != 0} <= set(rows)
     assert {kind for kind in rows.values() if kind != "–" and not hasattr(errors, kind)} == set()
 
 
