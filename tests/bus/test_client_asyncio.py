@@ -35,13 +35,15 @@ async def no_threads(bus: Client) -> None:
 def test_cycles_come_with_fresh_samples(troll: Daemon) -> None:
     async def program() -> None:
         with troll.client() as bus:
-            last = 0
+            seen: list[int] = []
+            fresh = 0
             async for cycle in bus.cycles():
-                assert cycle > last
-                assert bus.domain().cycle >= cycle - 1  # an old one if frames were late
-                last = last or cycle
-                if cycle >= last + 100:
+                seen.append(cycle)
+                fresh += bus.domain().cycle >= cycle
+                if len(seen) == 200:
                     break
+            assert seen == sorted(set(seen))
+            assert fresh > 100  # frames may be late on a busy machine, not most of them
             assert await bus.next_cycle(50) >= cycle + 50
             assert len(threads_of(bus)) == 1
         await no_threads(bus)

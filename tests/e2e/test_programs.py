@@ -6,6 +6,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -238,3 +239,69 @@ def test_the_logger_writes_csv(troll: Daemon) -> None:
     assert all(b - a >= 20 for a, b in pairwise(cycles))
     assert all(float(row[0]) > started for row in rows)
     assert len({row[2] for row in rows}) > 1  # a sine
+
+
+@contextmanager
+def two_point(bus: str, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """The two-point controller: input 1 of the EL3008 switches output 1 of the EL2008."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-W", "error", EXAMPLES / "two_point.py", "--bus", bus),
+            *("4/0x6000:11", "3/0x7000:01", *options),
+        ],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def is_on(client: Client, value: int) -> Callable[[], bool]:
+    """Whether the wire from output 1 to input 1 has a value."""
+    wire = client.signal("2/0x6000:01")
+
+    def look() -> bool:
+        client.sample()
+        return wire.raw == value and wire.validity is shm.Validity.VALID
+
+    return look
+
+
+def test_the_level_switches_the_output(troll: Daemon) -> None:
+    with troll.client() as client:
+        output = client.signal("3/0x7000:01")
+        for on, value in (("-40000", 1), ("40000", 0)):
+            with two_point(troll.bus, f"--on={on}", f"--off={on}") as process:
+                wait_for(lambda: client.output(output).state is shm.Outputs.ACTIVE, troll)
+                wait_for(is_on(client, value), troll)
+                assert process.stdout
+                assert re.fullmatch(r"-?[\d.]+ .*[01] 00\n", process.stdout.readline())
+                process.send_signal(signal.SIGINT)
+                assert process.wait(10) == 0
+            wait_for(lambda: client.output(output).state is shm.Outputs.SAFE, troll)
+
+
+def test_the_controller_goes_on_with_the_next_daemon(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("troll")
+    with (
+        two_point(daemon.bus, "--on=-40000", "--off=-40000") as process,
+        Client(daemon.bus) as client,
+    ):
+        wait_for(is_on(client, 1), daemon)
+        daemon.kill_all()
+        with pytest.raises(errors.UnreachableError, match="has ended"):
+            while True:
+                client.wait()
+        daemon = start_daemon("troll", "--bus", client.name)
+        client.wait(timeout=30)
+        wait_for(is_on(client, 1), daemon)
+        process.terminate()
+        assert process.stderr
+        assert "has ended" in process.stderr.read()
+        daemon.stop()

@@ -68,7 +68,7 @@ class Publisher:
             client.sample()
             cycles = {domain: client.domain(domain).cycle for domain in set(domains)}
             for signal, key, domain in signals:
-                value = client.read(signal.number)
+                value = signal.raw
                 if turn % refresh and self._last.get(signal.number) == value:
                     continue
                 self._last[signal.number] = value
