@@ -18,7 +18,13 @@ from ecatd.bus.segment import Segment
 from ecatd.cli.segment_screen import WIDTH, age, claims_lines, picture_lines
 from ecatd.dc import read_clocks
 from ecatd.file_locks import take
-from ecatd.model.errors import EcatError, StateError, UnreachableError, UsageError
+from ecatd.model.errors import (
+    EcatError,
+    NotPermittedError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
 from ecatd.segment import raw
 from ecatd.segment.claims import read_claims
 from ecatd.segment.picture import picture
@@ -240,6 +246,20 @@ def test_what_is_no_segment_is_told_in_one_sentence(
             picture(name)
         assert sentence in str(caught.value)
         assert str(caught.value).isprintable()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_who_may_not_see_the_clients_sees_the_rest(segment: Segment) -> None:
+    status = table(segment, "slot_status", "ecat_shm_slot_status", 4)
+    status.state = shm.SlotState.ACTIVE
+    segment.out_path.chmod(0)
+    found = picture(name_of(segment))
+    (slot,) = found["slots"]
+    assert (slot["slot"], slot["pid"], slot["program"], slot["held"]) == (4, None, None, None)
+    assert found["problems"] == []
+    assert " 4    ?  ?  " in "\n".join(picture_lines(found))
+    with pytest.raises(NotPermittedError, match="become a member of the group 'ecat'"):
+        raw.read_raw(name_of(segment), "slots")
 
 
 def test_a_file_that_is_cut_short_says_so(segment: Segment) -> None:

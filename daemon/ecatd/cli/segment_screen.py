@@ -336,7 +336,7 @@ def _columns(cells: list[str], count: int) -> list[str]:
 def _problems(document: Document) -> list[str]:
     problems, made = document["problems"], []
     if problems:
-        made = ["", alarm(f"DAMAGED: {len(problems)} things make no sense")]
+        made = ["", alarm("DAMAGED: THIS MAKES NO SENSE")]
         for problem in problems[:20]:
             made += [alarm(line) for line in textwrap.wrap(problem, WIDTH - 1)]
         if len(problems) > 20:

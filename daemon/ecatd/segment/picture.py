@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from ecatd import shm
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.model.datatypes import DataType, is_signed, type_name
-from ecatd.model.errors import EcatError
+from ecatd.model.errors import EcatError, NotPermittedError
 
 from .checks import domain_faults, output_faults, signal_faults, slave_faults
 from .reader import Page, Reader, SlotReader, opened, printable, version
@@ -255,7 +255,8 @@ class Picture:
                     self.problems.append(f".out: {count} slots, and {len(self._slot_rows)} states")
                 made = [self._slot(n, row, out) for n, row in enumerate(self._slot_rows)]
         except EcatError as error:
-            if self.alive:
+            # A leftover need not have clients; who may not see them sees the rest.
+            if self.alive and not isinstance(error, NotPermittedError):
                 self.problems.append(str(error))
             made = [self._slot(n, row, None) for n, row in enumerate(self._slot_rows)]
         return [slot for slot in made if slot is not None]

@@ -222,6 +222,8 @@ class Reader:
         path = self.path.with_name(f"{self.path.name}.out")
         try:
             fd = _open(path)
+        except PermissionError as error:
+            raise NotPermittedError(f"no right to read {path}: {JOIN}") from error
         except OSError as error:
             raise StateError(
                 f"cannot open {path} ({error.strerror}), where clients say who they are; "
