@@ -33,6 +33,10 @@ int cyclic_wait_event(cyclic_t *c, cyclic_event *event, int64_t timeout_ns) {
   return 1;
 }
 
+void cyclic_listen(cyclic_t *c, uint32_t slot) {
+  if (slot < ECAT_SLOTS) __atomic_fetch_and(&c->request_told, ~(1u << slot), __ATOMIC_ACQ_REL);
+}
+
 void cyclic_reply(cyclic_t *c, uint32_t slot, uint32_t cell, uint32_t generation, uint32_t seq,
                   int32_t status, uint32_t abort_code, const void *data, uint32_t length) {
   ecat_shm_reply *reply;

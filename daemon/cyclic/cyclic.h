@@ -121,6 +121,9 @@ CYCLIC_API void cyclic_publish_layout(void *header);
 
 /* Next event: 1, or 0 when none came within `timeout_ns`. For one thread at a time. */
 CYCLIC_API int cyclic_wait_event(cyclic_t *c, cyclic_event *event, int64_t timeout_ns);
+/* From now on new requests of a slot are told again: an event has been sent since the last call. So
+ * a client that rings without end costs as many events as control wants. */
+CYCLIC_API void cyclic_listen(cyclic_t *c, uint32_t slot);
 /* Answers a request of a client (see ecat_shm_reply). */
 CYCLIC_API void cyclic_reply(cyclic_t *c, uint32_t slot, uint32_t cell, uint32_t generation,
                              uint32_t seq, int32_t status, uint32_t abort_code, const void *data,

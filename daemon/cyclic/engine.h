@@ -157,6 +157,7 @@ struct cyclic {
   ecat_out_doorbell doorbell[ECAT_SLOTS];
   struct slot slot[ECAT_SLOTS];
   uint32_t used;                  /* bit per slot that has a client in this cycle, or just lost it */
+  uint32_t request_told;          /* bit per slot: control is going to look at its requests */
   uint32_t claim_turn;            /* slot whose claims are looked at first */
   uint8_t *outputs, *safe, *hold; /* output images */
   uint8_t *slot_image;            /* ecat_out_image and what follows it, as read */

@@ -120,6 +120,17 @@ void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain) {
     if (cyclic_outputs_has_domain(c, i, domain)) lapse(c, i, ECAT_REASON_WKC);
 }
 
+/* Not again before control has looked: a client that rings without end must not fill the events. */
+static void tell_requests(cyclic_t *c, uint32_t number, uint32_t seq) {
+  uint32_t bit = 1u << number;
+  if (__atomic_load_n(&c->request_told, __ATOMIC_ACQUIRE) & bit) return;
+  __atomic_fetch_or(&c->request_told, bit, __ATOMIC_ACQ_REL);
+  if (cyclic_emit(c, CYCLIC_EVENT_REQUEST, -1, (int32_t)number, c->slot[number].generation))
+    c->slot[number].request_seq = seq;
+  else
+    __atomic_fetch_and(&c->request_told, ~bit, __ATOMIC_RELEASE);
+}
+
 static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
   struct slot *slot = &c->slot[number];
   ecat_shm_slot_status *status = &c->slot_status[number];
@@ -140,9 +151,7 @@ static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *
     if (slot->bytes > 0 && c->now_ns - slot->beat_ns > slot->lease_ns)
       lapse(c, number, ECAT_REASON_LAPSED);
   }
-  if (bell->request_seq != slot->request_seq &&
-      cyclic_emit(c, CYCLIC_EVENT_REQUEST, -1, (int32_t)number, slot->generation))
-    slot->request_seq = bell->request_seq;
+  if (bell->request_seq != slot->request_seq) tell_requests(c, number, bell->request_seq);
 }
 
 /* Claims are looked at for one slot a cycle, in turns, so that clients that change theirs without

@@ -214,6 +214,7 @@ class Errno(_Open):
     EABORT = -14
     EBUSY = -15
     ESYS = -16
+    ESTATE = -17
 
 
 class Direction(_Open):

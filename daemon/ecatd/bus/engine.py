@@ -148,6 +148,8 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
     lib.cyclic_set_limit.argtypes = [pointer, u32, ctypes.c_double, ctypes.c_double]
     lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
+    lib.cyclic_listen.argtypes = [pointer, u32]
+    lib.cyclic_listen.restype = None
     lib.cyclic_stopping.argtypes = [pointer]
     lib.cyclic_start.argtypes = [pointer, pointer]
     lib.cyclic_wait_event.argtypes = [pointer, pointer, ctypes.c_int64]
@@ -333,6 +335,10 @@ class Engine:
         if _LIB.cyclic_wait_event(self._engine, ctypes.byref(event), int(timeout * 1e9)):
             return event
         return None
+
+    def listen(self, slot: int) -> None:
+        """Has the engine tell again when there are new requests in a slot; it does so once."""
+        _LIB.cyclic_listen(self._engine, slot)
 
     def reply(
         self,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from ecatd.model.errors import StateError
+from ecatd.model.errors import BusyError
 
 from .steps import Steps
 
@@ -33,11 +33,11 @@ class Mailbox:
         """Queues a call.
 
         Raises:
-            StateError: Too many calls are waiting.
+            BusyError: Too many calls are waiting.
         """
         with self._lock:
             if self._waiting >= _QUEUE_LIMIT:
-                raise StateError(f"busy: {_QUEUE_LIMIT} mailbox requests are waiting already")
+                raise BusyError(f"busy: {_QUEUE_LIMIT} mailbox requests are waiting already")
             self._waiting += 1
         future = self._pool.submit(call)
         future.add_done_callback(self._finished)

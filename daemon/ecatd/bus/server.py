@@ -88,7 +88,9 @@ class BusServer:
 
     def _bring_up(self) -> Monitor:
         running = self._up.run()
-        monitor = Monitor(running, self._config.outputs, self._mailbox, self._log, self._publish)
+        monitor = Monitor(
+            running, self._config.outputs, self.answer, self._mailbox, self._log, self._publish
+        )
         monitor.read_states()
         running.segment.publish()
         self._started = time.time()

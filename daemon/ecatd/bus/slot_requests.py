@@ -1,126 +1,183 @@
-"""Requests that clients put into their slots (decision D9): read, checked, carried out, answered.
+"""Carries out what clients ask for in their slots (decision D9), as any other request.
 
-The slots are written by other processes, so they are read with `pread` and every field is checked.
+Each slot is served by itself, one request after the other, so no client can keep the mailbox from
+the others by asking for much. One that asks for nonsense is looked at less and less often.
 """
 
 from __future__ import annotations
 
-import os
-import threading
-from concurrent.futures import Future
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable
+from typing import Any
 
 from ecatd import shm
-from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, UsageError
-from ecatd.model.messages import SdoRead, SdoWrite, parse_request, to_map
+from ecatd.log import Log
+from ecatd.model.errors import (
+    BusyError,
+    EcatError,
+    NoAnswerError,
+    NotPermittedError,
+    SdoAbortError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
+from ecatd.model.messages import Request, SetState
 from ecatd.shm import REQUEST_BYTES, Errno
 
 from .engine import Engine
-from .mailbox import Mailbox
-from .master import Master
 from .segment import Segment
+from .slot_cells import Asked, Cells
+
+_STATUS: tuple[tuple[type[EcatError], Errno], ...] = (
+    (SdoAbortError, Errno.EABORT),
+    (NoAnswerError, Errno.ETIMEOUT),
+    (UsageError, Errno.EARG),
+    (BusyError, Errno.EFULL),
+    (StateError, Errno.ESTATE),
+    (NotPermittedError, Errno.EPERM),
+    (UnreachableError, Errno.EDOWN),
+)
+"""What a client is told; the first one that fits."""
+
+_PAUSE = 0.001
+"""Seconds between two looks at a slot."""
+_PAUSE_DOUBLINGS = 10
+_ALIVE_PAUSE = 0.05
+"""Seconds between two looks whether the client of a waiting request lives."""
+
+Answer = Callable[[Request], Awaitable[dict[str, Any]]]
 
 
 class SlotRequests:
-    """Carries the requests of all slots out."""
+    """Carries the requests of all slots out; for the thread of the event loop.
+
+    Args:
+        segment: The shared memory.
+        engine: Tells of new requests, and takes the answers.
+        answer: Carries a request out, whoever asks.
+        wrong: Called with slot and generation of a client that asks for what no client library
+            asks for.
+        log: Where defects are told.
+    """
 
     def __init__(
-        self, segment: Segment, engine: Engine, mailbox: Mailbox, master: Master, slaves: int
+        self,
+        segment: Segment,
+        engine: Engine,
+        answer: Answer,
+        wrong: Callable[[int, int], None],
+        log: Log,
     ) -> None:
-        self._segment = segment
+        self._cells = Cells(segment)
         self._engine = engine
-        self._mailbox = mailbox
-        self._master = master
-        self._slaves = slaves
-        # The last request of each cell. Answers come from two threads, and late ones must not reach
-        # the cell's next user.
-        self._done: dict[tuple[int, int], tuple[int, int]] = {}
-        self._lock = threading.Lock()
+        self._answer = answer
+        self._wrong = wrong
+        self._log = log
+        self._slots = [_Slot() for _ in range(shm.SLOTS)]
 
-    def look(self, slot: int, generation: int) -> None:
-        """Takes the new requests of a slot; called when the engine has seen its doorbell."""
-        kind = shm.struct("ecat_out_request")
-        out = self._segment.out
-        at = out.slots_offset + slot * out.slot_stride
-        owner = os.pread(self._segment.out_fd, shm.size("ecat_out_slot"), at)
-        if len(owner) < shm.size("ecat_out_slot"):
-            return
-        if shm.struct("ecat_out_slot").from_buffer_copy(owner).generation != generation:
-            return  # the client has gone, and another one is in its slot
-        at += shm.size("ecat_out_slot")
-        for cell in range(shm.REQUESTS):
-            data = os.pread(self._segment.out_fd, shm.size(kind.__name__), at)
-            at += shm.size(kind.__name__)
-            if len(data) < shm.size(kind.__name__):
-                return
-            request = kind.from_buffer_copy(data)
-            key = (generation, request.seq)
-            if request.seq == 0 or self._done.get((slot, cell)) == key:
+    def ring(self, number: int) -> None:
+        """Looks at a slot whose doorbell the engine has seen, now or when its pause is over."""
+        slot, loop = self._slots[number], asyncio.get_running_loop()
+        if slot.timer is None:
+            slot.timer = loop.call_at(max(slot.next_look, loop.time()), self._look, number)
+
+    def close(self) -> None:
+        """Nothing is begun any more."""
+        for slot in self._slots:
+            if slot.timer is not None:
+                slot.timer.cancel()
+            if slot.task is not None:
+                slot.task.cancel()
+
+    def _look(self, number: int) -> None:
+        slot, loop = self._slots[number], asyncio.get_running_loop()
+        slot.timer = None
+        self._engine.listen(number)  # before it is read: whatever comes later rings again
+        good = 0
+        for asked in self._cells.read(number):
+            if slot.seen.get(asked.cell) == (asked.generation, asked.seq):
                 continue
-            with self._lock:
-                self._done[slot, cell] = key
-            # `data` is a C string to ctypes, which ends at the first zero byte.
-            offset = kind.data.offset
-            body = data[offset : offset + min(request.length, REQUEST_BYTES)]
-            self._start(slot, cell, key, request, body)
+            slot.seen[asked.cell] = (asked.generation, asked.seq)
+            replaced = slot.drop(asked.cell)
+            try:
+                slot.waiting.append((asked, asked.parse()))
+                good += not replaced
+            except UsageError as error:
+                self._refuse(asked, error)
+                self._wrong(asked.slot, asked.generation)
+        slot.in_vain = 0 if good else min(slot.in_vain + 1, _PAUSE_DOUBLINGS)
+        slot.next_look = loop.time() + _PAUSE * 2**slot.in_vain
+        if slot.waiting and slot.task is None:
+            slot.task = loop.create_task(self._serve(slot))
 
-    def _start(self, slot: int, cell: int, key: tuple[int, int], raw: object, body: bytes) -> None:
-        def finished(future: Future[bytes]) -> None:
-            error = None if future.cancelled() else future.exception()
-            if future.cancelled() or error is not None:
-                self._refuse(slot, cell, key, error or EcatError("the daemon stops"))
-            else:
-                self._answer(slot, cell, key, future.result())
-
+    async def _serve(self, slot: _Slot) -> None:
         try:
-            request = self._checked(raw, body)
-            self._mailbox.submit(lambda: self._carry_out(request)).add_done_callback(finished)
+            while slot.waiting:
+                asked, request = slot.waiting.popleft()
+                if self._cells.is_wanted(asked):
+                    await self._carry_out(asked, request)
+        finally:
+            slot.task = None
+
+    async def _carry_out(self, asked: Asked, request: Request) -> None:
+        work = asyncio.ensure_future(self._answer(request))
+        try:
+            while not (await asyncio.wait((work,), timeout=_ALIVE_PAUSE))[0]:
+                # What waits for the mailbox is dropped by that; what has begun goes on. A state
+                # is asked for in steps, which are not broken off between two of them.
+                if not isinstance(request, SetState) and not self._cells.is_wanted(asked):
+                    work.cancel()
+            if not work.cancelled():
+                self._reply(asked, 0, 0, _uploaded(request, work.result()))
         except EcatError as error:
-            self._refuse(slot, cell, key, error)
+            self._refuse(asked, error)
+        except Exception as error:
+            # The bus must outlive a defect in one answer; the caller hears of it.
+            self._log.error(f"defect while answering a request of a client: {error!r}")
+            self._refuse(asked, EcatError(f"defect in the daemon: {error!r}"))
+        finally:
+            work.cancel()
 
-    def _checked(self, raw: object, body: bytes) -> SdoRead | SdoWrite:
-        fields = {name: getattr(raw, name) for name in ("slave", "index", "subindex")}
-        if fields["slave"] >= self._slaves:
-            raise UsageError(f"there is no slave {fields['slave']}: the bus has {self._slaves}")
-        operation = getattr(raw, "op")  # noqa: B009  the class is made at run time
-        if operation == shm.Request.UPLOAD:
-            return SdoRead(**fields)
-        if operation == shm.Request.DOWNLOAD:
-            request = parse_request(to_map(SdoWrite(**fields, data=body)))
-            assert isinstance(request, SdoWrite)
-            return request
-        raise UsageError(f"{operation} is no request")
-
-    def _carry_out(self, request: SdoRead | SdoWrite) -> bytes:
-        where = (request.slave, request.index, request.subindex)
-        if isinstance(request, SdoRead):
-            data = self._master.sdo_read(*where)
-            if len(data) > REQUEST_BYTES:
-                raise UsageError(
-                    f"0x{request.index:04X}:{request.subindex:02X} has {len(data)} bytes, more "
-                    f"than the {REQUEST_BYTES} that a model can read; use `ecatctl sdo-read`"
-                )
-            return data
-        self._master.sdo_write(*where, request.data)
-        return b""
-
-    def _answer(self, slot: int, cell: int, key: tuple[int, int], data: bytes) -> None:
-        self._reply(slot, cell, key, 0, 0, data)
-
-    def _refuse(self, slot: int, cell: int, key: tuple[int, int], error: BaseException) -> None:
+    def _refuse(self, asked: Asked, error: EcatError) -> None:
+        status = next((code for kind, code in _STATUS if isinstance(error, kind)), Errno.ESYS)
         abort = error.code if isinstance(error, SdoAbortError) else 0
-        status = Errno.ESYS
-        for kind, code in (
-            (SdoAbortError, Errno.EABORT),
-            (NoAnswerError, Errno.ETIMEOUT),
-            (UsageError, Errno.EARG),
-        ):
-            if isinstance(error, kind):
-                status = code
-        self._reply(slot, cell, key, status, abort, str(error).encode()[:REQUEST_BYTES])
+        text = str(error).encode()[:REQUEST_BYTES].decode("utf-8", "ignore").encode()
+        self._reply(asked, status, abort, text)
 
-    def _reply(
-        self, slot: int, cell: int, key: tuple[int, int], status: int, abort: int, data: bytes
-    ) -> None:
-        with self._lock:
-            if self._done.get((slot, cell)) == key:
-                self._engine.reply(slot, cell, key[0], key[1], status, abort, data)
+    def _reply(self, asked: Asked, status: int, abort: int, data: bytes) -> None:
+        """Answers, unless the cell holds another request by now."""
+        if self._slots[asked.slot].seen.get(asked.cell) == (asked.generation, asked.seq):
+            self._engine.reply(
+                asked.slot, asked.cell, asked.generation, asked.seq, status, abort, data
+            )
+
+
+class _Slot:
+    """What is known of one slot."""
+
+    def __init__(self) -> None:
+        self.seen: dict[int, tuple[int, int]] = {}  # cell: generation and number of the last one
+        self.waiting: deque[tuple[Asked, Request]] = deque()  # at most one for each cell
+        self.task: asyncio.Task[None] | None = None
+        self.timer: asyncio.TimerHandle | None = None
+        self.next_look = 0.0
+        self.in_vain = 0  # looks, one after the other, that have found nothing to do
+
+    def drop(self, cell: int) -> bool:
+        """Forgets what waits of a cell: there is another request in it now."""
+        kept = deque(item for item in self.waiting if item[0].cell != cell)
+        found = len(kept) < len(self.waiting)
+        self.waiting = kept
+        return found
+
+
+def _uploaded(request: Request, answer: dict[str, Any]) -> bytes:
+    data: bytes = answer.get("data", b"")
+    if len(data) > REQUEST_BYTES:
+        raise UsageError(
+            f"the object has {len(data)} bytes, more than the {REQUEST_BYTES} that a client of "
+            f"shared memory can read; use `ecatctl sdo-read`"
+        )
+    return data

@@ -37,6 +37,7 @@ _ERRORS: dict[int, type[EcatError]] = {
     Errno.ETIMEOUT: NoAnswerError,
     Errno.ESTALE: UnreachableError,
     Errno.EFULL: StateError,
+    Errno.ESTATE: StateError,
 }
 _SLICE = 0.1
 """Seconds that a call waits at most before Python may look for signals such as Ctrl-C."""

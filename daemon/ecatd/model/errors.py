@@ -10,7 +10,8 @@ EcatError                 70  a defect of ours, if nothing more precise fits
 ├── NotPermittedError      6  the system or the daemon does not allow it
 └── StateError             7  wrong AL state, no such slave, no such object, bus not as expected
     ├── OwnedError         7  another client owns the outputs
-    └── LeaseError         7  this client has lost its outputs: it must claim them again
+    ├── LeaseError         7  this client has lost its outputs: it must claim them again
+    └── BusyError          7  too many requests are waiting already
 ```
 
 The number is the exit code of the command line. `name` is the stable name that travels in error
@@ -127,6 +128,12 @@ class LeaseError(StateError):
     name = "lease"
 
 
+class BusyError(StateError):
+    """Too many requests are waiting already; the same one later may be carried out."""
+
+    name = "busy"
+
+
 _BY_NAME: dict[str, type[EcatError]] = {
     cls.name: cls
     for cls in (
@@ -139,5 +146,6 @@ _BY_NAME: dict[str, type[EcatError]] = {
         StateError,
         OwnedError,
         LeaseError,
+        BusyError,
     )
 }

@@ -278,8 +278,10 @@ static void *control(void *argument) {
     int i;
     while (cyclic_wait_event(engine, &event, 1000000)) {
       reached.events++;
-      if (event.type == CYCLIC_EVENT_REQUEST)
+      if (event.type == CYCLIC_EVENT_REQUEST) {
+        cyclic_listen(engine, (uint32_t)event.slot);
         cyclic_reply(engine, (uint32_t)event.slot, below(&source, 8), event.value, 1, 0, 0, "x", 1);
+      }
       if (stopping()) return NULL;
     }
     for (i = 0; i < SIGNALS; i++) {

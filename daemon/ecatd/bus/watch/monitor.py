@@ -22,7 +22,7 @@ from ecatd.model.errors import StateError
 from ..engine import Event, EventType
 from ..mailbox import Mailbox
 from ..master import SlaveState
-from ..slot_requests import SlotRequests
+from ..slot_requests import Answer, SlotRequests
 from ..start.bring_up import RunningBus
 from .clocks import ClockWatch
 from .outputs import OutputWatch
@@ -41,6 +41,7 @@ class Monitor:
     Args:
         running: The bus.
         outputs: What is configured about outputs.
+        answer: Carries out requests of clients.
         mailbox: The worker on which slaves are asked.
         log: Where events are told.
         publish: Called with every event, as a map, on the event loop's thread.
@@ -50,16 +51,18 @@ class Monitor:
         self,
         running: RunningBus,
         outputs: OutputsConfig,
+        answer: Answer,
         mailbox: Mailbox,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
     ) -> None:
         self._bus = running.bus
+        self._segment = running.segment
         self._engine = running.engine
         self._log = log
         self._publish = publish
         self._requests = SlotRequests(
-            running.segment, running.engine, mailbox, running.master, len(running.bus.slaves)
+            running.segment, running.engine, answer, self._on_wrong_request, log
         )
         self._outputs = OutputWatch(running.bus, running.segment, outputs, log, self._tell)
         self._wire = WireWatch(running, log, self._tell)
@@ -119,6 +122,7 @@ class Monitor:
     def stop(self) -> None:
         """Ends the watch: no event is handled any more, and no slave brought back."""
         self._stopping.set()
+        self._requests.close()
         self._slaves.close()
 
     def close(self) -> None:
@@ -143,7 +147,7 @@ class Monitor:
             return
         match event.type:
             case EventType.REQUEST:
-                self._requests.look(event.slot, event.value)
+                self._requests.ring(event.slot)
             case (
                 EventType.CLAIMED
                 | EventType.SAFE
@@ -165,6 +169,11 @@ class Monitor:
                     self._clocks.handle(event)
             case EventType.OVERRUN:
                 self._wire.look()
+
+    def _on_wrong_request(self, slot: int, generation: int) -> None:
+        kind = EventType.MALFORMED
+        cycle = self._segment.header.cycle
+        self._outputs.handle(Event(kind, slave=-1, slot=slot, value=generation, cycle=cycle))
 
     def _tell_working_counter(self, event: Event) -> None:
         state = shm.WkcState(event.value).name.lower()

@@ -15,6 +15,7 @@ from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Entry, Slave, positions_text
 from ecatd.model.config import OutputsConfig
+from ecatd.segment.reader import printable
 
 from ..engine import Event, EventType
 from ..segment import Segment
@@ -83,9 +84,7 @@ class OutputWatch:
             return
         found = kind.from_buffer_copy(data)
         if found.generation == generation:
-            program = found.program.decode("utf-8", "replace")
-            printable = "".join(c if c.isprintable() else "?" for c in program)
-            self._clients[slot] = (printable, found.pid)
+            self._clients[slot] = (printable(found.program), found.pid)
 
     def _who(self, slot: int) -> str:
         program, pid = self._clients.get(slot, ("", 0))

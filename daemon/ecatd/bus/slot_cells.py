@@ -1,0 +1,117 @@
+"""Requests as clients write them into their slots: read with `pread`, every field checked.
+
+A cell holds one request, whose number its client makes of a counter, which it then puts into the
+doorbell: only what the doorbell has announced is complete. A client that takes a request back, or
+has no more use for it, puts another number there.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+from ecatd import file_locks, shm
+from ecatd.model.al import AlState
+from ecatd.model.errors import UsageError
+from ecatd.model.messages import Request, SdoRead, SdoWrite, SetState, parse_request, to_map
+from ecatd.shm import REQUEST_BYTES
+
+from .segment import Segment
+
+_HALF = 1 << 31  # of the numbers of requests, which count in 32 bits
+_STATES = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A request that a client has announced.
+
+    Attributes:
+        slot: Its slot.
+        cell: Which of the requests there.
+        generation: Of the client.
+        seq: Number of the request.
+        raw: `ecat_out_request` as it was read.
+    """
+
+    slot: int
+    cell: int
+    generation: int
+    seq: int
+    raw: bytes
+
+    def parse(self) -> Request:
+        """What is asked for.
+
+        Raises:
+            UsageError: No client library asks for such a thing.
+        """
+        kind = shm.struct("ecat_out_request")
+        raw = kind.from_buffer_copy(self.raw)
+        where = {"slave": raw.slave, "index": raw.index, "subindex": raw.subindex}
+        if raw.complete > 1 or raw.length > REQUEST_BYTES:
+            raise UsageError("this request is malformed")
+        # Not `raw.data`: that is a C string to ctypes, which ends at the first zero byte.
+        data = self.raw[kind.data.offset :][: raw.length]
+        complete = bool(raw.complete)
+        if raw.op == shm.Request.UPLOAD:
+            return SdoRead(**where, complete=complete)
+        if raw.op == shm.Request.DOWNLOAD:
+            return parse_request(to_map(SdoWrite(**where, data=data, complete=complete)))
+        if raw.op == shm.Request.STATE and len(data) == 1 and data[0] in _STATES:
+            return SetState(AlState(data[0]).name, raw.slave)
+        raise UsageError(f"{raw.op} is no request that can be carried out")
+
+
+class Cells:
+    """The requests in the `.out` segment.
+
+    Args:
+        segment: The shared memory.
+    """
+
+    def __init__(self, segment: Segment) -> None:
+        self._segment = segment
+        self._size = shm.size("ecat_out_request")
+
+    def read(self, slot: int) -> list[Asked]:
+        """All requests of a slot that are announced; none while its client changes."""
+        bell, at = self._doorbell(slot), self._at(slot)
+        if bell is None or bell.generation == 0:
+            return []
+        data = os.pread(self._segment.out_fd, shm.REQUESTS * self._size, at)
+        after = self._doorbell(slot)
+        if len(data) < shm.REQUESTS * self._size or after is None:
+            return []
+        if after.generation != bell.generation:
+            return []
+        asked = []
+        for cell in range(shm.REQUESTS):
+            raw = data[cell * self._size :][: self._size]
+            seq = int.from_bytes(raw[:4], "little")
+            if seq != 0 and (bell.request_seq - seq) % (1 << 32) < _HALF:
+                asked.append(Asked(slot, cell, bell.generation, seq, raw))
+        return asked
+
+    def is_wanted(self, asked: Asked) -> bool:
+        """Whether its client lives and has not taken it back."""
+        bell = self._doorbell(asked.slot)
+        if bell is None or bell.generation != asked.generation:
+            return False
+        at = self._at(asked.slot) + asked.cell * self._size
+        seq = os.pread(self._segment.out_fd, 4, at)
+        return int.from_bytes(seq, "little") == asked.seq and file_locks.held(
+            self._segment.out_fd, shm.LOCK_SLOT + asked.slot
+        )
+
+    def _at(self, slot: int) -> int:
+        out = self._segment.out
+        return int(out.slots_offset + slot * out.slot_stride + shm.size("ecat_out_slot"))
+
+    def _doorbell(self, slot: int) -> Any:
+        kind = shm.struct("ecat_out_doorbell")
+        size = shm.size("ecat_out_doorbell")
+        at = self._segment.out.doorbells_offset + slot * size
+        data = os.pread(self._segment.out_fd, size, at)
+        return kind.from_buffer_copy(data) if len(data) == size else None
