@@ -92,11 +92,11 @@ static int copy_tables(ecat_t *bus) {
   size_t slaves = h->slave_count * sizeof *bus->slaves;
   size_t signals = h->signal_count * sizeof *bus->signals;
   size_t domains = h->domain_count * sizeof *bus->domains;
-  bus->tables = malloc(slaves + signals + domains + 1);
+  bus->tables = malloc(signals + slaves + domains + 1);
   if (bus->tables == NULL) return -1;
-  bus->slaves = (void *)bus->tables;
-  bus->signals = (void *)(bus->tables + slaves);
-  bus->domains = (void *)(bus->tables + slaves + signals);
+  bus->signals = (void *)bus->tables; /* first, since they have the strictest alignment */
+  bus->slaves = (void *)(bus->tables + signals);
+  bus->domains = (void *)(bus->tables + signals + slaves);
   memcpy(bus->slaves, bus->map + h->slaves_offset, slaves);
   memcpy(bus->signals, bus->map + h->signals_offset, signals);
   memcpy(bus->domains, bus->map + h->domains_offset, domains);

@@ -15,7 +15,7 @@ from ecatd.model.errors import EcatError, UnreachableError
 from ecatd.shm import Direction
 
 from .claims import Claim
-from .connection import text_of
+from .connection import PADDING, text_of
 from .group import SignalGroup
 from .handle import Handle
 from .info import OutputInfo, Owner
@@ -179,7 +179,7 @@ class Client(Handle):
         """
         from .arrays import view
 
-        image = self._image(number)
+        image = self._image(number)[:-PADDING]
         mine = [signal for signal in self.signals() if signal.domain == number]
         return view(mine, image)
 

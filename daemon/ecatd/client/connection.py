@@ -42,7 +42,7 @@ _ERRORS: dict[int, type[EcatError]] = {
 _SLICE = 0.1
 """Seconds that a call waits at most before Python may look for signals such as Ctrl-C."""
 
-_PADDING = 8
+PADDING = 8
 """Bytes behind an image that may be read."""
 
 
@@ -207,6 +207,6 @@ class Connection:
         address = QUICK.ecat_image(self._address, number, ctypes.byref(size))
         if not address:
             self._fail(Errno.EARG)
-        data = (ctypes.c_char * (size.value + _PADDING)).from_address(address)
+        data = (ctypes.c_char * (size.value + PADDING)).from_address(address)
         data.memory = self._memory  # type: ignore[attr-defined]
         return memoryview(data).cast("B").toreadonly()
