@@ -6,9 +6,18 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+/* What a client can bring about in every cycle leaves half of the room to the rest, and is tried
+ * again later. */
+static uint32_t room_for(uint32_t type) {
+  return type == CYCLIC_EVENT_REQUEST || type == CYCLIC_EVENT_REFUSED ||
+                 type == CYCLIC_EVENT_MALFORMED
+             ? EVENTS / 2
+             : EVENTS;
+}
+
 int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value) {
   uint32_t head = c->event_head;
-  if (head - __atomic_load_n(&c->event_tail, __ATOMIC_ACQUIRE) == EVENTS) return 0;
+  if (head - __atomic_load_n(&c->event_tail, __ATOMIC_ACQUIRE) >= room_for(type)) return 0;
   c->event[head % EVENTS] = (cyclic_event){type, slave, slot, value, c->cycle};
   __atomic_store_n(&c->event_head, head + 1, __ATOMIC_RELEASE);
   syscall(SYS_futex, &c->event_head, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);

@@ -32,7 +32,7 @@ def serve(bus: Bus) -> Segment:
 def kill(segment: Segment) -> None:
     """What is left of a daemon that was killed: files, without a lock, and an old cycle."""
     segment.header.cycle_end_ns = 1
-    release(segment._fd, shm.LOCK_DAEMON)
+    release(segment.fd, shm.LOCK_DAEMON)
     os.close(segment.out_fd)
 
 

@@ -30,6 +30,9 @@ from .layout import Image
 
 _PAGE = 4096
 
+SHM_MODE, OUT_MODE = 0o640, 0o660
+"""Rights: members of the group read the bus, and write what they own."""
+
 
 class Segment:
     """The segments of one bus, created and owned by this process.
@@ -39,7 +42,11 @@ class Segment:
 
     Attributes:
         address: Address of the header in this process, for the engine.
+        path: The segment.
+        out_path: The `.out` segment.
+        fd: File descriptor of the segment.
         out_fd: File descriptor of the `.out` segment.
+        out: `ecat_out_header`, as it was written.
         header: `ecat_shm_header` in place: assignments are visible to clients.
         signals: `ecat_shm_signal` table in place.
         slave_status: `ecat_shm_slave_status` table in place.
@@ -58,8 +65,8 @@ class Segment:
         self.header: Any = None
         self._name = bus
         with _explained(self.path):
-            self._fd = _create(0o640)
-            take(self._fd, shm.LOCK_DAEMON)
+            self.fd = _create(SHM_MODE)
+            take(self.fd, shm.LOCK_DAEMON)
             self._put_in_place()
 
     def fill(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
@@ -79,11 +86,11 @@ class Segment:
         instance = time.time_ns()
         plan = _Plan(bus, image)
         with _explained(self.path):
-            os.posix_fallocate(self._fd, 0, plan.size)
-            self._map = mmap.mmap(self._fd, plan.size)
+            os.posix_fallocate(self.fd, 0, plan.size)
+            self._map = mmap.mmap(self.fd, plan.size)
             self._fill(plan, instance, lease_ns, lease_max_ns)
         with _explained(self.out_path):
-            self.out_fd = _create(0o660)
+            self.out_fd = _create(OUT_MODE)
             self._fill_out(instance)
             self.out_path.unlink(missing_ok=True)  # of a daemon that was killed
             _name(self.out_fd, self.out_path)
@@ -187,7 +194,7 @@ class Segment:
         """Gives the segment its name, unless a living daemon has it."""
         while True:
             try:
-                _name(self._fd, self.path)
+                _name(self.fd, self.path)
             except FileExistsError:
                 self._remove_leftover()
             else:
@@ -243,12 +250,11 @@ class Segment:
         """Tells clients that the daemon has stopped, and removes the names."""
         self.set_state(shm.BusState.STOPPED)
         if self.out_fd >= 0:
-            with suppress(OSError):
-                self.out_path.unlink()
+            _remove(self.out_fd, self.out_path)
             os.close(self.out_fd)
         # The name goes before the lock, so that nobody finds an unlocked segment of ours.
-        self.path.unlink(missing_ok=True)
-        os.close(self._fd)
+        _remove(self.fd, self.path)
+        os.close(self.fd)
 
 
 class _Plan:
@@ -322,6 +328,23 @@ def _name(fd: int, path: Path) -> None:
         os.link(str(fd), path, src_dir_fd=folder, follow_symlinks=True)
     finally:
         os.close(folder)
+
+
+def has_name(fd: int, path: Path) -> bool:
+    """Whether a file still has the name that it was given.
+
+    Raises:
+        FileNotFoundError: No file has this name.
+    """
+    named, found = path.lstat(), os.fstat(fd)
+    return (named.st_dev, named.st_ino) == (found.st_dev, found.st_ino)
+
+
+def _remove(fd: int, path: Path) -> None:
+    """Takes a file its name, unless somebody else has given that to another one."""
+    with suppress(OSError):
+        if has_name(fd, path):
+            path.unlink()
 
 
 @contextmanager

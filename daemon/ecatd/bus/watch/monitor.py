@@ -25,12 +25,15 @@ from ..master import SlaveState
 from ..slot_requests import Answer, SlotRequests
 from ..start.bring_up import RunningBus
 from .clocks import ClockWatch
+from .files import FileWatch
 from .outputs import OutputWatch
 from .paced import Paced
 from .slaves import SlaveWatch
 from .wire import WireWatch
 
 _EVENT_PATIENCE = 0.2
+_EVENTS_WAITING = 64
+"""Events that may wait for the event loop; others wait in the engine, which has bounded room."""
 _COUNTER_PAUSE = 0.1
 """Seconds between two events about a domain's working counter, which may change in every cycle."""
 
@@ -75,6 +78,8 @@ class Monitor:
         self._working_counters = [
             Paced(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
         ]
+        self._files = FileWatch(running.segment, log, self._tell)
+        self._room = threading.Semaphore(_EVENTS_WAITING)
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -138,9 +143,17 @@ class Monitor:
 
     def _watch_events(self, loop: asyncio.AbstractEventLoop) -> None:
         while not self._stopping.is_set():
+            if not self._room.acquire(timeout=_EVENT_PATIENCE):
+                continue
             event = self._engine.wait_event(_EVENT_PATIENCE)
-            if event is not None and not self._stopping.is_set():
-                loop.call_soon_threadsafe(self._handle, event)
+            if event is None or self._stopping.is_set():
+                self._room.release()
+            else:
+                loop.call_soon_threadsafe(self._take, event)
+
+    def _take(self, event: Event) -> None:
+        self._room.release()
+        self._handle(event)
 
     def _handle(self, event: Event) -> None:
         if self._stopping.is_set():
@@ -185,7 +198,7 @@ class Monitor:
 
     async def run(self) -> None:
         """Watches everything until the watch is stopped."""
-        watches = [self._slaves.watch, self._wire.watch]
+        watches = [self._slaves.watch, self._wire.watch, self._files.watch]
         if self._clocks is not None:
             watches.append(self._clocks.watch)
         await asyncio.gather(*(self._persist(watch) for watch in watches))

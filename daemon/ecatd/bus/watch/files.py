@@ -1,0 +1,125 @@
+"""Watches over the files of the shared memory, which other processes may damage.
+
+The engine lives through all of it. What would keep new clients away is mended, where that can be
+done, and told, with the programs that have the file open.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import stat
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from ecatd.log import Log
+
+from ..segment import OUT_MODE, SHM_MODE, Segment, has_name
+
+_PAUSE = 1.0
+_LONGEST_SILENCE = 3600.0
+_NAMED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    path: Path
+    fd: int
+    size: int
+    mode: int
+    head: bytes
+
+
+class FileWatch:
+    """The watch over both files.
+
+    Args:
+        segment: The shared memory.
+        log: Where damage is told.
+        tell: Publishes an event: its kind and its facts.
+    """
+
+    def __init__(self, segment: Segment, log: Log, tell: Callable[..., None]) -> None:
+        self._segment = segment
+        self._log = log
+        self._tell = tell
+        self._silence: dict[tuple[Path, str], tuple[float, float]] = {}  # until when, and how long
+
+    async def watch(self) -> None:
+        """Looks at them once a second."""
+        while True:
+            self.look()
+            await asyncio.sleep(_PAUSE)
+
+    def look(self) -> None:
+        """Mends what is damaged, and tells what was."""
+        for file in self._files():
+            for damage, consequence in _damages(file):
+                self._say(file, damage, consequence)
+
+    def _files(self) -> Iterator[_File]:
+        segment, out = self._segment, self._segment.out
+        yield _File(segment.path, segment.fd, segment.header.size, SHM_MODE, b"")
+        size = out.slots_offset + out.slot_count * out.slot_stride
+        yield _File(segment.out_path, segment.out_fd, size, OUT_MODE, bytes(out))
+
+    def _say(self, file: _File, damage: str, consequence: str) -> None:
+        """Tells it, but less and less often while somebody goes on doing it."""
+        key, now = (file.path, damage), time.monotonic()
+        until, silence = self._silence.get(key, (0.0, 0.0))
+        if now < until:
+            return
+        silence = min(2 * silence, _LONGEST_SILENCE) if now < until + silence else _PAUSE
+        self._silence[key] = (now + silence, silence)
+        programs = _programs(file.fd)
+        by = f" (open in {', '.join(programs[:_NAMED])})" if programs else ""
+        self._log.warning(f"{file.path} was {damage} by another process{by}: {consequence}")
+        self._tell("tampered", file=str(file.path), damage=damage, programs=programs)
+
+
+def _damages(file: _File) -> Iterator[tuple[str, str]]:
+    """What is wrong with a file, and what that means; what can be mended, is."""
+    found = os.fstat(file.fd)
+    if found.st_size < file.size:
+        os.posix_fallocate(file.fd, 0, file.size)
+        yield "cut short", "it is whole again; clients that own outputs may have died of it"
+    if os.pread(file.fd, len(file.head), 0) != file.head:
+        os.pwrite(file.fd, file.head, 0)
+        yield "written over", "its header is right again"
+    if stat.S_IMODE(found.st_mode) & 0o777 != file.mode:
+        with suppress(PermissionError):
+            os.fchmod(file.fd, file.mode)
+            yield "given other rights", f"they are {file.mode:04o} again"
+    consequence = (
+        "programs that are connected go on, but others will not find the bus until ecatd is "
+        "started again"
+    )
+    try:
+        if not has_name(file.fd, file.path):
+            yield "replaced", consequence
+    except FileNotFoundError:
+        yield "removed", consequence
+
+
+def _programs(fd: int) -> list[str]:
+    """Other processes that have a file open, as far as this user may know."""
+    wanted = os.fstat(fd)
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        if int(folder.name) == os.getpid():
+            continue
+        with suppress(OSError):
+            for link in (folder / "fd").iterdir():
+                try:
+                    at = link.stat()
+                except OSError:
+                    continue
+                if (at.st_dev, at.st_ino) == (wanted.st_dev, wanted.st_ino):
+                    name = (folder / "comm").read_text(errors="replace").strip()
+                    printable = "".join(c if c.isprintable() else "?" for c in name)
+                    found.append(f"'{printable}' (pid {folder.name})")
+                    break
+    return found

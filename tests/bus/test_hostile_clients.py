@@ -1,0 +1,112 @@
+"""Clients that do what they must not: `hostile/hostile.c` tells what, and what must hold.
+
+`ECAT_PAGES=1000000` (`make death`) has so many random pages; without it fewer.
+"""
+
+import json
+import os
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from test_client_death import build
+
+from conftest import Daemon
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+HERE = Path(__file__).parent
+PAGES = int(os.environ.get("ECAT_PAGES", "60000"))
+CONFIG = """
+[gateway]
+listen = []
+[outputs]
+lease_max_ms = 5000
+[[outputs.safe]]
+slave = 0
+entry = "0x7000:01"
+value = 50
+[[signal]]
+slave = 0
+entry = "0x7000:01"
+minimum = 20
+maximum = 100
+[[domain]]
+name = "hostile"
+[[domain]]
+name = "other"
+slaves = ["3-5"]
+"""
+GROWTH = 24 << 20
+"""Bytes that the bus server may need more than before; what is never freed would be far more."""
+
+LOG = 300_000
+"""Bytes that the log may have, however long it lasts: 32 slots, told ever less often."""
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("hostile"), HERE / "hostile" / "hostile.c")
+
+
+def resident(daemon: Daemon) -> int:
+    """Bytes of memory of the bus server."""
+    pages = Path(f"/proc/{daemon.child_pid('ecatd.bus')}/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+def attack(
+    start_daemon: Callable[..., Daemon], hostile: Path, kind: str, count: int
+) -> tuple[Daemon, dict[str, int]]:
+    daemon = start_daemon("line:6", config=CONFIG)
+
+    def run(number: int) -> dict[str, int]:
+        seed = os.environ.get("ECAT_SEED", "1")
+        result = subprocess.run(
+            [hostile, daemon.bus, kind, str(number), seed],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert result.returncode == 0, result.stderr + daemon.log[-5000:]
+        reached: dict[str, int] = json.loads(result.stdout)
+        print(kind, reached)
+        return reached
+
+    run(count // 5)  # what the server keeps for good, it has now
+    before = resident(daemon)
+    reached = run(count)
+    grown = resident(daemon) - before
+    print(f"the bus server has grown by {grown / 1e6:.1f} MB, its log has {len(daemon.log)} bytes")
+    assert grown < GROWTH
+    # The control side has its wits about it, and has not filled a disk.
+    states = daemon.ctl_json("slaves")
+    assert len(states["slaves"]) == 6
+    assert "Traceback" not in daemon.log
+    assert "defect" not in daemon.log
+    assert len(daemon.log) < LOG
+    return daemon, reached
+
+
+def test_random_pages(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
+    daemon, reached = attack(start_daemon, hostile, "pages", PAGES)
+    assert reached["lost_claims"] > 0
+    assert daemon.stop() == 0
+
+
+def test_lies(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
+    daemon, reached = attack(start_daemon, hostile, "lies", PAGES // 4)
+    assert reached["refused"] > 0
+    assert reached["malformed"] > 0
+    assert reached["lost_claims"] == 0
+    who = rf"'intruder' \(pid {reached['intruder']}\)"
+    assert re.search(rf"{who} wrote 0x7000:01 .* out of its declared range", daemon.log)
+    assert daemon.stop() == 0
+
+
+def test_random_requests(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
+    daemon, reached = attack(start_daemon, hostile, "requests", PAGES)
+    assert reached["lost_claims"] == 0
+    assert daemon.stop() == 0

@@ -1,0 +1,145 @@
+"""Files of the shared memory are damaged, removed or replaced: the bus goes on, and it is told."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import SHM, Daemon, wait_for
+from ecatd import shm
+from ecatd.client import Client
+from handle import ELAYOUT, Handle
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+
+@pytest.fixture
+def daemon(start_daemon: Callable[..., Daemon]) -> Daemon:
+    return start_daemon("line:4")
+
+
+def out_of(daemon: Daemon) -> Path:
+    return SHM / f"ecat.{daemon.bus}.out"
+
+
+def check_goes_on(reader: Client, daemon: Daemon) -> None:
+    """Cycles with all slaves go on, as whoever is connected sees."""
+    seen = set()
+
+    def complete() -> bool:
+        reader.wait(timeout=30)
+        reader.sample()
+        if reader.domain().wkc_state == shm.WkcState.COMPLETE:
+            seen.add(reader.cycle)
+        return len(seen) > 20
+
+    wait_for(complete, daemon)
+
+
+def check_writable(daemon: Daemon) -> None:
+    """A new client can own outputs, and what it writes goes out."""
+    with Handle(daemon.bus) as writer:
+        output = writer.bind(0, 0x7000, 1, 1)
+        assert writer.claim(0, 0.5) == 0, writer.error
+        assert writer.write(output, 77.0) == 0
+        assert writer.commit() == 0
+
+        def arrived() -> bool:
+            return writer.wait(1, 30.0) == 0 and writer.sample() == 0 and writer.value(output) == 77
+
+        wait_for(arrived, daemon)
+
+
+def told(daemon: Daemon, path: Path, damage: str) -> None:
+    """The log names file and damage, and who has the file open: this process, if anybody."""
+    wait_for(lambda: f"{path} was {damage} by another process" in daemon.log, daemon)
+
+
+@pytest.mark.parametrize("size", [0, 10, 4096, 8200])
+def test_a_file_that_is_cut_short_is_mended(daemon: Daemon, size: int) -> None:
+    out = out_of(daemon)
+    whole = out.stat().st_size
+    with daemon.client() as reader, out.open("r+b") as file:
+        file.truncate(size)
+        told(daemon, out, "cut short")
+        assert f"(pid {os.getpid()})" in daemon.log
+        wait_for(lambda: out.stat().st_size == whole, daemon)
+        check_goes_on(reader, daemon)
+        check_writable(daemon)
+    assert daemon.stop() == 0
+
+
+def test_a_header_that_is_written_over_is_mended(daemon: Daemon) -> None:
+    out = out_of(daemon)
+    right = out.read_bytes()[:48]
+    with daemon.client() as reader:
+        with out.open("r+b") as file:
+            file.write(os.urandom(48))
+        with Handle(daemon.bus) as early:  # before it is mended, unless that is done already
+            assert early.claim(0, 0.5) in (0, ELAYOUT)
+        told(daemon, out, "written over")
+        assert out.read_bytes()[:48] == right
+        check_goes_on(reader, daemon)
+        check_writable(daemon)
+    assert daemon.stop() == 0
+
+
+@pytest.mark.parametrize("suffix", ["", ".out"])
+def test_rights_that_are_changed_are_mended(daemon: Daemon, suffix: str) -> None:
+    path = SHM / f"ecat.{daemon.bus}{suffix}"
+    before = path.stat().st_mode
+    with daemon.client() as reader:
+        path.chmod(0)
+        told(daemon, path, "given other rights")
+        assert path.stat().st_mode == before
+        check_goes_on(reader, daemon)
+        check_writable(daemon)
+    assert daemon.stop() == 0
+
+
+@pytest.mark.parametrize("kind", ["removed", "symlink", "fifo", "directory", "file"])
+@pytest.mark.parametrize("suffix", ["", ".out"])
+def test_who_is_connected_goes_on_without_a_name(
+    daemon: Daemon, suffix: str, kind: str, tmp_path: Path
+) -> None:
+    path = SHM / f"ecat.{daemon.bus}{suffix}"
+    with daemon.client() as reader, Handle(daemon.bus) as writer:
+        assert writer.claim(0, 0.5) == 0
+        output = writer.bind(0, 0x7000, 1, 1)
+        path.unlink()
+        match kind:
+            case "symlink":
+                path.symlink_to(tmp_path / "elsewhere")
+            case "fifo":
+                os.mkfifo(path)
+            case "directory":
+                path.mkdir()
+            case "file":
+                path.write_bytes(bytes(1 << 16))
+        told(daemon, path, "removed" if kind == "removed" else "replaced")
+        check_goes_on(reader, daemon)
+        assert writer.claim(0, 0.5) == 0
+        assert writer.write(output, 5.0) == 0
+        assert writer.commit() == 0
+
+        def arrived() -> bool:
+            return writer.wait(1, 30.0) == 0 and writer.sample() == 0 and writer.value(output) == 5
+
+        wait_for(arrived, daemon)
+        # Who comes now is told something, and does not wait for ever.
+        if suffix:
+            with Handle(daemon.bus) as late:
+                assert late.claim(1, 0.5) < 0
+                assert late.error
+        else:
+            with pytest.raises(AssertionError):
+                Handle(daemon.bus)
+        assert daemon.ctl_json("slaves")["slaves"]
+        assert daemon.stop() == 0
+        # What is not the daemon's, it leaves alone.
+        assert path.exists() == (kind != "removed") or path.is_symlink()
+        if kind == "directory":
+            path.rmdir()
+        else:
+            path.unlink(missing_ok=True)
