@@ -18,10 +18,11 @@ from test_return import kill, serve
 from test_segment import put_image
 
 from ecatd.bus.segment import Segment
-from ecatd.client import Client, Direction, Validity
+from ecatd.client import Client, Direction, Validity, connection
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import StateError, UnreachableError, UsageError
+from ecatd.shm import Errno
 
 pytestmark = pytest.mark.unprivileged
 
@@ -215,6 +216,11 @@ def test_ctrl_c_ends_a_long_wait(bus: Bus, segment: Segment) -> None:
         assert process.stdout.readline() == "\n"
         process.send_signal(SIGINT)
         assert process.stdout.read() == "ended\n"
+
+
+def test_every_code_has_an_exception() -> None:
+    told_otherwise = {Errno.OK, Errno.EABORT, Errno.EBUSY, Errno.ESYS}
+    assert set(connection._ERRORS) == set(Errno) - told_otherwise
 
 
 def test_importing_the_package_loads_nothing() -> None:

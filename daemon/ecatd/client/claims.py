@@ -21,7 +21,6 @@ class Claim:
     As a context manager it gives them back at the end of the block.
 
     Attributes:
-        outputs: What was claimed.
         lease: Seconds without a sample or commit after which they fall to their safe values; 0: the
             daemon's default.
     """
@@ -35,25 +34,31 @@ class Claim:
         if isinstance(what, int):
             client.claim_slave(what, lease)
             self._slave = what
-            self.outputs = tuple(s for s in client.signals(what) if s.output)
             return
         entries = (what,) if isinstance(what, (str, Signal)) else tuple(what)
-        self.outputs = tuple(client.signal(e) if isinstance(e, str) else e for e in entries)
-        for n, signal in enumerate(self.outputs):
+        self._entries = tuple(client.signal(e) if isinstance(e, str) else e for e in entries)
+        for n, signal in enumerate(self._entries):
             try:
                 client.claim_entry(signal.number, lease)
             except EcatError:
-                for granted in self.outputs[:n]:
+                for granted in self._entries[:n]:
                     with suppress(EcatError):
                         client.release_entry(granted.number)
                 raise
+
+    @property
+    def outputs(self) -> tuple[Signal, ...]:
+        """What was claimed."""
+        if self._slave is None:
+            return self._entries
+        return tuple(signal for signal in self._client.signals(self._slave) if signal.output)
 
     def release(self) -> None:
         """Gives the outputs back; they go to their safe values."""
         if self._slave is not None:
             self._client.release_slave(self._slave)
             return
-        for signal in self.outputs:
+        for signal in self._entries:
             self._client.release_entry(signal.number)
 
     def __enter__(self) -> Self:

@@ -155,8 +155,10 @@ class Client(Handle):
 
     def signals(self, slave: int | None = None) -> list[Signal]:
         """All entries of the process image, or of one slave: outputs first, then inputs."""
-        every = (self.signal(number) for number in range(self._signal_count()))
-        return [signal for signal in every if slave in (None, signal.slave)]
+        numbers = range(self._signal_count())
+        if slave is None:
+            return [self.signal(number) for number in numbers]
+        return [self.signal(n) for n in numbers if self._signal_struct(n).slave == slave]
 
     def group(self, signals: Iterable[str | Signal]) -> SignalGroup:
         """Entries that are read at once, for programs that read many in each cycle."""
