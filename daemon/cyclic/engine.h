@@ -15,7 +15,7 @@ enum {
   MAX_FRAMES = 64,        /* in one cycle; an index is not used again for twice as many */
   MAX_PORTS = 2,
   FRAME_BYTES = 1518,
-  EVENTS = 256            /* power of two */
+  EVENTS = 2048           /* power of two; more than slaves, all of which may lose their owner at once */
 };
 
 /* Ethernet and EtherCAT framing (ETG.1000.4, 5.3 and 5.4). */

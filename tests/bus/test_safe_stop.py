@@ -143,6 +143,7 @@ def test_without_a_rule_the_motor_runs_on(start_daemon: Callable[..., Daemon]) -
 
 def test_a_released_drive_is_braked_before_it_loses_its_power(braking: Daemon) -> None:
     with Drive(braking) as drive:
+        assert drive.output(0x6072)[:2] == (shm.Outputs.SAFE, shm.Reason.START)
         drive.run()
         assert drive.output()[:2] == (shm.Outputs.ACTIVE, shm.Reason.START)
         drive.client.release(DRIVE)

@@ -65,14 +65,14 @@ def test_events_that_belong_together_are_told_together_and_never_flood() -> None
     told: list[tuple[list[int], int]] = []
 
     async def flood() -> None:
-        gathered = Gathered(lambda events, left: told.append(([e.value for e in events], left)))
-        gathered.note(Event(value=1))
-        gathered.note(Event(value=2))
+        gathered = Gathered[int](lambda values, left: told.append((values, left)))
+        gathered.note(1)
+        gathered.note(2)
         while not told:
             await asyncio.sleep(0.001)
         assert told == [([1, 2], 0)]
         for value in range(5000):
-            gathered.note(Event(value=value))
+            gathered.note(value)
         await asyncio.sleep(0.02)
         assert len(told) == 1  # not now
         gathered.close()
@@ -88,10 +88,10 @@ def test_who_goes_on_is_told_less_and_less() -> None:
 
     async def go_on(seconds: float) -> None:
         loop = asyncio.get_running_loop()
-        gathered = Gathered(lambda events, left: calls.append(loop.time()))
+        gathered = Gathered[int](lambda values, left: calls.append(loop.time()))
         end = loop.time() + seconds
         while loop.time() < end:
-            gathered.note(Event())
+            gathered.note(1)
             await asyncio.sleep(0.001)
         gathered.close()
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from typing import Any
@@ -34,6 +35,20 @@ _REASONS = {
 _EXPECTED = (shm.Reason.RELEASED, shm.Reason.STOPPING)
 
 
+@dataclass(frozen=True, slots=True)
+class _Client:
+    """Who is in a slot, as it says itself."""
+
+    slot: int
+    program: str = ""
+    pid: int = 0
+
+    def __str__(self) -> str:
+        return (
+            f"'{self.program}' (pid {self.pid})" if self.pid else f"the client in slot {self.slot}"
+        )
+
+
 class OutputWatch:
     """What is told about outputs and their owners; for the thread of the event loop.
 
@@ -58,8 +73,8 @@ class OutputWatch:
         self._patience = {rule.slave: rule.patience for rule in config.safe}
         self._log = log
         self._tell = tell
-        self._clients: dict[int, tuple[str, int]] = {}  # program and pid of each slot
-        self._gathered: dict[tuple[int, int], Gathered] = {}
+        self._clients: dict[int, _Client] = {}
+        self._gathered: dict[tuple[int, int], Gathered[tuple[Event, _Client]]] = {}
 
     def handle(self, event: Event) -> None:
         """Takes an event of the engine about a client, or about the drive of a slave."""
@@ -68,7 +83,8 @@ class OutputWatch:
         about = (event.slot, event.slave if event.slot < 0 else -1)
         if about not in self._gathered:
             self._gathered[about] = Gathered(partial(self._tell_all, event.slot))
-        self._gathered[about].note(event)
+        client = self._clients.get(event.slot, _Client(event.slot))
+        self._gathered[about].note((event, client))
 
     def close(self) -> None:
         """Tells what is left."""
@@ -84,30 +100,28 @@ class OutputWatch:
             return
         found = kind.from_buffer_copy(data)
         if found.generation == generation:
-            self._clients[slot] = (printable(found.program), found.pid)
+            self._clients[slot] = _Client(slot, printable(found.program), found.pid)
 
-    def _who(self, slot: int) -> str:
-        program, pid = self._clients.get(slot, ("", 0))
-        return f"'{program}' (pid {pid})" if pid else f"the client in slot {slot}"
-
-    def _tell_all(self, slot: int, events: list[Event], left_out: int) -> None:
-        groups = [list(group) for _, group in groupby(events, lambda e: (e.type, e.value))]
-        left_out += sum(map(len, groups[:-_TOLD]))
+    def _tell_all(self, slot: int, events: list[tuple[Event, _Client]], left_out: int) -> None:
+        groups = [
+            ([event for event, _ in group], client)
+            for (_, _, client), group in groupby(events, lambda e: (e[0].type, e[0].value, e[1]))
+        ]
+        left_out += sum(len(group) for group, _ in groups[:-_TOLD])
         if left_out:
             self._log.warning(
-                f"{left_out} events about outputs of {self._who(slot)} are not told: they come too "
-                f"often"
+                f"{left_out} events about outputs of the client in slot {slot} are not told: they "
+                f"come too often"
             )
-        for group in groups[-_TOLD:]:
-            self._say(group)
+        for group, client in groups[-_TOLD:]:
+            self._say(group, client)
             for event in group:
-                self._publish(event)
+                self._publish(event, client)
 
-    def _publish(self, event: Event) -> None:
+    def _publish(self, event: Event, client: _Client) -> None:
         facts: dict[str, Any] = {"cycle": event.cycle}
         if event.slot >= 0:
-            program, pid = self._clients.get(event.slot, ("", 0))
-            facts |= {"slot": event.slot, "program": program, "pid": pid}
+            facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
         if event.slave >= 0:
             facts["slave"] = event.slave
         if event.type == EventType.SAFE:
@@ -118,10 +132,9 @@ class OutputWatch:
             facts["in_time"] = bool(event.value)
         self._tell(EventType(event.type).name.lower(), **facts)
 
-    def _say(self, group: list[Event]) -> None:
+    def _say(self, group: list[Event], who: _Client) -> None:
         """One line about events of one kind that came one after the other."""
         first = group[0]
-        who = self._who(first.slot)
         slaves = self._slaves({event.slave for event in group if event.slave >= 0})
         match first.type:
             case EventType.CLAIMED:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
 from ..engine import Event
+
+T = TypeVar("T")
 
 _SETTLE = 0.005
 _PAUSE, _LONGEST_PAUSE = 0.25, 60.0
@@ -52,25 +55,25 @@ class Paced:
             self._timer.cancel()
 
 
-class Gathered:
-    """Passes events on together: at once, then at growing intervals while they keep coming.
+class Gathered(Generic[T]):
+    """Passes what happens on together: at once, then at growing intervals while they keep coming.
 
     For the thread of the event loop.
 
     Args:
-        tell: Gets the last events, and how many before them were left out.
+        tell: Gets the last ones, and how many before them were left out.
     """
 
-    def __init__(self, tell: Callable[[list[Event], int], None]) -> None:
+    def __init__(self, tell: Callable[[list[T], int], None]) -> None:
         self._tell = tell
-        self._events: deque[Event] = deque(maxlen=_GATHERED_MAX)
+        self._events: deque[T] = deque(maxlen=_GATHERED_MAX)
         self._left_out = 0
         self._timer: asyncio.TimerHandle | None = None
         self._pause = _PAUSE
         self._next = 0.0
 
-    def note(self, event: Event) -> None:
-        """Takes an event."""
+    def note(self, event: T) -> None:
+        """Takes one."""
         self._left_out += len(self._events) == _GATHERED_MAX
         self._events.append(event)
         if self._timer is None:
