@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import signal
+import sys
+from typing import Any
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NO_NEW_PRIVS = 38
@@ -29,6 +32,15 @@ def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
+
+
+def read_settings() -> dict[str, Any]:
+    """What the service writes to stdin; ends this process if the service was killed before."""
+    try:
+        settings: dict[str, Any] = json.load(sys.stdin)
+    except ValueError:
+        sys.exit(0)
+    return settings
 
 
 class _CapHeader(ctypes.Structure):

@@ -7,6 +7,8 @@ import os
 import random
 import signal
 import statistics
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -69,6 +71,17 @@ def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon])
         assert handle.sample() == 0
         assert handle.value(output) == 1
     assert daemon.stop() == 0
+
+
+@pytest.mark.parametrize("module", ["ecatd.bus", "ecatd.gateway"])
+@pytest.mark.parametrize("said", ["", '{"config": {"bus'])
+def test_a_child_whose_service_is_killed_at_once_ends_without_a_word(
+    module: str, said: str
+) -> None:
+    child = subprocess.run(
+        [sys.executable, "-m", module], input=said, capture_output=True, text=True, check=False
+    )
+    assert (child.returncode, child.stdout, child.stderr) == (0, "", "")
 
 
 class Survivor(threading.Thread):

@@ -63,7 +63,8 @@ def test_a_file_that_is_cut_short_is_mended(daemon: Daemon, size: int) -> None:
     with daemon.client() as reader, out.open("r+b") as file:
         file.truncate(size)
         told(daemon, out, "cut short")
-        assert f"(pid {os.getpid()})" in daemon.log
+        if os.geteuid() == 0:  # others may not know who has a file open
+            assert f"(pid {os.getpid()})" in daemon.log
         wait_for(lambda: out.stat().st_size == whole, daemon)
         check_goes_on(reader, daemon)
         check_writable(daemon)

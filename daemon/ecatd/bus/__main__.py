@@ -9,7 +9,6 @@ and `log_level`. It writes `ready` to stdout when the bus is in OP.
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
 import sys
 import traceback
@@ -20,7 +19,7 @@ from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
-from ecatd.process import die_with_parent
+from ecatd.process import die_with_parent, read_settings
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
@@ -59,7 +58,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
 def main() -> int:
     """Runs the bus server; the exit code says why it ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
-    settings = json.load(sys.stdin)
+    settings = read_settings()
     log = Log("ecatd", settings["log_level"])
     try:
         if settings["namespace_of"]:

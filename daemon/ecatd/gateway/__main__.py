@@ -7,7 +7,6 @@ stdout when it answers. It has no capabilities, and the bus does not depend on i
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
 import sys
 import traceback
@@ -17,7 +16,7 @@ from typing import Any
 from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
-from ecatd.process import die_with_parent, drop_rights
+from ecatd.process import die_with_parent, drop_rights, read_settings
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
@@ -35,7 +34,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
 def main() -> int:
     """Runs the gateway; the exit code says why it ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
-    settings = json.load(sys.stdin)
+    settings = read_settings()
     die_with_parent(settings["parent"])
     drop_rights()
     log = Log("ecatd", settings["log_level"])
