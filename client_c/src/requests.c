@@ -18,6 +18,10 @@ static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell)
   }
   *cell = free_one;
   request = (ecat_out_request *)(void *)(bus->out + 1) + free_one;
+  /* The daemon may be reading what was here: it looks at the number again before it does anything,
+   * so no byte of this request may come before the number of the last one has gone. */
+  __atomic_store_n(&request->seq, 0, __ATOMIC_RELAXED);
+  __atomic_thread_fence(__ATOMIC_RELEASE);
   request->op = op;
   request->slave = (uint16_t)position;
   request->index = 0;

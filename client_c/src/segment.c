@@ -43,6 +43,7 @@ static int check_domain(ecat_t *bus, unsigned number) {
   if (domain->output_bytes > domain->image_bytes ||
       (uint64_t)domain->output_base + domain->output_bytes > bus->header->output_bytes)
     return damaged(bus, "domain outputs");
+  if (memchr(domain->name, 0, sizeof domain->name) == NULL) return damaged(bus, "domain name");
   return 0;
 }
 
@@ -117,7 +118,8 @@ static int check_tables(ecat_t *bus) {
   const ecat_shm_header *h = bus->header;
   unsigned i;
   int code;
-  if (h->slave_count > ECAT_MAX_SLAVES || h->slot_count > ECAT_SLOTS || h->cycle_time_ns == 0)
+  if (h->slave_count > ECAT_MAX_SLAVES || h->domain_count > ECAT_MAX_DOMAINS ||
+      h->slot_count > ECAT_SLOTS || h->output_bytes > bus->map_size || h->cycle_time_ns == 0)
     return damaged(bus, "header");
   if (!table_fits(bus, h->slaves_offset, h->slave_count, sizeof(ecat_shm_slave)) ||
       !table_fits(bus, h->signals_offset, h->signal_count, sizeof(ecat_shm_signal)) ||
@@ -324,6 +326,7 @@ static void replace(ecat_t *bus, ecat_t *fresh) {
   fresh->handles = bus->handles;
   bus->tables = NULL;
   keep_images(bus, fresh);
+  ecat_slot_free(bus); /* ecat_output() may have looked into the old one again */
   ecat_segment_close(bus);
   *bus = *fresh;
   /* Old values may lie elsewhere in the image now; reads before the next sample see new ones. */

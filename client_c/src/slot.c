@@ -19,7 +19,8 @@ static void unmap_out(ecat_t *bus) {
 static int out_fits(const ecat_t *bus) {
   const ecat_out_header *header = &bus->layout;
   return header->magic == ECAT_OUT_MAGIC && header->layout >> 16 == ECAT_SHM_LAYOUT_MAJOR &&
-         header->instance == bus->header->instance && header->slot_count <= ECAT_SLOTS &&
+         header->instance == bus->header->instance &&
+         header->slot_count <= bus->header->slot_count &&
          header->doorbells_offset % 8 == 0 && header->slots_offset % 8 == 0 &&
          header->slot_stride % 8 == 0 && header->claims_offset % 8 == 0 &&
          header->images_offset % 8 == 0 && header->image_stride % 8 == 0 &&

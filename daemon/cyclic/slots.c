@@ -54,25 +54,47 @@ static void read_claims(cyclic_t *c, uint32_t number) {
   __atomic_store_n(&status->claim_conflict, cyclic_outputs_claim(c, number), __ATOMIC_RELAXED);
 }
 
-/* Takes the newest commit over. The client goes round ECAT_IMAGES images, so the one that was read
- * is whole unless the client has meanwhile come round to it. */
-static void read_image(cyclic_t *c, uint32_t number, uint32_t seq) {
-  struct slot *slot = &c->slot[number];
-  const ecat_out_image *image = (const void *)c->slot_image;
-  size_t size = sizeof *image + 2 * (size_t)slot->bytes;
+/* Reads commit `seq` of a slot into `slot_image`, and which commit is the newest afterwards. The client
+ * goes round ECAT_IMAGES images, so what was read is whole unless it has meanwhile come round to it. */
+static int read_image(cyclic_t *c, uint32_t number, uint32_t seq, uint32_t *newest) {
+  size_t size = sizeof(ecat_out_image) + 2 * (size_t)c->slot[number].bytes;
   off_t at = slot_at(c, number) + (off_t)c->out.images_offset +
              (off_t)(seq % ECAT_IMAGES) * c->out.image_stride;
   off_t bell = (off_t)c->out.doorbells_offset + (off_t)(number * sizeof(ecat_out_doorbell)) +
                (off_t)offsetof(ecat_out_doorbell, commit_seq);
-  uint32_t after;
-  if (pread(c->out_fd, c->slot_image, size, at) != (ssize_t)size) return;
+  ssize_t n;
+  if (pread(c->out_fd, c->slot_image, size, at) != (ssize_t)size) return 0;
   __atomic_thread_fence(__ATOMIC_ACQUIRE);
-  if (pread(c->out_fd, &after, sizeof after, bell) != (ssize_t)sizeof after) return;
-  if (image->seq != seq || image->generation != slot->generation || after - seq > ECAT_IMAGES - 2) {
-    counter_add(&c->health->torn, 1);
-    return; /* the newer image is read in the next cycle */
+  n = pread(c->out_fd, newest, sizeof *newest, bell);
+  __atomic_thread_fence(__ATOMIC_ACQUIRE); /* it may be the next to be read */
+  return n == (ssize_t)sizeof *newest;
+}
+
+enum { TRIES = 4 };
+
+/* Finds the newest commit, `seq` or one that came since. A client that commits without end may come
+ * round to an image before it is read: then the next one is tried, but not without end either. */
+static int find_image(cyclic_t *c, uint32_t number, uint32_t seq) {
+  const ecat_out_image *image = (const void *)c->slot_image;
+  uint32_t newest, tries;
+  for (tries = 0; tries < TRIES; tries++) {
+    if (!read_image(c, number, seq, &newest)) return 0;
+    if (image->seq == seq && image->generation == c->slot[number].generation &&
+        newest - seq <= ECAT_IMAGES - 2)
+      return 1;
+    if (newest == seq) break;
+    seq = newest;
   }
-  slot->commit_seq = seq;
+  counter_add(&c->health->torn, 1); /* looked for again in the next cycle */
+  return 0;
+}
+
+/* Takes the newest commit over. */
+static void take_image(cyclic_t *c, uint32_t number, uint32_t seq) {
+  struct slot *slot = &c->slot[number];
+  const ecat_out_image *image = (const void *)c->slot_image;
+  if (!find_image(c, number, seq)) return;
+  slot->commit_seq = image->seq;
   if (image->first != slot->first || image->bytes != slot->bytes) {
     refuse(c, number);
     return;
@@ -143,7 +165,7 @@ static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *
     slot->claim_seq = bell->claim_seq; /* refused until it comes back as a new generation */
   } else {
     /* A commit before the claims: it has been made of what the client owned then. */
-    if (bell->commit_seq != slot->commit_seq) read_image(c, number, bell->commit_seq);
+    if (bell->commit_seq != slot->commit_seq) take_image(c, number, bell->commit_seq);
     if (bell->claim_seq != slot->claim_seq && c->claim_turn == number) {
       slot->claim_seq = bell->claim_seq;
       read_claims(c, number);

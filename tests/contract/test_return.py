@@ -4,6 +4,8 @@ import ctypes
 import os
 import time
 from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from test_segment import make_bus
@@ -57,6 +59,39 @@ def returned(handle: Handle) -> int:
     """The code of a sample, once the client has had the time to look for the daemon again."""
     time.sleep(0.03)
     return handle.sample()
+
+
+def test_nothing_is_kept_of_a_daemon_that_is_gone(bus: Bus) -> None:
+    """Not even where the client looked who owned an output, for which it maps all slots."""
+    segment = serve(bus)
+    with Handle(bus.name) as handle:
+        output = handle.bind(1, 0x7000, 1, 1)
+        for _ in range(3):
+            at = segment.address + segment.header.outputs_offset
+            (shm.struct("ecat_shm_output") * (output + 1)).from_address(at)[output].owner = 0
+            kill(segment)
+            assert handle.sample() == EDOWN
+            assert handle.output(output, ctypes.create_string_buffer(256)) == 0
+            segment = serve(bus)
+            assert returned(handle) == 0
+            assert not [path for path in open_files() if path.startswith(f"{segment.out_path} ")]
+
+
+def test_more_slots_than_the_daemon_has_are_not_used(bus: Bus) -> None:
+    segment = serve(bus)
+    segment.header.slot_count = 4
+    with Handle(bus.name) as handle:
+        assert handle.claim(1, 0.1) == ELAYOUT
+    segment.close()
+
+
+def open_files() -> list[str]:
+    """Deleted files that this process has open."""
+    found = []
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):
+            found.append(str(file.readlink()))
+    return [path for path in found if path.endswith(" (deleted)")]
 
 
 def test_a_reader_goes_on_with_the_next_daemon(bus: Bus, handle: Handle) -> None:

@@ -111,6 +111,8 @@ def test_values_of_all_shapes_are_read(segment: Segment) -> None:
         ("slave_count", 1 << 20),
         ("signal_count", 1 << 30),
         ("slot_count", 33),
+        ("domain_count", 17),
+        ("output_bytes", 0xFFFFFFFF),
         ("health_offset", 0xFFFFFFF8),
         ("replies_offset", 0xFFFFFFF8),
         ("cycle_time_ns", 0),
@@ -136,6 +138,7 @@ def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -
         ("domain", "page_offset", 0xFFFFFFF8),
         ("domain", "image_bytes", 0xFFFFFFFF),
         ("domain", "output_base", 0xFFFFFFFF),
+        ("domain", "name", b"x" * 32),
     ],
 )
 def test_a_damaged_table_is_refused(

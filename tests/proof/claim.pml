@@ -126,7 +126,7 @@ inline look(s) {
     :: else -> age[s] = (owner == s -> age[s] + 1 : 0)
     fi;
     if
-    :: generation[s] != 0 && !lapsed[s] && m != commit[s] ->  /* read_image() */
+    :: generation[s] != 0 && !lapsed[s] && m != commit[s] ->  /* take_image() */
        commit[s] = m;
        if
 #ifdef NO_STAMP

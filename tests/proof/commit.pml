@@ -1,5 +1,5 @@
 /* Commits: `ecat_commit()` in client_c/src/outputs.c writes round a number of images and rings;
- * `read_image()` in daemon/cyclic/slots.c takes the newest.
+ * `take_image()` in daemon/cyclic/slots.c takes the newest.
  *
  * Between its fences either side accesses words in any order. The client may die at any point. The
  * engine looks any number of times, at any speed.
@@ -12,7 +12,7 @@
  *
  * Defect that must be found: -DSLACK=3, the engine believes an image that is just being written.
  */
-#define IMAGES 4
+#define IMAGES 4               /* ECAT_IMAGES; the fewer, the sooner it comes round */
 #define COMMITS 8
 #ifndef SLACK
 #define SLACK (IMAGES - 2)   /* commits that may come while an image is read */

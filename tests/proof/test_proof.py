@@ -22,6 +22,8 @@ DEFECTS = [
     ("claim", "NO_LEASE"),
     ("claim", "COMPETE", "NO_OWNER"),
     ("request", "REUSE"),
+    ("request", "NO_CLEAR"),
+    ("request", "EAGER"),
 ]
 
 

@@ -113,6 +113,12 @@ def test_all_outputs_are_of_one_commit(
     assert found["malformed"] == 0
 
 
+def test_a_client_that_never_rests_is_heard(driver: Callable[[str], list[str]]) -> None:
+    """It comes round to an image before the engine has read it, as a loop without a wait does."""
+    found = result(driver("plain"), "hurry", 8, 5_000_000)
+    assert found["taken"] > found["torn"]
+
+
 @pytest.mark.parametrize(
     ("what", "said"),
     [("broken-read", "an image of two cycles"), ("broken-commit", "outputs of two commits")],

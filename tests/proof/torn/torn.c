@@ -1,4 +1,4 @@
-/* usage: torn read|commit|broken-read|broken-commit BYTES COUNT
+/* usage: torn read|commit|hurry|broken-read|broken-commit BYTES COUNT
  *
  * Whether any reader gets an image of two cycles, and the engine outputs of two commits. */
 #include "torn.h"
@@ -13,8 +13,10 @@ int main(int count, char **arguments) {
   const char *what = count == 4 ? arguments[1] : "";
   bench.broken = strncmp(what, "broken-", 7) == 0;
   if (bench.broken) what += 7;
+  bench.hurry = strcmp(what, "hurry") == 0;
+  if (bench.hurry) what = "commit";
   if (strcmp(what, "read") != 0 && strcmp(what, "commit") != 0) {
-    fputs("usage: torn read|commit|broken-read|broken-commit BYTES COUNT\n", stderr);
+    fputs("usage: torn read|commit|hurry|broken-read|broken-commit BYTES COUNT\n", stderr);
     return 2;
   }
   bench.size = (uint32_t)strtoul(arguments[2], NULL, 10);

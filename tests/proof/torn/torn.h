@@ -15,6 +15,7 @@ struct bench {
   uint32_t slaves;
   uint64_t count;            /* reads or commits, of all threads together */
   int broken;                /* break the protocol: what is torn must be found */
+  int hurry;                 /* clients never rest */
   cyclic_t *engine;
   int ended;                 /* threads that have done their part */
 };
