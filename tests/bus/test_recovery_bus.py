@@ -91,6 +91,7 @@ def undisturbed(bench: Bench, positions: Iterable[int]) -> Iterator[None]:
             thread.join()
     assert not wrong
     assert rounds[0] > 10
+    assert "another EtherCAT master" not in bench.daemon.log
     assert cycle(bench) > before + 100
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from ecatd.bus.master import SlaveState
-from ecatd.bus.start.identify import Identity, match
+from ecatd.bus.start.identify import Identity, branch_ends, match
 from ecatd.bus.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
@@ -125,6 +125,9 @@ def test_a_missing_slave_is_looked_for_when_somebody_without_address_is_there() 
     assert watch.condition() == Condition.RECOVERING
     assert watch.recovery.done(0, Failure("another device", Condition.EXCHANGED))
     assert watch.condition() == Condition.EXCHANGED
+    assert watch.see(AlState.NONE, strangers=2).set_up == [0]
+    assert watch.condition() == Condition.EXCHANGED  # while it is looked at again, too
+    watch.recovery.done(0, Failure("another device", Condition.EXCHANGED))
     tries = [kind for _, kind in watch.during(40, AlState.NONE, strangers=1) if kind != "slow"]
     assert 4 <= tries.count("set_up") == len(tries) <= 6
 
@@ -218,7 +221,7 @@ A, B, C = (2, 0xA, 1), (2, 0xB, 1), (2, 0xC, 1)
 
 
 def places(
-    scan: list[Identity], wire: list[int | Identity], *, line: bool = True
+    scan: list[Identity], wire: list[int | Identity], ends: list[int] | None = None
 ) -> tuple[dict[int, int], set[int], set[int]]:
     """Who is found where, exchanged, unclear; a number on the wire is a slave with its address."""
     slaves = [Slave(i, f"S{i}", *item, address=0x1001 + i) for i, item in enumerate(scan)]
@@ -226,7 +229,7 @@ def places(
         slaves,
         [0x1001 + item if isinstance(item, int) else 0 for item in wire],
         {place: item for place, item in enumerate(wire) if not isinstance(item, int)},
-        line=line,
+        ends or [len(scan)] * len(scan),
     )
     return found.places, set(found.exchanged), set(found.unclear)
 
@@ -263,11 +266,50 @@ def test_slaves_are_found_by_place_and_identity(
         ([A, B, B, A], [0, B, 3], ({}, set(), {1, 2})),  # which of both?
         ([A, B, C, A], [0, A, 3], ({}, set(), {1, 2})),
         ([A, B, C, B], [0, B, C], ({1: 1, 2: 2}, set(), set())),
+        ([A, B], [0, C], ({}, {1}, set())),
+        ([A] * 199, [A] * 100, ({}, set(), set(range(199)))),
     ],
 )
-def test_with_branches_or_a_ring_those_behind_may_be_there_first(
+def test_on_a_ring_those_behind_may_be_there_first(
     scan: list[Identity],
     wire: list[int | Identity],
     expected: tuple[dict[int, int], set[int], set[int]],
 ) -> None:
-    assert places(scan, wire, line=False) == expected
+    ends = branch_ends([2] * len(scan), ring=True)
+    assert places(scan, wire, ends) == expected
+
+
+TREE = [A, B, A, B, A, C, A]  # 0 has 1 to 5 behind it: 1 alone, 2 with 3, 4 with 5; then 6
+LINKS = [5, 1, 2, 1, 2, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("wire", "expected"),
+    [
+        ([0, 1, A, C, 6], ({4: 2, 5: 3}, set(), set())),  # not 2 with 5: 4 would be missing
+        ([0, 1, A, B, 6], ({2: 2, 3: 3}, set(), set())),
+        ([0, 1, A, 6], ({}, set(), {2, 3, 4, 5})),  # a coupler whose terminal is still away
+        ([0, 1, A, A, C, 6], ({2: 2, 4: 3, 5: 4}, set(), set())),
+        ([0, B, A, B, 6], ({1: 1, 2: 2, 3: 3}, set(), set())),
+        ([0, 1, 2, 3, 4, A, 6], ({}, {5}, set())),
+        ([A, A], ({}, set(), {0, 1, 2, 3, 4, 5, 6})),
+        ([A, B, A, B, A, C, A], ({i: i for i in range(7)}, set(), set())),
+    ],
+)
+def test_behind_a_junction_whole_branches_are_missing(
+    wire: list[int | Identity], expected: tuple[dict[int, int], set[int], set[int]]
+) -> None:
+    assert places(TREE, wire, branch_ends(LINKS, ring=False)) == expected
+
+
+@pytest.mark.parametrize(
+    ("links", "ends"),
+    [
+        ([2, 2, 1], [3, 3, 3]),
+        (LINKS, [7, 2, 4, 4, 6, 6, 7]),
+        ([1, 2, 1], [1, 2, 3]),  # a link was lost meanwhile
+        ([], []),
+    ],
+)
+def test_who_is_reached_through_whom(links: list[int], ends: list[int]) -> None:
+    assert branch_ends(links, ring=False) == ends

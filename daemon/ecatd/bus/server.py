@@ -34,7 +34,6 @@ from .mailbox import Mailbox
 from .master import Master, SlaveState
 from .segment import Segment
 from .start.bring_up import BringUp
-from .steps import Steps
 from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
@@ -42,7 +41,6 @@ _STOP_TIMEOUT = 1.0
 _SAFE_TIMEOUT = 5.0
 """Seconds in which safe outputs go out before SAFEOP has the slaves make theirs safe: slower
 domains must not keep the service waiting until it kills this process (`service/supervisor.py`)."""
-_UPWARDS = (AlState.PREOP, AlState.SAFEOP)
 
 
 class BusServer:
@@ -172,27 +170,10 @@ class BusServer:
         }
 
     async def _set_state(self, request: SetState) -> dict[str, Any]:
-        master, target = self._master, AlState.parse(request.state)
         if request.slave is not None:
             self._check_slave(request.slave)
         chosen = range(len(self.bus.slaves)) if request.slave is None else [request.slave]
-        timeout = self._config.state_timeout_s
-
-        def change() -> Steps[None]:
-            # Up one state at a time, as the state machine wants it; down in one go.
-            for state in _UPWARDS:
-                states = {item.position: item.al_state & 0x0F for item in master.states()}
-                below = [position for position in chosen if states[position] < state]
-                if state < target and below:
-                    yield from master.expect(state, timeout, below)
-            yield from master.expect(target, timeout, chosen)
-
-        self._running.want(list(chosen), target)
-        try:
-            await self._mailbox.run_steps(change())
-        finally:
-            self._running.settled(list(chosen))
-            await self._running.look()
+        await self._running.change(chosen, AlState.parse(request.state))
         return self._state_rows()
 
     def _check_slave(self, position: int) -> None:

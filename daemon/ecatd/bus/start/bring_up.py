@@ -28,11 +28,11 @@ from ..segment import Segment
 from ..steps import finish
 from .clocks import Clocks, clock_bits
 from .declared import declare_signals
-from .identify import Finder
+from .identify import Finder, branch_ends
 from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .round_trip import measure_round_trip
 from .safe import SafeOutputs, safe_outputs
-from .set_up import SetUp, is_line, read_mailboxes, wait_for_outputs
+from .set_up import SetUp, count_links, read_mailboxes, wait_for_outputs
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
@@ -55,6 +55,7 @@ class RunningBus:
         set_up: Sets slaves up again that have begun anew.
         finder: Finds slaves again that have forgotten their address.
         recovery: Which slaves come back by themselves.
+        state_timeout_s: Seconds that slaves have to reach a state.
     """
 
     bus: Bus
@@ -67,6 +68,7 @@ class RunningBus:
     set_up: SetUp
     finder: Finder
     recovery: RecoveryConfig
+    state_timeout_s: float
 
 
 class BringUp:
@@ -99,7 +101,7 @@ class BringUp:
         self._begin = time.monotonic()
         self._scanned: list[Scanned] = []
         self._mailboxes: list[bytes] = []
-        self._line = False
+        self._ends: list[int] = []
         self._interfaces = [name for name in (interface, config.second_interface) if name]
         self._run = secrets.randbits(32)
         self.bus = Bus(config.bus, config.cycle_time_us)
@@ -153,8 +155,9 @@ class BringUp:
                 self.clocks,
                 self._config.state_timeout_s,
             ),
-            Finder(master.registers, self.bus.slaves, line=self._line),
+            Finder(master.registers, self.bus.slaves, self._ends),
             self._config.recovery,
+            self._config.state_timeout_s,
         )
 
     def _scan(self, master: Master) -> None:
@@ -176,7 +179,7 @@ class BringUp:
             item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]
         self._mailboxes = read_mailboxes(master)
-        self._line = not self._config.second_interface and is_line(master)
+        self._ends = branch_ends(count_links(master), ring=bool(self._config.second_interface))
 
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""

@@ -5,6 +5,10 @@ on the wire are not those of the scan. So the addresses along the wire are read 
 slaves that still have theirs lies a gap, and whoever stands there must be what the scan found
 there: same vendor, product and revision, in the same order. An address is written only to a slave
 that has been identified, and in a frame that would show if the wire had changed meanwhile.
+
+Where fewer stand in a gap than are missing, somebody must know which. A slave is never there
+without the one that it is plugged into: on a line the first ones are back, and behind a junction
+whole branches are missing.
 """
 
 from __future__ import annotations
@@ -62,8 +66,35 @@ def compare(slave: Slave, found: Identity) -> str:
     )
 
 
+def branch_ends(links: Sequence[int], *, ring: bool) -> list[int]:
+    """The position behind all slaves that are reached through each slave.
+
+    Args:
+        links: At how many ports each slave has somebody, one of them on the way to the master.
+        ring: Whether slaves are reached from both sides, so that nobody depends on anybody.
+    """
+    alone = [position + 1 for position in range(len(links))]
+    if ring:
+        return alone
+    ends = [len(links)] * len(links)
+    way: list[int] = []  # to where the frame is
+    left = [max(count - 1, 0) for count in links]
+    for position in range(len(links)):
+        while way and left[way[-1]] == 0:
+            ends[way.pop()] = position
+        if way:
+            left[way[-1]] -= 1
+        elif position:
+            return alone  # plugged in nowhere: these are not the links of the scan
+        way.append(position)
+    return ends
+
+
 def match(
-    slaves: Sequence[Slave], wire: Sequence[int], identities: dict[int, Identity], *, line: bool
+    slaves: Sequence[Slave],
+    wire: Sequence[int],
+    identities: dict[int, Identity],
+    ends: Sequence[int],
 ) -> Found:
     """Finds out which slave stands where.
 
@@ -71,7 +102,7 @@ def match(
         slaves: The slaves of the scan.
         wire: Station addresses along the wire.
         identities: Identities of the places whose address is none of ours.
-        line: Whether slaves are missing only with all those behind them.
+        ends: See `branch_ends`.
     """
     found = Found()
     known = {slave.address: slave.position for slave in slaves}
@@ -87,7 +118,7 @@ def match(
             continue
         after = known[address] if address in known else len(slaves)
         if gap:
-            _match_gap(found, list(slaves[before + 1 : after]), gap, identities, line=line)
+            _match_gap(found, list(slaves[before + 1 : after]), gap, identities, ends)
         before, gap = after, []
     return found
 
@@ -97,10 +128,8 @@ def _match_gap(
     missing: list[Slave],
     gap: list[int],
     identities: dict[int, Identity],
-    *,
-    line: bool,
+    ends: Sequence[int],
 ) -> None:
-    there = [identities[place] for place in gap]
     if len(gap) > len(missing):
         text = (
             f"{len(gap)} devices stand where {len(missing)} slaves are missing: none of them is "
@@ -108,41 +137,66 @@ def _match_gap(
         )
         found.unclear |= {slave.position: text for slave in missing}
         return
-    if len(gap) < len(missing) and not line:
-        chosen = _only_way(missing, there)
-        if chosen is None:
-            text = (
-                f"{len(gap)} of the slaves {missing[0].position}-{missing[-1].position} are back, "
-                f"but it cannot be told which: they are used when all are back, or ecatd is "
-                f"restarted"
-            )
-            found.unclear |= {slave.position: text for slave in missing}
-            return
-        missing = chosen
-    for slave, place in zip(missing, gap, strict=False):  # on a line, the others are still missing
+    chosen = _only_way(missing, [identities[place] for place in gap], ends)
+    if chosen is None:
+        text = (
+            f"{len(gap)} of the slaves {missing[0].position}-{missing[-1].position} are back, but "
+            f"it cannot be told which: they are used when all are back, or ecatd is restarted"
+        )
+        found.unclear |= {slave.position: text for slave in missing}
+        return
+    for slave, place in zip(chosen, gap, strict=True):
         if text := compare(slave, identities[place]):
             found.exchanged[slave.position] = text
         else:
             found.places[slave.position] = place
 
 
-def _only_way(missing: list[Slave], there: list[Identity]) -> list[Slave] | None:
-    """The slaves that stand there, in their order; None if there is no way, or more than one."""
+def _only_way(
+    missing: list[Slave], there: list[Identity], ends: Sequence[int]
+) -> list[Slave] | None:
+    """The slaves that stand there, in their order; None if there is no way, or more than one.
 
-    def greedy(slaves: list[Slave], wanted: list[Identity]) -> list[Slave]:
-        chosen, at = [], 0
-        for item in wanted:
-            while at < len(slaves) and identity_of(slaves[at]) != item:
-                at += 1
-            if at == len(slaves):
-                return []
-            chosen.append(slaves[at])
-            at += 1
-        return chosen
+    If no slaves are like those that stand there, it may still be clear in whose place they stand.
+    """
+    for alike in (True, False):
+        ways = _count_ways(missing, there, ends, alike=alike)
+        if ways[0][0]:
+            break
+    if ways[0][0] != 1:
+        return None
+    chosen: list[Slave] = []
+    number = 0
+    while len(chosen) < len(there):
+        slave, taken = missing[number], len(chosen)
+        fits = not alike or identity_of(slave) == there[taken]
+        if fits and ways[number + 1][taken + 1]:
+            chosen.append(slave)
+            number += 1
+        else:
+            number += ends[slave.position] - slave.position
+    return chosen
 
-    earliest = greedy(missing, there)
-    latest = greedy(missing[::-1], there[::-1])[::-1]
-    return earliest if earliest and earliest == latest else None
+
+def _count_ways(
+    missing: list[Slave], there: list[Identity], ends: Sequence[int], *, alike: bool
+) -> list[list[int]]:
+    """In how many ways the missing slaves from one on can be those there from one on; 2: several.
+
+    Whoever is not there is missing with all that are reached through him.
+    """
+    count = len(missing)
+    ways = [[0] * (len(there) + 1) for _ in range(count + 1)]
+    ways[count][len(there)] = 1
+    for number in reversed(range(count)):
+        slave = missing[number]
+        behind = number + ends[slave.position] - slave.position
+        for taken in range(len(there) + 1):
+            sum_ = ways[behind][taken] if behind <= count else 0
+            if taken < len(there) and (not alike or identity_of(slave) == there[taken]):
+                sum_ += ways[number + 1][taken + 1]
+            ways[number][taken] = min(sum_, 2)
+    return ways
 
 
 class Finder:
@@ -151,13 +205,13 @@ class Finder:
     Args:
         registers: The way to the slaves.
         slaves: The slaves of the scan.
-        line: See `match`.
+        ends: See `branch_ends`.
     """
 
-    def __init__(self, registers: Datagrams, slaves: Sequence[Slave], *, line: bool) -> None:
+    def __init__(self, registers: Datagrams, slaves: Sequence[Slave], ends: Sequence[int]) -> None:
         self._registers = registers
         self._slaves = slaves
-        self._line = line
+        self._ends = ends
         self._wire: list[int] = []
 
     def look(self) -> Found:
@@ -172,9 +226,7 @@ class Finder:
         identities = self._read_identities([Place(place) for place in strangers])
         if self._addresses() != wire:
             raise StateError("slaves come and go while they are looked for")
-        found = match(
-            self._slaves, wire, dict(zip(strangers, identities, strict=True)), line=self._line
-        )
+        found = match(self._slaves, wire, dict(zip(strangers, identities, strict=True)), self._ends)
         self._wire = wire
         return found
 
@@ -223,9 +275,17 @@ class Finder:
             self._wire[place] = address
             return
         if before.wkc:
-            taken_back = Station(address).write(_STATION_ADDRESS, struct.pack("<H", was))
-            self._registers.exchange([taken_back])
+            self._take_back(address, was)
         raise StateError(f"the wire has changed while {self._slaves[position].label} came back")
+
+    def _take_back(self, address: int, was: int) -> None:
+        """Undoes that a slave was given an address that is not its own."""
+        at = Station(address)
+        (there,) = self._registers.exchange([at.read(_STATION_ADDRESS, 2)])
+        # If its owner has come back meanwhile, both have it. Then neither keeps it: two slaves
+        # with one address would be a riddle for ever, one without any is identified again.
+        value = was if there.wkc == 1 else 0
+        self._registers.exchange([at.write(_STATION_ADDRESS, struct.pack("<H", value))])
 
 
 def _read_identity(words: Words) -> Identity:

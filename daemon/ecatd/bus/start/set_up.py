@@ -64,11 +64,12 @@ def read_mailboxes(master: Master) -> list[bytes]:
     return found
 
 
-def is_line(master: Master) -> bool:
-    """Whether no slave has more than two of its ports in use (DL status, ETG.1000.4)."""
+def count_links(master: Master) -> list[int]:
+    """At how many ports each slave has somebody (DL status, ETG.1000.4)."""
     wanted = [(position, _DL_STATUS, 2) for position in range(len(master.stations))]
     status = [int.from_bytes(data, "little") for data in master.read_registers(wanted)]
-    return all(sum(bits >> 4 + port & 1 for port in range(4)) <= 2 for bits in status)
+    # Two bits a port: loop closed, communication established.
+    return [sum(bits >> 8 + 2 * port & 3 == 2 for port in range(4)) for bits in status]
 
 
 def wait_for_outputs(
@@ -134,17 +135,28 @@ class SetUp:
             for item in missed
         }
 
-    def run(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
-        """Takes slaves that have their address from INIT to OP; returns those that do not arrive.
+    def run(
+        self,
+        positions: Iterable[int],
+        state: AlState = AlState.OP,
+        *,
+        begin: AlState = AlState.INIT,
+    ) -> Steps[dict[int, Missed]]:
+        """Takes slaves that have their address up to a state; returns those that do not arrive.
+
+        Args:
+            positions: Which slaves.
+            state: PREOP, SAFEOP or OP.
+            begin: INIT, or PREOP for slaves whose mailbox works, and is to remember what was
+                written to it.
 
         Raises:
             StateError: One does not answer any more.
         """
         here = set(positions)
-        missed = yield from self.ask(here, AlState.INIT)
-        here -= missed.keys()
-        self._prepare(here)
-        missed |= yield from self.ask(here, AlState.PREOP)
+        missed = (yield from self._begin_anew(here)) if begin == AlState.INIT else {}
+        if state == AlState.PREOP:
+            return missed
         here -= missed.keys()
         missed |= yield from self._compare(here)
         here -= missed.keys()
@@ -155,8 +167,19 @@ class SetUp:
             here -= late.keys()
         missed |= yield from self.ask(here, AlState.SAFEOP)
         here -= missed.keys()
+        if state == AlState.SAFEOP or not here:
+            return missed
         yield from wait_for_outputs(self._segment, self._bus, self._timeout_s)
         missed |= yield from self.ask(here, AlState.OP)
+        return missed
+
+    def _begin_anew(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
+        """To PREOP, with mailboxes as at the start; returns those that do not arrive."""
+        here = set(positions)
+        missed = yield from self.ask(here, AlState.INIT)
+        here -= missed.keys()
+        self._prepare(here)
+        missed |= yield from self.ask(here, AlState.PREOP)
         return missed
 
     def _prepare(self, positions: Iterable[int]) -> None:
@@ -192,24 +215,48 @@ class SetUp:
 
 def _difference(slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo]) -> str:
     """What is not as it was at the start, in words."""
-    for name, before, now in (
-        ("outputs", slave.outputs, outputs),
-        ("inputs", slave.inputs, inputs),
+    for name, assigned, before, now in (
+        ("outputs", "0x1C12", slave.outputs, outputs),
+        ("inputs", "0x1C13", slave.inputs, inputs),
     ):
-        if _layout(before) != _layout(now):
-            return (
-                f"its {name} are other PDOs than at the start ({_names(now)}, not "
-                f"{_names(before)}): assign them as they were (0x1C12, 0x1C13) and ask for OP "
-                f"again (`ecatctl state OP -p {slave.position}`), or restart ecatd to use them"
-            )
+        if _layout(before) == _layout(now):
+            continue
+        again = (
+            f"then ask for OP (`ecatctl state OP -p {slave.position}`), or restart ecatd to use "
+            f"what it has now"
+        )
+        for was, pdo in zip(before, now, strict=False):
+            if was.index == pdo.index and _entries(was) != _entries(pdo):
+                return (
+                    f"its PDO 0x{pdo.index:04X} carries other entries than at the start "
+                    f"({_changed_entry(was, pdo)}): write its mapping as it was, {again}"
+                )
+        return (
+            f"its {name} are other PDOs than at the start ({_names(now)}, not {_names(before)}): "
+            f"assign them as they were ({assigned}), {again}"
+        )
     return ""
 
 
+def _changed_entry(before: Pdo, now: Pdo) -> str:
+    """The first entry that is another one, in words."""
+    for number, (was, is_) in enumerate(zip(_entries(before), _entries(now), strict=False), 1):
+        if was != is_:
+            return f"entry {number} is {_entry(is_)}, not {_entry(was)}"
+    return f"{len(now.entries)} entries, not {len(before.entries)}"
+
+
+def _entry(entry: tuple[int, int, int]) -> str:
+    index, subindex, bits = entry
+    return f"0x{index:04X}:{subindex:02X} with {bits} bits" if index else f"a gap of {bits} bits"
+
+
+def _entries(pdo: Pdo) -> list[tuple[int, int, int]]:
+    return [(entry.index, entry.subindex, entry.bit_length) for entry in pdo.entries]
+
+
 def _layout(pdos: Sequence[Pdo]) -> list[tuple[int, int, list[tuple[int, int, int]]]]:
-    return [
-        (pdo.index, pdo.sync_manager, [(e.index, e.subindex, e.bit_length) for e in pdo.entries])
-        for pdo in pdos
-    ]
+    return [(pdo.index, pdo.sync_manager, _entries(pdo)) for pdo in pdos]
 
 
 def _names(pdos: Sequence[Pdo]) -> str:

@@ -2,7 +2,8 @@
 
 The source address of our frames names this run (`cyclic.h`), and slaves leave it as it is but for
 one bit that is set already. SOEM's frames carry an address of SOEM, as those of every program with
-SOEM do; ours never carry process data.
+SOEM do, in which slaves set that bit, but not in copies that go round a closed ring the other way;
+ours never carry process data.
 
 A socket with a kernel filter gets what is left. The kernel counts it; a few frames a second are
 looked at, so that the frames of a fast master cost next to nothing.
@@ -31,7 +32,7 @@ _RECEIVE_BUFFER = 16384
 
 # Instructions of classic BPF: code, jump if true, jump if false, constant (linux/filter.h).
 _INSTRUCTION = struct.Struct("=HBBI")
-_LOAD_WORD, _LOAD_BYTE, _RETURN = 0x20, 0x30, 0x06
+_LOAD_WORD, _LOAD_BYTE, _OR, _RETURN = 0x20, 0x30, 0x44, 0x06
 _JUMP_EQUAL, _JUMP_GREATER, _JUMP_NOT_LESS = 0x15, 0x25, 0x35
 
 
@@ -43,7 +44,8 @@ def _filter(run: bytes) -> bytes:
         (_LOAD_WORD, 0, 0, _SOURCE_AT),
         (_JUMP_EQUAL, 0, 2, own),
         (_LOAD_BYTE, 0, 0, _SOURCE_AT + 4),
-        (_JUMP_EQUAL, 5, 4, run[3]),
+        (_JUMP_EQUAL, 6, 5, run[3]),
+        (_OR, 0, 0, _BY_SLAVE << 24),
         (_JUMP_EQUAL, 0, 3, soem),
         (_LOAD_BYTE, 0, 0, _COMMAND_AT),
         (_JUMP_NOT_LESS, 0, 2, _LRD),

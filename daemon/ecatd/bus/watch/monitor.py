@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from ecatd import shm
@@ -92,13 +92,13 @@ class Monitor:
         """Reads the AL states into shared memory; on the mailbox worker."""
         self._slaves.read()
 
-    def want(self, positions: list[int], state: AlState) -> None:
-        """Somebody brings slaves to a state; nothing is done behind his back until `settled`."""
-        self._slaves.want(positions, state)
+    async def change(self, positions: Sequence[int], state: AlState) -> None:
+        """Brings slaves to a state because somebody wants it; they stay there.
 
-    def settled(self, positions: list[int]) -> None:
-        """Nobody else is at work on these slaves any more."""
-        self._slaves.settled(positions)
+        Raises:
+            StateError: Slaves did not reach it; the message names each, and why.
+        """
+        await self._slaves.change(positions, state)
 
     def condition(self, position: int) -> tuple[str, str]:
         """What is known of a slave that should be in OP and is not: a word, and more of them."""

@@ -238,7 +238,8 @@ class Recovery:
     def _count(self, slave: _Slave, now: float) -> None:
         slave.tries = min(slave.tries + 1, QUICK_TRIES)
         slave.busy = True
-        slave.condition, slave.text = Condition.RECOVERING, ""
+        if slave.condition != Condition.EXCHANGED:  # which it is until another one is found there
+            slave.condition, slave.text = Condition.RECOVERING, ""
         pauses = (*_PAUSES, self._retry_s)
         slave.not_before = now + min(pauses[slave.tries - 1], self._retry_s)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
-from ecatd.model.errors import EcatError
+from ecatd.model.errors import EcatError, StateError
 
 from ..datagrams import Place
 from ..mailbox import Mailbox
@@ -50,6 +50,7 @@ class Repair:
         self._tell = tell
         self._look = look
         self._retry_s = running.recovery.retry_s
+        self._state_timeout_s = running.state_timeout_s
         self._recovery = Recovery(
             len(running.bus.slaves), running.recovery.slaves, running.recovery.retry_s
         )
@@ -59,19 +60,51 @@ class Repair:
         """What is known of a slave that should be in OP and is not."""
         return self._recovery.condition(position)
 
-    def want(self, positions: Iterable[int], state: AlState) -> None:
+    def _want(self, positions: Iterable[int], state: AlState) -> None:
         """Somebody brings slaves to a state: what is done to them here ends."""
         chosen = set(positions)
         for task, at_work in list(self._jobs.items()):
             if at_work & chosen:
                 task.cancel()
-                self.settled(at_work)  # the others are looked at again
+                self._settled(at_work)  # the others are looked at again
         self._recovery.want(chosen, state)
 
-    def settled(self, positions: Iterable[int]) -> None:
-        """Nobody else is at work on these slaves any more."""
+    def _settled(self, positions: Iterable[int]) -> None:
         for position in positions:
             self._recovery.done(position, None)
+
+    async def change(self, positions: Sequence[int], state: AlState) -> None:
+        """Brings slaves to a state because somebody wants it; they stay there.
+
+        Raises:
+            StateError: Slaves did not reach it; the message names each, and why.
+        """
+        self._want(positions, state)
+        try:
+            await self._mailbox.run_steps(self._change(positions, state))
+        finally:
+            self._settled(positions)
+
+    def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
+        """Sets up on the way what has begun anew; on the mailbox worker."""
+        running, timeout = self._running, self._state_timeout_s
+        seen = {item.position: item.al_state & 0x0F for item in running.master.states()}
+        lost = [position for position in positions if not seen[position]]
+        found, failures = self._find(lost)
+        _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
+        if failures:  # nobody is there: they are waited for, and named if they do not come
+            yield from running.master.expect(min(state, AlState.PREOP), timeout, failures)
+        if state in (AlState.PREOP, AlState.SAFEOP, AlState.OP):
+            anew = [*found, *(p for p in positions if seen[p] == AlState.INIT)]
+            yield from self._bring(anew, state, AlState.INIT)
+        if state in (AlState.SAFEOP, AlState.OP):
+            mapped_anew = [p for p in positions if seen[p] == AlState.PREOP or p in failures]
+            yield from self._bring(mapped_anew, state, AlState.PREOP)
+        yield from running.master.expect(state, timeout, positions)
+
+    def _bring(self, positions: Sequence[int], state: AlState, begin: AlState) -> Steps[None]:
+        missed = yield from self._running.set_up.run(positions, state, begin=begin)
+        _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
 
     def close(self) -> None:
         """Ends what is under way."""
@@ -103,8 +136,15 @@ class Repair:
                 else:
                     here.append(position)
                 yield
-        lost = [position for position in positions if position in missing]
-        found = finder.look() if lost else Found()
+        found, lost = self._find([position for position in positions if position in missing])
+        yield
+        missed = yield from self._running.set_up.run(here + found)
+        return failures | lost | {position: _failure(item) for position, item in missed.items()}
+
+    def _find(self, lost: Sequence[int]) -> tuple[list[int], dict[int, Failure]]:
+        """Gives slaves their address again that have forgotten it; which, and why others not."""
+        found = self._running.finder.look() if lost else Found()
+        here, failures = [], {}
         for position in lost:
             if position in found.places:
                 self._take_back(position, found.places[position])
@@ -114,9 +154,7 @@ class Repair:
             else:
                 text = found.unclear.get(position, "")
                 failures[position] = Failure(text, Condition.MISSING)
-        yield
-        missed = yield from self._running.set_up.run(here)
-        return failures | {position: _failure(item) for position, item in missed.items()}
+        return here, failures
 
     def _take_back(self, position: int, place: int) -> None:
         """Gives an identified slave its address; the reference clock is followed from then on."""
@@ -143,19 +181,14 @@ class Repair:
         await self._look()
 
     def _finish(self, positions: list[int], failures: dict[int, Failure]) -> None:
-        news: dict[str, list[int]] = {}
+        news: dict[int, Failure] = {}
         for position in positions:
             failure = failures.get(position)
             if self._recovery.done(position, failure) and failure is not None and failure.text:
-                news.setdefault(failure.text, []).append(position)
+                news[position] = failure
                 self._tell_one(position, failure.condition, text=failure.text)
-        for text, who in news.items():
-            named = who if len(who) <= _NAMES_MAX else []
-            for position in named:
-                label = self._bus.slaves[position].label
-                self._log.warning(text if label in text else f"{label}: {text}")
-            if not named:
-                self._log.warning(f"{name_slaves(self._bus, who)}: {text}")
+        for line in _lines(self._bus, news):
+            self._log.warning(line)
 
     def _tell_plan(self, plan: Plan) -> None:
         for position in plan.fallen:
@@ -193,3 +226,20 @@ class Repair:
 
 def _failure(missed: Missed) -> Failure:
     return Failure(missed.text, Condition.REFUSED if missed.changed else Condition.WAITING)
+
+
+def _lines(bus: Bus, failures: dict[int, Failure]) -> Iterator[str]:
+    """Failures in words; slaves that failed alike share a line where they are many."""
+    alike: dict[str, list[int]] = {}
+    for position, failure in failures.items():
+        alike.setdefault(failure.text, []).append(position)
+    for text, positions in alike.items():
+        groups = [positions] if len(positions) > _NAMES_MAX else [[item] for item in positions]
+        for group in groups:
+            names = name_slaves(bus, group)
+            yield text if names in text else f"{names}: {text}"
+
+
+def _refuse(bus: Bus, failures: dict[int, Failure]) -> None:
+    if failures:
+        raise StateError("; ".join(_lines(bus, failures)))

@@ -7,7 +7,7 @@ that changes. Then all slaves are asked here, so that the one that has changed i
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import groupby
 
@@ -73,13 +73,12 @@ class SlaveWatch:
         self._told = ""  # what was last told about missing and new slaves
         self.states: list[SlaveState] = []
 
-    def want(self, positions: Iterable[int], state: AlState) -> None:
-        """Somebody brings slaves to a state; nothing is done behind his back until `settled`."""
-        self._repair.want(positions, state)
-
-    def settled(self, positions: Iterable[int]) -> None:
-        """Nobody else is at work on these slaves any more."""
-        self._repair.settled(positions)
+    async def change(self, positions: Sequence[int], state: AlState) -> None:
+        """Brings slaves to a state because somebody wants it; see `Repair.change`."""
+        try:
+            await self._repair.change(positions, state)
+        finally:
+            await self.look()
 
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that should be in OP and is not."""

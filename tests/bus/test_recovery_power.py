@@ -1,0 +1,261 @@
+"""Devices that lose their power: couplers with terminals, branches, drives with settings, rings."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from test_bad_conditions import Bench
+
+from conftest import Daemon
+from ecatd.model.al import AlState
+from ecatsim.control import Simulator
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+CONFIG = "state_timeout_s = 2.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"
+CONFIG += "[outputs]\nlease_max_ms = 20000\n"
+DRIVE = 2
+
+FORGETFUL = """
+from ecatsim import Rig
+from ecatsim.devices.generic import Loopback
+from ecatsim.devices.generic_drive import CiA402Drive
+
+
+class Forgetful(CiA402Drive):
+    '''Forgets with its power what a tool had set up.'''
+
+    def reset(self):
+        super().reset()
+        {forget}
+        self._process_data.rebuild()
+
+
+def rig():
+    return Rig("forgetful", [Loopback(), Loopback(), Forgetful(), Loopback()])
+"""
+
+Start = Callable[[str], Bench]
+
+
+@pytest.fixture
+def start(start_daemon: Callable[..., Daemon]) -> Iterator[Start]:
+    benches: list[Bench] = []
+
+    def start(rig: str) -> Bench:
+        bench = Bench(start_daemon(rig, config=CONFIG))
+        benches.append(bench)
+        bench.wait_for_data()
+        return bench
+
+    yield start
+    for bench in benches:
+        bench.close()
+
+
+def switch(bench: Bench, *positions: int, on: bool) -> None:
+    """Switches the power of slaves in this order, one right after the other."""
+    with Simulator(str(bench.simulator)) as simulator:
+        for position in positions:
+            (simulator.faults.power_on if on else simulator.faults.power_off)(position)
+
+
+def conditions(bench: Bench) -> dict[int, str]:
+    """What is said of slaves that are not in OP."""
+    rows = bench.daemon.ctl_json("state")["slaves"]
+    return {row["position"]: row["recovery"] for row in rows if row["recovery"]}
+
+
+def in_op(bench: Bench) -> None:
+    bench.wait_for_op()
+    bench.wait_for_data()
+    bench.wait_for(lambda: conditions(bench) == {})
+
+
+ASSIGNMENT = (
+    "self[0x1C12, 0], self[0x1C12, 1] = 1, 0x1601",
+    "its outputs are other PDOs than at the start (0x1601 with 48 bits, not 0x1600 with 112 bits): "
+    "assign them as they were (0x1C12), then ask for OP (`ecatctl state OP -p 2`)",
+    [("0x1C12", "0", "0"), ("0x1C12", "1", "0x1600"), ("0x1C12", "0", "1")],
+)
+MAPPING = (
+    "self[0x1A00, 4], self[0x1A00, 5] = 0x606C0020, 0x60640020",
+    "its PDO 0x1A00 carries other entries than at the start (entry 4 is 0x606C:00 with 32 bits, "
+    "not 0x6064:00 with 32 bits): write its mapping as it was, then ask for OP",
+    [
+        ("0x1A00", "0", "0"),
+        ("0x1A00", "4", "0x60640020"),
+        ("0x1A00", "5", "0x606C0020"),
+        ("0x1A00", "0", "8"),
+    ],
+)
+SHORTER = (
+    "self[0x1600, 0] = 5",
+    "its PDO 0x1600 carries other entries than at the start (5 entries, not 6): write its mapping",
+    [("0x1600", "0", "6")],
+)
+
+
+@pytest.mark.parametrize(
+    ("forget", "text", "writes"),
+    [ASSIGNMENT, MAPPING, SHORTER],
+    ids=["assignment", "mapping", "shorter"],
+)
+def test_other_process_data_than_at_the_start(
+    start: Start, tmp_path: Path, forget: str, text: str, writes: list[tuple[str, str, str]]
+) -> None:
+    rig = tmp_path / "forgetful.py"
+    rig.write_text(FORGETFUL.format(forget=forget))
+    bench = start(str(rig))
+    with bench.daemon.client() as client:
+        output, value = client.bind(3, 0x7000, 1), client.bind(3, 0x6000, 1)
+        client.claim(3, lease=20)
+        switch(bench, DRIVE, on=False)
+        bench.wait_for(lambda: conditions(bench).keys() == {2, 3})  # 3 is behind it
+        switch(bench, DRIVE, on=True)
+        bench.wait_for_log(f"slave 2 (CiA402): {text}")
+        bench.wait_for_event("recovery", slave=DRIVE, state="refused")
+        bench.wait_for(lambda: conditions(bench) == {DRIVE: "refused"})
+        states = [slave.al_state for slave in client.slaves()]
+        assert states == [AlState.OP, AlState.OP, AlState.PREOP, AlState.OP]
+
+        def arrives(number: int) -> bool:
+            client.write(output, number)
+            client.commit()
+            client.wait()
+            client.sample()
+            return client.read(value) == number
+
+        # Asked for OP as it is, it is refused by the same sentence.
+        refused = bench.daemon.ctl("state", "OP", "-p", "2", check=False)
+        assert (refused.returncode, refused.stderr.count("\n")) == (7, 1)
+        assert f"slave 2 (CiA402): {text}" in refused.stderr
+        for index, subindex, data in writes:
+            kind = "uint32" if len(data) == len("0x60640020") else "uint16"
+            kind = kind if subindex != "0" else "uint8"
+            bench.daemon.ctl("sdo-write", "2", index, subindex, data, "--type", kind)
+        bench.daemon.ctl("state", "OP", "-p", "2")
+        bench.wait_for(lambda: arrives(77))
+        in_op(bench)
+    assert bench.daemon.log.count(text) == 1
+
+
+def test_a_coupler_with_its_terminals(start: Start) -> None:
+    """They get their power back in any order; the drive in front of them goes on."""
+    bench = start("troll")
+    terminals = range(1, 8)
+    switch(bench, *terminals, on=False)
+    bench.wait_for(lambda: conditions(bench) == dict.fromkeys(terminals, "missing"))
+    with bench.daemon.client() as client:
+        assert client.slaves()[0].al_state == AlState.OP
+    switch(bench, 5, 7, 1, 3, 2, 6, 4, on=True)
+    in_op(bench)
+    with bench.daemon.client() as client:
+        constant = client.bind(5, 0x6010, 0x11)
+        client.wait()
+        client.sample()
+        assert client.read(constant) == pytest.approx(-4 / 10 * 32767, abs=1)
+    assert "another device" not in bench.daemon.log
+
+
+JUNCTION, FIRST, SECOND, LAST = 3, (4, 5, 6), (7, 8, 9), 10
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [(5,), FIRST, SECOND, (JUNCTION,), (JUNCTION, *FIRST, *SECOND, LAST), tuple(range(11))],
+    ids=["terminal", "first", "second", "junction", "all behind it", "all"],
+)
+def test_branches_behind_a_junction(start: Start, lost: tuple[int, ...]) -> None:
+    bench = start("branches")
+    switch(bench, *lost, on=False)
+    bench.wait_for(lambda: conditions(bench).keys() >= set(lost))
+    switch(bench, *reversed(lost), on=True)
+    in_op(bench)
+    assert "another device" not in bench.daemon.log
+
+
+@pytest.mark.parametrize(("first", "then"), [(FIRST, SECOND), (SECOND, FIRST)])
+def test_two_alike_branches_of_which_one_comes_back_first(
+    start: Start, first: tuple[int, ...], then: tuple[int, ...]
+) -> None:
+    """Both begin with the same coupler; the terminals behind it tell them apart."""
+    bench = start("branches")
+    switch(bench, *FIRST, *SECOND, on=False)
+    bench.wait_for(lambda: conditions(bench) == dict.fromkeys((*FIRST, *SECOND), "missing"))
+    switch(bench, *first, on=True)
+    bench.wait_for(lambda: conditions(bench) == dict.fromkeys(then, "missing"))
+    switch(bench, *then, on=True)
+    in_op(bench)
+
+
+def test_asking_by_hand_sets_up_a_slave_that_forgot_its_address(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    """Where nobody else does."""
+    config = CONFIG.replace("retry_s = 1.0", 'slaves = "none"')
+    bench = Bench(start_daemon("troll", config=config))
+    bench.wait_for_data()
+    switch(bench, 4, 5, on=False)
+    bench.wait_for(lambda: conditions(bench).keys() == {4, 5, 6, 7})
+    result = bench.daemon.ctl("state", "PREOP", "-p", "5", check=False)
+    assert result.returncode == 7
+    assert result.stderr == "ecatctl: slave 5 (EL3008) does not reach PREOP: no answer\n"
+    switch(bench, 4, 5, on=True)
+    bench.wait_for_log("no answer from slaves 4-5 at their address, though 8 slaves are there")
+    bench.daemon.ctl("state", "PREOP", "-p", "5")
+    assert bench.daemon.ctl("sdo-read", "5", "0x1018", "1").stdout.startswith("0x00000002")
+    assert conditions(bench).get(4) == "missing"
+    bench.daemon.ctl("state", "OP")
+    in_op(bench)
+    bench.close()
+
+
+def test_asking_by_hand_for_another_device(start: Start) -> None:
+    bench = start("troll")
+    bench.ctl("swap", "3", "EL2004")
+    bench.wait_for_event("recovery", slave=3, state="exchanged")
+    result = bench.daemon.ctl("state", "OP", "-p", "3", check=False)
+    assert result.returncode == 7
+    assert result.stderr.startswith("ecatctl: in the place of slave 3 (EL2008) stands another dev")
+    bench.ctl("swap", "3", "original")
+    in_op(bench)
+
+
+RING = "name = 'ring'\nring = true\n" + "[[slave]]\ndevice = 'Loopback32'\n" * 6
+
+
+@pytest.fixture
+def ring(start: Start, tmp_path: Path) -> Bench:
+    rig = tmp_path / "ring.toml"
+    rig.write_text(RING)
+    bench = start(str(rig))
+    bench.wait_for_log("the ring is closed")
+    return bench
+
+
+@pytest.mark.parametrize("lost", [(1,), (2,), (3,), (5,), (3, 4), (3, 4, 5), (0, 1)])
+def test_power_lost_on_a_ring_that_is_broken(ring: Bench, lost: tuple[int, ...]) -> None:
+    """Slaves on either side of the break, and at its ends; the break is still there afterwards."""
+    ring.ctl("break-link", "3")
+    ring.wait_for_log("the ring is broken between slave 2 (Loopback32) and slave 3 (Loopback32)")
+    ring.wait_for_data()
+    switch(ring, *lost, on=False)
+    ring.wait_for(lambda: conditions(ring).keys() >= set(lost))
+    switch(ring, *lost, on=True)
+    in_op(ring)
+    ring.ctl("heal-link", "3")
+    ring.wait_for_log("the ring is closed", 2)
+    in_op(ring)
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_the_whole_ring_was_without_power(ring: Bench, broken: bool) -> None:
+    everybody = tuple(range(6))
+    switch(ring, *everybody, on=False)
+    ring.wait_for(lambda: conditions(ring) == dict.fromkeys(everybody, "missing"))
+    if broken:
+        ring.ctl("break-link", "2")
+    switch(ring, *everybody[::2], *everybody[1::2], on=True)
+    in_op(ring)
+    assert "another EtherCAT master" not in ring.daemon.log
