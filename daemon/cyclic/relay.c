@@ -50,6 +50,7 @@ struct cyclic_relay {
   uint32_t copies;      /* that are back */
   uint32_t back_at;     /* port at which the last one came back */
   int in_turn;          /* by one port after the other */
+  uint32_t number;      /* frames served so far */
   uint8_t frame[2048], answer[2048], received[2048];
 };
 
@@ -153,6 +154,7 @@ static int is_answer(const cyclic_relay_t *r, const uint8_t *other, size_t lengt
   int at = FIRST_DATAGRAM;
   if (length < r->length) return 0;
   if (memcmp(other + SOURCE_RUN_AT, r->frame + SOURCE_RUN_AT, 4) != 0) return 0;
+  if (((other[SOURCE_PORT_AT] ^ r->frame[SOURCE_PORT_AT]) & ~1u) != 0) return 0;
   while (at > 0) {
     const uint8_t *ours = r->frame + at, *theirs = other + at;
     if (memcmp(ours, theirs, 2) != 0 || memcmp(ours + 4, theirs + 4, 2) != 0 ||
@@ -290,6 +292,9 @@ static void serve(cyclic_relay_t *r, uint32_t client) {
   if (r->length > FRAME_BYTES || !is_sound(r->frame, r->length) ||
       !has_index_of(r->frame, client))
     return;
+  /* Above the port a number, so that a frame given up that comes late is not taken for one like it:
+   * SOEM has but 16 indices. */
+  r->frame[SOURCE_PORT_AT] = (uint8_t)(++r->number << 1);
   came = cyclic_now();
   if (r->engine != NULL) {
     wait_for_share(r, came);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import os
 import threading
 import time
@@ -170,13 +171,13 @@ def test_the_share_is_one_of_the_free_time() -> None:
 
 
 def left_over() -> list[Any]:
-    """Threads and files of this process; sockets by kind, as their numbers differ."""
+    """Threads and files of this process, without numbers: sockets and segments have others."""
     tasks = Path("/proc/self/task").iterdir()
     threads = sorted((task / "comm").read_text() for task in tasks)
     files = []
     for link in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(FileNotFoundError):
-            files.append(str(link.readlink()).split(":")[0])
+            files.append(re.split(r":|#\d+", str(link.readlink()))[0])
     return [threads, sorted(files)]
 
 
