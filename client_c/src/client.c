@@ -88,8 +88,7 @@ int ecat_check_position(ecat_t *bus, int position) {
                    position, ecat_slave_count(bus), ecat_slave_count(bus) - 1);
 }
 
-int ecat_check_signal(ecat_t *bus, int number) {
-  if (number >= 0 && number < ecat_signal_count(bus)) return 0;
+int ecat_no_signal(ecat_t *bus, int number) {
   return ecat_fail(bus, ECAT_EARG, "%d is no signal: bus '%s' has %d", number, bus->name,
                    ecat_signal_count(bus));
 }

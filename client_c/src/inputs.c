@@ -8,37 +8,41 @@
 #include <time.h>
 #include <unistd.h>
 
-int ecat_sample_domain(ecat_t *bus, int number) {
-  struct snapshot *snapshot;
-  int code = ecat_check_domain(bus, number);
-  if (code != 0) return code;
-  bus->snapshot[number].fresh = 0;
+/* Copies the images of domains [first, end). */
+static int sample(ecat_t *bus, int first, int end) {
+  uint64_t newest = 0; /* domains with a divider may be older */
+  int i, age, code;
+  for (i = first; i < end; i++) bus->snapshot[i].fresh = 0;
   if ((code = ecat_segment_return(bus)) != 0) return code;
-  snapshot = &bus->snapshot[number];
-  if (ecat_page_copy(snapshot) != 0)
-    return ecat_fail(bus, ECAT_ESTALE,
-                     "no consistent image of domain %d of bus '%s' could be read: the daemon stopped "
-                     "while writing it", number, bus->name);
-  bus->sample_cycle = snapshot->waited_cycle = snapshot->cycle;
-  if (bus->waited_cycle < snapshot->cycle) bus->waited_cycle = snapshot->cycle;
+  for (i = first; i < end; i++) {
+    struct snapshot *snapshot = &bus->snapshot[i];
+    if (ecat_page_copy(snapshot) != 0) {
+      code = ecat_fail(bus, ECAT_ESTALE,
+                       "no consistent image of domain %d of bus '%s' could be read: the daemon "
+                       "stopped while writing it", i, bus->name);
+      continue;
+    }
+    snapshot->fresh = 1;
+    snapshot->waited_cycle = snapshot->cycle;
+    if (snapshot->cycle > newest) newest = snapshot->cycle;
+  }
+  if (newest > 0) bus->sample_cycle = newest;
+  if (bus->waited_cycle < newest) bus->waited_cycle = newest;
   if (bus->doorbell != NULL)
     __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
-  code = ecat_segment_age(bus);
-  snapshot->fresh = code == 0;
-  return code;
+  if ((age = ecat_segment_age(bus)) == 0) return code;
+  for (i = first; i < end; i++) bus->snapshot[i].fresh = 0;
+  return age;
+}
+
+int ecat_sample_domain(ecat_t *bus, int number) {
+  int code = ecat_check_domain(bus, number);
+  return code != 0 ? code : sample(bus, number, number + 1);
 }
 
 int ecat_sample(ecat_t *bus) {
-  uint64_t newest = 0;
-  int i, code = 0;
   if (bus->map == NULL) return ecat_segment_check(bus, 0);
-  for (i = 0; i < ecat_domain_count(bus); i++) {
-    int now = ecat_sample_domain(bus, i);
-    if (code == 0) code = now;
-    if (bus->snapshot[i].cycle > newest) newest = bus->snapshot[i].cycle;
-  }
-  bus->sample_cycle = newest; /* domains with a divider may be older */
-  return code;
+  return sample(bus, 0, ecat_domain_count(bus));
 }
 
 int ecat_domain(ecat_t *bus, int number, ecat_domain_info *info) {
@@ -81,15 +85,20 @@ int ecat_validity(ecat_t *bus, int number) {
 }
 
 /* The bits of an entry of the last sample. */
-static uint64_t sampled(const ecat_t *bus, const struct signal *signal) {
-  return bits_get((const uint8_t *)bus->snapshot[signal->domain].image, signal->bit, signal->bits);
+static inline uint64_t sampled(const struct signal *signal) {
+  uint32_t shift = signal->bit % 64, bits = signal->bits;
+  /* Whole words, as they were copied: a load that needs two stores that are still under way would
+   * have to wait for both. */
+  uint64_t word = signal->at[0] >> shift;
+  if (shift + bits > 64) word |= signal->at[1] << (64 - shift);
+  return word & (~0ull >> (64 - bits));
 }
 
 int ecat_read(ecat_t *bus, int number, double *value) {
   const struct signal *signal;
   if (ecat_check_signal(bus, number) != 0) return ECAT_EARG;
   signal = &bus->signal[number];
-  *value = raw_to_double(sampled(bus, signal), signal->bits, signal->sign, signal->real);
+  *value = raw_to_double(sampled(signal), signal->bits, signal->sign, signal->real);
   return 0;
 }
 
@@ -98,7 +107,7 @@ int ecat_read_int(ecat_t *bus, int number, int64_t *value) {
   uint64_t bits;
   if (ecat_check_signal(bus, number) != 0) return ECAT_EARG;
   signal = &bus->signal[number];
-  bits = sampled(bus, signal);
+  bits = sampled(signal);
   if (signal->real) {
     double real = raw_to_double(bits, signal->bits, 0, 1);
     if (!(real >= -9223372036854775808.0 && real < 9223372036854775808.0)) /* also not a number */

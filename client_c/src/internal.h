@@ -9,6 +9,7 @@
 
 #define NS_PER_S 1000000000u
 #define LATE_NS 20000000u         /* since the last cycle, until it is asked whether the daemon lives */
+#define TICK_NS 10000000u         /* that CLOCK_MONOTONIC_COARSE is behind, at most */
 #define RETURN_PAUSE_NS 20000000u /* between two looks whether the daemon is back */
 
 /* Kernel file locks say who is alive (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT): they vanish with their
@@ -17,6 +18,7 @@
 
 /* How one entry lies in the image of its domain. */
 struct signal {
+  const uint64_t *at; /* the word of the last sample that it begins in */
   uint32_t bit;    /* first one, in the domain's image */
   uint32_t staged; /* outputs: the same in the output image of a slot */
   uint16_t slave;
@@ -113,7 +115,10 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
 
 /* client.c */
 int ecat_check_position(ecat_t *bus, int position);
-int ecat_check_signal(ecat_t *bus, int number);
+int ecat_no_signal(ecat_t *bus, int number);
+static inline int ecat_check_signal(ecat_t *bus, int number) {
+  return (uint32_t)number < bus->header->signal_count ? 0 : ecat_no_signal(bus, number);
+}
 int ecat_check_domain(ecat_t *bus, int number);
 
 /* slot.c */
