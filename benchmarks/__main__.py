@@ -12,10 +12,11 @@ from typing import Any
 from ecatd.model.errors import EcatError, UsageError
 
 from . import machine, report
+from .client import benchmark as client
 from .engine import benchmark as engine
 from .simulator import benchmark as simulator
 
-BENCHMARKS: dict[str, Any] = {module.NAME: module for module in (simulator, engine)}
+BENCHMARKS: dict[str, Any] = {module.NAME: module for module in (simulator, engine, client)}
 """By name: modules with `SETTINGS` and `measure`."""
 
 

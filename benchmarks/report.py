@@ -8,10 +8,15 @@ from typing import Any
 
 from ecatd.model.errors import UsageError
 
+from .client import report as client_report
 from .engine import report as engine_report
 from .simulator import report as simulator_report
 
-SECTIONS: dict[str, Any] = {"simulator": simulator_report, "engine": engine_report}
+SECTIONS: dict[str, Any] = {
+    "simulator": simulator_report,
+    "engine": engine_report,
+    "client": client_report,
+}
 """Reports by the name of the benchmark, in the order of the page."""
 
 _HEAD = """\

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
+from ..target import Target
 from ..words import pace, slaves
 from .deadlines import allowed
 from .loads import ATTACH
@@ -22,23 +22,6 @@ CLOCKS_NS = 1000
 """Largest difference of a slave's clock to the reference clock."""
 START = {8: 3.0, 199: 15.0}
 """Seconds from the command to OP, by slaves."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """One target.
-
-    Attributes:
-        what: What is measured.
-        target: What it is meant to be.
-        measured: What it is.
-        met: Whether that is enough.
-    """
-
-    what: str
-    target: str
-    measured: str
-    met: bool
 
 
 def targets(result: dict[str, Any]) -> list[Target]:

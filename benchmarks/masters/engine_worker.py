@@ -1,35 +1,26 @@
 """Runs engines on command: `python -m benchmarks.masters.engine_worker INTERFACE SLAVES BYTES`.
 
-It is the engine of the daemon, with its shared memory, its layout and its threads, but without
-the start of a bus: the slaves are in OP already, and set up for the addresses of `layout`.
+Each command has one run for some seconds.
 """
 
 from __future__ import annotations
 
 import os
-import secrets
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ecatd.bus.engine import Engine, Index, RealTime, open_socket
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
-from ecatd.shm import Setting
+from ecatd.bus.engine import RealTime
 
 from ..engine.instructions import Counter
 from ..health import Health
 from ..segment import cells
+from .engine import PRIORITY, running, thread
 from .worker import serve
 
-PRIORITY = 80
 _ANY_RATE = 1000
-_LEASE_NS = 500_000_000
 _WARM_UP = 0.05
-_THREAD = "ecat-cyclic"
 
 
 class _Bench:
@@ -38,26 +29,6 @@ class _Bench:
         self._count = count
         self._size = size
         self._bus = f"bench{os.getpid()}"
-
-    @contextmanager
-    def _running(self, rate: float, wanted: RealTime) -> Iterator[bool]:
-        """An engine that exchanges; whether it has real-time priority."""
-        bus = cells.bus(self._bus, self._count, self._size, round(1e6 / rate))
-        image = lay_out(bus, set())
-        segment = Segment(bus.name)
-        try:
-            segment.fill(bus, image, _LEASE_NS, _LEASE_NS)
-            wire = open_socket(self._interface, Index.ENGINE, Index.LAST)
-            engine = Engine(segment.address, segment.out_fd, [wire], secrets.randbits(32))
-            try:
-                for domain in image.domains:
-                    engine.add_domain(domain)
-                grants = {grant.setting: grant for grant in engine.start(wanted)}
-                yield grants[Setting.SCHEDULING].error == 0
-            finally:
-                engine.close()
-        finally:
-            segment.close()
 
     def run(
         self, *, rate: float, seconds: float, busy: bool, cpu: int, count: bool = False
@@ -74,31 +45,24 @@ class _Bench:
         wanted = RealTime(PRIORITY, cpu, busy_receive=busy, free_running=not rate)
         if count:
             wanted.poll_us = 0  # what it does while it waits is no work of the cycle
-        with self._running(rate or _ANY_RATE, wanted) as granted:
+        bus = cells.bus(self._bus, self._count, self._size, round(1e6 / (rate or _ANY_RATE)))
+        with running(bus, self._interface, wanted) as granted:
             time.sleep(_WARM_UP)
-            thread = _thread(_THREAD)
-            counter = Counter(thread) if count else None
+            engine = thread()
+            counter = Counter(engine) if count else None
             before, first = Health(self._bus), counter.read() if counter else 0
-            slept = _sleeps(thread)
+            slept = _sleeps(engine)
             time.sleep(seconds)
             after, last = Health(self._bus), counter.read() if counter else 0
             result = {
                 **after.since(before).to_json(),
                 "real_time": granted,
-                "sleeps": _sleeps(thread) - slept,
+                "sleeps": _sleeps(engine) - slept,
             }
             if counter:
                 counter.close()
                 result["instructions"] = (last - first) / result["cycles"]
             return result
-
-
-def _thread(name: str) -> int:
-    """The thread of this process with a name."""
-    for task in Path("/proc/self/task").iterdir():
-        if (task / "comm").read_text().strip() == name:
-            return int(task.name)
-    raise LookupError(name)
 
 
 def _sleeps(thread: int) -> int:

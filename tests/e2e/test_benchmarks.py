@@ -94,6 +94,22 @@ def test_engine(tmp_path: Path) -> None:
     assert "free-running, 8 slaves, busy" in page
 
 
+def test_client(tmp_path: Path) -> None:
+    result, page = measured("client", tmp_path)
+    cases = result["snapshots"]
+    assert {(case["free_running"], case["readers"]) for case in cases} == {
+        (free_running, readers) for free_running in (False, True) for readers in (1, 4)
+    }
+    for case in cases:
+        assert min(case["turns"], case["plain"], case["ratio"]) > 0
+        assert case["span"][0] <= case["sample"] <= case["span"][1]
+    for case in result["commits"]:
+        assert 0 < case["commit"] < case["step"]
+    assert {case["claimed"] for case in result["commits"]} == {1, 8, 200}
+    assert "reason" in result["calls"] or result["calls"]["calls"] == 0
+    assert "commit of the outputs of one slave, on a bus of 200 slaves" in page
+
+
 def test_without_results() -> None:
     run = benchmarks("--report-only", "--out", "/nowhere")
     assert run.returncode == 2

@@ -1,0 +1,38 @@
+/* A client of a bus that measures: what goes wrong ends it with a sentence. */
+#ifndef BENCHMARK_BUS_H
+#define BENCHMARK_BUS_H
+
+#include <ecat/ecat.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static inline void check(ecat_t *bus, int code)
+{
+    if (code >= 0 || code == ECAT_ESTALE) /* a machine that hangs for a moment is no reason to end */
+        return;
+    fprintf(stderr, "benchmark: %s\n", ecat_error(bus));
+    exit(1);
+}
+
+static inline ecat_t *open_bus(const char *name)
+{
+    ecat_t *bus;
+    check(bus, ecat_open(&bus, name));
+    return bus;
+}
+
+/* Has the compiler believe that a value is used. */
+static inline void keep(double value)
+{
+    __asm__ volatile("" : : "g"(value));
+}
+
+/* `count` entries, evenly spread over the bus. */
+static inline void choose(const ecat_t *bus, int *entries, int count)
+{
+    int i, all = ecat_signal_count(bus);
+    for (i = 0; i < count; i++)
+        entries[i] = (int)((long)i * all / count);
+}
+
+#endif

@@ -1,0 +1,1 @@
+"""What programs get out of the shared memory, and what they cost the daemon."""

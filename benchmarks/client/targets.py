@@ -1,0 +1,75 @@
+"""What clients are meant to reach, and whether they do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from ..target import Target
+from ..words import slaves
+
+SNAPSHOT_NS, SNAPSHOT_RATIO = 150, 3.0
+"""Most that a snapshot of 256 bytes and 20 reads may take, also as a ratio to the plain copy."""
+FLAT = 0.15
+"""Most that it may differ from that of a single reader."""
+COMMIT_NS = 200
+
+
+def targets(result: dict[str, Any]) -> list[Target]:
+    """All of them, in the order of the page."""
+    return [
+        *_snapshot(result["snapshots"]),
+        *_commit(result["commits"]),
+        *_calls(result["calls"]),
+    ]
+
+
+def exchange(free_running: bool) -> str:
+    """How the engine exchanges meanwhile."""
+    return "free-running" if free_running else "1 kHz"
+
+
+def _snapshot(cases: list[dict[str, Any]]) -> Iterator[Target]:
+    for free_running in (False, True):
+        found = [case for case in cases if case["free_running"] == free_running]
+        alone, pace = found[0], exchange(free_running)
+        yield Target(
+            f"snapshot of 256 bytes and 20 reads, {pace}",
+            f"≤ {SNAPSHOT_NS} ns",
+            f"{alone['sample']:.0f} ns",
+            alone["sample"] <= SNAPSHOT_NS,
+        )
+        yield Target(
+            f"the same beside a plain copy and 20 loads, {pace}",
+            f"≤ {SNAPSHOT_RATIO:g} ×",
+            f"{alone['ratio']:.1f} × ({alone['plain']:.0f} ns)",
+            alone["ratio"] <= SNAPSHOT_RATIO,
+        )
+        others = [case["sample"] / alone["sample"] for case in found]
+        yield Target(
+            f"the same with up to {found[-1]['readers']} readers, {pace}",
+            f"± {FLAT:.0%} of one reader",
+            f"{min(others) - 1:+.0%} to {max(others) - 1:+.0%}",
+            all(abs(other - 1) <= FLAT for other in others),
+        )
+
+
+def _commit(cases: list[dict[str, Any]]) -> Iterator[Target]:
+    for case in cases:
+        if case["claimed"] == 1:
+            yield Target(
+                f"commit of the outputs of one slave, on a bus of {slaves(case['slaves'])}",
+                f"≤ {COMMIT_NS} ns",
+                f"{case['commit']:.0f} ns",
+                case["commit"] <= COMMIT_NS,
+            )
+
+
+def _calls(calls: dict[str, Any]) -> Iterator[Target]:
+    if "calls" in calls:
+        yield Target(
+            f"system calls of {calls['steps']} times sample, 20 reads, 4 writes and commit",
+            "0",
+            f"{calls['calls']} (and {calls['yields']} `sched_yield`)",
+            calls["calls"] == 0,
+        )
