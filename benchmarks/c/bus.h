@@ -21,10 +21,10 @@ static inline ecat_t *open_bus(const char *name)
     return bus;
 }
 
-/* Has the compiler believe that a value is used. */
-static inline void keep(double value)
+/* Has the compiler believe that what is there is used, and changed. */
+static inline void keep(void *at)
 {
-    __asm__ volatile("" : : "g"(value));
+    __asm__ volatile("" : : "r"(at) : "memory");
 }
 
 /* `count` entries, evenly spread over the bus. */

@@ -41,14 +41,12 @@ static struct client prepare(const char *name, int slaves)
 
 static void take(const struct client *client)
 {
-    double value, sum = 0;
+    double values[READS];
     int i;
     check(client->bus, ecat_sample(client->bus));
-    for (i = 0; i < READS; i++) {
-        (void)ecat_read(client->bus, client->reads[i], &value);
-        sum += value;
-    }
-    keep(sum);
+    for (i = 0; i < READS; i++)
+        (void)ecat_read(client->bus, client->reads[i], &values[i]);
+    keep(values);
 }
 
 static void give(const struct client *client)

@@ -14,7 +14,7 @@ from typing import Any
 from ecatsim.net import namespace, netlink
 
 from ..segment.peers import SIMULATOR
-from . import paths
+from . import costs, delay, paths
 from .plant import Plant
 
 NAME = "client"
@@ -30,16 +30,28 @@ class Settings:
     Attributes:
         readers: How many processes read at once.
         seconds: How long each measurement of a path takes.
+        cycles: How often the delay from sample to wire is measured.
+        writers: Numbers of clients that commit in every cycle.
+        claims: Numbers of slaves whose outputs one client has.
+        waiters: Numbers of processes that wait for every cycle.
+        cost_rounds: How often each of these has its turn.
+        cost_seconds: How long a turn is.
     """
 
     readers: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64)
     seconds: float = 1.0
+    cycles: int = 10_000
+    writers: tuple[int, ...] = (0, 1, 8, 31)
+    claims: tuple[int, ...] = (1, 10, 50, 200)
+    waiters: tuple[int, ...] = (0, 1, 2, 64)
+    cost_rounds: int = 5
+    cost_seconds: float = 0.3
 
 
 SETTINGS = {
-    "quick": Settings(readers=(1, 4), seconds=0.05),
+    "quick": Settings(readers=(1, 4), seconds=0.05, cycles=200, cost_rounds=1, cost_seconds=0.05),
     "normal": Settings(),
-    "full": Settings(seconds=5.0),
+    "full": Settings(seconds=5.0, cycles=100_000, cost_rounds=15, cost_seconds=1.0),
 }
 
 
@@ -55,7 +67,18 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
             say("commit")
             result["commits"] = paths.commits(line, settings.seconds)
             result["calls"] = paths.system_calls(line, plant)
+            say("from sample to wire")
+            result["delay"] = delay.measure(line, settings.cycles)
         with plant.line(*LARGE) as line:
             say("commit, 200 slaves")
             result["commits"] += paths.commits(line, settings.seconds)
+            say("what clients cost the engine")
+            result["costs"] = costs.measure(
+                line,
+                settings.writers,
+                settings.claims,
+                settings.waiters,
+                settings.cost_rounds,
+                settings.cost_seconds,
+            )
         return result

@@ -85,37 +85,47 @@ int ecat_validity(ecat_t *bus, int number) {
 }
 
 /* The bits of an entry of the last sample. */
-static inline uint64_t sampled(const struct signal *signal) {
-  uint32_t shift = signal->bit % 64, bits = signal->bits;
-  /* Whole words, as they were copied: a load that needs two stores that are still under way would
-   * have to wait for both. */
-  uint64_t word = signal->at[0] >> shift;
-  if (shift + bits > 64) word |= signal->at[1] << (64 - shift);
-  return word & (~0ull >> (64 - bits));
+static uint64_t sampled(const struct signal *signal) {
+  return bits_get((const uint8_t *)signal->at, signal->bit % 64, signal->bits);
+}
+
+/* Most entries. Whole words are read, as they were copied: a load that needs two stores that are
+ * still under way would have to wait for both. */
+static inline int64_t integer(const struct signal *signal) {
+  uint64_t word = *signal->at << signal->up;
+  if (signal->kind == KIND_SIGNED) return (int64_t)word >> signal->down;
+  return (int64_t)(word >> signal->down);
 }
 
 int ecat_read(ecat_t *bus, int number, double *value) {
   const struct signal *signal;
-  if (ecat_check_signal(bus, number) != 0) return ECAT_EARG;
+  if ((uint32_t)number >= bus->header->signal_count) return ecat_no_signal(bus, number);
   signal = &bus->signal[number];
-  *value = raw_to_double(sampled(signal), signal->bits, signal->sign, signal->real);
+  if (signal->kind != KIND_OTHER)
+    *value = (double)integer(signal);
+  else
+    *value = raw_to_double(sampled(signal), signal->bits, signal->sign, signal->real);
+  return 0;
+}
+
+/* A real entry as an integer. */
+static int rounded(ecat_t *bus, double real, int64_t *value) {
+  if (!(real >= -9223372036854775808.0 && real < 9223372036854775808.0)) /* also not a number */
+    return ecat_fail(bus, ECAT_ERANGE, "%g is no 64-bit integer", real);
+  *value = (int64_t)real;
   return 0;
 }
 
 int ecat_read_int(ecat_t *bus, int number, int64_t *value) {
   const struct signal *signal;
-  uint64_t bits;
-  if (ecat_check_signal(bus, number) != 0) return ECAT_EARG;
+  if ((uint32_t)number >= bus->header->signal_count) return ecat_no_signal(bus, number);
   signal = &bus->signal[number];
-  bits = sampled(signal);
-  if (signal->real) {
-    double real = raw_to_double(bits, signal->bits, 0, 1);
-    if (!(real >= -9223372036854775808.0 && real < 9223372036854775808.0)) /* also not a number */
-      return ecat_fail(bus, ECAT_ERANGE, "%g is no 64-bit integer", real);
-    *value = (int64_t)real;
-  } else {
-    *value = signal->sign ? sign_extended(bits, signal->bits) : (int64_t)bits;
-  }
+  if (signal->kind != KIND_OTHER)
+    *value = integer(signal);
+  else if (signal->real)
+    return rounded(bus, raw_to_double(sampled(signal), signal->bits, 0, 1), value);
+  else
+    *value = signal->sign ? sign_extended(sampled(signal), signal->bits) : (int64_t)sampled(signal);
   return 0;
 }
 

@@ -16,6 +16,9 @@
  * holder however it ends, reach across pid namespaces and cannot be confused by a process number
  * used again. */
 
+/* How an entry is read: an integer within one word, which a double or int64_t holds, or else. */
+enum kind { KIND_UNSIGNED, KIND_SIGNED, KIND_OTHER };
+
 /* How one entry lies in the image of its domain. */
 struct signal {
   const uint64_t *at; /* the word of the last sample that it begins in */
@@ -24,6 +27,8 @@ struct signal {
   uint16_t slave;
   uint16_t domain;
   uint8_t bits;
+  uint8_t kind;      /* enum kind */
+  uint8_t up, down;  /* shifts that leave nothing but the entry of that word */
   uint8_t sign, real, output;
   uint8_t limited; /* outputs: has a declared range */
 };
@@ -105,7 +110,10 @@ void ecat_images_free(ecat_t *bus); /* those that nobody may use after ecat_clos
 int ecat_segment_check(ecat_t *bus, uint64_t age_ns);
 int ecat_segment_age(ecat_t *bus); /* the same for now */
 /* 0 while the daemon is there, or when it is there again: looks for it, but not too often. */
-int ecat_segment_return(ecat_t *bus);
+int ecat_segment_look(ecat_t *bus);
+static inline int ecat_segment_return(ecat_t *bus) {
+  return bus->down == 0 ? 0 : ecat_segment_look(bus);
+}
 int ecat_page_copy(struct snapshot *snapshot);
 
 /* inputs.c */

@@ -85,6 +85,11 @@ static int check_signal(ecat_t *bus, unsigned number) {
   to->output = from->output;
   to->sign = (uint8_t)type_is_signed(from->type);
   to->real = (uint8_t)type_is_real(from->type, from->bit_length);
+  to->up = (uint8_t)(64 - from->bit_offset % 64 - from->bit_length); /* unless KIND_OTHER */
+  to->down = (uint8_t)(64 - from->bit_length);
+  to->kind = KIND_OTHER;
+  if (!to->real && from->bit_offset % 64 + from->bit_length <= 64 && (to->sign || to->bits < 64))
+    to->kind = to->sign ? KIND_SIGNED : KIND_UNSIGNED;
   to->limited = from->minimum > -HUGE_VAL || from->maximum < HUGE_VAL;
   return 0;
 }
@@ -357,12 +362,11 @@ static void replace(ecat_t *bus, ecat_t *fresh) {
   for (i = 0; i < bus->header->domain_count; i++) (void)ecat_page_copy(&bus->snapshot[i]);
 }
 
-int ecat_segment_return(ecat_t *bus) {
+int ecat_segment_look(ecat_t *bus) {
   ecat_t fresh = {.fd = -1, .out_fd = -1, .slot = -1};
   static const ecat_shm_header nothing;
   uint64_t now;
   int code;
-  if (bus->down == 0) return 0;
   now = ecat_now();
   if (now - bus->tried_ns < RETURN_PAUSE_NS) return ecat_segment_check(bus, 0);
   bus->tried_ns = now;
