@@ -8,30 +8,36 @@ from pathlib import Path
 from ecatd.model.errors import StateError
 
 _FLAGS = (
-    *("-std=c11", "-O2", "-D_GNU_SOURCE", "-fvisibility=hidden"),
-    *("-Wall", "-Wextra", "-Wshadow", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Werror"),
+    *("-O2", "-D_GNU_SOURCE", "-fvisibility=hidden"),
+    *("-Wall", "-Wextra", "-Wshadow", "-Werror"),
 )
+_COMPILERS = {
+    ".c": ("gcc", "-std=c11", "-Wstrict-prototypes", "-Wmissing-prototypes"),
+    ".cpp": ("g++", "-std=c++17"),
+}
 
 
 def build(folder: Path, name: str, *more: str, library: bool = False) -> Path:
-    """Compiles `benchmarks/c/NAME.c` into a program or a shared library in `folder`.
+    """Compiles `benchmarks/c/NAME.c`, or `.cpp`, into a program or a shared library in `folder`.
 
     Args:
         folder: Where to.
         name: What.
-        more: Further arguments for gcc.
+        more: Further arguments for the compiler.
         library: Whether to make a library.
 
     Raises:
-        StateError: There is no gcc, or it refused.
+        StateError: There is no compiler, or it refused.
     """
     output = folder / (f"lib{name}.so" if library else name)
     kind = ("-shared", "-fPIC") if library else ()
-    source = Path(__file__).parent / "c" / f"{name}.c"
+    stem = Path(__file__).parent / "c" / name
+    source = next(file for kind in _COMPILERS if (file := stem.with_suffix(kind)).exists())
+    compiler = _COMPILERS[source.suffix]
     try:
-        subprocess.run(["gcc", *_FLAGS, *kind, source, *more, "-o", output], check=True)
+        subprocess.run([*compiler, *_FLAGS, *kind, source, *more, "-o", output], check=True)
     except FileNotFoundError as error:
-        raise StateError("gcc is needed for the benchmarks") from error
+        raise StateError(f"{compiler[0]} is needed for the benchmarks") from error
     except subprocess.CalledProcessError as error:
-        raise StateError(f"gcc refused {source}") from error
+        raise StateError(f"{compiler[0]} refused {source}") from error
     return output

@@ -22,7 +22,7 @@ SECTIONS: dict[str, Any] = {
 _HEAD = """\
 # Performance
 
-Measured by `make bench`, which needs gcc and some eight minutes and leaves its results in `bench/`;
+Measured by `make bench`, which needs gcc, g++ and ten minutes and leaves its results in `bench/`;
 this page is what `make bench OUT=docs` wrote (`make bench-full` does more, in an hour). It needs
 no root, but an ordinary user gets no real-time priority, and then the load of the machine shows in
 the numbers. Compare ratios, not times: both sides of a ratio are measured in one run, in turns.

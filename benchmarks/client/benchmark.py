@@ -14,7 +14,7 @@ from typing import Any
 from ecatsim.net import namespace, netlink
 
 from ..segment.peers import SIMULATOR
-from . import costs, delay, paths
+from . import costs, delay, languages, paths, peers
 from .plant import Plant
 
 NAME = "client"
@@ -39,7 +39,7 @@ class Settings:
     """
 
     readers: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64)
-    seconds: float = 1.0
+    seconds: float = 0.5
     cycles: int = 10_000
     writers: tuple[int, ...] = (0, 1, 8, 31)
     claims: tuple[int, ...] = (1, 10, 50, 200)
@@ -69,6 +69,8 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
             result["calls"] = paths.system_calls(line, plant)
             say("from sample to wire")
             result["delay"] = delay.measure(line, settings.cycles)
+            say("C++ and Python")
+            result["languages"] = languages.measure(line, settings.seconds)
         with plant.line(*LARGE) as line:
             say("commit, 200 slaves")
             result["commits"] += paths.commits(line, settings.seconds)
@@ -81,4 +83,6 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
                 settings.cost_rounds,
                 settings.cost_seconds,
             )
+        say("others")
+        result["peers"] = peers.measure(plant, *SMALL, settings.seconds)
         return result

@@ -27,7 +27,7 @@ from ..segment.shared_line import SharedLine
 CYCLE_US = 1000
 _MEMORY = 0x2000
 """Memory of a slave that belongs to no sync manager."""
-_PROGRAMS = ("snapshot", "commit", "delay", "writers", "readers")
+_PROGRAMS = ("snapshot", "commit", "delay", "writers", "readers", "wrapper")
 
 
 class _Mirror(SharedLine):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..words import met, table
+from .comparison import comparison
 from .plot import plot
 from .targets import exchange, targets
 
@@ -18,13 +19,26 @@ slaves. The bus has 8 slaves with 16 bytes of outputs and of inputs each: a doma
 A turn is 100 calls in a row; times are medians over the turns. Beside each turn of *snapshot and \
 20 reads by handle* there is one of the least that it could be: a `memcpy` of the same bytes from \
 the same memory, without knowing whether they are consistent, and 20 plain loads. Every call of \
-both waits until the one before it has ended, as in a program that does it once a cycle; that wait \
-is subtracted."""
+both waits until the one before it has ended, as in a program that does it once a cycle; that \
+wait is subtracted."""
 
 _READERS = """\
 Readers are processes, pinned in turns to the processors that neither the engine nor the \
 simulator has ({processors}). With more readers than processors they share them, and a time is \
 that of one who has its processor; more at the same instant there cannot be on this machine."""
+
+
+_COSTS = """\
+What clients cost the engine: time and instructions (outside the kernel) of its thread in a cycle \
+of 1 ms with 200 slaves, sleeping at once for the answer. The time has the send and receive calls \
+in it, and with them what the simulator does in them. Writers commit in every cycle and wait for \
+nobody; waiters are processes that wait for every cycle and sample."""
+
+_AXES = {
+    "writers": "clients that commit, one slave each",
+    "claims": "slaves whose outputs one such client owns",
+    "waiters": "clients that wait",
+}
 
 
 def section(result: dict[str, Any]) -> str:
@@ -43,6 +57,13 @@ def section(result: dict[str, Any]) -> str:
             "A commit, and a whole step of a program (sample, 20 reads, 4 writes, commit), in ns:",
             _commits(result["commits"]),
             _no_calls(result["calls"]),
+            _delay(result["delay"]),
+            _COSTS,
+            *(_cost(result["costs"][axis], word) for axis, word in _AXES.items()),
+            "The client in C++, beside C (a snapshot and 20 reads), and in Python, in ns:",
+            _languages(result["languages"]),
+            "How a model reaches the bus, beside other ways:",
+            comparison(result),
         )
         if part
     )
@@ -74,3 +95,38 @@ def _commits(cases: list[dict[str, Any]]) -> str:
 
 def _no_calls(calls: dict[str, Any]) -> str:
     return f"System calls were not counted: {calls['reason']}." if "reason" in calls else ""
+
+
+def _delay(delay: dict[str, Any]) -> str:
+    urgent = "with" if delay["real_time"] else "without"
+    engine = delay["engine"]
+    return (
+        f"From sample to wire: in each of {delay['cycles']} cycles at 1 kHz a program ({urgent} "
+        f"real-time priority) waits, samples the number of the cycle, writes it to a slave that "
+        f"returns its outputs in the same frame, and commits. {delay['exact']} times the number "
+        f"went out and came back in exactly the next cycle; {delay['late']} times the program was "
+        f"late (its commit had not returned at the deadline of the next cycle, or it slept through "
+        f"one), {delay['lost']} times the frame was lost, {delay['wrong']} times there was no such "
+        f"reason. The engine counted {engine[1]} commits one cycle after their sample, {engine[2]} "
+        f"two, {engine[3]} more."
+    )
+
+
+def _cost(cost: dict[str, Any], word: str) -> str:
+    points, more = cost["points"], cost["more"]
+    number = next(key for key in points[0] if key not in more)
+    rows = [
+        (point[number], f"{point['ns'] / 1000:.1f}", f"{point.get('instructions', 0):.0f}")
+        for point in points
+    ]
+    return table((word, "µs a cycle", "instructions"), rows)
+
+
+def _languages(languages: dict[str, Any]) -> str:
+    wrapper = languages["wrapper"]
+    rows = [
+        ("C, snapshot and 20 reads", f"{wrapper['c']:.1f}"),
+        ("C++, the same", f"{wrapper['cpp']:.1f}"),
+        *((f"Python, {name}", f"{ns:.0f}") for name, ns in languages["python"].items()),
+    ]
+    return table(("what", "ns"), rows)

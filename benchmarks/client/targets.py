@@ -21,6 +21,8 @@ def targets(result: dict[str, Any]) -> list[Target]:
         *_snapshot(result["snapshots"]),
         *_commit(result["commits"]),
         *_calls(result["calls"]),
+        *_delay(result["delay"]),
+        *_costs(result["costs"]),
     ]
 
 
@@ -73,3 +75,35 @@ def _calls(calls: dict[str, Any]) -> Iterator[Target]:
             f"{calls['calls']} (and {calls['yields']} `sched_yield`)",
             calls["calls"] == 0,
         )
+
+
+def _delay(delay: dict[str, Any]) -> Iterator[Target]:
+    in_time = delay["cycles"] - delay["late"] - delay["lost"]
+    yield Target(
+        f"sampled in one cycle, sent and returned in the next, of {in_time} cycles "
+        f"({delay['late']} more with a late program, {delay['lost']} with a lost frame)",
+        "all",
+        str(delay["exact"]),
+        delay["wrong"] == 0 and delay["exact"] > 0,
+    )
+
+
+def _costs(costs: dict[str, Any]) -> Iterator[Target]:
+    """What has no target, and what has: waiting must cost nothing that grows."""
+    for kind, each in (("writers", "client that commits"), ("claims", "claimed slave")):
+        more = costs[kind]["more"]
+        if "instructions" in more:
+            yield Target(
+                f"instructions of the engine for each {each}",
+                "–",
+                f"{more['instructions']:.0f}",
+                True,
+            )
+    points = {point["waiters"]: point["ns"] for point in costs["waiters"]["points"]}
+    many, few = max(points), sorted(points)[-2]
+    yield Target(
+        f"the engine's cycle with {many} waiting clients",
+        f"≤ {1 + FLAT:.2f} × with {few}",
+        f"{points[many] / points[few]:.2f} ×",
+        points[many] <= (1 + FLAT) * points[few],
+    )

@@ -76,7 +76,7 @@ def _case(rate: float, found: dict[tuple[float, Loop], list[dict[str, Any]]]) ->
     }
 
 
-def _buckets(result: dict[str, Any]) -> histogram.Buckets:
+def buckets(result: dict[str, Any]) -> histogram.Buckets:
     """The exchange times, of whichever loop."""
     pairs = result["buckets"]
     return histogram.of_pairs(pairs["exchange"] if isinstance(pairs, dict) else pairs)
@@ -84,7 +84,7 @@ def _buckets(result: dict[str, Any]) -> histogram.Buckets:
 
 def _quantiles(results: Sequence[dict[str, Any]], q: float) -> list[float]:
     """Of each round."""
-    return [histogram.quantile(_buckets(result), q) for result in results]
+    return [histogram.quantile(buckets(result), q) for result in results]
 
 
 def _summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -93,7 +93,7 @@ static uint64_t sampled(const struct signal *signal) {
  * still under way would have to wait for both. */
 static inline int64_t integer(const struct signal *signal) {
   uint64_t word = *signal->at << signal->up;
-  if (signal->kind == KIND_SIGNED) return (int64_t)word >> signal->down;
+  if (signal->reading == READ_SIGNED) return (int64_t)word >> signal->down;
   return (int64_t)(word >> signal->down);
 }
 
@@ -101,7 +101,7 @@ int ecat_read(ecat_t *bus, int number, double *value) {
   const struct signal *signal;
   if ((uint32_t)number >= bus->header->signal_count) return ecat_no_signal(bus, number);
   signal = &bus->signal[number];
-  if (signal->kind != KIND_OTHER)
+  if (signal->reading != READ_OTHERWISE)
     *value = (double)integer(signal);
   else
     *value = raw_to_double(sampled(signal), signal->bits, signal->sign, signal->real);
@@ -120,7 +120,7 @@ int ecat_read_int(ecat_t *bus, int number, int64_t *value) {
   const struct signal *signal;
   if ((uint32_t)number >= bus->header->signal_count) return ecat_no_signal(bus, number);
   signal = &bus->signal[number];
-  if (signal->kind != KIND_OTHER)
+  if (signal->reading != READ_OTHERWISE)
     *value = integer(signal);
   else if (signal->real)
     return rounded(bus, raw_to_double(sampled(signal), signal->bits, 0, 1), value);

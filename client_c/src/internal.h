@@ -17,7 +17,7 @@
  * used again. */
 
 /* How an entry is read: an integer within one word, which a double or int64_t holds, or else. */
-enum kind { KIND_UNSIGNED, KIND_SIGNED, KIND_OTHER };
+enum reading { READ_UNSIGNED, READ_SIGNED, READ_OTHERWISE };
 
 /* How one entry lies in the image of its domain. */
 struct signal {
@@ -27,7 +27,7 @@ struct signal {
   uint16_t slave;
   uint16_t domain;
   uint8_t bits;
-  uint8_t kind;      /* enum kind */
+  uint8_t reading;   /* enum reading */
   uint8_t up, down;  /* shifts that leave nothing but the entry of that word */
   uint8_t sign, real, output;
   uint8_t limited; /* outputs: has a declared range */

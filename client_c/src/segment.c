@@ -85,11 +85,11 @@ static int check_signal(ecat_t *bus, unsigned number) {
   to->output = from->output;
   to->sign = (uint8_t)type_is_signed(from->type);
   to->real = (uint8_t)type_is_real(from->type, from->bit_length);
-  to->up = (uint8_t)(64 - from->bit_offset % 64 - from->bit_length); /* unless KIND_OTHER */
+  to->up = (uint8_t)(64 - from->bit_offset % 64 - from->bit_length); /* unless READ_OTHERWISE */
   to->down = (uint8_t)(64 - from->bit_length);
-  to->kind = KIND_OTHER;
+  to->reading = READ_OTHERWISE;
   if (!to->real && from->bit_offset % 64 + from->bit_length <= 64 && (to->sign || to->bits < 64))
-    to->kind = to->sign ? KIND_SIGNED : KIND_UNSIGNED;
+    to->reading = to->sign ? READ_SIGNED : READ_UNSIGNED;
   to->limited = from->minimum > -HUGE_VAL || from->maximum < HUGE_VAL;
   return 0;
 }

@@ -107,6 +107,21 @@ def test_client(tmp_path: Path) -> None:
         assert 0 < case["commit"] < case["step"]
     assert {case["claimed"] for case in result["commits"]} == {1, 8, 200}
     assert "reason" in result["calls"] or result["calls"]["calls"] == 0
+    delay = result["delay"]
+    outcomes = ("exact", "late", "lost", "wrong")
+    assert sum(delay[outcome] for outcome in outcomes) == delay["cycles"] == 200
+    assert delay["exact"] > 0
+    assert delay["wrong"] == 0
+    costs = result["costs"]
+    assert [point["writers"] for point in costs["writers"]["points"]] == [0, 1, 8, 31]
+    assert [point["slaves"] for point in costs["claims"]["points"]] == [1, 10, 50, 200]
+    assert [point["waiters"] for point in costs["waiters"]["points"]] == [0, 1, 2, 64]
+    assert all(point["ns"] > 0 for cost in costs.values() for point in cost["points"])
+    assert min(result["languages"]["python"].values()) > 0
+    assert min(result["languages"]["wrapper"].values()) > 0
+    assert result["peers"]["in_process"]["step"] > 0
+    assert result["peers"]["device_drivers"] == {"reason": "DEVICE_DRIVERS names no checkout of it"}
+    assert "| who owns an output |" in page
     assert "commit of the outputs of one slave, on a bus of 200 slaves" in page
 
 
