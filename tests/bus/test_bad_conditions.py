@@ -24,6 +24,7 @@ from ecatd.gateway.keys import bus_key, session_config
 from ecatd.model.al import AlState
 from ecatd.paths import zenoh_socket
 from ecatd.wire import unpack
+from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -67,6 +68,12 @@ class Bench:
         """Runs `ecatsim ctl`."""
         result = run_module("ecatsim", "ctl", "--name", str(self.simulator), *arguments)
         assert result.returncode == 0, result.stderr
+
+    def power(self, *positions: int, on: bool) -> None:
+        """Switches the power of slaves in this order, one right after the other."""
+        with Simulator(str(self.simulator)) as simulator:
+            for position in positions:
+                (simulator.faults.power_on if on else simulator.faults.power_off)(position)
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
         wait_for(condition, self.daemon)

@@ -138,10 +138,10 @@ def test_a_slave_that_was_without_power(start: Start, clocks: bool, ring: bool) 
     in_op(bench)
     last = SLAVES - 1
     with undisturbed(bench, range(last)):
-        bench.ctl("power-off", str(last))
+        bench.power(last, on=False)
         bench.wait_for(lambda: condition(bench, last) == "missing")
         bench.wait_for_event("recovery", slave=last, state="fallen")
-        bench.ctl("power-on", str(last))
+        bench.power(last, on=True)
         bench.wait_for_log(f"slave {last} (EL3008): back in OP after")
         in_op(bench)
     bench.wait_for_event("recovery", slave=last, state="set_up")
@@ -157,11 +157,9 @@ def test_slaves_in_the_middle_that_were_without_power(
     bench = start(clocks=clocks, ring=ring)
     in_op(bench)
     with undisturbed(bench, range(3)):
-        for position in (3, 4, 5, 6):
-            bench.ctl("power-off", str(position))
+        bench.power(3, 4, 5, 6, on=False)
         bench.wait_for(lambda: bench.health().slaves_found == 3)
-        for position in (5, 3, 6, 4):
-            bench.ctl("power-on", str(position))
+        bench.power(5, 3, 6, 4, on=True)
         in_op(bench)
 
 
@@ -170,11 +168,9 @@ def test_the_whole_line_was_without_power(start: Start, clocks: bool) -> None:
     bench = start(clocks=clocks)
     in_op(bench)
     before = cycle(bench)
-    for position in range(SLAVES):
-        bench.ctl("power-off", str(position))
+    bench.power(*range(SLAVES), on=False)
     bench.wait_for(lambda: bench.health().slaves_found == 0)
-    for position in range(SLAVES):
-        bench.ctl("power-on", str(position))
+    bench.power(*range(SLAVES), on=True)
     in_op(bench)
     assert cycle(bench) > before
 
@@ -261,10 +257,10 @@ def test_a_state_that_a_user_wants_is_respected(start: Start) -> None:
 def test_nothing_comes_back_where_that_is_not_wanted(start: Start) -> None:
     bench = start(config=CONFIG.replace("retry_s = 1.0", 'slaves = "none"'))
     in_op(bench)
-    bench.ctl("power-off", "5")
+    bench.power(5, on=False)
     bench.ctl("al-error", "4", "0x001B")
     bench.wait_for(lambda: condition(bench, 5) == "missing")
-    bench.ctl("power-on", "5")
+    bench.power(5, on=True)
     bench.wait_for_log("switched off and on, or exchanged; restart ecatd to use it")
     with bench.daemon.client() as client:
         slaves = client.slaves()
@@ -291,7 +287,7 @@ def test_outputs_of_an_owner_go_on_when_its_slave_is_back(start: Start) -> None:
         def is_away() -> bool:
             return not arrives(12) and client.domain(5).wkc_state == shm.WkcState.ZERO
 
-        bench.ctl("power-off", "5")
+        bench.power(5, on=False)
         bench.wait_for(is_away)
-        bench.ctl("power-on", "5")
+        bench.power(5, on=True)
         bench.wait_for(lambda: arrives(13))  # never claimed again

@@ -8,10 +8,10 @@ from test_bad_conditions import Bench
 
 from conftest import Daemon
 from ecatd.model.al import AlState
-from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
+LONG_LINE = Path(__file__).parent.parent / "rigs" / "long_line.py"
 CONFIG = "state_timeout_s = 2.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"
 CONFIG += "[outputs]\nlease_max_ms = 20000\n"
 DRIVE = 2
@@ -51,13 +51,6 @@ def start(start_daemon: Callable[..., Daemon]) -> Iterator[Start]:
     yield start
     for bench in benches:
         bench.close()
-
-
-def switch(bench: Bench, *positions: int, on: bool) -> None:
-    """Switches the power of slaves in this order, one right after the other."""
-    with Simulator(str(bench.simulator)) as simulator:
-        for position in positions:
-            (simulator.faults.power_on if on else simulator.faults.power_off)(position)
 
 
 def conditions(bench: Bench) -> dict[int, str]:
@@ -110,9 +103,9 @@ def test_other_process_data_than_at_the_start(
     with bench.daemon.client() as client:
         output, value = client.bind(3, 0x7000, 1), client.bind(3, 0x6000, 1)
         client.claim(3, lease=20)
-        switch(bench, DRIVE, on=False)
+        bench.power(DRIVE, on=False)
         bench.wait_for(lambda: conditions(bench).keys() == {2, 3})  # 3 is behind it
-        switch(bench, DRIVE, on=True)
+        bench.power(DRIVE, on=True)
         bench.wait_for_log(f"slave 2 (CiA402): {text}")
         bench.wait_for_event("recovery", slave=DRIVE, state="refused")
         bench.wait_for(lambda: conditions(bench) == {DRIVE: "refused"})
@@ -144,11 +137,11 @@ def test_a_coupler_with_its_terminals(start: Start) -> None:
     """They get their power back in any order; the drive in front of them goes on."""
     bench = start("troll")
     terminals = range(1, 8)
-    switch(bench, *terminals, on=False)
+    bench.power(*terminals, on=False)
     bench.wait_for(lambda: conditions(bench) == dict.fromkeys(terminals, "missing"))
     with bench.daemon.client() as client:
         assert client.slaves()[0].al_state == AlState.OP
-    switch(bench, 5, 7, 1, 3, 2, 6, 4, on=True)
+    bench.power(5, 7, 1, 3, 2, 6, 4, on=True)
     in_op(bench)
     with bench.daemon.client() as client:
         constant = client.bind(5, 0x6010, 0x11)
@@ -168,9 +161,9 @@ JUNCTION, FIRST, SECOND, LAST = 3, (4, 5, 6), (7, 8, 9), 10
 )
 def test_branches_behind_a_junction(start: Start, lost: tuple[int, ...]) -> None:
     bench = start("branches")
-    switch(bench, *lost, on=False)
+    bench.power(*lost, on=False)
     bench.wait_for(lambda: conditions(bench).keys() >= set(lost))
-    switch(bench, *reversed(lost), on=True)
+    bench.power(*reversed(lost), on=True)
     in_op(bench)
     assert "another device" not in bench.daemon.log
 
@@ -181,11 +174,11 @@ def test_two_alike_branches_of_which_one_comes_back_first(
 ) -> None:
     """Both begin with the same coupler; the terminals behind it tell them apart."""
     bench = start("branches")
-    switch(bench, *FIRST, *SECOND, on=False)
+    bench.power(*FIRST, *SECOND, on=False)
     bench.wait_for(lambda: conditions(bench) == dict.fromkeys((*FIRST, *SECOND), "missing"))
-    switch(bench, *first, on=True)
+    bench.power(*first, on=True)
     bench.wait_for(lambda: conditions(bench) == dict.fromkeys(then, "missing"))
-    switch(bench, *then, on=True)
+    bench.power(*then, on=True)
     in_op(bench)
 
 
@@ -196,12 +189,12 @@ def test_asking_by_hand_sets_up_a_slave_that_forgot_its_address(
     config = CONFIG.replace("retry_s = 1.0", 'slaves = "none"')
     bench = Bench(start_daemon("troll", config=config))
     bench.wait_for_data()
-    switch(bench, 4, 5, on=False)
+    bench.power(4, 5, on=False)
     bench.wait_for(lambda: conditions(bench).keys() == {4, 5, 6, 7})
     result = bench.daemon.ctl("state", "PREOP", "-p", "5", check=False)
     assert result.returncode == 7
     assert result.stderr == "ecatctl: slave 5 (EL3008) does not reach PREOP: no answer\n"
-    switch(bench, 4, 5, on=True)
+    bench.power(4, 5, on=True)
     bench.wait_for_log("no answer from slaves 4-5 at their address, though 8 slaves are there")
     bench.daemon.ctl("state", "PREOP", "-p", "5")
     assert bench.daemon.ctl("sdo-read", "5", "0x1018", "1").stdout.startswith("0x00000002")
@@ -222,6 +215,21 @@ def test_asking_by_hand_for_another_device(start: Start) -> None:
     in_op(bench)
 
 
+def test_all_slaves_of_the_longest_line(start_daemon: Callable[..., Daemon]) -> None:
+    """199 slaves lose their power and come back one after the other; the cycle goes on."""
+    bench = Bench(start_daemon(str(LONG_LINE), config="cycle_time_us = 4000\n" + CONFIG))
+    bench.wait_for_data()
+    everybody = range(199)
+    bench.power(*reversed(everybody), on=False)
+    bench.wait_for(lambda: bench.health().slaves_found == 0)
+    bench.power(*everybody, on=True)
+    in_op(bench)
+    bench.wait_for_event("recovery", slave=198, state="recovered")
+    assert "another device" not in bench.daemon.log
+    assert "not back in OP" not in bench.daemon.log
+    bench.close()
+
+
 RING = "name = 'ring'\nring = true\n" + "[[slave]]\ndevice = 'Loopback32'\n" * 6
 
 
@@ -240,9 +248,9 @@ def test_power_lost_on_a_ring_that_is_broken(ring: Bench, lost: tuple[int, ...])
     ring.ctl("break-link", "3")
     ring.wait_for_log("the ring is broken between slave 2 (Loopback32) and slave 3 (Loopback32)")
     ring.wait_for_data()
-    switch(ring, *lost, on=False)
+    ring.power(*lost, on=False)
     ring.wait_for(lambda: conditions(ring).keys() >= set(lost))
-    switch(ring, *lost, on=True)
+    ring.power(*lost, on=True)
     in_op(ring)
     ring.ctl("heal-link", "3")
     ring.wait_for_log("the ring is closed", 2)
@@ -252,10 +260,10 @@ def test_power_lost_on_a_ring_that_is_broken(ring: Bench, lost: tuple[int, ...])
 @pytest.mark.parametrize("broken", [False, True])
 def test_the_whole_ring_was_without_power(ring: Bench, broken: bool) -> None:
     everybody = tuple(range(6))
-    switch(ring, *everybody, on=False)
+    ring.power(*everybody, on=False)
     ring.wait_for(lambda: conditions(ring) == dict.fromkeys(everybody, "missing"))
     if broken:
         ring.ctl("break-link", "2")
-    switch(ring, *everybody[::2], *everybody[1::2], on=True)
+    ring.power(*everybody[::2], *everybody[1::2], on=True)
     in_op(ring)
     assert "another EtherCAT master" not in ring.daemon.log
