@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo test death bench bench-full check clean
+.PHONY: help demo test death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -18,6 +18,7 @@ help:
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
 	@echo "make test    run all tests"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
+	@echo "make torn    100 million reads while the daemon writes: none is of two cycles, some minutes"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
 	@echo "             bench-full: everything, for an hour"
 	@echo "make check   lint, types, formatting"
@@ -71,6 +72,9 @@ death: $(VENV)/.test
 	ECAT_DEATHS=1000 ECAT_RESTARTS=200 ECAT_PAGES=1000000 ECAT_SEED=$(SEED) \
 	  $(BIN)/python -m pytest -s tests/bus/test_client_death.py tests/bus/test_daemon_death.py \
 	  $(wildcard tests/bus/test_hostile*.py)
+
+torn: $(VENV)/.test
+	ECAT_READS=100000000 $(BIN)/python -m pytest -s tests/proof/test_torn.py
 
 # On an idle machine; as root with real-time priority, as everyone else without.
 bench bench-full: $(VENV)/.bench

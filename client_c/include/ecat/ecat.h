@@ -188,7 +188,8 @@ ECAT_API int ecat_output(ecat_t *bus, int signal, ecat_output_info *info);
 /* --- Reading ---------------------------------------------------------------------------------- */
 
 /* Takes one consistent image of every domain; all reads until the next call see it. Returns
- * ECAT_ESTALE or ECAT_EDOWN (the values stay readable) when the daemon no longer delivers. */
+ * ECAT_ESTALE or ECAT_EDOWN (the values stay readable) when the daemon no longer delivers; if it was
+ * killed while it wrote and this call read, ECAT_ESTALE, and the values may then be of two cycles. */
 ECAT_API int ecat_sample(ecat_t *bus);
 /* The same for one domain. */
 ECAT_API int ecat_sample_domain(ecat_t *bus, int domain);
