@@ -74,7 +74,7 @@ death: $(VENV)/.test
 	  $(wildcard tests/bus/test_hostile*.py)
 
 torn: $(VENV)/.test
-	ECAT_READS=100000000 $(BIN)/python -m pytest -s tests/proof/test_torn.py
+	ECAT_READS=100000000 $(BIN)/python -m pytest -s --timeout 3600 tests/proof/test_torn.py
 
 # On an idle machine; as root with real-time priority, as everyone else without.
 bench bench-full: $(VENV)/.bench
