@@ -29,15 +29,14 @@ def comparison(result: dict[str, Any]) -> str:
 def _rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
     drivers, master = result["peers"]["device_drivers"], result["peers"]["in_process"]
     step = result["commits"][0]["step"]
-    alone = _NS.format(drivers["alone"]) if "alone" in drivers else "not measured"
-    beside = f", {_NS.format(drivers['beside'])} beside a writer" if "beside" in drivers else ""
+    reads = f"{_NS.format(drivers['reads'])} (20 reads)" if "reads" in drivers else "not measured"
     exchange = f"{us(master['step'])} µs" if "step" in master else "not measured"
     return [
         (
             "time in the model's step",
             f"{_NS.format(step)} (sample, 20 reads, 4 writes, commit)",
             f"{exchange}: the exchange itself, with the wire",
-            f"{alone} to read{beside}",
+            reads,
             "–",
             "–",
         ),

@@ -32,7 +32,7 @@ _COSTS = """\
 What clients cost the engine: time and instructions (outside the kernel) of its thread in a cycle \
 of 1 ms with 200 slaves, sleeping at once for the answer. The time has the send and receive calls \
 in it, and with them what the simulator does in them. Writers commit in every cycle and wait for \
-nobody; waiters are processes that wait for every cycle and sample."""
+nobody; waiters are processes that wait for every cycle and sample, woken at its end."""
 
 _AXES = {
     "writers": "clients that commit, one slave each",

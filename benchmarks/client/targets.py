@@ -102,7 +102,7 @@ def _costs(costs: dict[str, Any]) -> Iterator[Target]:
     points = {point["waiters"]: point["ns"] for point in costs["waiters"]["points"]}
     many, few = max(points), sorted(points)[-2]
     yield Target(
-        f"the engine's cycle with {many} waiting clients",
+        f"the engine's cycle with {many} waiting clients, which it wakes at its end",
         f"≤ {1 + FLAT:.2f} × with {few}",
         f"{points[many] / points[few]:.2f} ×",
         points[many] <= (1 + FLAT) * points[few],
