@@ -16,8 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from ecatd.client import Client
+
+# How long examples take is up to the machine, and no behaviour.
+settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("ecatd")
 
 SHM = Path("/dev/shm")
 

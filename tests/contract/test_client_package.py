@@ -110,7 +110,7 @@ def test_cmake_finds_the_client_of_the_wheel(wheel: Path, tmp_path: Path) -> Non
 
 
 def test_the_client_is_a_subfolder_of_another_project(tmp_path: Path) -> None:
-    build_and_run(tmp_path, f"add_subdirectory({CLIENT} client)")
+    build_and_run(tmp_path, f'add_subdirectory("{CLIENT}" client)')
 
 
 @pytest.mark.parametrize("origin", ["prefix", "wheel"])

@@ -66,7 +66,7 @@ def test_a_compiler_resolves_names_checks_types_and_counts_equations(out: Path) 
     assert list(check_translation(out, models)) == []
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.text(max_size=220), st.text(max_size=220))
 def test_any_name_of_a_slave_or_an_entry_gives_modelica(slave: str, entry: str) -> None:
     entries = [Entry(0x6000, n, entry, 5, 8) for n in (1, 2)]

@@ -218,7 +218,7 @@ def test_a_file_that_is_cut_short_is_refused(segment: Segment) -> None:
         read(name_of(segment))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_random_bytes_are_errors_or_values(data: st.DataObject) -> None:
     with made_segment() as segment:

@@ -478,7 +478,7 @@ MAILS = st.one_of(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.lists(MAILS, max_size=3), min_size=1, max_size=12))
 def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[bytes]]) -> None:
     answers = iter(script)

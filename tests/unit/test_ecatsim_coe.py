@@ -393,7 +393,7 @@ def test_limits_of_real_numbers():
     client.download(0x2006, 0, struct.pack("<f", 2.5))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(st.binary(max_size=64), max_size=8))
 def test_no_mail_does_harm(mails):
     client = Client()

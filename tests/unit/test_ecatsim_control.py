@@ -350,8 +350,7 @@ def test_a_defect_of_a_device_does_not_end_the_simulation(peer, capsys):
 
 @settings(
     max_examples=300,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(
     line=st.one_of(

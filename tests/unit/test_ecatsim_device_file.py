@@ -798,7 +798,7 @@ def mutate(text: str, seed: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=600)
 @given(st.sampled_from([SMALL, FULL]), st.integers(0, 2**32))
 def test_mistakes_never_end_in_anything_but_a_message(
     tmp_path_factory: pytest.TempPathFactory, text: str, seed: int

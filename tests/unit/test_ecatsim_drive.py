@@ -286,7 +286,7 @@ def test_limit_switches_hold_the_axis_and_show_in_the_digital_inputs():
     assert bench.position == pytest.approx(-2 * TURN, abs=TURN / 10)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     target=st.floats(-1e5, 1e5),
     speed=st.floats(-5e4, 5e4),

@@ -260,7 +260,7 @@ _FOES = st.builds(
 _ANYTHING = st.tuples(st.integers(0, 15), st.binary(max_size=122))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(_SDOS | _FOES | _ANYTHING, max_size=30))
 def test_no_row_of_mails_does_harm(mails):
     bench = Bench(Everything()).preop()

@@ -634,7 +634,7 @@ def test_python_rigs_say_where_they_fail(tmp_path: Path) -> None:
             rig.make(str(file))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.integers(0, 2**32))
 def test_mistakes_never_end_in_anything_but_a_message(
     tmp_path_factory: pytest.TempPathFactory, seed: int

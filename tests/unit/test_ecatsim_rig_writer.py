@@ -46,7 +46,7 @@ UPLOADS = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     TEXTS,
     st.integers(0, 0xFFFF),

@@ -3,7 +3,7 @@
 from math import lcm
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ecatd.bus.layout import DATAGRAM_BYTES, LRW, Datagram, DomainImage, Image
@@ -89,7 +89,6 @@ def turns(draw: st.DrawFn) -> list[tuple[int, int, int]]:
     ]
 
 
-@settings(deadline=None)
 @given(turns())
 def test_the_longest_cycle_is_that_of_all_cycles(turns: list[tuple[int, int, int]]) -> None:
     longest = 0
