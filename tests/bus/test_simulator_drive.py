@@ -222,10 +222,12 @@ def master_homing(methods):
         axis.word = 0x0F | NEW  # back to the reference
         axis.until(lambda: axis.has(BIT_12 | REACHED) and abs(axis.at - 1000) < 300)
         found[method] = axis.inputs & 3
-        axis.position, axis.word = TURN // 3 * (-1 if method in (2, 18, 34) else 1), 0x4F
+        # Away from the switch that is near: a limit switch would hold it.
+        axis.position, axis.word = TURN // 3 * (1 if method in (1, 17, 33) else -1), 0x4F
         axis.until(lambda: not axis.has(BIT_12))  # it has seen that the last one is over
-        axis.word |= NEW  # away from it, to the inside
+        axis.word |= NEW
         axis.until(lambda: axis.has(BIT_12 | REACHED) and abs(axis.at - 1000) > 20_000)
+        assert not axis.inputs & 3
         axis.word = 0x0F
         axis.until(lambda: not axis.has(BIT_12))
     return found
