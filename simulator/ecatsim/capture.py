@@ -8,10 +8,12 @@ from __future__ import annotations
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ecatd.bus.mailbox.coe import Coe
+from ecatd.bus.mailbox.dictionary import read_dictionary
+from ecatd.bus.mailbox.mailboxes import Talk, converse
 from ecatd.bus.master import Master
 from ecatd.model.al import AlState
 from ecatd.model.dictionary import DictionaryObject
@@ -32,6 +34,7 @@ _BRD, _AL_STATUS, _INDEX = 7, 0x0130, 0x40
 _SIZE_WORD, _FIRST_CATEGORY, _END = 0x3E, 0x40, 0xFFFF
 _MAX_WORDS = 0x40000  # 4 MBit, the largest EEPROM of ETG.1000.6
 _MAX_CATEGORIES = 256
+_PROGRESS_OBJECTS = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,28 +152,32 @@ def _slave(
         struct.unpack("<H", master.register_read(position, _DL_STATUS, 2))[0],
         bool(protocols & _COE),
     )
-    if slave.coe and objects:
-        progress(f"{here}: object dictionary")
-        with _noted(slave, "object dictionary"):
-            slave.objects = list(master.objects(position))
-        total = len(slave.objects or ())
-        for number, item in enumerate(slave.objects or (), 1):
-            if number % 25 == 0:
-                progress(f"{here}: object {number} of {total}")
-            for subindex in item.entries:
-                slave.values[item.index, subindex] = _upload(master, position, item.index, subindex)
     if slave.coe:
-        _read_pdos(master, slave)
+        tell = (lambda line: progress(f"{here}: {line}")) if objects else None
+        converse(master.registers, [_read_objects(slave, master.coe(position), tell)])
     return slave
 
 
-@contextmanager
-def _noted(slave: CapturedSlave, what: str) -> Iterator[None]:
-    """What a slave does not tell is noted; the rest can be simulated."""
+def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> Talk[None]:
+    """Reads the PDOs, and with `progress` all other objects before them."""
     try:
-        yield
-    except EcatError as error:
-        slave.notes.append(f"{what}: {error}")
+        yield from coe.open()
+    except EcatError as error:  # the rest can be simulated
+        slave.notes.append(str(error))
+        return
+    if progress is not None:
+        progress("object dictionary")
+        try:
+            slave.objects = yield from read_dictionary(coe)
+        except EcatError as error:
+            slave.notes.append(f"object dictionary: {error}")
+    total = len(slave.objects or ())
+    for number, item in enumerate(slave.objects or (), 1):
+        if progress is not None and number % _PROGRESS_OBJECTS == 0:
+            progress(f"object {number} of {total}")
+        for subindex in item.entries:
+            slave.values[item.index, subindex] = yield from _upload(coe, item.index, subindex)
+    yield from _read_pdos(slave, coe)
 
 
 def _whole_eeprom(words: Callable[[int, int], bytes]) -> bytes:
@@ -191,29 +198,29 @@ def _whole_eeprom(words: Callable[[int, int], bytes]) -> bytes:
     return words(0, size)
 
 
-def _upload(master: Master, position: int, index: int, subindex: int) -> Upload:
+def _upload(coe: Coe, index: int, subindex: int) -> Talk[Upload]:
     try:
-        return Upload(master.sdo_read(position, index, subindex))
+        return Upload((yield from coe.upload(index, subindex)))
     except SdoAbortError as error:
         return Upload(abort=error.code)
     except (NoAnswerError, StateError) as error:
         return Upload(problem=str(error))
 
 
-def _read_pdos(master: Master, slave: CapturedSlave) -> None:
+def _read_pdos(slave: CapturedSlave, coe: Coe) -> Talk[None]:
     """Uploads assignment and mapping of the PDOs, where the dictionary has not had them."""
 
-    def value(index: int, subindex: int) -> int:
+    def value(index: int, subindex: int) -> Talk[int]:
         key = (index, subindex)
         if key not in slave.values:
-            slave.values[key] = _upload(master, slave.position, index, subindex)
+            slave.values[key] = yield from _upload(coe, index, subindex)
         return number(slave.values[key])
 
     for index in (0x1C12, 0x1C13):
-        for i in range(1, value(index, 0) + 1):
-            pdo = value(index, i)
-            for subindex in range(1, value(pdo, 0) + 1 if pdo else 0):
-                value(pdo, subindex)
+        for i in range(1, (yield from value(index, 0)) + 1):
+            pdo = yield from value(index, i)
+            for subindex in range(1, (yield from value(pdo, 0)) + 1 if pdo else 0):
+                yield from value(pdo, subindex)
 
 
 def number(upload: Upload | None) -> int:

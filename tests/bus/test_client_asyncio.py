@@ -13,7 +13,7 @@ from ecatd import LeaseError, SdoAbortError, UnreachableError
 from ecatd.client import Client, Outputs
 from ecatd.model.errors import NoAnswerError, StateError
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 DRIVE, EL2008 = 0, 3
 FOREVER = 1 << 40

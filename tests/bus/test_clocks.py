@@ -26,7 +26,7 @@ from ecatd.wire import unpack
 from ecatsim.control import Simulator
 from ecatsim.slave.sii import Description, build
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HOP = 400  # ns from a slave of a line to the next
 CYCLE = 1_000_000

@@ -13,7 +13,7 @@ from ecatd.bus.watch.foreign import ForeignWatch
 from ecatd.model.errors import UnreachableError
 from ecatsim.net import netlink
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 PEER = "peer"
 STRANGER = "ffffffffffff 020000000001 88a4 0e10 07 05 00003001 0200 0000" + 36 * "00"

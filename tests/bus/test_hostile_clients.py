@@ -15,7 +15,7 @@ from test_client_death import build
 
 from conftest import Daemon
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HERE = Path(__file__).parent
 PAGES = int(os.environ.get("ECAT_PAGES", "60000"))

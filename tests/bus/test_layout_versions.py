@@ -24,7 +24,7 @@ from ecatd.segment.claims import read_claims
 from ecatd.segment.picture import picture
 from ecatd.stats import read
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 ROOT = Path(__file__).parents[2]
 EL1018, EL2008 = 2, 3

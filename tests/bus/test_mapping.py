@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from test_simulator_topology import FIRST, run
 
+from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.master import Master
-from ecatd.bus.start import mailboxes, mapping
+from ecatd.bus.start import mapping
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.errors import EcatError
@@ -21,7 +22,7 @@ from ecatsim.faults.methods import FaultMethods
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HERE = Path(__file__)
 SLAVES = 66

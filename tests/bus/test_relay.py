@@ -16,6 +16,7 @@ from test_simulator_topology import FIRST, SECOND, run
 
 from ecatd import stats
 from ecatd.bus.datagrams import brd, fprd
+from ecatd.bus.mailbox.mailboxes import Talk, converse
 from ecatd.bus.master import Master
 from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log
@@ -27,7 +28,7 @@ from ecatsim.control import Simulator
 if TYPE_CHECKING:
     from conftest import Daemon
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 IDENTITY = 0x1018
 VENDORS = {0: 0x9A, 4: 2, 5: 2, 6: 2, 7: 2}  # slaves of `troll` with CoE
@@ -84,7 +85,13 @@ def bus(**settings: Any) -> Iterator[BringUp]:
 
 
 def read_vendor(master: Master, slave: int) -> int:
-    return int.from_bytes(master.sdo_read(slave, IDENTITY, 1), "little")
+    coe = master.coe(slave)
+
+    def talk() -> Talk[bytes]:
+        yield from coe.open()
+        return (yield from coe.upload(IDENTITY, 1))
+
+    return int.from_bytes(converse(master.registers, [talk()])[0], "little")
 
 
 def counters(up: BringUp) -> dict[str, int]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from masters import INTERFACE, run
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 FORWARDING = 800  # ns that each simulated slave adds, there and back
 WITHOUT_CLOCK = """

@@ -19,7 +19,7 @@ from ecatd.model.errors import StateError
 from ecatsim.capture import capture
 from ecatsim.devices.beckhoff import EL3008
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 INTERFACE = "ecat-master"
 INIT, PREOP = 1, 2

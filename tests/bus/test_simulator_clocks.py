@@ -18,7 +18,7 @@ from ecatsim.core import Chip
 from ecatsim.net import namespace, netlink
 from ecatsim.simulation import Simulation
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HERE = Path(__file__)
 SIMULATOR_END = "ecat-sim"

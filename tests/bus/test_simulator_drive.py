@@ -14,7 +14,7 @@ from masters import run
 from ecatsim.devices.library import make
 from ecatsim.rig import Rig
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 INTERFACE = "ecat-master"
 HERE = Path(__file__)

@@ -34,7 +34,7 @@ from ecatsim.devices.library import make
 from ecatsim.faults.frames import Drop
 from ecatsim.faults.slaves import AlError
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HERE = Path(__file__)
 DOCUMENT = HERE.parents[2] / "docs" / "simulator.md"

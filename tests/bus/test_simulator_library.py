@@ -14,7 +14,7 @@ from test_simulator_kickcat import master_kickcat
 from ecatsim.devices.library import library, make
 from ecatsim.rig import Rig
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HERE = Path(__file__)
 

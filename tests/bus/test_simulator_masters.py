@@ -32,7 +32,7 @@ from ecatsim.slave.objects import Access
 from ecatsim.slave.sii import Mailbox
 from ecatsim.slave.state_machine import RefusedError
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HERE = Path(__file__)
 LONG = bytes(range(250)) * 3

@@ -13,7 +13,7 @@ from test_simulator_tshark import master_recorded
 from ecatsim import rig
 from replay import Datagram, Exchange, Replay, datagrams, pair, read_capture
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 EEPROM, MEMORY = 0x0500, 0x1000
 CLOCKS = range(0x0900, 0x0A00)

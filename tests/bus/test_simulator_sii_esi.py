@@ -18,7 +18,7 @@ sys.path.insert(0, str(HERE.parents[1] / "unit"))
 
 from esi_sample import SAMPLE  # noqa: E402
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 
 def rig():

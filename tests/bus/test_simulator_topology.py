@@ -16,7 +16,7 @@ from ecatsim.devices.beckhoff import EK1100, EK1122
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 HERE = Path(__file__)
 FIRST, SECOND = "ecat-master", "ecat-master2"

@@ -18,7 +18,6 @@ from ecatsim import Mailbox, Rig
 
 pytestmark = [
     pytest.mark.bus,
-    pytest.mark.unprivileged,
     pytest.mark.skipif(not shutil.which("tshark"), reason="tshark is not installed"),
 ]
 

@@ -17,7 +17,7 @@ from ecatd.client import Client
 from ecatd.model.al import AlState
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 DRIVE, EL2008, LAST = 0, 3, 7
 ACCELERATION = 0x6083
@@ -120,6 +120,23 @@ def test_what_was_taken_back_is_dropped(start_daemon: Callable[..., Daemon]) -> 
         assert client.sdo_read(DRIVE, ACCELERATION) == struct.pack("<I", 1000)
         with pytest.raises(NoAnswerError):
             blocked.result(60)
+
+
+def test_a_slave_that_does_not_answer_holds_up_nobody_else(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("troll")
+    simulator(daemon, "mailbox", str(LAST), "stuck")
+    with daemon.client() as first, daemon.client() as second, daemon.client() as client:
+        blocked = [one.sdo_upload(LAST, 0x1018, 1) for one in (first, second)]
+        for _ in range(20):
+            assert client.sdo_read(DRIVE, 0x1018, 1) == b"\x9a\0\0\0"
+        assert [request.poll() for request in blocked] == [None, None]
+        for request in blocked:
+            with pytest.raises(NoAnswerError, match=r"^slave 7, 0x1018:01: the slave does not ans"):
+                request.result(60)
+        simulator(daemon, "mailbox", str(LAST), "none")
+        assert client.sdo_read(LAST, 0x1018, 1) == b"\2\0\0\0"
 
 
 @contextmanager

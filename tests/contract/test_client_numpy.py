@@ -15,8 +15,6 @@ from ecatd.bus.segment import Segment
 from ecatd.client import Client
 from ecatd.model.errors import UsageError
 
-pytestmark = pytest.mark.unprivileged
-
 
 @pytest.fixture
 def segment() -> Iterator[Segment]:

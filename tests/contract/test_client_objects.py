@@ -24,8 +24,6 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.errors import StateError, UnreachableError, UsageError
 from ecatd.shm import Errno
 
-pytestmark = pytest.mark.unprivileged
-
 SHAPES = [
     ("bit", DataType.BOOLEAN, 1),
     ("two bits", DataType.BIT2, 2),

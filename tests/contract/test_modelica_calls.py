@@ -21,8 +21,6 @@ from ecatd.model.bus import Bus
 from ecatgen import generate
 from ecatgen.checks import sample_buses
 
-pytestmark = pytest.mark.unprivileged
-
 OPEN = """
 #include "Plant.h"
 int main(int argc, char **argv) {

@@ -9,7 +9,7 @@ import pytest
 from conftest import Daemon
 from ecatgen.static_library import static_files
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 BOOLEAN, INTEGER8, UNSIGNED8, INTEGER16, UNSIGNED16, INTEGER32, UNSIGNED32 = range(1, 8)
 BUSY, DONE, FAILED = 1, 2, 3

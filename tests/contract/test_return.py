@@ -17,8 +17,6 @@ from ecatd.file_locks import release
 from ecatd.model.bus import Bus
 from handle import EBUS, ECLAIM, EDOWN, ELAYOUT, ETIMEOUT, LIB, Handle
 
-pytestmark = pytest.mark.unprivileged
-
 NOW = 1 << 62
 """Time of the last cycle where no engine runs: always just now."""
 

@@ -13,8 +13,6 @@ from ecatd.bus.layout import lay_out
 from ecatd.bus.segment import Segment
 from ecatd.model.errors import EcatError
 
-pytestmark = pytest.mark.unprivileged
-
 KILLED_AT_EVERY_LINE = """
 import os, signal, sys
 from test_segment import make_bus

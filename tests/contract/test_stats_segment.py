@@ -28,8 +28,6 @@ from ecatd.model.errors import (
 from ecatd.stats import TIMES, from_map, read, to_map
 from ecatd.stats.snapshot import COUNTERS, DOMAIN_COUNTERS
 
-pytestmark = pytest.mark.unprivileged
-
 
 @contextmanager
 def made_segment() -> Iterator[Segment]:

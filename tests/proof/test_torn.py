@@ -22,8 +22,6 @@ MOST = (256,)
 """Sizes that get more reads: all of READS, the others a share."""
 KINDS = {"plain": None, "memory": "address,undefined", "races": "thread"}
 
-pytestmark = pytest.mark.unprivileged
-
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], list[str]]:

@@ -11,10 +11,13 @@ from hypothesis import strategies as st
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
 from ecatd.bus.datagrams import Datagrams
-from ecatd.bus.start import mailboxes
-from ecatd.bus.start.coe import Coe, EntryDescription, ObjectDescription
-from ecatd.bus.start.mailboxes import Talk, converse
+from ecatd.bus.mailbox import coe as coe_module
+from ecatd.bus.mailbox import mailboxes
+from ecatd.bus.mailbox.coe import Coe, EntryDescription, ObjectDescription
+from ecatd.bus.mailbox.dictionary import read_dictionary
+from ecatd.bus.mailbox.mailboxes import Talk, converse, count_messages
 from ecatd.model.datatypes import DataType
+from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
@@ -22,6 +25,7 @@ from ecatsim.slave.mailbox import MailboxFault
 from ecatsim.slave.objects import Access
 
 LONG = bytes(range(256)) * 3
+LONGEST = 1500
 NO_OBJECT = 0x06020000
 COE, EMERGENCY, REQUEST, RESPONSE, INFORMATION = 3, 1, 2, 3, 8
 
@@ -34,11 +38,12 @@ class Archive(Device):
 
     def describe(self) -> None:
         add = self.dictionary.variable
-        add(0x2000, "Small", DataType.INTEGER16, -2)
+        add(0x2000, "Small", DataType.INTEGER16, -2, Access.RW)
         add(0x2001, "Text", DataType.VISIBLE_STRING, "hello world")
         add(0x2002, "A long name that does not fit into one mail", DataType.OCTET_STRING, LONG)
         add(0x2003, "Secret", DataType.UNSIGNED8, 1, Access.WO)
-        self.dictionary.array(0x2010, "Row", DataType.UNSIGNED16, [1, 2, 3])
+        add(0x2004, "Notes", DataType.OCTET_STRING, bytes(LONGEST), Access.RW)
+        self.dictionary.array(0x2010, "Row", DataType.UNSIGNED16, [1, 2, 3], Access.RW)
 
 
 class Roomy(Archive):
@@ -60,7 +65,7 @@ def talk(coe: Coe, *uploads: tuple[int, int]) -> Talk[list[bytes | int]]:
 
 
 def slaves(count: int) -> list[Coe]:
-    return [Coe(position, FIRST_STATION + position) for position in range(count)]
+    return [Coe(position, FIRST_STATION + position, count_messages()) for position in range(count)]
 
 
 def ask(
@@ -75,6 +80,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Slaves that do not answer are given up sooner."""
     monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.2)
     monkeypatch.setattr(mailboxes, "_REPEAT_S", 0.1)
+    monkeypatch.setattr(coe_module, "_DOWNLOAD_S", 0.2)
 
 
 # --- slaves that answer as they should -------------------------------------------------------
@@ -107,14 +113,83 @@ def test_whole_objects_and_descriptions() -> None:
         for row, names, entry, code in converse(registers, [whole(c) for c in slaves(2)]):
             assert row == bytes.fromhex("0300 0100 0200 0300")
             assert names == [
-                ObjectDescription("Small", DataType.INTEGER16, 0),
+                ObjectDescription("Small", DataType.INTEGER16, 0, 7),
                 ObjectDescription(
-                    "A long name that does not fit into one mail", DataType.OCTET_STRING, 0
+                    "A long name that does not fit into one mail", DataType.OCTET_STRING, 0, 7
                 ),
-                ObjectDescription("Row", DataType.UNSIGNED16, 3),
+                ObjectDescription("Row", DataType.UNSIGNED16, 3, 8),
             ]
-            assert entry == EntryDescription("SubIndex 002", DataType.UNSIGNED16)
+            assert entry == EntryDescription("SubIndex 002", DataType.UNSIGNED16, 16, Access.RW)
             assert code == NO_OBJECT
+
+
+@pytest.mark.parametrize("size", [*range(1, 13), 31, 32, 33, 39, 40, 41, 46, 47, 700, LONGEST])
+def test_downloads_of_all_sizes(size: int) -> None:
+    """Expedited, normal, and in segments of every length."""
+    sent = bytes(n * 7 % 251 + 1 for n in range(size))
+
+    def write(coe: Coe) -> Talk[bytes]:
+        yield from coe.open()
+        yield from coe.download(0x2004, 0, sent)
+        return (yield from coe.upload(0x2004, 0))
+
+    with in_preop(Archive(), Roomy()) as (registers, _wire):
+        for written in converse(registers, [write(coe) for coe in slaves(2)]):
+            assert written.rstrip(b"\0") == sent
+
+
+def test_whole_objects_are_written() -> None:
+    row = bytes.fromhex("0300 0a00 0b00 0c00")
+
+    def write(coe: Coe) -> Talk[bytes]:
+        yield from coe.open()
+        yield from coe.download(0x2010, 0, row, complete=True)
+        return (yield from coe.upload(0x2010, 0, complete=True))
+
+    with in_preop(Archive(), Roomy()) as (registers, _wire):
+        assert converse(registers, [write(coe) for coe in slaves(2)]) == [row] * 2
+
+
+def test_downloads_that_are_refused() -> None:
+    def write(coe: Coe) -> Talk[list[str]]:
+        yield from coe.open()
+        found = []
+        for index, data in ((0x2000, b"1234"), (0x2000, bytes(90)), (0x3000, b"1")):
+            with pytest.raises(SdoAbortError) as refused:
+                yield from coe.download(index, 0, data)
+            found.append(str(refused.value))
+        return found
+
+    with in_preop(Archive()) as (registers, _wire):
+        (found,) = converse(registers, [write(coe) for coe in slaves(1)])
+    assert [text[:18] for text in found] == ["slave 0, 0x2000:00"] * 2 + ["slave 0, 0x3000:00"]
+    assert "0x06070012" in found[0]
+    assert "0x06020000" in found[2]
+
+
+def test_the_whole_dictionary() -> None:
+    def read(coe: Coe) -> Talk[list[DictionaryObject]]:
+        yield from coe.open()
+        return (yield from read_dictionary(coe))
+
+    devices = [Archive(), Roomy()]
+    with in_preop(*devices) as (registers, _wire):
+        small, large = converse(registers, [read(coe) for coe in slaves(2)])
+    assert small == large
+    found = {item.index: item for item in small}
+    assert list(found) == sorted(found)
+    assert {0x1000, 0x1018, 0x2000, 0x2001, 0x2002, 0x2003, 0x2004, 0x2010} <= found.keys()
+    name = "A long name that does not fit into one mail"
+    assert found[0x2002] == DictionaryObject(
+        0x2002,
+        name,
+        7,
+        DataType.OCTET_STRING,
+        {0: DictionaryEntry(name, DataType.OCTET_STRING, 8 * len(LONG), Access.RO)},
+    )
+    row = found[0x2010]
+    assert (row.name, row.code, list(row.entries)) == ("Row", 8, [0, 1, 2, 3])
+    assert row.entries[3] == DictionaryEntry("SubIndex 003", DataType.UNSIGNED16, 16, Access.RW)
 
 
 def test_emergencies_in_between_are_put_aside() -> None:
@@ -167,11 +242,11 @@ def expedited(request: bytes, data: bytes = b"\x05") -> bytes:
     return mail(RESPONSE, head + data.ljust(4, b"\0"))
 
 
-def test_messages_are_counted_from_2_to_7() -> None:
+def test_messages_are_counted_from_1_to_7() -> None:
     slave = Correspondent(lambda request: [expedited(request)])
     with corresponding(slave) as (registers, _wire):
         assert ask(registers, 1, *[(0x2000, n) for n in range(15)])[1] == [[b"\x05"] * 15]
-    assert [item[5] >> 4 for item in slave.mails] == [2, 3, 4, 5, 6, 7] * 2 + [2, 3, 4]
+    assert [item[5] >> 4 for item in slave.mails] == [1, 2, 3, 4, 5, 6, 7] * 2 + [1]
     assert {len(item) for item in slave.mails} == {128}
 
 
@@ -194,16 +269,16 @@ def test_any_frame_may_get_lost(unseen: bool) -> None:
             return register >= 0x1000 and seen[0] == lose[0]
 
         wire.lose, wire.unseen = is_next, unseen
-        (coe,), (plain,) = ask(registers, 1, *uploads)
+        counter = count_messages()
+        (plain,) = converse(registers, [talk(Coe(0, FIRST_STATION, counter), *uploads)])
         requests, accesses = answered[:], seen[0]
         assert plain == [b"\xfe\xff", LONG, b"hello world"]
         assert accesses == 2 * len(requests) == 8
         for lost in range(1, accesses + 1):
             answered.clear()
             lose[0], seen[0] = lost, 0
-            # Another number to begin with, as if this was another master.
-            (coe,) = slaves(1)
-            coe.mailbox._sent = 4
+            # The slave remembers the number of the last message.
+            coe = Coe(0, FIRST_STATION, counter)
             assert converse(registers, [talk(coe, *uploads)]) == [plain]
             assert answered == requests, f"access {lost}"
 
@@ -250,7 +325,7 @@ def test_a_second_copy_of_a_message_is_not_taken_for_the_next_one() -> None:
         wire.lose = lose
         (coe,), found = ask(registers, 1, (0x2000, 0), (0x2000, 1))
     assert found == [[b"\x05"] * 2]
-    assert [(item[5] >> 4, item[11]) for item in slave.mails] == [(2, 0), (2, 0), (3, 1)]
+    assert [(item[5] >> 4, item[11]) for item in slave.mails] == [(1, 0), (1, 0), (2, 1)]
     assert coe.mailbox.skipped == 1, "the answer to the copy"
 
 
@@ -454,6 +529,47 @@ def test_wrong_descriptions(case: str, short: None) -> None:
         converse(registers, [describe(*slaves(1))])
 
 
+def toggled(toggle: int) -> Callable[[bytes], list[bytes]]:
+    """Answers a download, and each of its segments with this toggle bit."""
+
+    def answers(request: bytes) -> list[bytes]:
+        if request[8] & 0xE0 == 0x20:
+            return [mail(RESPONSE, b"\x60" + request[9:12] + bytes(4))]
+        return [mail(RESPONSE, bytes([0x20 | toggle]) + bytes(7))]
+
+    return answers
+
+
+WRONG_DOWNLOADS = {
+    "silence": (always(), SILENT),
+    "another object": (always(mail(RESPONSE, b"\x60\0\x30\0" + bytes(4))), SILENT),
+    "another subindex": (always(mail(RESPONSE, b"\x60\0\x20\1" + bytes(4))), SILENT),
+    "an upload": (always(mail(RESPONSE, b"\x43" + ADDRESS + bytes(4))), SILENT),
+    "an abort of another one": (always(mail(REQUEST, b"\x80\0\x20\1" + bytes(4))), SILENT),
+    "short": (always(mail(RESPONSE, b"\x60" + ADDRESS)), "a wrong frame: 4 bytes of SDO"),
+    "wrong toggle": (toggled(0), "a segment is missing"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_DOWNLOADS)
+def test_wrong_answers_to_downloads(case: str, short: None) -> None:
+    """They are told, and the object is not written a second time."""
+    answers, text = WRONG_DOWNLOADS[case]
+    slave = Correspondent(answers)
+
+    def write(coe: Coe) -> Talk[None]:
+        yield from coe.open()
+        yield from coe.download(0x2000, 0, bytes(400))
+
+    with (
+        corresponding(slave) as (registers, _wire),
+        pytest.raises((NoAnswerError, StateError), match=text) as error,
+    ):
+        converse(registers, [write(*slaves(1))])
+    assert str(error.value).startswith("slave 0, 0x2000:00: ")
+    assert sum(item[8] & 0xE0 == 0x20 for item in slave.mails) == 1
+
+
 # --- anything ----------------------------------------------------------------------------------
 
 SDO = st.binary(min_size=0, max_size=24)
@@ -490,6 +606,9 @@ def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[b
         for part in (
             coe.upload(0x2000, 0, tries=1),
             coe.upload(0x2000, 0, complete=True, tries=1),
+            coe.download(0x2000, 0, bytes(300)),
+            coe.download(0x2000, 0, b"12"),
+            coe.list_objects(),
             coe.describe_object(0x2000),
             coe.describe_entry(0x2000, 0),
         ):
@@ -501,6 +620,7 @@ def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[b
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mailboxes, "_ANSWER_S", 0.02)
+        patch.setattr(coe_module, "_DOWNLOAD_S", 0.02)
         with corresponding(slave) as (registers, _wire):
             (found,) = converse(registers, [everything(*slaves(1))])
-    assert len(found) == 4
+    assert len(found) == 7

@@ -1,7 +1,7 @@
-"""The only module that knows pysoem: scan, states, SDO and registers of one bus.
+"""The only module that knows pysoem: scan, states and registers of one bus.
 
-All calls belong on one thread, the mailbox worker: SOEM keeps one error list for all slaves and no
-lock around it. The traps of pysoem that this module keeps others from are listed with the calls.
+All calls belong on one thread, the worker: SOEM has no lock. The traps of pysoem that this module
+keeps others from are listed with the calls.
 """
 
 from __future__ import annotations
@@ -13,30 +13,21 @@ import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pysoem
 
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.bus import positions_text
-from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
-from ecatd.model.errors import (
-    NoAnswerError,
-    NotPermittedError,
-    SdoAbortError,
-    StateError,
-    UnreachableError,
-)
+from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
 
 from .datagrams import Datagram, Datagrams, Station, aprd, bwr, fprd, fpwr, source_address
 from .interface import needs_rights, open_for_control, own
+from .mailbox.coe import Coe
+from .mailbox.mailboxes import count_messages
 from .relay import Relay
 from .start.eeprom import Words, read_eeproms
 from .steps import Steps, finish
-
-_SDO_BUFFER = 1 << 16
-"""Always large: an upload that does not fit leaves SOEM in the middle of a segmented transfer."""
 
 _SLAVES_MAX = 199
 _TOO_MANY = -4
@@ -105,6 +96,7 @@ class Master:
         # SOEM would ask for SAFEOP by itself when mapping; the state machine is ours.
         self._master.manual_state_change = 1
         self.stations: list[int] = []
+        self._counters: list[Iterator[int]] = []
         with contextlib.ExitStack() as stack:
             for name in interfaces:
                 stack.enter_context(own(name))
@@ -175,6 +167,7 @@ class Master:
                     f"reliable?"
                 )
         self.stations = [int.from_bytes(answer.data, "little") for answer in answers]
+        self._counters = [count_messages() for _ in answers]
         return int(count)
 
     def identity(self, position: int) -> tuple[str, int, int, int]:
@@ -254,85 +247,9 @@ class Master:
         """Writes ESC memory; raises as `write_registers`."""
         self.write_registers([(position, address, data)])
 
-    def sdo_read(
-        self, position: int, index: int, subindex: int, *, complete: bool = False
-    ) -> bytes:
-        """Uploads an object; asked again if the slave does not answer, as reading changes nothing.
-
-        Raises:
-            SdoAbortError: The slave refused.
-            NoAnswerError: It did not answer.
-        """
-        slave = self._master.slaves[position]
-        for tries_left in reversed(range(_TRIES)):
-            try:
-                with self._mailbox(position, index, subindex):
-                    return bytes(
-                        slave.sdo_read(index, subindex, _SDO_BUFFER, complete, release_gil=True)
-                    )
-            except (NoAnswerError, StateError):
-                if tries_left == 0:
-                    raise
-        raise AssertionError
-
-    def sdo_write(
-        self, position: int, index: int, subindex: int, data: bytes, *, complete: bool = False
-    ) -> None:
-        """Downloads an object; raises as `sdo_read`."""
-        slave = self._master.slaves[position]
-        with self._mailbox(position, index, subindex):
-            slave.sdo_write(index, subindex, data, complete, release_gil=True)
-
-    def _clean_up(self) -> None:
-        """Forgets what earlier calls have left behind.
-
-        pysoem takes one error from SOEM's list after every call, whether it belongs to that call or
-        not; a call that made two would spoil all later ones. And a frame that came back too late
-        waits in the socket until its index is used again, when SOEM would take it for an answer.
-        """
-        self._master._collect_mailbox_errors()
-        with contextlib.suppress(BlockingIOError):  # nothing more
-            while self.relay.soem.recv(1, socket.MSG_DONTWAIT):
-                continue
-
-    @contextlib.contextmanager
-    def _mailbox(self, position: int, index: int, subindex: int) -> Iterator[None]:
-        where = f"slave {position}, 0x{index:04X}:{subindex:02X}"
-        self._clean_up()
-        try:
-            yield
-        except pysoem.SdoError as error:
-            code = int(error.abort_code) & 0xFFFFFFFF
-            abort = SdoAbortError(code)
-            raise SdoAbortError(code, f"{where}: {abort}") from error
-        except pysoem.WkcError as error:
-            raise NoAnswerError(f"{where}: the slave does not answer its mailbox") from error
-        except pysoem.MailboxError as error:
-            raise StateError(
-                f"{where}: mailbox error 0x{error.error_code:04X}: {error.desc}"
-            ) from error
-        except pysoem.PacketError as error:
-            raise StateError(f"{where}: the slave answered with a wrong frame: {error}") from error
-        except AssertionError as error:
-            # pysoem asserts that the oldest error belongs to the slave it asked.
-            raise StateError(
-                f"{where}: another slave reported an error meanwhile; try again"
-            ) from error
-
-    def objects(self, position: int) -> Iterator[DictionaryObject]:
-        """The object dictionary as the SDO information service describes it.
-
-        pysoem keeps 40 characters of a name, and 1024 objects.
-
-        Raises:
-            StateError: The slave has no such service, or does not describe an object.
-        """
-        self._clean_up()
-        try:
-            for item in _persist(pysoem.SdoInfoError, lambda: self._master.slaves[position].od):
-                yield _persist(pysoem.SdoInfoError, partial(_describe, item))
-        except (pysoem.SdoInfoError, pysoem.SdoError, pysoem.WkcError, pysoem.PacketError) as error:
-            raise StateError(f"slave {position}: no answer to SDO information: {error}") from error
+    def coe(self, position: int) -> Coe:
+        """The way to the objects of a slave, for one conversation with it."""
+        return Coe(position, self.stations[position], self._counters[position])
 
     def _request(self, state: int, positions: Iterable[int] | None) -> None:
         """Writes AL control, of all slaves by one broadcast if `positions` is None."""
@@ -445,36 +362,6 @@ class Master:
     def close(self) -> None:
         """Closes all sockets, and leaves the interfaces to others as they were."""
         self._opened.close()
-
-
-def _persist(error: type[Exception], call: Callable[[], T]) -> T:
-    """Calls again when it fails: one lost frame is no reason to give a bus up."""
-    for _ in range(_TRIES - 1):
-        try:
-            return call()
-        except error:
-            continue
-    return call()
-
-
-def _describe(item: Any) -> DictionaryObject:
-    """An object of `CdefSlave.od`, whose properties ask the slave."""
-    entries = {
-        subindex: DictionaryEntry(
-            _text(entry.name), int(entry.data_type), int(entry.bit_length), int(entry.obj_access)
-        )
-        for subindex, entry in enumerate(item.entries)
-    }
-    name, kind = _text(item.name), int(item.data_type)
-    if not entries:  # a variable
-        entries[0] = DictionaryEntry(name, kind, int(item.bit_length), int(item.obj_access))
-    # A record may leave subindices out; SOEM has zeros for them.
-    known = {i: entry for i, entry in entries.items() if entry != DictionaryEntry("", 0, 0, 0)}
-    return DictionaryObject(int(item.index), name, int(item.object_code), kind, known)
-
-
-def _text(name: bytes | str) -> str:
-    return name.decode("latin-1") if isinstance(name, bytes) else name
 
 
 def _packet_sockets() -> set[int]:

@@ -16,7 +16,7 @@ from typing import Any
 from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.model.messages import (
@@ -30,11 +30,12 @@ from ecatd.model.messages import (
 from ecatd.version import VERSION
 
 from .engine import Engine
-from .mailbox import Mailbox
-from .master import Master, SlaveState
+from .master import SlaveState
+from .objects import Objects
 from .segment import Segment
 from .start.bring_up import BringUp
 from .watch.monitor import Monitor
+from .worker import Worker
 
 _STOP_CYCLES = 3
 _STOP_TIMEOUT = 1.0
@@ -60,10 +61,11 @@ class BusServer:
         self._interface = interface
         self._log = log
         self._publish = publish
-        self._mailbox = Mailbox()
+        self._worker = Worker()
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._up = BringUp(config, interface, log, self._aborted.is_set)
         self._monitor: Monitor | None = None
+        self._access: Objects | None = None
         self._started = 0.0
 
     @property
@@ -77,7 +79,9 @@ class BusServer:
         Raises:
             EcatError: It does not work; nothing is left behind after `stop`.
         """
-        self._monitor = await self._mailbox.run(self._bring_up)
+        self._monitor = await self._worker.run(self._bring_up)
+        assert self._up.master is not None
+        self._access = Objects(self._up.master, self._worker, self._log)
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
@@ -87,7 +91,7 @@ class BusServer:
     def _bring_up(self) -> Monitor:
         running = self._up.run()
         monitor = Monitor(
-            running, self._config.outputs, self.answer, self._mailbox, self._log, self._publish
+            running, self._config.outputs, self.answer, self._worker, self._log, self._publish
         )
         monitor.read_states()
         running.segment.publish()
@@ -104,9 +108,9 @@ class BusServer:
         return self._monitor
 
     @property
-    def _master(self) -> Master:
-        assert self._up.master is not None, "asked before the bus was brought up"
-        return self._up.master
+    def _objects(self) -> Objects:
+        assert self._access is not None, "asked before the bus was brought up"
+        return self._access
 
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
@@ -122,19 +126,13 @@ class BusServer:
                 return self._state_rows()
             case SetState():
                 return await self._set_state(request)
-            case SdoRead(slave, index, subindex, complete):
-                self._check_slave(slave)
-                master = self._coe_master(slave)
-                data = await self._mailbox.run(
-                    lambda: master.sdo_read(slave, index, subindex, complete=complete)
-                )
-                return {"data": data, **self._known_type(slave, index, subindex)}
-            case SdoWrite(slave, index, data, subindex, complete):
-                self._check_slave(slave)
-                master = self._coe_master(slave)
-                await self._mailbox.run(
-                    lambda: master.sdo_write(slave, index, subindex, data, complete=complete)
-                )
+            case SdoRead(position, index, subindex, complete):
+                slave = self._coe_slave(position)
+                data = await self._objects.read(slave, index, subindex, complete=complete)
+                return {"data": data, **_known_type(slave, index, subindex)}
+            case SdoWrite(position, index, data, subindex, complete):
+                slave = self._coe_slave(position)
+                await self._objects.write(slave, index, subindex, data, complete=complete)
                 return {}
 
     def _describe(self) -> dict[str, Any]:
@@ -183,20 +181,12 @@ class BusServer:
                 f"slaves, 0 to {len(self.bus.slaves) - 1}"
             )
 
-    def _coe_master(self, position: int) -> Master:
+    def _coe_slave(self, position: int) -> Slave:
+        self._check_slave(position)
         slave = self.bus.slaves[position]
         if not slave.coe:
             raise StateError(f"{slave.label} has no object dictionary: it does not speak CoE")
-        return self._master
-
-    def _known_type(self, position: int, index: int, subindex: int) -> dict[str, Any]:
-        """Name and type of an object that is in the process image; others are not known here."""
-        slave = self.bus.slaves[position]
-        for outputs in (True, False):
-            for _pdo, entry, _bit in slave.entries(outputs=outputs):
-                if (entry.index, entry.subindex) == (index, subindex):
-                    return {"name": entry.name, "data_type": entry.data_type, "unit": entry.unit}
-        return {}
+        return slave
 
     async def stop(self) -> None:
         """Takes the bus down in order; also after a start that failed half-way."""
@@ -208,7 +198,7 @@ class BusServer:
         if self._monitor is not None:
             self._monitor.stop()
             self._monitor.close()
-        await asyncio.to_thread(self._mailbox.close)
+        await asyncio.to_thread(self._worker.close)
         self._aborted.clear()  # on the way down slaves are waited for
         await asyncio.to_thread(self._take_down)
 
@@ -245,3 +235,12 @@ class BusServer:
                 up.segment.close()
             if up.master is not None:
                 up.master.close()
+
+
+def _known_type(slave: Slave, index: int, subindex: int) -> dict[str, Any]:
+    """Name and type of an object that is in the process image; others are not known here."""
+    for outputs in (True, False):
+        for _pdo, entry, _bit in slave.entries(outputs=outputs):
+            if (entry.index, entry.subindex) == (index, subindex):
+                return {"name": entry.name, "data_type": entry.data_type, "unit": entry.unit}
+    return {}

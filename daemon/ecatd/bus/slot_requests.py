@@ -125,8 +125,8 @@ class SlotRequests:
         work = asyncio.ensure_future(self._answer(request))
         try:
             while not (await asyncio.wait((work,), timeout=_ALIVE_PAUSE))[0]:
-                # What waits for the mailbox is dropped by that; what has begun goes on. A state
-                # is asked for in steps, which are not broken off between two of them.
+                # An SDO transfer that is broken off has no effect, as its slave drops it. A
+                # state is asked for in steps that belong together.
                 if not isinstance(request, SetState) and not self._cells.is_wanted(asked):
                     work.cancel()
             if not work.cancelled():

@@ -13,8 +13,8 @@ from ecatd.model.bus import Entry, Pdo, Slave
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.sii import Sii
 
-from .coe import Coe
-from .mailboxes import Talk
+from ..mailbox.coe import Coe
+from ..mailbox.mailboxes import Talk
 
 T = TypeVar("T")
 

@@ -24,6 +24,7 @@ from ecatd.real_time import SETTINGS
 from ..engine import Engine, Grant, Index, RealTime, open_socket
 from ..layout import Image, assign_domains, lay_out
 from ..master import Master
+from ..objects import tell_emergencies
 from ..segment import Segment
 from ..steps import finish
 from .clocks import Clocks, clock_bits
@@ -170,11 +171,7 @@ class BringUp:
         """Reads what every slave says about itself into the description of the bus."""
         self._scanned = scan_slaves(master, self._cancelled)
         for item in self._scanned:
-            for code, register in item.emergencies:
-                self._log.warning(
-                    f"{item.slave.label} sent an emergency while it was read: error code "
-                    f"0x{code:04X}, error register 0x{register:02X}"
-                )
+            tell_emergencies(self._log, item.slave, item.emergencies)
         for item, bits in zip(self._scanned, clock_bits(master), strict=True):
             item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]

@@ -15,10 +15,9 @@ from ecatd.model.errors import StateError
 from ecatd.model.sii import UNASSIGNED, Sii, SiiSyncManager, read_sii
 
 from ..layout import Image
+from ..mailbox.mailboxes import converse
 from ..master import Master
 from .assignment import USAGE_INPUTS, USAGE_OUTPUTS, Assignment
-from .coe import Coe
-from .mailboxes import converse
 
 _PROTOCOL_COE = 0x04
 _FEATURES, _NO_LRW = 0x0008, 0x0200
@@ -56,7 +55,7 @@ def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -
         for position, sii in enumerate(master.read_eeproms(read_sii))
     ]
     with_coe = [item for item in scanned if item.slave.coe]
-    coe = [Coe(item.slave.position, item.slave.address) for item in with_coe]
+    coe = [master.coe(item.slave.position) for item in with_coe]
     talks = [
         Assignment(item.slave, item.sii, way).read()
         for item, way in zip(with_coe, coe, strict=True)

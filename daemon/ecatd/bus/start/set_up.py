@@ -15,14 +15,13 @@ from ecatd.model.bus import Bus, Pdo, Slave
 from ecatd.model.errors import StateError
 
 from ..layout import Image
+from ..mailbox.mailboxes import talk_all
 from ..master import Master
 from ..segment import Segment
 from ..steps import Steps
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
-from .coe import Coe
-from .mailboxes import talk_all
 from .mapping import Scanned, configure
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
@@ -199,7 +198,7 @@ class SetUp:
         items = [item for item in items if item.slave.coe]
         slaves = [item.slave for item in items]
         talks = [
-            Assignment(slave, item.sii, Coe(slave.position, slave.address)).read_pdos()
+            Assignment(slave, item.sii, self._master.coe(slave.position)).read_pdos()
             for slave, item in zip(slaves, items, strict=True)
         ]
         found, failed = yield from talk_all(self._master.registers, talks)

@@ -10,9 +10,9 @@ from ecatd.model.bus import Slave
 from ecatd.shm import DcState
 
 from ..engine import Event
-from ..mailbox import Mailbox
 from ..segment import Segment
 from ..start.clocks import IN_STEP_NS, Clocks
+from ..worker import Worker
 from .paced import Paced
 
 _PERIOD = 1.0
@@ -26,7 +26,7 @@ class ClockWatch:
     Args:
         clocks: The clocks.
         segment: Where the differences of clocks are written.
-        mailbox: The worker on which they are read.
+        worker: The worker on which they are read.
         log: Where changes are told.
         tell: Publishes an event: its kind, and facts.
     """
@@ -35,13 +35,13 @@ class ClockWatch:
         self,
         clocks: Clocks,
         segment: Segment,
-        mailbox: Mailbox,
+        worker: Worker,
         log: Log,
         tell: Callable[..., None],
     ) -> None:
         self._clocks = clocks
         self._segment = segment
-        self._mailbox = mailbox
+        self._worker = worker
         self._log = log
         self._tell = tell
         self._lost = False  # at least once
@@ -80,16 +80,16 @@ class ClockWatch:
         """Waits for a second, reads the differences of all clocks, and tells who is out of step.
 
         Raises:
-            StateError: The mailbox worker has too much to do.
+            StateError: The worker has too much to do.
         """
         await asyncio.sleep(_PERIOD)
-        differences = await self._mailbox.run(self._read)
+        differences = await self._worker.run(self._read)
         for slave in self._clocks.followers:
             if slave.position in differences:
                 self._judge(slave, differences[slave.position])
 
     def _read(self) -> dict[int, int]:
-        """On the mailbox worker: differences in ns by position; not of slaves that are gone."""
+        """On the worker: differences in ns by position; not of slaves that are gone."""
         differences = self._clocks.differences()
         for position, difference in differences.items():
             self._segment.slave_status[position].dc_difference_ns = difference

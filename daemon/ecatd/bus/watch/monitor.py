@@ -20,10 +20,10 @@ from ecatd.model.config import OutputsConfig
 from ecatd.model.errors import StateError
 
 from ..engine import Event, EventType
-from ..mailbox import Mailbox
 from ..master import SlaveState
 from ..slot_requests import Answer, SlotRequests
 from ..start.bring_up import RunningBus
+from ..worker import Worker
 from .clocks import ClockWatch
 from .files import FileWatch
 from .outputs import OutputWatch
@@ -45,7 +45,7 @@ class Monitor:
         running: The bus.
         outputs: What is configured about outputs.
         answer: Carries out requests of clients.
-        mailbox: The worker on which slaves are asked.
+        worker: The worker on which slaves are asked.
         log: Where events are told.
         publish: Called with every event, as a map, on the event loop's thread.
     """
@@ -55,7 +55,7 @@ class Monitor:
         running: RunningBus,
         outputs: OutputsConfig,
         answer: Answer,
-        mailbox: Mailbox,
+        worker: Worker,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
     ) -> None:
@@ -69,11 +69,11 @@ class Monitor:
         )
         self._outputs = OutputWatch(running.bus, running.segment, outputs, log, self._tell)
         self._wire = WireWatch(running, log, self._tell)
-        self._slaves = SlaveWatch(running, mailbox, log, self._tell, self._wire.is_foreign)
+        self._slaves = SlaveWatch(running, worker, log, self._tell, self._wire.is_foreign)
         self._clocks = (
             None
             if running.clocks is None
-            else ClockWatch(running.clocks, running.segment, mailbox, log, self._tell)
+            else ClockWatch(running.clocks, running.segment, worker, log, self._tell)
         )
         self._working_counters = [
             Paced(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
@@ -89,7 +89,7 @@ class Monitor:
         return self._slaves.states
 
     def read_states(self) -> None:
-        """Reads the AL states into shared memory; on the mailbox worker."""
+        """Reads the AL states into shared memory; on the worker."""
         self._slaves.read()
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
@@ -209,7 +209,7 @@ class Monitor:
             try:
                 await watch()
             except StateError:
-                await asyncio.sleep(0.1)  # the mailbox is busy: the next look is soon
+                await asyncio.sleep(0.1)  # the worker is busy: the next look is soon
             except Exception as error:
                 self._log.error(f"defect while watching the bus: {error!r}")
                 await asyncio.sleep(1)

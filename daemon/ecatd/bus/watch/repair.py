@@ -12,12 +12,12 @@ from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, StateError
 
 from ..datagrams import Place
-from ..mailbox import Mailbox
 from ..master import SlaveState
 from ..start.bring_up import RunningBus
 from ..start.identify import Found
 from ..start.set_up import Missed
 from ..steps import Steps
+from ..worker import Worker
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 
@@ -29,7 +29,7 @@ class Repair:
 
     Args:
         running: The bus.
-        mailbox: The worker on which it is done.
+        worker: The worker on which it is done.
         log: Where it is told.
         tell: Publishes an event: its kind, and facts.
         look: Reads the AL states and tells of changes.
@@ -38,14 +38,14 @@ class Repair:
     def __init__(
         self,
         running: RunningBus,
-        mailbox: Mailbox,
+        worker: Worker,
         log: Log,
         tell: Callable[..., None],
         look: Callable[[], Awaitable[object]],
     ) -> None:
         self._running = running
         self._bus: Bus = running.bus
-        self._mailbox = mailbox
+        self._worker = worker
         self._log = log
         self._tell = tell
         self._look = look
@@ -81,12 +81,12 @@ class Repair:
         """
         self._want(positions, state)
         try:
-            await self._mailbox.run_steps(self._change(positions, state))
+            await self._worker.run_steps(self._change(positions, state))
         finally:
             self._settled(positions)
 
     def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
-        """Sets up on the way what has begun anew; on the mailbox worker."""
+        """Sets up on the way what has begun anew; on the worker."""
         running, timeout = self._running, self._state_timeout_s
         seen = {item.position: item.al_state & 0x0F for item in running.master.states()}
         lost = [position for position in positions if not seen[position]]
@@ -126,7 +126,7 @@ class Repair:
         return {position: _failure(item) for position, item in missed.items()}
 
     def _set_up(self, positions: list[int], missing: set[int]) -> Steps[dict[int, Failure]]:
-        """Sets slaves up that are what they were; on the mailbox worker."""
+        """Sets slaves up that are what they were; on the worker."""
         finder, failures = self._running.finder, {}
         here = []
         for position in positions:
@@ -171,7 +171,7 @@ class Repair:
     async def _carry_out(self, positions: list[int], steps: Steps[dict[int, Failure]]) -> None:
         failures: dict[int, Failure] = {}
         try:
-            failures = await self._mailbox.run_steps(steps)
+            failures = await self._worker.run_steps(steps)
         except EcatError as error:
             failures = dict.fromkeys(positions, Failure(str(error)))
         except Exception as error:

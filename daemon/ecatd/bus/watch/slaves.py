@@ -15,9 +15,9 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 
 from ..datagrams import aprd
-from ..mailbox import Mailbox
 from ..master import SlaveState
 from ..start.bring_up import RunningBus
+from ..worker import Worker
 from .presence import describe_presence, name_slaves
 from .recovery import Condition
 from .repair import Repair
@@ -40,7 +40,7 @@ class SlaveWatch:
 
     Args:
         running: The bus.
-        mailbox: The worker on which slaves are asked.
+        worker: The worker on which slaves are asked.
         log: Where changes are told.
         tell: Publishes an event: its kind, and facts.
         foreign: Whether another master is at work.
@@ -52,7 +52,7 @@ class SlaveWatch:
     def __init__(
         self,
         running: RunningBus,
-        mailbox: Mailbox,
+        worker: Worker,
         log: Log,
         tell: Callable[..., None],
         foreign: Callable[[], bool],
@@ -61,10 +61,10 @@ class SlaveWatch:
         self._master = running.master
         self._health = running.segment.health
         self._rows = running.segment.slave_status
-        self._mailbox = mailbox
+        self._worker = worker
         self._log = log
         self._tell = tell
-        self._repair = Repair(running, mailbox, log, tell, self.look)
+        self._repair = Repair(running, worker, log, tell, self.look)
         self._by_hand = running.recovery.slaves != "all"
         self._foreign = foreign
         self._changed = asyncio.Event()
@@ -96,7 +96,7 @@ class SlaveWatch:
     def read(self) -> list[SlaveState]:
         """Reads the AL states into shared memory; returns those that have changed.
 
-        On the mailbox worker.
+        On the worker.
         """
         before = self.states
         for _ in range(_TRIES):
@@ -113,7 +113,7 @@ class SlaveWatch:
         return changed
 
     def _find_added(self, found: int) -> int:
-        """Position of the first slave that was not there at the start; on the mailbox worker."""
+        """Position of the first slave that was not there at the start; on the worker."""
         answers = self._master.registers.exchange(
             [aprd(position, _STATION_ADDRESS, 2) for position in range(found)]
         )
@@ -140,7 +140,7 @@ class SlaveWatch:
 
     async def look(self) -> bool:
         """Reads the AL states, and tells of every change; returns whether there was one."""
-        changed = await self._mailbox.run(self.read)
+        changed = await self._worker.run(self.read)
         self._tell_presence()
         present = [item for item in changed if item.al_state & 0x0F]
         for item in changed:

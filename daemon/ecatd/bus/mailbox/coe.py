@@ -1,23 +1,27 @@
-"""CANopen over EtherCAT of many slaves at the same time (ETG.1000.6, "CoE").
+"""CANopen over EtherCAT (ETG.1000.6, "CoE"): SDO transfers and the SDO information service.
 
-Uploads and the SDO information service as parts of a conversation; `mailboxes.converse` leads
-those of all slaves. Only for the start: SDOs of users go through SOEM, one at a time.
+All of them are parts of a conversation with one slave; `mailboxes.talk_all` leads those with many
+slaves at the same time. An answer is taken only for the object that was asked for: what a slave
+sends too late, to a request that was given up, must not become the value of the next one.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 
-from .mailboxes import Mailbox, Protocol, Talk
+from .mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
 
 T = TypeVar("T")
 
 _TRIES = 3
 """An upload changes nothing, so it can be asked for again."""
+
+_DOWNLOAD_S = 5.0
+"""Seconds a slave has for a part of a download; some write their flash before they answer."""
 
 _MOST = 1 << 16
 """Bytes of an object; more of them come from a slave that is out of its mind."""
@@ -30,11 +34,14 @@ _SDO = struct.Struct("<BHB4x")
 _SDO_SIZE = 8
 _SEGMENT_LEAST = 7
 _COMMAND, _SEGMENT, _UPLOAD, _UPLOAD_SEGMENT, _ABORT = 0xE0, 0x00, 0x40, 0x60, 0x80
-_COMPLETE, _EXPEDITED, _TOGGLE, _LAST = 0x10, 0x02, 0x10, 0x01
+_DOWNLOAD, _DOWNLOADED, _DOWNLOADED_SEGMENT = 0x20, 0x60, 0x20
+_COMPLETE, _EXPEDITED, _SIZED, _TOGGLE, _LAST = 0x10, 0x02, 0x01, 0x10, 0x01
+_EXPEDITED_BYTES = 4
 
 _INFO = struct.Struct("<BxH")
 _INFO_MORE = 0x80
-_GET_OBJECT, _GET_ENTRY, _INFO_ERROR = 3, 5, 7
+_GET_LIST, _GET_OBJECT, _GET_ENTRY, _INFO_ERROR = 1, 3, 5, 7
+_ALL_OBJECTS = struct.pack("<H", 1)
 _ACCESS_CATEGORY_MAPPING = 0x07  # what an entry description should tell: no values
 _UNIT, _VALUES = 0x08, (0x10, 0x20, 0x40)
 
@@ -46,11 +53,13 @@ class ObjectDescription(NamedTuple):
         name: Its name.
         data_type: Its CoE data type index.
         max_subindex: Its highest subindex; 0: a variable.
+        code: Its kind: 7 variable, 8 array, 9 record.
     """
 
     name: str
     data_type: int
     max_subindex: int
+    code: int
 
 
 class EntryDescription(NamedTuple):
@@ -59,10 +68,14 @@ class EntryDescription(NamedTuple):
     Attributes:
         name: Its name.
         data_type: Its CoE data type index; 0: there is no such entry.
+        bit_length: Its bits.
+        access: Its access rights, as `DictionaryEntry` has them.
     """
 
     name: str
     data_type: int
+    bit_length: int
+    access: int
 
 
 class Coe:
@@ -71,14 +84,15 @@ class Coe:
     Args:
         position: Its position, by which messages name it.
         station: Its configured station address.
+        counter: Counts the messages to it; see `mailboxes.count_messages`.
 
     Attributes:
         mailbox: Its mailbox.
         emergencies: Error code and error register of the emergencies that came meanwhile.
     """
 
-    def __init__(self, position: int, station: int) -> None:
-        self.mailbox = Mailbox(station)
+    def __init__(self, position: int, station: int, counter: Iterator[int]) -> None:
+        self.mailbox = Mailbox(station, counter)
         self.emergencies: list[tuple[int, int]] = []
         self._position = position
 
@@ -94,7 +108,7 @@ class Coe:
         except EcatError as error:
             raise type(error)(f"slave {self._position} has CoE, but {error}") from error
 
-    # --- uploads -------------------------------------------------------------------------------
+    # --- SDO transfers -------------------------------------------------------------------------
 
     def upload(
         self, index: int, subindex: int, *, complete: bool = False, tries: int = _TRIES
@@ -112,8 +126,25 @@ class Coe:
             NoAnswerError: It did not answer.
             StateError: It answered something else.
         """
-        where = f"slave {self._position}, 0x{index:04X}:{subindex:02X}"
+        where = self._object(index, subindex)
         return self._insist(where, tries, lambda: self._upload(index, subindex, complete))
+
+    def download(
+        self, index: int, subindex: int, data: bytes, *, complete: bool = False
+    ) -> Talk[None]:
+        """Writes an object, and only once: writing may do something; raises as `upload`.
+
+        Args:
+            index: Its index.
+            subindex: The subindex, or the first one of a complete access.
+            data: What to write.
+            complete: The whole object (complete access).
+        """
+        where = self._object(index, subindex)
+        return self._insist(where, 1, lambda: self._download(index, subindex, data, complete))
+
+    def _object(self, index: int, subindex: int) -> str:
+        return f"slave {self._position}, 0x{index:04X}:{subindex:02X}"
 
     def _insist(self, where: str, tries: int, talk: Callable[[], Talk[T]]) -> Talk[T]:
         """Asks again if there is no answer, or one that makes no sense; what failed is named."""
@@ -160,7 +191,43 @@ class Coe:
             raise StateError(f"the slave announces {size} bytes and sends {len(data)}")
         return data[:size]
 
-    def _ask_sdo(self, request: bytes, is_answer: Callable[[bytes], bool]) -> Talk[bytes]:
+    def _download(self, index: int, subindex: int, data: bytes, complete: bool) -> Talk[None]:
+        head = struct.pack("<BHB", _DOWNLOAD | (_COMPLETE if complete else 0), index, subindex)
+
+        def is_answer(sdo: bytes) -> bool:
+            return sdo[0] & _COMMAND == _DOWNLOADED and sdo[1:4] == head[1:4]
+
+        if 0 < len(data) <= _EXPEDITED_BYTES and not complete:
+            command = head[0] | _EXPEDITED | _SIZED | (_EXPEDITED_BYTES - len(data)) << 2
+            request = bytes([command]) + head[1:] + data.ljust(_EXPEDITED_BYTES, b"\0")
+            yield from self._ask_sdo(request, is_answer, _DOWNLOAD_S)
+            return
+        room = self.mailbox.size - HEADER_BYTES - _COE_HEADER - _SDO_SIZE
+        request = bytes([head[0] | _SIZED]) + head[1:] + struct.pack("<I", len(data)) + data[:room]
+        yield from self._ask_sdo(request, is_answer, _DOWNLOAD_S)
+        toggle, sent = 0, room
+        while sent < len(data):
+            part = data[sent : sent + room + _SEGMENT_LEAST]
+            sent += len(part)
+            unused = max(0, _SEGMENT_LEAST - len(part))
+            command = _SEGMENT | toggle | unused << 1 | (_LAST if sent == len(data) else 0)
+            answer = yield from self._ask_sdo(
+                bytes([command]) + part.ljust(_SEGMENT_LEAST, b"\0"),
+                lambda sdo: sdo[0] & _COMMAND == _DOWNLOADED_SEGMENT,
+                _DOWNLOAD_S,
+            )
+            if answer[0] & _TOGGLE != toggle:
+                raise StateError("the slave answered with a wrong frame: a segment is missing")
+            toggle ^= _TOGGLE
+
+    def _ask_sdo(
+        self,
+        request: bytes,
+        is_answer: Callable[[bytes], bool],
+        patience_s: float | None = None,
+    ) -> Talk[bytes]:
+        begins = request[0] & _COMMAND in (_UPLOAD, _DOWNLOAD)
+
         def take(service: int, sdo: bytes) -> bytes | None:
             if service not in (_SDO_REQUEST, _SDO_RESPONSE):
                 return None
@@ -168,14 +235,23 @@ class Coe:
                 raise StateError(f"the slave answered with a wrong frame: {len(sdo)} bytes of SDO")
             # An abort is sent as a request or as a response; that of a segment has no address.
             if sdo[0] & _COMMAND == _ABORT:
-                if request[0] & _COMMAND == _UPLOAD and sdo[1:4] != request[1:4]:
+                if begins and sdo[1:4] != request[1:4]:
                     return None
                 raise SdoAbortError(int.from_bytes(sdo[4:8], "little"))
             return sdo if service == _SDO_RESPONSE and is_answer(sdo) else None
 
-        return self._ask(_SDO_REQUEST, request, take)
+        return self._ask(_SDO_REQUEST, request, take, patience_s)
 
     # --- SDO information -----------------------------------------------------------------------
+
+    def list_objects(self, tries: int = _TRIES) -> Talk[list[int]]:
+        """The indices of all objects; as `describe_object`."""
+
+        def ask() -> Talk[list[int]]:
+            body = yield from self._ask_information(_GET_LIST, _ALL_OBJECTS, _ALL_OBJECTS, 2)
+            return [index for (index,) in struct.iter_unpack("<H", body[2 : len(body) & ~1])]
+
+        return self._insist(f"slave {self._position}, list of objects", tries, ask)
 
     def describe_object(self, index: int, tries: int = _TRIES) -> Talk[ObjectDescription]:
         """Asks what an object is.
@@ -193,8 +269,8 @@ class Coe:
 
         def describe() -> Talk[ObjectDescription]:
             body = yield from self._ask_information(_GET_OBJECT, wanted, wanted, 6)
-            data_type, max_subindex = struct.unpack_from("<HB", body, 2)
-            return ObjectDescription(_text(body[6:]), data_type, max_subindex)
+            data_type, max_subindex, code = struct.unpack_from("<HBB", body, 2)
+            return ObjectDescription(_text(body[6:]), data_type, max_subindex, code)
 
         where = f"slave {self._position}, description of 0x{index:04X}"
         return self._insist(where, tries, describe)
@@ -208,10 +284,10 @@ class Coe:
 
         def describe() -> Talk[EntryDescription]:
             body = yield from self._ask_information(_GET_ENTRY, wanted, address, 10)
-            given, data_type, bits = struct.unpack_from("<BHH", body, 3)
+            given, data_type, bits, access = struct.unpack_from("<BHHH", body, 3)
             values = sum(bool(given & bit) for bit in _VALUES)
             name_at = 10 + (4 if given & _UNIT else 0) + values * ((bits + 7) // 8)
-            return EntryDescription(_text(body[name_at:]), data_type)
+            return EntryDescription(_text(body[name_at:]), data_type, bits, access)
 
         where = f"slave {self._position}, description of 0x{index:04X}:{subindex:02X}"
         return self._insist(where, tries, describe)
@@ -252,9 +328,15 @@ class Coe:
 
     # --- CoE -----------------------------------------------------------------------------------
 
-    def _ask(self, service: int, request: bytes, take: Callable[[int, bytes], T | None]) -> Talk[T]:
+    def _ask(
+        self,
+        service: int,
+        request: bytes,
+        take: Callable[[int, bytes], T | None],
+        patience_s: float | None = None,
+    ) -> Talk[T]:
         body = struct.pack("<H", service << 12) + request
-        return self.mailbox.ask(Protocol.COE, body, self._split(take))
+        return self.mailbox.ask(Protocol.COE, body, self._split(take), patience_s)
 
     def _split(self, take: Callable[[int, bytes], T | None]) -> Callable[[bytes], T | None]:
         """Gives `take` the service of a message and what follows; emergencies are put aside."""

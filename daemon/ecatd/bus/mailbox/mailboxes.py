@@ -10,9 +10,10 @@ blindly: whether a lost one had arrived is found out from the sync managers.
 
 from __future__ import annotations
 
+import itertools
 import struct
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias, TypeVar
 
@@ -27,7 +28,8 @@ Talk: TypeAlias = Generator[Datagram, Answer, T]
 """A conversation with one slave, and what it finds out."""
 
 _ANSWER_S = 1.0
-"""Seconds a slave has for a message and its answer; most need less than a millisecond."""
+"""Seconds a slave has for a message and its answer, where nothing else is said; most need less than
+a millisecond."""
 
 _REPEAT_S = 0.1
 """Seconds a slave has to put a message into its mailbox again; some do not know how to."""
@@ -47,12 +49,7 @@ _FULL = 0x08
 _ENABLED, _REPEAT = 0x01, 0x02
 
 _HEADER = struct.Struct("<HHBB")
-_COUNTERS = range(2, 8)
-"""What counts our messages.
-
-A slave takes a message with the counter of the one before for a repetition and drops it. SOEM,
-which comes after us, counts from 1, so our last message must not have been number 1.
-"""
+HEADER_BYTES = _HEADER.size
 
 _ERRORS = {
     1: "the slave does not understand the message",
@@ -80,21 +77,31 @@ class _Area(NamedTuple):
     size: int
 
 
+def count_messages() -> Iterator[int]:
+    """The counter of the messages to one slave: 1 to 7, and again (ETG.1000.4, mailbox header).
+
+    A slave takes a message with the counter of the one before for a repetition and drops it, so
+    all conversations with a slave, one after the other, share its counter.
+    """
+    return itertools.cycle(range(1, 8))
+
+
 class Mailbox:
     """The mailbox of one slave, as its sync managers are set up now.
 
     Args:
         station: Configured station address of the slave.
+        counter: See `count_messages`.
 
     Attributes:
         skipped: Messages that nobody had asked for.
     """
 
-    def __init__(self, station: int) -> None:
+    def __init__(self, station: int, counter: Iterator[int]) -> None:
         self.skipped = 0
         self._station = station
+        self._counter = counter
         self._out = self._in = _Area(0, 0)
-        self._sent = 0
         self._is_free = False  # nothing lies in the half that we write
         self._last = b""
         self._deadline = 0.0
@@ -114,15 +121,27 @@ class Mailbox:
         self._out = _area(managers, 0, _WRITTEN_BY_MASTER, least)
         self._in = _area(managers, 1, _READ_BY_MASTER, least)
 
-    def ask(self, protocol: Protocol, body: bytes, take: Callable[[bytes], T | None]) -> Talk[T]:
+    @property
+    def size(self) -> int:
+        """Bytes of the half that we write, header included."""
+        return self._out.size
+
+    def ask(
+        self,
+        protocol: Protocol,
+        body: bytes,
+        take: Callable[[bytes], T | None],
+        patience_s: float | None = None,
+    ) -> Talk[T]:
         """Sends a message and waits for its answer; raises as `more`.
 
         Args:
             protocol: Its protocol.
             body: What follows the mailbox header.
             take: Makes something of the body of a message, or None if it is not the answer.
+            patience_s: Seconds that the slave has for it.
         """
-        self._deadline = time.monotonic() + _ANSWER_S
+        self._deadline = time.monotonic() + (_ANSWER_S if patience_s is None else patience_s)
         yield from self._write(protocol, body)
         return (yield from self._answer(protocol, take))
 
@@ -157,9 +176,7 @@ class Mailbox:
     # --- the mailbox ---------------------------------------------------------------------------
 
     def _write(self, protocol: Protocol, body: bytes) -> Talk[None]:
-        counter = _COUNTERS[self._sent % len(_COUNTERS)]
-        self._sent += 1
-        mail = _HEADER.pack(len(body), 0, 0, protocol | counter << 4) + body
+        mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._counter) << 4) + body
         # In full length, since the last byte is what hands it over.
         mail = mail.ljust(self._out.size, b"\0")
         while not self._is_free:
@@ -250,6 +267,7 @@ def talk_all(
     found: dict[int, T] = {}
     failed: dict[int, EcatError] = {}
     wanted: dict[int, Datagram] = {}
+    asked: dict[int, Datagram] = {}
 
     def step(number: int, answer: Answer | None) -> None:
         talk = talks[number]
@@ -263,13 +281,24 @@ def talk_all(
     for number in range(len(talks)):
         step(number, None)
     while wanted:
-        if all(item.register == _SYNC_MANAGERS for item in wanted.values()):
+        # The first look of a conversation waits for nothing.
+        if all(
+            item.register == _SYNC_MANAGERS and number in asked for number, item in wanted.items()
+        ):
             yield
         asked, wanted = wanted, {}
         answers = registers.exchange([*asked.values()], repeat=False)
         for number, answer in zip(asked, answers, strict=True):
             step(number, answer)
     return found, failed
+
+
+def talk_alone(registers: Datagrams, talk: Talk[T]) -> Steps[T]:
+    """Leads one conversation; raises what it raises."""
+    found, failed = yield from talk_all(registers, [talk])
+    if failed:
+        raise failed[0]
+    return found[0]
 
 
 def converse(

@@ -1,0 +1,45 @@
+"""The whole object dictionary of a slave, as its SDO information service describes it."""
+
+from __future__ import annotations
+
+from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
+from ecatd.model.errors import SdoAbortError
+
+from .coe import Coe
+from .mailboxes import Talk
+
+_NO_ENTRY = DictionaryEntry("", 0, 0, 0)
+
+
+def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
+    """Reads all objects with their entries; the conversation must be open.
+
+    Raises:
+        SdoAbortError: The slave lists an object that it does not describe.
+        NoAnswerError: It does not answer; it may have no such service.
+        StateError: It answers something else, such as that it has no such service.
+    """
+    objects = []
+    for index in (yield from coe.list_objects()):
+        objects.append((yield from _read_object(coe, index)))
+    return objects
+
+
+def _read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
+    name, data_type, max_subindex, code = yield from coe.describe_object(index)
+    entries = {}
+    for subindex in range(max_subindex + 1):
+        entry = yield from _read_entry(coe, index, subindex)
+        if max_subindex == 0:  # a variable, which need not tell its name twice
+            entry = DictionaryEntry(name, data_type, entry.bit_length, entry.access)
+        if entry != _NO_ENTRY:
+            entries[subindex] = entry
+    return DictionaryObject(index, name, code, data_type, entries)
+
+
+def _read_entry(coe: Coe, index: int, subindex: int) -> Talk[DictionaryEntry]:
+    """An entry; a record may leave subindices out, which is said by an abort or by zeros."""
+    try:
+        return DictionaryEntry(*(yield from coe.describe_entry(index, subindex)))
+    except SdoAbortError:
+        return _NO_ENTRY
