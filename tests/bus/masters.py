@@ -46,11 +46,23 @@ def pattern(slave, number, size):
     return bytes((17 * slave + 31 * number + i) & 0xFF for i in range(size - 1)) + bytes([number])
 
 
-def open_pysoem(configure=None, *, watchdog=False):
-    """A bus in SAFEOP; without watchdogs, which a busy machine could let expire."""
+def new_master():
+    """A master by pysoem for a busy machine.
+
+    By itself SOEM sends a frame again after 2 ms, and goes on with what the first copy brings: what
+    the second one brings is then in its way.
+    """
     import pysoem
 
-    master = pysoem.Master()
+    pysoem.settings.timeouts.ret = 100_000
+    pysoem.settings.timeouts.rx_mailbox = 5_000_000
+    return pysoem.Master()
+
+
+def open_pysoem(configure=None, *, watchdog=False):
+    """A bus in SAFEOP; without watchdogs, which a busy machine could let expire."""
+
+    master = new_master()
     master.open(INTERFACE)
     assert master.config_init() > 0
     for slave in () if watchdog else master.slaves:

@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from masters import new_master
 
 from ecatd.model.errors import StateError
 from ecatsim.capture import capture
@@ -115,7 +116,7 @@ def master_look(count):
 
     looks = []
     for _ in range(count):
-        master = pysoem.Master()
+        master = new_master()
         master.open(INTERFACE)
         slaves = []
         if master.config_init() > 0:
@@ -289,9 +290,8 @@ def states():
 
 def master_capture_in(state):
     """What happens in a state; and states and interface flags before and after."""
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.open(INTERFACE)
     master.config_init()
     if state > PREOP:

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from masters import new_master
 from test_simulator_masters import INTERFACE, OP, cycle, open_pysoem, to_op
 
 from ecatsim import rig as rigs
@@ -127,9 +128,8 @@ def test_soem_synchronises_a_line_of_drifting_slaves():
 
 
 def master_measures():
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.open(INTERFACE)
     assert master.config_init() > 0
     has_dc = master.config_dc()

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from masters import run
+from masters import new_master, run
 
 from ecatsim.devices.library import make
 from ecatsim.rig import Rig
@@ -44,9 +44,8 @@ class Axis:
     """A drive as a master sees it: the process data, and conditions to wait for."""
 
     def __init__(self, configure=None, cycle_ns=0):
-        import pysoem
 
-        self.master = pysoem.Master()
+        self.master = new_master()
         self.master.open(INTERFACE)
         assert self.master.config_init() == 1
         self.slave = self.master.slaves[0]

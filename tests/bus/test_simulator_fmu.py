@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from masters import new_master
 
 pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'fmu')")
 
@@ -53,9 +54,8 @@ def rig():
 
 def master_pi_control():
     """A PI controller at 1 kHz brings the speed to the target."""
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.open("ecat-master")
     assert master.config_init() == 3
     for slave in master.slaves:

@@ -15,6 +15,7 @@ from masters import (
     PREOP,
     SAFEOP,
     cycle,
+    new_master,
     open_pysoem,
     pattern,
     request,
@@ -138,9 +139,8 @@ def test_pysoem_exchanges_with_lines(rig_name, count, size):
 
 
 def master_empty():
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.open(INTERFACE)
     return master.config_init()
 
@@ -297,9 +297,8 @@ def test_watchdog():
 
 
 def master_wrong_settings():
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.manual_state_change = 1
     master.open(INTERFACE)
     master.config_init()

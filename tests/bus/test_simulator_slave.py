@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from masters import run
+from masters import new_master, run
 from test_simulator_masters import (
     ERROR,
     INIT,
@@ -93,9 +93,8 @@ def rig():
 
 def open_preop(manual=False):
     """The master and its slave, in PREOP or, if states are left to the test, in INIT."""
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.manual_state_change = int(manual)
     master.open(INTERFACE)
     assert master.config_init() == 1

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from masters import new_master
 
 from ecatd.model.bus import Entry, Pdo
 from ecatsim.core import Chip
@@ -45,9 +46,8 @@ def run(rig, master, *arguments, options=()):
 
 def open_ring(count, second=SECOND):
     """A bus in OP with pysoem, without watchdogs, which a busy machine could let expire."""
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.open(FIRST, second)
     assert master.config_init() == count
     for slave in master.slaves:
@@ -204,9 +204,8 @@ def rig():
 
 
 def master_branches():
-    import pysoem
 
-    master = pysoem.Master()
+    master = new_master()
     master.open(FIRST)
     master.config_init()
     found = {
