@@ -67,7 +67,8 @@ def _bars(axes: Any, lines: Sequence[dict[str, Any]], rate: float, key: str) -> 
 def _draw_exchange(axes: Any, lines: Sequence[dict[str, Any]]) -> None:
     _bars(axes, lines, 1000, "p50")
     axes.set(ylabel="µs", title="Exchange at 1 kHz: median, whisker to p99")
-    axes.legend(frameon=False, ncols=2)
+    axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
+    axes.legend(frameon=False, ncols=3, loc="upper left")
 
 
 def _draw_rates(axes: Any, lines: Sequence[dict[str, Any]]) -> None:
@@ -116,7 +117,7 @@ def _draw_work(axes: Any, work: dict[str, Any]) -> None:
             [point["instructions"] for point in chosen],
             "o",
             markersize=4,
-            label=f"{slaves} slaves",
+            label=f"{slaves} slave{'s' * (slaves != 1)}",
         )
     axes.set(ylabel="instructions a cycle", ylim=(0, None), xlim=(0, None))
     axes.legend(frameon=False, fontsize=8)

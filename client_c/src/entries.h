@@ -27,9 +27,10 @@ static inline void bits_put(uint8_t *image, uint32_t bit, uint32_t bits, uint64_
   }
 }
 
-/* CoE data types (ETG.1000.6): INTEGER8/16/32, INTEGER24, INTEGER64; REAL32, REAL64. */
+/* CoE data types (ETG.1000.6): INTEGER8/16/32, INTEGER24, INTEGER40 to 64; REAL32, REAL64. */
 static inline int type_is_signed(uint32_t type) {
-  return (type >= 0x0002 && type <= 0x0004) || type == 0x0010 || type == 0x0015;
+  return (type >= 0x0002 && type <= 0x0004) || type == 0x0010 ||
+         (type >= 0x0012 && type <= 0x0015);
 }
 
 static inline int type_is_real(uint32_t type, uint32_t bits) {

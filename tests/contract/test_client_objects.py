@@ -33,6 +33,7 @@ SHAPES = [
     ("i16", DataType.INTEGER16, 16),
     ("u24", DataType.UNSIGNED24, 24),
     ("i24", DataType.INTEGER24, 24),
+    ("i40", DataType.INTEGER40, 40),
     ("i32", DataType.INTEGER32, 32),
     ("u64", DataType.UNSIGNED64, 64),
     ("i64", DataType.INTEGER64, 64),

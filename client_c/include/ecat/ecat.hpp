@@ -75,7 +75,7 @@ constexpr bool is_real(const ecat_signal_info& entry) {
 
 constexpr bool is_signed(const ecat_signal_info& entry) {
   return (entry.type >= 0x0002 && entry.type <= 0x0004) || entry.type == 0x0010 ||
-         entry.type == 0x0015;
+         (entry.type >= 0x0012 && entry.type <= 0x0015);
 }
 
 // Whether T holds every value of the entry.

@@ -55,7 +55,7 @@ class Worker:
         """
         with self._place():
             async with alone:
-                return await self._run(steps, _TURN, 0.0)
+                return await self._run(steps, _TURN, _LAST_PAUSE)
 
     async def run_steps(self, steps: Steps[T]) -> T:
         """Runs steps to their end; what others have queued is done wherever they wait.

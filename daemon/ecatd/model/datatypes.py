@@ -31,8 +31,14 @@ class DataType(IntEnum):
     UNICODE_STRING = 0x000B
     INTEGER24 = 0x0010
     REAL64 = 0x0011
+    INTEGER40 = 0x0012
+    INTEGER48 = 0x0013
+    INTEGER56 = 0x0014
     INTEGER64 = 0x0015
     UNSIGNED24 = 0x0016
+    UNSIGNED40 = 0x0018
+    UNSIGNED48 = 0x0019
+    UNSIGNED56 = 0x001A
     UNSIGNED64 = 0x001B
     BYTE = 0x001E
     WORD = 0x001F
@@ -52,6 +58,9 @@ _SIGNED = {
     DataType.INTEGER16: 16,
     DataType.INTEGER24: 24,
     DataType.INTEGER32: 32,
+    DataType.INTEGER40: 40,
+    DataType.INTEGER48: 48,
+    DataType.INTEGER56: 56,
     DataType.INTEGER64: 64,
 }
 _UNSIGNED = {
@@ -59,6 +68,9 @@ _UNSIGNED = {
     DataType.UNSIGNED16: 16,
     DataType.UNSIGNED24: 24,
     DataType.UNSIGNED32: 32,
+    DataType.UNSIGNED40: 40,
+    DataType.UNSIGNED48: 48,
+    DataType.UNSIGNED56: 56,
     DataType.UNSIGNED64: 64,
     DataType.BYTE: 8,
     DataType.WORD: 16,
