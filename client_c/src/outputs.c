@@ -211,6 +211,23 @@ static int daemon_gone(ecat_t *bus) {
                    bus->name);
 }
 
+static int lapsed(ecat_t *bus) {
+  uint32_t reason =
+      __atomic_load_n(&bus->slot_status[bus->slot].reason, __ATOMIC_RELAXED);
+  memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
+  memset(bus->mask, 0, bus->header->output_bytes);
+  bus->first = bus->bytes = 0;
+  if (reason == ECAT_REASON_WKC)
+    return ecat_fail(bus, ECAT_ELEASE,
+                     "bus '%s': slaves did not take part in the exchange (wrong working counter), so "
+                     "outputs are at their safe values; claim them again when the bus is complete",
+                     bus->name);
+  return ecat_fail(bus, ECAT_ELEASE,
+                   "bus '%s': this client did not sample in time and lost its outputs, which are at "
+                   "their safe values now; claim them again with a longer lease",
+                   bus->name);
+}
+
 /* The entry if this client may write it, else NULL and a code. */
 static const struct signal *writable(ecat_t *bus, int number, int *code) {
   const struct signal *signal;
@@ -221,26 +238,54 @@ static const struct signal *writable(ecat_t *bus, int number, int *code) {
     *code = daemon_gone(bus);
     return NULL;
   }
+  if (ecat_slot_lapsed(bus)) {
+    *code = lapsed(bus);
+    return NULL;
+  }
   *code = ecat_fail(bus, ECAT_ECLAIM, "0x%04X:%02X of slave %d (%s) must be claimed before it is "
                     "written", bus->signals[number].index, bus->signals[number].subindex,
                     signal->slave, bus->slaves[signal->slave].name);
   return NULL;
 }
 
+/* The raw values that an output can have. */
+static void limits(const ecat_t *bus, int number, double *low, double *high) {
+  const struct signal *signal = &bus->signal[number];
+  const ecat_shm_signal *entry = &bus->signals[number];
+  *low = signal->sign ? -ldexp(1, signal->bits - 1) : 0;
+  *high = ldexp(1, signal->sign ? signal->bits - 1 : signal->bits) - 1;
+  if (signal->real) *high = -(*low = -HUGE_VAL);
+  if (entry->minimum > *low) *low = entry->minimum;
+  if (entry->maximum < *high) *high = entry->maximum;
+}
+
 static int out_of_range(ecat_t *bus, int number, double value) {
   const struct signal *signal = &bus->signal[number];
   const ecat_shm_signal *entry = &bus->signals[number];
-  double low = signal->sign ? -ldexp(1, signal->bits - 1) : 0;
-  double high = ldexp(1, signal->sign ? signal->bits - 1 : signal->bits) - 1;
-  if (signal->real) high = -(low = -HUGE_VAL);
-  if (entry->minimum > low) low = entry->minimum;
-  if (entry->maximum < high) high = entry->maximum;
+  double low, high;
+  limits(bus, number, &low, &high);
   return ecat_fail(bus, ECAT_ERANGE,
                    "%.15g is out of range for 0x%04X:%02X (%s) of slave %d (%s): %s from %.15g to "
                    "%.15g are allowed",
                    value, entry->index, entry->subindex, entry->name, signal->slave,
                    bus->slaves[signal->slave].name, signal->real ? "numbers" : "whole numbers", low,
                    high);
+}
+
+/* The same as the program sees it, which gave a physical value. */
+static int out_of_physical_range(ecat_t *bus, int number, double value) {
+  const ecat_shm_signal *entry = &bus->signals[number];
+  const char *space = entry->unit[0] != '\0' ? " " : "";
+  double first, second;
+  limits(bus, number, &first, &second);
+  first = first * entry->scale + entry->offset;
+  second = second * entry->scale + entry->offset;
+  return ecat_fail(bus, ECAT_ERANGE,
+                   "%.15g%s%s is out of range for 0x%04X:%02X (%s) of slave %d (%s): values from "
+                   "%.15g to %.15g%s%s are allowed",
+                   value, space, entry->unit, entry->index, entry->subindex, entry->name,
+                   entry->slave, bus->slaves[entry->slave].name, fmin(first, second),
+                   fmax(first, second), space, entry->unit);
 }
 
 /* Puts the bits of a value, which fits its type, where the next commit takes them from. */
@@ -305,27 +350,13 @@ int ecat_write(ecat_t *bus, int number, double value) {
 
 int ecat_write_physical(ecat_t *bus, int number, double value) {
   const ecat_shm_signal *entry;
+  double raw;
+  int code;
   if (number < 0 || number >= ecat_signal_count(bus)) return ecat_write(bus, number, value);
   entry = &bus->signals[number];
-  value = (value - entry->offset) / entry->scale;
-  return ecat_write(bus, number, bus->signal[number].real ? value : nearbyint(value));
-}
-
-static int lapsed(ecat_t *bus) {
-  uint32_t reason =
-      __atomic_load_n(&bus->slot_status[bus->slot].reason, __ATOMIC_RELAXED);
-  memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
-  memset(bus->mask, 0, bus->header->output_bytes);
-  bus->first = bus->bytes = 0;
-  if (reason == ECAT_REASON_WKC)
-    return ecat_fail(bus, ECAT_ELEASE,
-                     "bus '%s': slaves did not take part in the exchange (wrong working counter), so "
-                     "outputs are at their safe values; claim them again when the bus is complete",
-                     bus->name);
-  return ecat_fail(bus, ECAT_ELEASE,
-                   "bus '%s': this client did not sample in time and lost its outputs, which are at "
-                   "their safe values now; claim them again with a longer lease",
-                   bus->name);
+  raw = (value - entry->offset) / entry->scale;
+  code = ecat_write(bus, number, bus->signal[number].real ? raw : nearbyint(raw));
+  return code == ECAT_ERANGE ? out_of_physical_range(bus, number, value) : code;
 }
 
 int ecat_commit(ecat_t *bus) {

@@ -106,6 +106,32 @@ def test_who_waits_keeps_the_outputs(troll: Daemon) -> None:
     run(program())
 
 
+class Counting(Client):
+    """Counts its samples."""
+
+    samples = 0
+
+    def sample(self) -> None:
+        self.samples += 1
+        super().sample()
+
+
+def test_who_owns_nothing_samples_only_when_the_wait_is_over(troll: Daemon) -> None:
+    async def program() -> None:
+        async def samples(bus: Counting) -> int:
+            before = bus.samples
+            await bus.next_cycle(500, timeout=30)
+            return bus.samples - before
+
+        with Counting(troll.bus) as bus:
+            assert await samples(bus) == 1
+            with bus.claim(EL2008, lease=30):
+                assert await samples(bus) > 1
+            assert await samples(bus) == 1
+
+    run(program())
+
+
 def test_waiting_in_vain_ends_in_time(troll: Daemon) -> None:
     async def program() -> None:
         with troll.client() as bus:

@@ -92,6 +92,49 @@ def test_several_entries_are_claimed_and_released(troll: Daemon) -> None:
             entries[0].raw = 1
 
 
+def test_what_another_claim_holds_is_not_given_back(troll: Daemon) -> None:
+    with troll.client() as bus, troll.client() as other:
+        mine, level = channel(bus, 0)
+        theirs = channel(bus, 1)[0]
+        other.claim(channel(other, 1)[0], lease=5)
+        with bus.claim(mine, lease=5):
+            mine.raw = 1
+            bus.commit()
+            come(bus, lambda: level.raw == 1)
+            since = bus.output(mine).since_cycle
+            for wanted in ([mine, theirs], EL2008):
+                with pytest.raises(OwnedError, match="belongs to"):
+                    bus.claim(wanted, lease=5)
+            with bus.claim([mine, channel(bus, 2)[0]], lease=5) as inner, bus.claim(mine, lease=5):
+                assert all(bus.output(output).owned for output in inner.outputs)
+            assert [bus.output(output).owned for output in inner.outputs] == [True, False]
+            other.release()
+            come(bus, lambda: bus.output(theirs).owner is None)
+            with bus.claim(EL2008, lease=5) as whole:
+                assert all(bus.output(output).owned for output in whole.outputs)
+            assert bus.output(mine).since_cycle == since  # active all the time
+            assert bus.output(mine).state is Outputs.ACTIVE
+            assert [output for output in whole.outputs if bus.output(output).owned] == [mine]
+        assert bus.claims() == []
+        inner.release()  # once more is no harm
+        bus.release()
+
+
+def test_a_claim_after_a_lapse_holds_what_an_older_one_has_lost(troll: Daemon) -> None:
+    with troll.client() as bus:
+        output = channel(bus, 0)[0]
+        old = bus.claim(output, lease=0.05)
+        time.sleep(0.3)
+        with pytest.raises(LeaseError):
+            bus.commit()
+        with bus.claim(output, lease=5):
+            old.release()
+            assert bus.output(output).owned
+        assert not bus.output(output).owned
+        with pytest.raises(UsageError, match="nothing to claim: the list of outputs is empty"):
+            bus.claim([])
+
+
 def test_who_does_not_sample_loses_the_outputs(troll: Daemon) -> None:
     with troll.client() as bus:
         output, level = channel(bus, 0)
@@ -101,6 +144,9 @@ def test_who_does_not_sample_loses_the_outputs(troll: Daemon) -> None:
             time.sleep(0.3)
             with pytest.raises(LeaseError, match="claim them again"):
                 bus.commit()
+            for value in (1, True):
+                with pytest.raises(LeaseError, match="claim them again"):
+                    output.raw = value
             bus.claim(EL2008, lease=0.5)
             output.raw = 1
             bus.commit()
@@ -117,6 +163,26 @@ def test_values_are_checked_before_they_go_out(troll: Daemon) -> None:
         torque.value = 3
         torque.value = 0.0
         bus.commit()
+
+
+def test_what_is_out_of_range_is_said_in_the_unit_of_the_program(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    scaled = (
+        '[[signal]]\nslave = 0\nentry = "0x60FF:00"\nscale = -0.1\noffset = 5.0\nunit = "rpm"\n'
+    )
+    daemon = start_daemon("troll", config=scaled)
+    with daemon.client() as bus, bus.claim(DRIVE, lease=5):
+        target = bus.signal(DRIVE, 0x60FF)
+        assert target.bit_length == 32
+        said = r"^300000000 rpm is out .* 0x60FF:00 .* from -214748359\.7 to 214748369\.8 rpm are"
+        with pytest.raises(UsageError, match=said):
+            target.value = 3e8
+        with pytest.raises(UsageError, match=r"^nan rpm is out of range"):
+            target.value = float("nan")
+        torque = bus.signal(DRIVE, 0x6071)
+        with pytest.raises(UsageError, match=r"^40000 .* values from -32768 to 32767.* are"):
+            torque.value = 40000
 
 
 def test_waiting(troll: Daemon) -> None:

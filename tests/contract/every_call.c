@@ -60,6 +60,10 @@ static void opening(const char *name) {
   /* All calls on what is not connected are errors. */
   CHECK(ecat_sample(bus) == ECAT_EDOWN && ecat_sample_domain(bus, 0) < 0);
   CHECK(ecat_wait(bus, 1, 0) < 0 && ecat_wait_domain(bus, 0, 1, 0) < 0);
+  CHECK(ecat_find_name(bus, "EL2008") < 0 && strstr(ecat_error(bus), "is not connected") != NULL);
+  CHECK(ecat_find(bus, VENDOR, LAMPS_PRODUCT, 0) < 0 && ecat_lookup(bus, "0/x", ECAT_ANY) < 0);
+  CHECK(ecat_bind(bus, 0, 0x6040, 0, ECAT_ANY) < 0);
+  CHECK(strstr(ecat_error(bus), "is not connected") != NULL);
   CHECK(ecat_slave(bus, 0, &slave) < 0 && ecat_read(bus, 0, &value) < 0 && ecat_write(bus, 0, 0) < 0);
   CHECK(ecat_claim(bus, 0, 0) < 0 && ecat_commit(bus) == 0 && ecat_state_start(bus, 0, 8) < 0);
   ecat_release_all(bus);
@@ -190,6 +194,7 @@ static void writing(ecat_t *bus, const char *name) {
   CHECK(ecat_write(bus, one, 1) == ECAT_ECLAIM && ecat_commit(bus) == 0);
   CHECK(ecat_claim(bus, LAMPS, 0.001) == 0);
   CHECK(ecat_wait(bus, 3000, 60) == 0 && ecat_commit(bus) == ECAT_ELEASE);
+  CHECK(ecat_write(bus, one, 1) == ECAT_ELEASE && ecat_commit(bus) == ECAT_ELEASE);
   CHECK(ecat_claim(bus, LAMPS, 10) == 0 && ecat_release(bus, LAMPS) == 0);
 }
 

@@ -9,7 +9,9 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from signal import SIGINT
+from contextlib import contextmanager
+from signal import ITIMER_REAL, SIGALRM, SIGINT, setitimer
+from signal import signal as on_signal
 
 import pytest
 from hypothesis import given
@@ -21,7 +23,7 @@ from ecatd.bus.segment import Segment
 from ecatd.client import Client, Direction, Validity, connection
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
-from ecatd.model.errors import StateError, UnreachableError, UsageError
+from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
 from ecatd.shm import Errno
 
 SHAPES = [
@@ -215,6 +217,25 @@ def test_ctrl_c_ends_a_long_wait(bus: Bus, segment: Segment) -> None:
         assert process.stdout.readline() == "\n"
         process.send_signal(SIGINT)
         assert process.stdout.read() == "ended\n"
+
+
+@contextmanager
+def interrupted(seconds: float) -> Iterator[None]:
+    """Something else has the thread, once, between two calls of the C client."""
+    before = on_signal(SIGALRM, lambda *_: time.sleep(seconds))
+    setitimer(ITIMER_REAL, 0.05)
+    try:
+        yield
+    finally:
+        setitimer(ITIMER_REAL, 0)
+        on_signal(SIGALRM, before)
+
+
+def test_a_wait_that_is_interrupted_beyond_its_end(bus: Bus, segment: Segment) -> None:
+    with Client(bus.name) as client:
+        for wait in (client.wait, lambda n, timeout: client.wait_domain(0, n, timeout)):
+            with interrupted(0.4), pytest.raises(NoAnswerError, match=r"within 0\.3 s"):
+                wait(1 << 30, timeout=0.3)
 
 
 def test_every_code_has_an_exception() -> None:

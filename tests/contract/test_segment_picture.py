@@ -3,7 +3,10 @@
 import json
 import os
 import random
+import resource
 import struct
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -163,6 +166,20 @@ def test_what_is_damaged_is_named_and_the_rest_shown(
     text = "\n".join(picture_lines(found))
     assert "DAMAGED: " in text
     assert "Restart the daemon" in text
+
+
+def test_an_image_larger_than_the_memory_is_no_traceback(segment: Segment) -> None:
+    table(segment, "domains", "ecat_shm_domain").image_bytes = 0xFFFFFFF0
+    most = 3 << 30  # bytes of address space
+    shown = subprocess.run(
+        [sys.executable, "-m", "ecatd.cli", "shm", "--bus", name_of(segment)],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (most, most)),
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert "there is no room for 4294967280 bytes of image" in " ".join(shown.stdout.split())
+    assert shown.stderr == ""
 
 
 def test_a_page_that_was_left_in_the_middle_is_told(segment: Segment) -> None:

@@ -1,4 +1,8 @@
-"""Claims as objects: outputs that this client owns for a while."""
+"""Claims as objects: outputs that this client owns for a while.
+
+The daemon knows only whether a client owns an output. Where a program claims one that it owns
+already, the claim that was first goes on holding it: each gives back only what it has added.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from ecatd.model.errors import EcatError, UnreachableError
+from ecatd.model.errors import EcatError, UnreachableError, UsageError
 
 from .signals import Signal
 
@@ -18,9 +22,11 @@ if TYPE_CHECKING:
 class Claim:
     """Outputs that this client owns; `Client.claim` makes it.
 
-    As a context manager it gives them back at the end of the block.
+    As a context manager it gives them back at the end of the block, but for those that this client
+    owned before by another claim.
 
     Attributes:
+        outputs: What was claimed.
         lease: Seconds without a sample or commit after which they fall to their safe values; 0: the
             daemon's default.
     """
@@ -29,37 +35,50 @@ class Claim:
         self, client: Client, what: int | str | Signal | Iterable[str | Signal], lease: float
     ) -> None:
         self._client = client
-        self._slave: int | None = None
+        self._slave = what if isinstance(what, int) else None
+        self._mark = object()  # stands for this claim; the client must not hold the claim itself
         self.lease = lease
-        if isinstance(what, int):
-            client.claim_slave(what, lease)
-            self._slave = what
-            return
-        entries = (what,) if isinstance(what, (str, Signal)) else tuple(what)
-        self._entries = tuple(client.signal(e) if isinstance(e, str) else e for e in entries)
-        for n, signal in enumerate(self._entries):
-            try:
-                client.claim_entry(signal.number, lease)
-            except EcatError:
-                for granted in self._entries[:n]:
-                    with suppress(EcatError):
-                        client.release_entry(granted.number)
-                raise
+        self.outputs = _outputs(client, what)
+        instance = client.instance
+        before = {s.number for s in self.outputs if s.output and client.output(s).owned}
+        self._take(before)
+        if client.instance != instance:
+            before = set()  # of a daemon that is gone
+        self._hold(number for number in self._numbers if number not in before)
 
     @property
-    def outputs(self) -> tuple[Signal, ...]:
-        """What was claimed."""
-        if self._slave is None:
-            return self._entries
-        return tuple(signal for signal in self._client.signals(self._slave) if signal.output)
+    def _numbers(self) -> list[int]:
+        return [signal.number for signal in self.outputs]
+
+    def _hold(self, numbers: Iterable[int]) -> None:
+        self._client._holders.update(dict.fromkeys(numbers, self._mark))
+
+    def _take(self, before: set[int]) -> None:
+        client = self._client
+        if self._slave is not None:
+            client.claim_slave(self._slave, self.lease)
+            return
+        for n, number in enumerate(self._numbers):
+            try:
+                client.claim_entry(number, self.lease)
+            except EcatError:
+                for granted in self._numbers[:n]:
+                    if granted not in before:
+                        with suppress(EcatError):
+                            client.release_entry(granted)
+                raise
 
     def release(self) -> None:
         """Gives the outputs back; they go to their safe values."""
-        if self._slave is not None:
-            self._client.release_slave(self._slave)
+        client = self._client
+        mine = [n for n in self._numbers if client._holders.get(n) is self._mark]
+        for number in mine:
+            del client._holders[number]
+        if self._slave is not None and len(mine) == len(self.outputs):
+            client.release_slave(self._slave)
             return
-        for signal in self._entries:
-            self._client.release_entry(signal.number)
+        for number in mine:
+            client.release_entry(number)
 
     def __enter__(self) -> Self:
         return self
@@ -74,3 +93,21 @@ class Claim:
             return  # which has released everything
         with suppress(UnreachableError):  # no daemon, no claims
             self.release()
+
+
+def _outputs(
+    client: Client, what: int | str | Signal | Iterable[str | Signal]
+) -> tuple[Signal, ...]:
+    """What is to be claimed, each once.
+
+    Raises:
+        StateError: There is no such entry.
+        UsageError: It is nothing.
+    """
+    if isinstance(what, int):
+        return tuple(signal for signal in client.signals(what) if signal.output)
+    entries = (what,) if isinstance(what, (str, Signal)) else tuple(what)
+    if not entries:
+        raise UsageError("there is nothing to claim: the list of outputs is empty")
+    found = (client.signal(entry) if isinstance(entry, str) else entry for entry in entries)
+    return tuple(dict.fromkeys(found))

@@ -69,7 +69,8 @@ class Client(Handle):
         self._abandoned: list[int] = []
         self._waiter: CycleWaiter | None = None
         self._seen = 0  # last cycle that asyncio waited for
-        self._claiming = False
+        self._holders: dict[int, object] = {}  # outputs, and the claim that holds each of them
+        self._of_slaves: dict[int, list[int]] = {}  # the entries of each; they never change
 
     @property
     def closed(self) -> bool:
@@ -99,6 +100,7 @@ class Client(Handle):
 
     def _renew(self) -> None:
         self._images = self._find_images()
+        self._holders.clear()
         self._seen = 0
         for number, signal in self._signals.items():
             info = self._signal_struct(number)
@@ -155,10 +157,14 @@ class Client(Handle):
 
     def signals(self, slave: int | None = None) -> list[Signal]:
         """All entries of the process image, or of one slave: outputs first, then inputs."""
-        numbers = range(self._signal_count())
-        if slave is None:
-            return [self.signal(number) for number in numbers]
-        return [self.signal(n) for n in numbers if self._signal_struct(n).slave == slave]
+        numbers: Iterable[int] = range(self._signal_count())
+        if slave is not None:
+            if not self._of_slaves:
+                for number in numbers:
+                    of_slave = self._signal_struct(number).slave
+                    self._of_slaves.setdefault(of_slave, []).append(number)
+            numbers = self._of_slaves.get(slave, [])
+        return [self.signal(number) for number in numbers]
 
     def group(self, signals: Iterable[str | Signal]) -> SignalGroup:
         """Entries that are read at once, for programs that read many in each cycle."""
@@ -193,25 +199,32 @@ class Client(Handle):
         They stay at their safe values until the first commit after they were written.
 
         Args:
-            what: The position of a slave, for all its outputs; or one output, or several.
+            what: The position of a slave, for all its outputs; or one output, or several. What
+                this client owns already, goes on belonging to the claim that has got it.
             lease: Seconds without a sample or commit after which the outputs fall to their safe
                 values, 0: the daemon's default. The longest of all claims counts for all.
 
         Raises:
-            OwnedError: Another client owns one of them; the message names it. Nothing was claimed.
+            OwnedError: Another client owns one of them; the message names it. Nothing was claimed,
+                and what this client owned before, it still owns.
+            UsageError: One is an input, or there is nothing in a list.
         """
-        self._claiming = True
         return Claim(self, what, lease)
 
     def release(self, what: int | str | Signal | None = None) -> None:
         """Gives outputs back, of a slave or one; None: everything. They go to their safe values."""
         if what is None:
-            self._claiming = False
             QUICK.ecat_release_all(self._address)
-        elif isinstance(what, int):
+            self._holders.clear()
+            return
+        if isinstance(what, int):
             self.release_slave(what)
+            given = [signal.number for signal in self.signals(what)]
         else:
-            self.release_entry(what.number if isinstance(what, Signal) else self.lookup(what))
+            given = [what.number if isinstance(what, Signal) else self.lookup(what)]
+            self.release_entry(given[0])
+        for number in given:
+            self._holders.pop(number, None)
 
     def output(self, what: str | Signal) -> OutputInfo:
         """Who decides an output now, and since when."""
@@ -289,7 +302,7 @@ class Client(Handle):
                 await asyncio.sleep(0)  # who is always late must not stop all others
             while now < target:
                 # Who owns outputs shows in each cycle that its event loop is alive.
-                step = now + 1 if self._claiming else target
+                step = now + 1 if self._holders else target
                 now = await self._waiter.wait(self._instance, step, end - clock())
                 self.sample()
         except UnreachableError:

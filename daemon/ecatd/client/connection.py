@@ -189,7 +189,8 @@ class Connection:
         gone = self._gone
         with self._waiting() as address:
             while True:
-                left = end - time.monotonic() if timeout > 0 else timeout
+                # A thread may be stopped, and be back long after the end.
+                left = max(end - time.monotonic(), 0) if timeout > 0 else timeout
                 code = function(address, *what, min(left, _SLICE))
                 in_vain = code == Errno.ETIMEOUT or (gone and code == Errno.EDOWN)
                 if not (in_vain and left > _SLICE):

@@ -189,7 +189,8 @@ class Signal:
         Raises:
             UsageError: The value is out of the range of the entry, or the entry is an input.
             StateError: The output must be claimed first.
-            LeaseError: This client has lost it; claim it again.
+            LeaseError: This client has lost its outputs; claim them again. `Client.commit` says it
+                first, if the daemon lives.
         """
         return self._cell[0]
 

@@ -200,6 +200,8 @@ class Reader:
             StateError: It does not lie within the segment.
         """
         offset, size = domain.page_offset, shm.size("ecat_shm_page")
+        if offset + size + domain.image_bytes > self.size:  # before so much memory is asked for
+            raise self._no_room(domain)
         for _ in range(_TRIES):
             (before,) = self.rows("ecat_shm_page", offset, 1)
             image = os.pread(self._fd, domain.image_bytes, offset + size)
@@ -207,10 +209,14 @@ class Reader:
             if before.seq == after.seq and before.seq % 2 == 0:
                 break
         if len(image) != domain.image_bytes:
-            raise self.damaged(
-                f"page at byte {offset}: there is no room for {domain.image_bytes} bytes of image"
-            )
+            raise self._no_room(domain)
         return Page(after, image, bool(before.seq != after.seq or after.seq % 2))
+
+    def _no_room(self, domain: Any) -> StateError:
+        return self.damaged(
+            f"page at byte {domain.page_offset}: there is no room for {domain.image_bytes} bytes "
+            f"of image"
+        )
 
     @contextmanager
     def slots(self, head: Any) -> Iterator[SlotReader]:
