@@ -122,6 +122,15 @@ def test_what_was_taken_back_is_dropped(start_daemon: Callable[..., Daemon]) -> 
             blocked.result(60)
 
 
+def test_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    simulator(daemon, "emergency", str(DRIVE), "0x3220", "--register", "0x04")
+    with daemon.client() as client:
+        assert client.sdo_read(DRIVE, 0x1018, 1) == b"\x9a\0\0\0"
+    told = "slave 0 (Gold EtherCAT GCON Drive) sent an emergency: error code 0x3220, error register"
+    wait_for(lambda: told in daemon.log, daemon)
+
+
 def test_a_slave_that_does_not_answer_holds_up_nobody_else(
     start_daemon: Callable[..., Daemon],
 ) -> None:

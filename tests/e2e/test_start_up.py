@@ -125,7 +125,7 @@ def test_slaves_that_do_not_answer_their_mailboxes(env: dict[str, str]) -> None:
 def test_an_emergency_while_slaves_are_read(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIGS / "emergency.py"))
     assert (
-        "warning: slave 0 (Gold EtherCAT GCON Drive) sent an emergency while it was read: "
+        "warning: slave 0 (Gold EtherCAT GCON Drive) sent an emergency: "
         "error code 0x3220, error register 0x04"
     ) in daemon.log
 
