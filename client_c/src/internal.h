@@ -85,6 +85,9 @@ struct ecat_client {
   uint64_t *out_claims;  /* in the mapping: what this client wants */
   size_t sets;           /* words of a set of signals */
   uint64_t *claims, *written;  /* sets of signals: what it has got, and has written since */
+  uint64_t *wish;              /* set of signals that a call claims or releases */
+  uint64_t *lease_ns;          /* of each signal in `claims` */
+  uint64_t longest_ns;         /* of them: the lease of the client */
   uint64_t *stage, *mask;      /* output image as it will be committed, and its bits that count */
   uint32_t first, bytes; /* part of the output image with all claims; multiples of 8 */
   uint32_t request_seq;
@@ -128,6 +131,9 @@ static inline int ecat_check_signal(ecat_t *bus, int number) {
   return (uint32_t)number < bus->header->signal_count ? 0 : ecat_no_signal(bus, number);
 }
 int ecat_check_domain(ecat_t *bus, int number);
+
+/* claims.c */
+int ecat_check_output(ecat_t *bus, int number);
 
 /* slot.c */
 int ecat_slot_take(ecat_t *bus);

@@ -155,11 +155,13 @@ static int check_tables(ecat_t *bus) {
   bus->signal = calloc(h->signal_count + 1, sizeof *bus->signal);
   bus->snapshot = calloc(h->domain_count + 1, sizeof *bus->snapshot);
   bus->sets = (h->signal_count + 63) / 64;
-  bus->claims = calloc(2 * bus->sets + 1, 8);
+  bus->claims = calloc(3 * bus->sets + h->signal_count + 1, 8);
   bus->stage = calloc(2, (size_t)h->output_bytes + 32); /* bits_get() reads beyond the last byte */
   if (bus->signal == NULL || bus->snapshot == NULL || bus->stage == NULL || bus->claims == NULL)
     return ecat_fail(bus, ECAT_ESYS, "out of memory");
   bus->written = bus->claims + bus->sets;
+  bus->wish = bus->written + bus->sets;
+  bus->lease_ns = bus->wish + bus->sets;
   bus->mask = bus->stage + ((size_t)h->output_bytes + 31) / 8;
   for (i = 0; i < h->domain_count; i++) {
     struct snapshot *snapshot = &bus->snapshot[i];

@@ -74,6 +74,7 @@ void ecat_slot_begin(ecat_t *bus) {
   memset(bus->mask, 0, bus->header->output_bytes);
   memset(bus->request, 0, sizeof bus->request);
   bus->first = bus->bytes = 0;
+  bus->longest_ns = 0;
   bus->request_seq = bus->doorbell->request_seq;
   __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
   bus->generation = bus->out->generation + 1;

@@ -107,6 +107,16 @@ static void ownership(ecat::Client& bus, const char* name) {
   all = std::move(brief);
   all.release();
   expect(light.owner().owner == -1, "a claim is given back");
+  {
+    ecat::Claim early = bus.claim(3, 500ms);
+    early.release();
+    early = bus.claim(light, 500ms);  // what was released ends here, and takes nothing along
+    expect(light.owner().owned == 1, "a claim that was released does not end another one");
+    early.release();
+    ecat::Claim later = bus.claim(light, 500ms);
+    early.release();
+    expect(light.owner().owned == 1, "a claim is given back once");
+  }
 }
 
 static void requests(ecat::Client& bus) {

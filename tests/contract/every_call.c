@@ -171,6 +171,27 @@ static void writing(ecat_t *bus, const char *name) {
   CHECK(info.owner >= 0 && info.program[0] != '\0' && info.age >= 0);
   CHECK(ecat_output(bus, two, &info) == 0 && !info.owned && info.owner >= 0);
   CHECK(ecat_output(bus, input, &info) == ECAT_EARG);
+  {
+    int three = ecat_bind(bus, LAMPS, 0x7020, 1, ECAT_OUTPUT), both[] = {three, two, three};
+    CHECK(ecat_claim_entries(bus, both, 3, 0.1) == ECAT_EOWNED && strstr(ecat_error(bus), "0x7010"));
+    CHECK(ecat_output(bus, three, &info) == 0 && info.owner == -1); /* and never was: */
+    CHECK(info.reason == ECAT_REASON_START && info.since_cycle == 0);
+    CHECK(ecat_output(bus, one, &info) == 0 && info.owned);
+    both[1] = one;
+    CHECK(ecat_claim_entries(bus, both, 3, 0.1) == 0);
+    CHECK(ecat_output(bus, three, &info) == 0 && info.owned);
+    both[1] = three;
+    CHECK(ecat_release_entries(bus, both, 2) == 0);
+    CHECK(ecat_output(bus, three, &info) == 0 && info.owner == -1);
+    CHECK(ecat_output(bus, one, &info) == 0 && info.owned);
+    both[1] = input;
+    CHECK(ecat_claim_entries(bus, both, 3, 0) == ECAT_EARG);
+    CHECK(ecat_release_entries(bus, both, 3) == ECAT_EARG);
+    CHECK(ecat_claim_entries(bus, NULL, 1, 0) == ECAT_EARG && ecat_claim_entries(bus, NULL, 0, 0) == 0);
+    CHECK(ecat_claim_entries(bus, both, 1, -1) == ECAT_EARG);
+    CHECK(ecat_claim_entries(other, both, 1, 10) == 0); /* what was not granted is free */
+    CHECK(ecat_release_entries(other, both, 1) == 0);
+  }
   CHECK(ecat_write(bus, one, 2) == ECAT_ERANGE && ecat_write(bus, one, 0.5) == ECAT_ERANGE);
   CHECK(ecat_write(bus, one, -1) == ECAT_ERANGE && ecat_write(bus, one, 1e30) == ECAT_ERANGE);
   CHECK(ecat_write_int(bus, one, -1) == ECAT_ERANGE && ecat_write_int(bus, -1, 0) == ECAT_EARG);

@@ -1,4 +1,4 @@
-/* Claims and leases: client_c/src/{slot,outputs}.c against daemon/cyclic/{slots,outputs}.c.
+/* Claims and leases: client_c/src/{slot,claims}.c against daemon/cyclic/{slots,outputs}.c.
  *
  * Two clients want the same output: one after the other in one slot, or at the same time in two
  * (-DCOMPETE). Each may die, or hang, at any point; a dead one loses its lock, so another may take its slot. The

@@ -169,16 +169,22 @@ ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
 
 /* Makes this client the owner of all outputs of a slave, or of none if another client has one of
  * them. `lease` is the time without ecat_sample() or ecat_commit() after which they fall to their
- * safe values; 0 takes the daemon's default, more than its maximum is cut, and the longest of all
- * claims counts for all. An output stays safe until the first ecat_commit() after it was written.
- * After ECAT_ELEASE all claims and running requests are gone; claim again. To claim what is owned does
- * nothing. */
+ * safe values; 0 takes the daemon's default, which is also the shortest one, and more than its
+ * maximum is cut. The longest of what is owned counts for all of it, and goes when that is released.
+ * An output stays safe until the first ecat_commit() after it was written. After ECAT_ELEASE all claims
+ * and running requests are gone; claim again. To claim what is owned does nothing, unless the lease is
+ * longer. */
 ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
 /* Gives the outputs of a slave back; they go to their safe values. */
 ECAT_API int ecat_release(ecat_t *bus, int position);
 /* The same for one output. */
 ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
 ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
+/* The same for `count` outputs, which may be of several slaves: all of them are granted at once, or
+ * none. When a claim fails, what this client owned before it, and its lease, are as before. An output
+ * may stand twice in the list; an empty one does nothing. */
+ECAT_API int ecat_claim_entries(ecat_t *bus, const int *signals, size_t count, double lease);
+ECAT_API int ecat_release_entries(ecat_t *bus, const int *signals, size_t count);
 /* Gives all outputs back, drops all requests, and leaves the client's slot to others. Reading goes
  * on. */
 ECAT_API void ecat_release_all(ecat_t *bus);

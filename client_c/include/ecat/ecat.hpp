@@ -185,22 +185,27 @@ class [[nodiscard]] Claim {
     std::swap(what_, other.what_);
     std::swap(number_, other.number_);
     std::swap(lease_, other.lease_);
+    std::swap(held_, other.held_);
     return *this;
   }
   ~Claim() {
-    if (bus_ != nullptr) give_back();
+    if (held_) give_back();
   }
 
   // Claims again, after ECAT_ELEASE or a restart of the daemon; else it does nothing.
   void renew() {
     auto claim = what_ == What::slave ? ecat_claim : ecat_claim_entry;
     detail::check(bus_, claim(bus_, number_, lease_.count()));
+    held_ = true;
   }
-  // Before the end of its life; the outputs go to their safe values.
-  void release() { detail::check(bus_, give_back()); }
+  // Before the end of its life, which then does nothing; the outputs go to their safe values.
+  void release() {
+    if (held_) detail::check(bus_, give_back());
+  }
 
  private:
   int give_back() noexcept {
+    held_ = false;
     return (what_ == What::slave ? ecat_release : ecat_release_entry)(bus_, number_);
   }
 
@@ -208,6 +213,7 @@ class [[nodiscard]] Claim {
   What what_ = What::slave;
   int number_ = 0;
   Seconds lease_{};
+  bool held_ = false;
 };
 
 // A question to the slave's mailbox, or for an AL state. It never blocks the program, but for wait().
