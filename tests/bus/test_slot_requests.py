@@ -122,6 +122,16 @@ def test_what_was_taken_back_is_dropped(start_daemon: Callable[..., Daemon]) -> 
             blocked.result(60)
 
 
+def test_a_slave_without_mailbox_now_is_told_at_once(troll: Daemon) -> None:
+    troll.ctl("state", "INIT", "-p", "0")
+    result = troll.ctl("sdo-read", "0", "0x6060", check=False)
+    assert result.stderr == (
+        "ecatctl: slave 0 (Gold EtherCAT GCON Drive) is in INIT, and its objects can be reached "
+        "from PREOP on; bring it there with `ecatctl state PREOP -p 0`\n"
+    )
+    troll.ctl("state", "OP", "-p", "0")
+
+
 def test_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     simulator(daemon, "emergency", str(DRIVE), "0x3220", "--register", "0x04")

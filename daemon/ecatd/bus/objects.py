@@ -12,14 +12,19 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from ecatd.log import Log
+from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
+from ecatd.model.errors import StateError
 
+from .datagrams import fprd
 from .mailbox.coe import Coe
 from .mailbox.mailboxes import Talk, talk_alone
 from .master import Master
 from .worker import Worker
 
 T = TypeVar("T")
+
+_AL_STATUS, _STATE = 0x0130, 0x0F
 
 
 class Objects:
@@ -55,6 +60,7 @@ class Objects:
         coe = self._master.coe(slave.position)
 
         def talk() -> Talk[T]:
+            yield from self._check_state(slave)
             yield from coe.open()
             return (yield from part(coe))
 
@@ -63,6 +69,16 @@ class Objects:
             return await self._worker.request(steps, self._alone[slave.position])
         finally:
             tell_emergencies(self._log, slave, coe.emergencies)
+
+    def _check_state(self, slave: Slave) -> Talk[None]:
+        """Says at once what else would come out by waiting."""
+        answer = yield fprd(self._master.stations[slave.position], _AL_STATUS, 2)
+        state = int.from_bytes(answer.data, "little") & _STATE
+        if answer.wkc == 1 and state in (AlState.INIT, AlState.BOOT):
+            raise StateError(
+                f"{slave.label} is in {AlState(state).name}, and its objects can be reached from "
+                f"PREOP on; bring it there with `ecatctl state PREOP -p {slave.position}`"
+            )
 
 
 def tell_emergencies(log: Log, slave: Slave, emergencies: list[tuple[int, int]]) -> None:
