@@ -15,14 +15,19 @@ from ecatd.client import Client
 
 
 class RawSlot:
-    """The slot of a client of this process, mapped.
+    """The slot of a client, of this process by default, mapped.
+
+    Args:
+        bus: Name of the bus.
+        pid: Process of the client.
 
     Attributes:
         bell: Its `ecat_out_doorbell`, in place.
         requests: Its `ecat_out_request`s, in place.
     """
 
-    def __init__(self, bus: str) -> None:
+    def __init__(self, bus: str, pid: int | None = None) -> None:
+        pid = pid or os.getpid()
         file = os.open(f"/dev/shm/ecat.{bus}.out", os.O_RDWR)
         self.memory = mmap.mmap(file, 0)
         os.close(file)
@@ -33,10 +38,10 @@ class RawSlot:
             self.bell: Any = bell.from_buffer(
                 self.memory, self.header.doorbells_offset + number * shm.size("ecat_out_doorbell")
             )
-            if self.bell.generation and slot.from_buffer(self.memory, self.at).pid == os.getpid():
+            if self.bell.generation and slot.from_buffer(self.memory, self.at).pid == pid:
                 break
         else:
-            raise LookupError("this process has no slot")
+            raise LookupError(f"process {pid} has no slot")
         self.number = number
         kind = shm.struct("ecat_out_request") * shm.REQUESTS
         self.requests: Any = kind.from_buffer(self.memory, self.at + shm.size("ecat_out_slot"))
@@ -54,6 +59,15 @@ class RawSlot:
         at = new + shm.size("ecat_out_image") + image.bytes + byte - image.first
         self.memory[at : at + len(value)] = value
         self.bell.commit_seq = seq + 1
+
+    def commit_nonsense(self) -> None:
+        """Commits a part of the output image that is not the one of the client's outputs."""
+        seq = self.bell.commit_seq + 1
+        at = self.at + self.header.images_offset + seq % shm.IMAGES * self.header.image_stride
+        image = shm.struct("ecat_out_image").from_buffer(self.memory, at)
+        image.seq, image.first, image.bytes = seq, 1 << 20, 8
+        image.generation = self.bell.generation
+        self.bell.commit_seq = seq
 
 
 def main() -> None:

@@ -7,13 +7,14 @@ import json
 import os
 import re
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from test_client_death import build
 
-from conftest import Daemon
+from conftest import Daemon, wait_for
 
 pytestmark = pytest.mark.bus
 
@@ -93,6 +94,10 @@ def attack(
 def test_random_pages(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
     daemon, reached = attack(start_daemon, hostile, "pages", PAGES)
     assert reached["lost_claims"] > 0
+    who = rf"'intruder' \(pid {reached['intruder']}\)"
+    assert re.search(rf"/dev/shm/ecat\.{daemon.bus}\.out was written over .*{who}", daemon.log)
+    told = [line for line in daemon.log.splitlines() if "no client library writes" in line]
+    assert re.search(r"open for writing in .*'intruder' \(pid", told[0]), told
     assert daemon.stop() == 0
 
 
@@ -102,8 +107,38 @@ def test_lies(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
     assert reached["malformed"] > 0
     assert reached["lost_claims"] == 0
     who = rf"'intruder' \(pid {reached['intruder']}\)"
-    assert re.search(rf"{who} wrote 0x7000:01 .* out of its declared range", daemon.log)
+    out_of_range = rf"slot \d+, of {who}, got 0x7000:01 .* out of its declared range"
+    assert re.search(rf"{out_of_range}.* is open for writing in .*{who}", daemon.log)
     assert daemon.stop() == 0
+
+
+INTRUDER = """
+import sys
+from raw_slot import RawSlot
+slot = RawSlot(sys.argv[1], int(sys.argv[2]))
+slot.commit_nonsense()
+sys.stdin.read()
+"""
+
+
+def test_who_writes_into_the_slot_of_another_is_named(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:4")
+    with daemon.client() as owner, owner.claim(0, lease=5):
+        owner.signal(0, 0x7000, 1).raw = 1
+        owner.commit()
+        owner.wait(5)
+        with subprocess.Popen(
+            [sys.executable, "-c", INTRUDER, daemon.bus, str(os.getpid())],
+            env=daemon.env | {"PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])},
+            stdin=subprocess.PIPE,
+        ) as intruder:
+            wait_for(lambda: "no client library writes" in daemon.log, daemon)
+            (told,) = [line for line in daemon.log.splitlines() if "library writes" in line]
+            assert re.search(rf"^ecatd: warning: slot 0, of '.*' \(pid {os.getpid()}\),", told)
+            for pid in (os.getpid(), intruder.pid):
+                assert re.search(rf"is open for writing in .*\(pid {pid}\).*: see what they", told)
+        owner.sample()
+        assert owner.output("0/0x7000:01").owned
 
 
 def test_random_requests(start_daemon: Callable[..., Daemon], hostile: Path) -> None:

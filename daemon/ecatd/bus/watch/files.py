@@ -18,10 +18,10 @@ from pathlib import Path
 from ecatd.log import Log
 
 from ..segment import OUT_MODE, SHM_MODE, Segment, has_name
+from .programs import names, programs_with
 
 _PAUSE = 1.0
 _LONGEST_SILENCE = 3600.0
-_NAMED = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +74,10 @@ class FileWatch:
             return
         silence = min(2 * silence, _LONGEST_SILENCE) if now < until + silence else _PAUSE
         self._silence[key] = (now + silence, silence)
-        programs = _programs(file.fd)
-        by = f" (open in {', '.join(programs[:_NAMED])})" if programs else ""
+        programs = programs_with(file.fd)
+        by = f" (open in {names(programs)})" if programs else ""
         self._log.warning(f"{file.path} was {damage} by another process{by}: {consequence}")
-        self._tell("tampered", file=str(file.path), damage=damage, programs=programs)
+        self._tell("tampered", file=str(file.path), damage=damage, programs=[*map(str, programs)])
 
 
 def _damages(file: _File) -> Iterator[tuple[str, str]]:
@@ -102,24 +102,3 @@ def _damages(file: _File) -> Iterator[tuple[str, str]]:
             yield "replaced", consequence
     except FileNotFoundError:
         yield "removed", consequence
-
-
-def _programs(fd: int) -> list[str]:
-    """Other processes that have a file open, as far as this user may know."""
-    wanted = os.fstat(fd)
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        if int(folder.name) == os.getpid():
-            continue
-        with suppress(OSError):
-            for link in (folder / "fd").iterdir():
-                try:
-                    at = link.stat()
-                except OSError:
-                    continue
-                if (at.st_dev, at.st_ino) == (wanted.st_dev, wanted.st_ino):
-                    name = (folder / "comm").read_text(errors="replace").strip()
-                    printable = "".join(c if c.isprintable() else "?" for c in name)
-                    found.append(f"'{printable}' (pid {folder.name})")
-                    break
-    return found

@@ -1,11 +1,13 @@
 """Tells who owns outputs, why they are safe, and which client does what none should do.
 
 Who a client is, only its slot says, which the client writes itself: its word is told, not trusted.
+Nor need it be the owner of a slot who writes there: where others could have done it, all are named.
 """
 
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -21,9 +23,14 @@ from ecatd.segment.reader import printable
 from ..engine import Event, EventType
 from ..segment import Segment
 from .paced import Gathered
+from .programs import Program, names, programs_with
 
 _TOLD = 4
 """Things that are told at once about one client; what came before them is only counted."""
+
+_FRESH = 0.25
+"""Seconds for which it is known who has the file open: to find out takes milliseconds."""
+_WRONG = (EventType.REFUSED, EventType.MALFORMED)
 
 _REASONS = {
     shm.Reason.RELEASED: "{} released them",
@@ -75,6 +82,8 @@ class OutputWatch:
         self._tell = tell
         self._clients: dict[int, _Client] = {}
         self._gathered: dict[tuple[int, int], Gathered[tuple[Event, _Client]]] = {}
+        self._writers: list[Program] = []
+        self._looked = 0.0
 
     def handle(self, event: Event) -> None:
         """Takes an event of the engine about a client, or about the drive of a slave."""
@@ -107,6 +116,8 @@ class OutputWatch:
             ([event for event, _ in group], client)
             for (_, _, client), group in groupby(events, lambda e: (e[0].type, e[0].value, e[1]))
         ]
+        if any(group[0].type in _WRONG for group, _ in groups[-_TOLD:]):
+            self._find_writers()
         left_out += sum(len(group) for group, _ in groups[:-_TOLD])
         if left_out:
             self._log.warning(
@@ -118,12 +129,25 @@ class OutputWatch:
             for event in group:
                 self._publish(event, client)
 
+    def _find_writers(self) -> None:
+        if time.monotonic() - self._looked > _FRESH:
+            self._writers = programs_with(self._segment.out_fd, writing=True)
+            self._looked = time.monotonic()
+
+    def _others(self, owner: _Client) -> str:
+        """Who can have written into a slot, if not only its owner; else nothing."""
+        if all(program.pid == owner.pid for program in self._writers):
+            return ""
+        return f"{self._segment.out_path} is open for writing in {names(self._writers)}"
+
     def _publish(self, event: Event, client: _Client) -> None:
         facts: dict[str, Any] = {"cycle": event.cycle}
         if event.slot >= 0:
             facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
         if event.slave >= 0:
             facts["slave"] = event.slave
+        if event.type in _WRONG:
+            facts["programs"] = [*map(str, self._writers)]
         if event.type == EventType.SAFE:
             facts["reason"] = shm.Reason(event.value).name.lower()
         elif event.type == EventType.REFUSED:
@@ -144,11 +168,15 @@ class OutputWatch:
                 say = self._log.info if reason in _EXPECTED else self._log.warning
                 say(f"outputs of {slaves} are safe: {_REASONS[reason].format(who)}")
             case EventType.REFUSED:
-                self._log.warning(f"{who} wrote {self._refused(first)}")
+                others = self._others(who)
+                by = f"slot {first.slot}, of {who}, got" if others else f"{who} wrote"
+                self._log.warning(f"{by} {self._refused(first)}" + (others and f"; {others}"))
             case EventType.MALFORMED:
+                others = self._others(who)
                 self._log.warning(
-                    f"slot {first.slot} holds what no client library writes, which is not taken "
-                    f"over: see what {who} does"
+                    f"slot {first.slot}{others and f', of {who},'} holds what no client library "
+                    f"writes, which is not taken over: "
+                    + (f"{others}: see what they do" if others else f"see what {who} does")
                 )
             case EventType.STOPPED if first.value:
                 self._log.info(f"{slaves}: the drive has stopped")
