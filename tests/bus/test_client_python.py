@@ -79,6 +79,7 @@ def test_several_entries_are_claimed_and_released(troll: Daemon) -> None:
         entries = [channel(bus, n)[0] for n in (0, 2)]
         claim = bus.claim(entries, lease=0.5)
         assert [signal for owner in bus.claims() for signal in owner.outputs] == entries
+        assert len({bus.output(entry).since_cycle for entry in entries}) == 1  # all at once
         bus.release(entries[0])
         assert [bus.output(entry).owned for entry in entries] == [False, True]
         claim.release()
@@ -115,6 +116,7 @@ def test_what_another_claim_holds_is_not_given_back(troll: Daemon) -> None:
             assert bus.output(mine).since_cycle == since  # active all the time
             assert bus.output(mine).state is Outputs.ACTIVE
             assert [output for output in whole.outputs if bus.output(output).owned] == [mine]
+            assert len({bus.output(output).since_cycle for output in whole.outputs[1:]}) == 1
         assert bus.claims() == []
         inner.release()  # once more is no harm
         bus.release()

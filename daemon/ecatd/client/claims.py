@@ -11,7 +11,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from ecatd.model.errors import EcatError, UnreachableError, UsageError
+from ecatd.model.errors import UnreachableError, UsageError
 
 from .signals import Signal
 
@@ -35,38 +35,23 @@ class Claim:
         self, client: Client, what: int | str | Signal | Iterable[str | Signal], lease: float
     ) -> None:
         self._client = client
-        self._slave = what if isinstance(what, int) else None
         self._mark = object()  # stands for this claim; the client must not hold the claim itself
         self.lease = lease
         self.outputs = _outputs(client, what)
         instance = client.instance
         before = {s.number for s in self.outputs if s.output and client.output(s).owned}
-        self._take(before)
+        if isinstance(what, int):
+            client.claim_slave(what, lease)
+        else:
+            client.claim_entries(self._numbers, lease)
         if client.instance != instance:
             before = set()  # of a daemon that is gone
-        self._hold(number for number in self._numbers if number not in before)
+        new = (number for number in self._numbers if number not in before)
+        client._holders.update(dict.fromkeys(new, self._mark))
 
     @property
     def _numbers(self) -> list[int]:
         return [signal.number for signal in self.outputs]
-
-    def _hold(self, numbers: Iterable[int]) -> None:
-        self._client._holders.update(dict.fromkeys(numbers, self._mark))
-
-    def _take(self, before: set[int]) -> None:
-        client = self._client
-        if self._slave is not None:
-            client.claim_slave(self._slave, self.lease)
-            return
-        for n, number in enumerate(self._numbers):
-            try:
-                client.claim_entry(number, self.lease)
-            except EcatError:
-                for granted in self._numbers[:n]:
-                    if granted not in before:
-                        with suppress(EcatError):
-                            client.release_entry(granted)
-                raise
 
     def release(self) -> None:
         """Gives the outputs back; they go to their safe values."""
@@ -74,11 +59,7 @@ class Claim:
         mine = [n for n in self._numbers if client._holders.get(n) is self._mark]
         for number in mine:
             del client._holders[number]
-        if self._slave is not None and len(mine) == len(self.outputs):
-            client.release_slave(self._slave)
-            return
-        for number in mine:
-            client.release_entry(number)
+        client.release_entries(mine)
 
     def __enter__(self) -> Self:
         return self

@@ -6,6 +6,7 @@ Entries are named by their handles, which are numbers; `Client` has objects for 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 
 from ecatd import shm
 from ecatd.model.errors import SdoAbortError, UsageError
@@ -178,6 +179,16 @@ class Handle(Connection):
     def release_entry(self, signal: int) -> None:
         """Gives one output back."""
         self._ring(WAITING.ecat_release_entry, signal)
+
+    def claim_entries(self, signals: Sequence[int], lease: float = 0.0) -> None:
+        """Claims outputs, which may be of several slaves: all at once, or none."""
+        numbers = (ctypes.c_int * len(signals))(*signals)
+        self._ring(WAITING.ecat_claim_entries, ctypes.addressof(numbers), len(signals), lease)
+
+    def release_entries(self, signals: Sequence[int]) -> None:
+        """Gives outputs back, all in the same cycle."""
+        numbers = (ctypes.c_int * len(signals))(*signals)
+        self._ring(WAITING.ecat_release_entries, ctypes.addressof(numbers), len(signals))
 
     def write(self, signal: int, value: float) -> None:
         """Stages a raw value; raises `UsageError` if it does not fit the entry."""

@@ -104,6 +104,8 @@ _FUNCTIONS: dict[str, tuple[object, tuple[object, ...]]] = {
     "release": (_I, (_I,)),
     "claim_entry": (_I, (_I, _D)),
     "release_entry": (_I, (_I,)),
+    "claim_entries": (_I, (_POINTER, _SIZE, _D)),
+    "release_entries": (_I, (_POINTER, _SIZE)),
     "release_all": (None, ()),
     "output": (_I, (_I, _POINTER)),
     "sample": (_I, ()),
