@@ -6,13 +6,15 @@ from collections.abc import Callable
 from ecatd import shm
 
 LIB = shm.LIBRARY
-EDOWN, ELAYOUT, EBUS, EOWNED, ECLAIM, ELEASE, ETIMEOUT, ESTALE, EBUSY = (
+EARG, EDOWN, ELAYOUT, EBUS, EOWNED, ECLAIM, ELEASE, ERANGE, ETIMEOUT, ESTALE, EBUSY = (
+    -1,
     -2,
     -3,
     -5,
     -7,
     -8,
     -9,
+    -10,
     -11,
     -12,
     -15,

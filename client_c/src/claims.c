@@ -57,10 +57,19 @@ int ecat_check_output(ecat_t *bus, int number) {
                    bus->slaves[entry->slave].name);
 }
 
+/* What a client calls itself, without what could change a terminal or a log. */
+static void name_of(const ecat_out_slot *slot, char name[33]) {
+  size_t i;
+  memcpy(name, slot->program, 32);
+  name[32] = '\0';
+  for (i = 0; name[i] != '\0'; i++)
+    if (name[i] < ' ' || name[i] > '~') name[i] = '?';
+}
+
 static int refused(ecat_t *bus, int conflict) {
   const ecat_out_slot *other;
   const ecat_shm_signal *entry;
-  char program[33] = "";
+  char program[33];
   if (conflict < 0 || conflict >= ecat_signal_count(bus))
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
   entry = &bus->signals[conflict];
@@ -68,7 +77,7 @@ static int refused(ecat_t *bus, int conflict) {
   if (other == NULL)
     return ecat_fail(bus, ECAT_EOWNED, "the outputs of slave %d were owned a moment ago; try again",
                      entry->slave);
-  memcpy(program, other->program, 32);
+  name_of(other, program);
   return ecat_fail(bus, ECAT_EOWNED,
                    "output 0x%04X:%02X of slave %d (%s) of bus '%s' belongs to %s (pid %u); end it "
                    "first", entry->index, entry->subindex, entry->slave,
@@ -81,7 +90,7 @@ static int begin_claim(ecat_t *bus, double lease) {
   int code;
   if (!(lease >= 0)) return ecat_fail(bus, ECAT_EARG, "%g s is no lease", lease);
   if ((code = ecat_slot_take(bus)) != 0) return code;
-  if (ecat_slot_lapsed(bus) || bus->doorbell->generation != bus->generation) ecat_slot_begin(bus);
+  if (ecat_slot_lapsed(bus)) ecat_slot_begin(bus);
   memset(bus->wish, 0, bus->sets * sizeof *bus->wish);
   return 0;
 }
@@ -109,7 +118,7 @@ static void accept(ecat_t *bus, uint64_t lease_ns) {
     set_add(bus->claims, (uint32_t)i);
   }
   measure(bus);
-  bus->lost = 0;
+  bus->lost = LOST_NOTHING;
 }
 
 /* Claims what is in `bus->wish`, whole or not at all. */
@@ -144,7 +153,8 @@ static void disown(ecat_t *bus, uint32_t number) {
 
 /* Gives back what is in `bus->wish`. */
 static int release(ecat_t *bus) {
-  int i, less = 0;
+  int i, less = 0, code = ecat_slot_check_home(bus);
+  if (code != 0) return code;
   for (i = 0; i < ecat_signal_count(bus); i++) {
     if (!set_has(bus->wish, (uint32_t)i) || !set_has(bus->claims, (uint32_t)i)) continue;
     disown(bus, (uint32_t)i);
@@ -213,7 +223,7 @@ int ecat_release(ecat_t *bus, int position) {
 void ecat_release_all(ecat_t *bus) {
   if (bus->map == NULL) return;
   ecat_slot_forget(bus);
-  bus->lost = 0;
+  bus->lost = LOST_NOTHING;
   memset(bus->ended, 0, sizeof bus->ended);
 }
 
@@ -235,6 +245,6 @@ int ecat_output(ecat_t *bus, int number, ecat_output_info *info) {
   slot = ecat_slot_of(bus, info->owner);
   if (slot == NULL) return 0; /* nobody, or this user may not know */
   info->pid = slot->pid;
-  memcpy(info->program, slot->program, sizeof info->program - 1);
+  name_of(slot, info->program);
   return 0;
 }

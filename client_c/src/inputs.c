@@ -26,9 +26,9 @@ static int sample(ecat_t *bus, int first, int end) {
     snapshot->waited_cycle = snapshot->cycle;
     if (snapshot->cycle > newest) newest = snapshot->cycle;
   }
-  if (newest > 0) bus->sample_cycle = newest;
+  if (bus->sample_cycle < newest) bus->sample_cycle = newest;
   if (bus->waited_cycle < newest) bus->waited_cycle = newest;
-  if (bus->doorbell != NULL)
+  if (bus->doorbell != NULL && !ecat_slot_foreign(bus))
     __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
   if ((age = ecat_segment_age(bus)) == 0) return code;
   for (i = first; i < end; i++) bus->snapshot[i].fresh = 0;
@@ -188,6 +188,15 @@ int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
   return code;
 }
 
+/* The cycle of the turn of a domain that is so many turns after the one exchanged in `cycle`. That one
+ * may have come late, and does not move those after it. */
+static uint64_t turn_after(const ecat_shm_domain *domain, uint64_t cycle, unsigned turns) {
+  uint64_t divider = domain->divider;
+  uint64_t late = (cycle + divider - domain->phase % divider) % divider;
+  uint64_t target = cycle + turns * divider;
+  return target > late ? target - late : 0;
+}
+
 int ecat_wait_domain(ecat_t *bus, int number, unsigned exchanges, double timeout) {
   struct snapshot *snapshot;
   int code = ecat_check_domain(bus, number);
@@ -196,10 +205,9 @@ int ecat_wait_domain(ecat_t *bus, int number, unsigned exchanges, double timeout
   snapshot = &bus->snapshot[number];
   if (snapshot->waited_cycle == 0)
     snapshot->waited_cycle = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);
-  code = ecat_wait_until(
-      bus, &snapshot->page->cycle,
-      snapshot->waited_cycle + (uint64_t)exchanges * bus->domains[number].divider, 1u << number,
-      timeout);
+  code = ecat_wait_until(bus, &snapshot->page->cycle,
+                         turn_after(&bus->domains[number], snapshot->waited_cycle, exchanges),
+                         1u << number, timeout);
   if (code == 0) snapshot->waited_cycle = __atomic_load_n(&snapshot->page->cycle, __ATOMIC_RELAXED);
   return code;
 }

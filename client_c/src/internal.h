@@ -19,6 +19,9 @@
 /* How an entry is read: an integer within one word, which a double or int64_t holds, or else. */
 enum reading { READ_UNSIGNED, READ_SIGNED, READ_OTHERWISE };
 
+/* How claims may end without a lapse: with the daemon, or because somebody wrote over the slot. */
+enum lost { LOST_NOTHING, LOST_DAEMON, LOST_PLACE };
+
 /* How one entry lies in the image of its domain. */
 struct signal {
   const uint64_t *at; /* the word of the last sample that it begins in */
@@ -95,7 +98,8 @@ struct ecat_client {
   int handle[ECAT_REQUESTS];       /* of the last request of each cell; never used twice */
   unsigned handles;
   uint8_t ended[ECAT_REQUESTS]; /* 1: ended with the daemon, which its owner has not asked for yet */
-  int lost;              /* claims have ended with the daemon, and were not made again */
+  enum lost lost;        /* why claims have ended that were not made again */
+  char *home;            /* 0 in a process that was forked since; with `out_map` */
 };
 
 /* Fills ecat_error() and returns `code`. */
@@ -141,6 +145,9 @@ void ecat_slot_free(ecat_t *bus);
 void ecat_slot_forget(ecat_t *bus); /* the end of all claims and requests */
 void ecat_slot_begin(ecat_t *bus); /* a new life in it: the engine forgets the old one */
 int ecat_slot_lapsed(const ecat_t *bus);
+int ecat_slot_overwritten(const ecat_t *bus); /* by another program: it ends all that was in it */
+int ecat_slot_foreign(const ecat_t *bus);     /* this process was forked from the one that has it */
+int ecat_slot_check_home(ecat_t *bus);        /* an error if so */
 const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot); /* of any client */
 
 #endif

@@ -1,10 +1,16 @@
 /* Staged outputs, and commits. */
 #include "internal.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
-static int daemon_gone(ecat_t *bus) {
+static int claims_lost(ecat_t *bus) {
+  if (bus->lost == LOST_PLACE)
+    return ecat_fail(bus, ECAT_ELEASE,
+                     "bus '%s': another program has written over the place of this client in the "
+                     "shared memory, and its outputs are at their safe values; claim them again",
+                     bus->name);
   return ecat_fail(bus, ECAT_ELEASE,
                    "bus '%s': the daemon has ended, and with it the claims of this client; claim the "
                    "outputs again when it is back",
@@ -14,9 +20,11 @@ static int daemon_gone(ecat_t *bus) {
 static int lapsed(ecat_t *bus) {
   uint32_t reason =
       __atomic_load_n(&bus->slot_status[bus->slot].reason, __ATOMIC_RELAXED);
+  if (ecat_slot_overwritten(bus)) bus->lost = LOST_PLACE;
   memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
   memset(bus->mask, 0, bus->header->output_bytes);
   bus->first = bus->bytes = 0;
+  if (bus->lost) return claims_lost(bus);
   if (reason == ECAT_REASON_WKC)
     return ecat_fail(bus, ECAT_ELEASE,
                      "bus '%s': slaves did not take part in the exchange (wrong working counter), so "
@@ -35,7 +43,7 @@ static const struct signal *writable(ecat_t *bus, int number, int *code) {
   signal = &bus->signal[number];
   if (set_has(bus->claims, (uint32_t)number)) return signal;
   if (bus->lost) {
-    *code = daemon_gone(bus);
+    *code = claims_lost(bus);
     return NULL;
   }
   if (ecat_slot_lapsed(bus)) {
@@ -54,7 +62,7 @@ static void limits(const ecat_t *bus, int number, double *low, double *high) {
   const ecat_shm_signal *entry = &bus->signals[number];
   *low = signal->sign ? -ldexp(1, signal->bits - 1) : 0;
   *high = ldexp(1, signal->sign ? signal->bits - 1 : signal->bits) - 1;
-  if (signal->real) *high = -(*low = -HUGE_VAL);
+  if (signal->real) *low = -(*high = signal->bits == 32 ? (double)FLT_MAX : DBL_MAX);
   if (entry->minimum > *low) *low = entry->minimum;
   if (entry->maximum < *high) *high = entry->maximum;
 }
@@ -128,8 +136,10 @@ int ecat_write(ecat_t *bus, int number, double value) {
   const struct signal *signal = writable(bus, number, &code);
   if (signal == NULL) return code;
   if (signal->real) {
+    if (!isfinite(value)) return out_of_range(bus, number, value);
     if (signal->bits == 32) {
       float single = (float)value;
+      if (!isfinite(single)) return out_of_range(bus, number, value);
       memcpy(&bits, &single, 4);
     } else {
       memcpy(&bits, &value, 8);
@@ -163,14 +173,17 @@ int ecat_commit(ecat_t *bus) {
   ecat_out_image *image;
   uint64_t now;
   uint32_t seq;
-  if (bus->slot < 0) return bus->lost ? daemon_gone(bus) : 0;
+  int code;
+  if (bus->slot < 0) return bus->lost ? claims_lost(bus) : 0;
+  if ((code = ecat_slot_check_home(bus)) != 0) return code;
   if (ecat_slot_lapsed(bus)) return lapsed(bus);
+  if (bus->lost) return claims_lost(bus);
   bus->doorbell->heartbeat++;
   if (bus->bytes == 0) return 0;
   now = ecat_now();
   if (now - __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED) > LATE_NS &&
       ecat_segment_age(bus) == ECAT_EDOWN)
-    return daemon_gone(bus);
+    return claims_lost(bus);
   seq = bus->doorbell->commit_seq + 1;
   image = (void *)((uint8_t *)bus->out + bus->layout.images_offset +
                    (size_t)(seq % ECAT_IMAGES) * bus->layout.image_stride);

@@ -108,7 +108,11 @@ int ecat_poll(ecat_t *bus, int handle, void *data, size_t size, size_t *length,
   }
   if (!is_answered(bus, cell)) {
     code = ecat_segment_age(bus);
-    if (code == 0) return ECAT_EBUSY;
+    if (code == 0 && !ecat_slot_overwritten(bus)) return ECAT_EBUSY;
+    if (code == 0)
+      code = ecat_fail(bus, ECAT_ELAYOUT,
+                       "the request has ended: another program has written over the place of this "
+                       "client in the shared memory of bus '%s'; start it again", bus->name);
     bus->request[cell] = bus->ended[cell] = 0;
     return code;
   }
@@ -133,7 +137,7 @@ int ecat_wait_request(ecat_t *bus, int handle, double timeout) {
   uint64_t start = ecat_now(), limit = ecat_ns(timeout);
   int code = 0, cell = cell_of(bus, handle);
   if (cell < 0) return cell;
-  while (code == 0 && !bus->ended[cell] && !is_answered(bus, cell)) {
+  while (code == 0 && !bus->ended[cell] && !is_answered(bus, cell) && !ecat_slot_overwritten(bus)) {
     uint64_t passed = ecat_now() - start;
     if (passed >= limit)
       return ecat_fail(bus, ECAT_ETIMEOUT, "bus '%s': the request was not answered within %g s",
@@ -147,8 +151,8 @@ int ecat_wait_request(ecat_t *bus, int handle, double timeout) {
 
 int ecat_cancel(ecat_t *bus, int handle) {
   ecat_out_request *request;
-  int cell = cell_of(bus, handle);
-  if (cell < 0) return cell;
+  int code, cell = cell_of(bus, handle);
+  if (cell < 0 || (code = ecat_slot_check_home(bus)) != 0) return cell < 0 ? cell : code;
   if (!bus->ended[cell]) {
     request = (ecat_out_request *)(void *)(bus->out + 1) + cell;
     __atomic_store_n(&request->seq, 0, __ATOMIC_RELEASE); /* the daemon may not have seen it yet */

@@ -44,6 +44,7 @@ static int check_domain(ecat_t *bus, unsigned number) {
   if (domain->output_bytes > domain->image_bytes ||
       (uint64_t)domain->output_base + domain->output_bytes > bus->header->output_bytes)
     return damaged(bus, "domain outputs");
+  if (domain->divider == 0) return damaged(bus, "domain divider");
   if (memchr(domain->name, 0, sizeof domain->name) == NULL) return damaged(bus, "domain name");
   return 0;
 }

@@ -12,8 +12,34 @@
 static void unmap_out(ecat_t *bus) {
   if (bus->out_map != NULL) munmap(bus->out_map, bus->out_size);
   if (bus->out_fd >= 0) close(bus->out_fd); /* frees the lock, and so the slot */
+  if (bus->home != NULL) munmap(bus->home, 1);
   bus->out_map = NULL;
   bus->out_fd = -1;
+  bus->home = NULL;
+}
+
+/* A process that was forked has the descriptor, and with it the lock of the slot, but the slot is its
+ * parent's. The kernel tells them apart without being asked: it clears a page in the child. */
+static int mark_home(ecat_t *bus) {
+  bus->home = mmap(NULL, 1, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (bus->home == MAP_FAILED) {
+    bus->home = NULL;
+    return ecat_fail(bus, ECAT_ESYS, "out of memory");
+  }
+  *bus->home = 1;
+  (void)madvise(bus->home, 1, MADV_WIPEONFORK); /* since Linux 4.14 */
+  return 0;
+}
+
+int ecat_slot_foreign(const ecat_t *bus) {
+  return bus->home != NULL && *(const volatile char *)bus->home == 0;
+}
+
+int ecat_slot_check_home(ecat_t *bus) {
+  if (bus->slot < 0 || !ecat_slot_foreign(bus)) return 0;
+  return ecat_fail(bus, ECAT_EARG,
+                   "the outputs and requests of this connection to bus '%s' belong to the process "
+                   "that this one was forked from: open another connection", bus->name);
 }
 
 static int out_fits(const ecat_t *bus) {
@@ -38,6 +64,7 @@ static int out_fits(const ecat_t *bus) {
 static int map_out(ecat_t *bus) {
   char path[64];
   struct stat status;
+  int code;
   if (bus->out_map != NULL) return 0;
   snprintf(path, sizeof path, "/dev/shm/ecat.%s.out", bus->name);
   bus->out_fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
@@ -63,40 +90,52 @@ static int map_out(ecat_t *bus) {
     return ecat_fail(bus, ECAT_ESYS, "cannot map %s: %s", path, strerror(error));
   }
   memcpy(&bus->layout, bus->out_map, sizeof bus->layout);
-  if (out_fits(bus)) return 0;
-  unmap_out(bus);
-  return ecat_fail(bus, ECAT_ELAYOUT, "%s does not belong to the running daemon; restart it", path);
+  if (!out_fits(bus)) {
+    unmap_out(bus);
+    return ecat_fail(bus, ECAT_ELAYOUT, "%s does not belong to the running daemon; restart it", path);
+  }
+  if ((code = mark_home(bus)) != 0) unmap_out(bus);
+  return code;
+}
+
+static void program_name(char name[32]) {
+  FILE *comm = fopen("/proc/self/comm", "re");
+  memset(name, 0, 32);
+  if (comm == NULL) return;
+  if (fgets(name, 32, comm) != NULL) name[strcspn(name, "\n")] = '\0';
+  fclose(comm);
 }
 
 void ecat_slot_begin(ecat_t *bus) {
-  FILE *comm;
+  uint32_t before = bus->generation;
+  char name[32];
+  program_name(name); /* may take its time: the slot is whole until then */
   memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
   memset(bus->mask, 0, bus->header->output_bytes);
   memset(bus->request, 0, sizeof bus->request);
   bus->first = bus->bytes = 0;
   bus->longest_ns = 0;
   bus->request_seq = bus->doorbell->request_seq;
+  do bus->generation = ++bus->out->generation; /* or the slot was wiped */
+  while (bus->generation == 0 || bus->generation == before);
+  /* After that number, so that none is used twice wherever this client ends, and so that the engine can
+   * tell that whoever had the slot has not released it. */
   __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
-  bus->generation = bus->out->generation + 1;
-  if (bus->generation == 0) bus->generation = 1;
-  /* First of all, so that no number is used twice wherever this client ends. */
-  bus->out->generation = bus->generation;
   bus->out->lease_ns = 0;
   bus->out->since_ns = ecat_now();
-  memset(bus->out->program, 0, sizeof bus->out->program);
+  memcpy(bus->out->program, name, sizeof bus->out->program);
   bus->out->pid = (uint32_t)getpid();
-  comm = fopen("/proc/self/comm", "re");
-  if (comm != NULL) {
-    if (fgets(bus->out->program, sizeof bus->out->program, comm) != NULL)
-      bus->out->program[strcspn(bus->out->program, "\n")] = '\0';
-    fclose(comm);
-  }
   /* Requests and claims, and what a later version may have put between them. */
   memset(bus->out + 1, 0, bus->layout.images_offset - sizeof *bus->out);
   /* The doorbell's counters go on where the slot's last client left them: a number that comes twice
    * could be taken for the one before (tests/proof/claim.pml, request.pml). */
   bus->doorbell->heartbeat++;
   __atomic_store_n(&bus->doorbell->generation, bus->generation, __ATOMIC_RELEASE);
+}
+
+int ecat_slot_overwritten(const ecat_t *bus) {
+  return bus->slot >= 0 &&
+         __atomic_load_n(&bus->doorbell->generation, __ATOMIC_RELAXED) != bus->generation;
 }
 
 int ecat_slot_lapsed(const ecat_t *bus) {
@@ -114,7 +153,14 @@ int ecat_slot_take(ecat_t *bus) {
   const ecat_out_header *header = &bus->layout;
   int code, i;
   if ((code = ecat_segment_return(bus)) != 0) return code;
-  if (bus->slot >= 0) return 0;
+  if ((code = ecat_slot_check_home(bus)) != 0) return code;
+  if (bus->slot >= 0) {
+    if (!ecat_slot_overwritten(bus)) return 0;
+    if (bus->bytes > 0) bus->lost = LOST_PLACE;
+    ecat_slot_begin(bus);
+    return 0;
+  }
+  if (ecat_slot_foreign(bus)) unmap_out(bus); /* its locks would be its parent's */
   if ((code = ecat_segment_age(bus)) == ECAT_EDOWN || (code = map_out(bus)) != 0) return code;
   for (i = 0; i < (int)header->slot_count; i++) {
     struct flock lock = {
@@ -133,7 +179,8 @@ int ecat_slot_take(ecat_t *bus) {
 }
 
 void ecat_slot_free(ecat_t *bus) {
-  if (bus->slot >= 0) __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
+  if (bus->slot >= 0 && !ecat_slot_foreign(bus))
+    __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
   bus->slot = -1;
   bus->doorbell = NULL;
   unmap_out(bus);
@@ -141,7 +188,7 @@ void ecat_slot_free(ecat_t *bus) {
 
 void ecat_slot_forget(ecat_t *bus) {
   int i;
-  if (bus->bytes > 0) bus->lost = 1;
+  if (bus->bytes > 0) bus->lost = LOST_DAEMON;
   for (i = 0; i < ECAT_REQUESTS; i++) {
     if (bus->request[i] != 0) bus->ended[i] = 1;
     bus->request[i] = 0;

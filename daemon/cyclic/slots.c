@@ -105,12 +105,23 @@ static void take_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   counter_add(&c->health->commits, 1);
 }
 
+/* Why a client has lost its slot. One that leaves writes generation 0 and nothing else; who takes the slot
+ * of a dead one has written the next generation into the slot before; and if neither can be read, the
+ * file was cut short. */
+static uint32_t why_ended(const cyclic_t *c, uint32_t number, uint32_t generation) {
+  ecat_out_slot slot;
+  if (generation == 0 && pread(c->out_fd, &slot, sizeof slot, slot_at(c, number)) == sizeof slot &&
+      slot.generation == c->slot[number].generation)
+    return ECAT_REASON_RELEASED;
+  return ECAT_REASON_GONE;
+}
+
 /* The new client may have claimed and asked already, but has not committed: it owns nothing. */
 static void begin(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
   uint32_t generation = bell->generation;
   struct slot *slot = &c->slot[number];
   ecat_shm_slot_status *status = &c->slot_status[number];
-  cyclic_outputs_drop(c, number, generation == 0 ? ECAT_REASON_RELEASED : ECAT_REASON_GONE);
+  cyclic_outputs_drop(c, number, why_ended(c, number, generation));
   slot->heartbeat = bell->heartbeat;
   slot->claim_seq = bell->claim_seq - 1;
   slot->commit_seq = bell->commit_seq;

@@ -46,6 +46,13 @@ class RawSlot:
         kind = shm.struct("ecat_out_request") * shm.REQUESTS
         self.requests: Any = kind.from_buffer(self.memory, self.at + shm.size("ecat_out_slot"))
 
+    def committed(self) -> Any:
+        """The header of what was committed last, an `ecat_out_image`."""
+        at = self.bell.commit_seq % shm.IMAGES * self.header.image_stride
+        return shm.struct("ecat_out_image").from_buffer_copy(
+            self.memory, self.at + self.header.images_offset + at
+        )
+
     def commit_again(self, byte: int, value: bytes) -> None:
         """Commits what was committed last, with other bytes at `byte` of its values."""
         header = shm.struct("ecat_out_image")

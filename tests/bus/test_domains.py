@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from raw_slot import RawSlot
 
 from conftest import SHM, Daemon
 from ecatd import shm
@@ -292,6 +293,21 @@ def test_outputs_answer_the_newest_sample(mixed: Daemon) -> None:
         delays = [now - then for now, then in zip(after, before, strict=True)]
         assert sum(delays) > 50
         assert delays[3] < sum(delays) / 2  # a busy machine may delay some, not most
+
+
+def test_outputs_answer_the_newest_of_samples_of_one_domain(mixed: Daemon) -> None:
+    with mixed.client() as client:
+        client.claim(0, lease=0.5)
+        slot = RawSlot(mixed.bus)
+        for _ in range(PATIENCE):
+            client.wait()
+            client.sample_domain(0)
+            client.sample_domain(2)
+            newest, slow = client.domain(0).cycle, client.domain(2).cycle
+            client.commit()
+            if newest > slow:
+                break
+        assert slot.committed().sample_cycle == newest > slow
 
 
 def test_outputs_of_one_domain_are_safe_when_their_client_ends(mixed: Daemon) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from conftest import SHM, Daemon, wait_for
 from ecatd import shm
-from ecatd.client import Client
-from handle import ELAYOUT, Handle
+from ecatd.client import Client, Reason
+from handle import EBUSY, ELAYOUT, ELEASE, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -69,6 +69,40 @@ def test_a_file_that_is_cut_short_is_mended(daemon: Daemon, size: int) -> None:
         check_goes_on(reader, daemon)
         check_writable(daemon)
     assert daemon.stop() == 0
+
+
+def test_clients_in_a_file_that_was_cut_short_begin_anew(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    """Claims end, for no reason of theirs, and requests are answered again."""
+    daemon = start_daemon("troll")
+    out = out_of(daemon)
+    whole = out.stat().st_size
+    with daemon.client() as eye, Handle(daemon.bus) as owner, Handle(daemon.bus) as asker:
+        lamp = eye.signal(3, 0x7000, 1)
+        eye.sample()
+        assert owner.claim(3, 0.5) == 0
+        running = asker.sdo_start(0, 0x1018, 1, None, 0)
+        assert asker.wait_request(running, 30.0) == 0
+        os.truncate(out, 0)
+        wait_for(lambda: out.stat().st_size == whole, daemon)
+        wait_for(lambda: eye.output(lamp).owner is None, daemon)
+        assert eye.output(lamp).reason is Reason.GONE
+        assert owner.commit() == ELEASE
+        request = asker.sdo_start(0, 0x1018, 1, None, 0)
+        assert request >= 0
+        assert asker.wait_request(request, 30.0) == 0
+        assert asker.poll(request, None, 0, None, None) == 0
+        assert owner.claim(3, 0.5) == 0
+        # What runs while that happens ends with an error.
+        request = asker.sdo_start(0, 0x1018, 1, None, 0)
+        os.truncate(out, 0)
+        wait_for(lambda: out.stat().st_size == whole, daemon)
+        assert asker.wait_request(request, 30.0) == 0
+        code = asker.poll(request, None, 0, None, None)
+        assert code in (0, ELAYOUT), code  # it may have been answered before
+        assert code == 0 or "has written over the place of this client" in asker.error
+        assert asker.poll(request, None, 0, None, None) not in (0, EBUSY)
 
 
 def test_a_header_that_is_written_over_is_mended(daemon: Daemon) -> None:

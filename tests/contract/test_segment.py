@@ -13,7 +13,7 @@ from ecatd.bus.layout import lay_out
 from ecatd.bus.segment import Segment
 from ecatd.client import Client
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
-from ecatd.model.errors import StateError, UnreachableError
+from ecatd.model.errors import NoAnswerError, StateError, UnreachableError
 
 pytestmark = pytest.mark.unprivileged
 
@@ -208,6 +208,41 @@ def test_calls_without_a_connection_are_errors(segment: Segment) -> None:
         assert call() < 0
         assert lib.ecat_error(handle)
     lib.ecat_close(handle)
+
+
+@pytest.mark.parametrize(
+    ("divider", "phase", "exchanged", "turns", "due"),
+    [
+        (20, 0, 40, 1, 60),
+        (20, 0, 43, 1, 60),  # that one was late, the next one is not
+        (20, 0, 59, 1, 60),
+        (20, 0, 43, 2, 80),
+        (20, 7, 27, 1, 47),
+        (20, 7, 31, 1, 47),
+        (20, 7, 0, 1, 7),  # never exchanged
+        (20, 0, 0, 1, 20),
+        (20, 7, 31, 0, 31),
+        (20, 7, 0, 0, 0),
+        (1, 0, 5, 3, 8),
+    ],
+)
+def test_turns_of_a_domain_are_counted_on_its_grid(
+    segment: Segment, divider: int, phase: int, exchanged: int, turns: int, due: int
+) -> None:
+    domain = shm.struct("ecat_shm_domain").from_address(
+        segment.address + segment.header.domains_offset
+    )
+    domain.divider, domain.phase = divider, phase
+    page = shm.struct("ecat_shm_page").from_address(segment.address + domain.page_offset)
+    page.cycle = exchanged
+    with Client(name_of(segment)) as client:
+        client.sample()
+        if due > exchanged:
+            page.cycle = due - 1
+            with pytest.raises(NoAnswerError):
+                client.wait_domain(0, turns, timeout=0)
+        page.cycle = due
+        client.wait_domain(0, turns, timeout=0)
 
 
 def test_the_cycle_that_stands_still_is_told(segment: Segment) -> None:

@@ -48,9 +48,9 @@ proctype client(byte slot) {
   byte mine, asked, commits;
   /* The kernel's lock; a client that does not get it has no part in this. */
   atomic { !lock[slot] -> lock[slot] = true };
-  bell_generation[slot] = 0;
   mine = last[slot] + 1;
   last[slot] = mine;
+  bell_generation[slot] = 0;
   wants[slot] = 0;
 #ifdef RESET
   bell_claim[slot] = 0;

@@ -96,7 +96,7 @@ def test_every_image_is_of_one_cycle(
 ) -> None:
     count = share(kind, size)
     found = result(driver(kind), "read", size, count)
-    assert found["reads"] == count
+    assert found["reads"] >= count  # more, until enough of them have met the writer
     assert found["met"] > count / 2000, "readers and writer hardly met"
 
 

@@ -106,7 +106,7 @@ typedef struct ecat_output_info {
   uint64_t since_cycle; /* of the last change of owner or state */
   double age;           /* seconds since then */
   unsigned pid;         /* of the owner, as it says itself; 0 if this user may not know */
-  char program[33];     /* its name, as it says itself */
+  char program[33];     /* its name, as it says itself, in ASCII */
 } ecat_output_info;
 
 typedef struct ecat_domain_info {
@@ -221,8 +221,8 @@ ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 /* --- Writing ---------------------------------------------------------------------------------- */
 
 /* Stages a raw value of an output; it is checked against the type and the declared range of the
- * entry, and fractions of integers are refused. Nothing leaves the process before ecat_commit().
- * ECAT_ELEASE when the claim has ended with the daemon: claim again. */
+ * entry, and fractions of integers, infinity and NaN are refused. Nothing leaves the process before
+ * ecat_commit(). ECAT_ELEASE when the claim has ended with the daemon: claim again. */
 ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
 ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
 /* Stages (value - offset) / scale, rounded for integers. */

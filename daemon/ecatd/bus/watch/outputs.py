@@ -35,7 +35,7 @@ _WRONG = (EventType.REFUSED, EventType.MALFORMED)
 _REASONS = {
     shm.Reason.RELEASED: "{} released them",
     shm.Reason.LAPSED: "{} gave no sign of life for its lease",
-    shm.Reason.GONE: "{} is gone, and another client has its place",
+    shm.Reason.GONE: "{} is gone: another client has its place, or something has written over it",
     shm.Reason.STOPPING: "the daemon stops; {} owned them",
     shm.Reason.WKC: "slaves of their domain did not take part in the exchange; {} owned them",
 }
