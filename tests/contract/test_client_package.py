@@ -132,6 +132,46 @@ def test_pkg_config_finds_the_client(
     assert "no ecatd serves" in run(tmp_path / "program", env={"LD_LIBRARY_PATH": library})
 
 
+def test_the_lines_of_the_page(wheel: Path, tmp_path: Path) -> None:
+    """What docs/process-image.md says about building is done as it stands, but for names."""
+    for name in ("cmake", "pkg-config"):
+        tool(name)
+    page = (ROOT / "docs" / "process-image.md").read_text()
+    section = page.split("\n## Build\n")[1].split("\n## ")[0]
+
+    def blocks(language: str, text: str) -> list[str]:
+        return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+    static, shared, cmake, alone = blocks("sh", section)
+    (project,) = blocks("cmake", section)
+    (program,) = blocks("c", page)
+    (tmp_path / "blink.c").write_text(program.replace('"ecat0"', '"nobody"'))
+    (tmp_path / "CMakeLists.txt").write_text(project)
+    (tmp_path / "client_c").symlink_to(CLIENT)
+    ecatctl = tmp_path / "bin" / "ecatctl"
+    ecatctl.parent.mkdir()
+    ecatctl.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ecatd.cli "$@"\n')
+    ecatctl.chmod(0o755)
+    env = {name: value for name, value in os.environ.items() if name != "LD_LIBRARY_PATH"} | {
+        "PYTHONPATH": str(wheel),
+        "PATH": f"{ecatctl.parent}:{Path(sys.executable).parent}:{os.environ['PATH']}",
+    }
+
+    def follow(line: str, built: str) -> str:
+        script = f"set -e\n{line}\n{built}"
+        done = subprocess.run(
+            ["sh", "-c", script], cwd=tmp_path, env=env, text=True, capture_output=True, check=False
+        )
+        return done.stdout + done.stderr
+
+    for line, built in ((static, "./blink"), (shared, "./blink"), (cmake, "build/blink")):
+        assert "no ecatd serves bus 'nobody'" in follow(line, built), line
+    (tmp_path / "build").rename(tmp_path / "done")
+    elsewhere = alone.replace("/usr/local", str(tmp_path / "local"))
+    installed = follow(elsewhere, f"ls {tmp_path}/local/include/ecat {tmp_path}/local/lib")
+    assert {"ecat.h", "ecat.hpp", "libecat.a", "libecat.so"} <= set(installed.split())
+
+
 def test_the_command_says_all_at_once_to_programs(wheel: Path) -> None:
     command = (sys.executable, "-m", "ecatd.cli", "client-flags")
     text = run(*command, "--json", env={"PYTHONPATH": str(wheel)})
