@@ -20,7 +20,8 @@ help:
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
 	@echo "make torn    100 million reads while the daemon writes: none is of two cycles, some minutes"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
-	@echo "             bench-full: everything, for an hour"
+	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"
+	@echo "             Modelica_DeviceDrivers: its shared memory is measured as well"
 	@echo "make check   lint, types, formatting"
 	@echo "make clean   remove what the other commands made"
 

@@ -40,7 +40,7 @@ class Settings:
 
     readers: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64)
     seconds: float = 0.5
-    cycles: int = 10_000
+    cycles: int = 100_000
     writers: tuple[int, ...] = (0, 1, 8, 31)
     claims: tuple[int, ...] = (1, 10, 50, 200)
     waiters: tuple[int, ...] = (0, 1, 2, 64)
@@ -51,7 +51,7 @@ class Settings:
 SETTINGS = {
     "quick": Settings(readers=(1, 4), seconds=0.05, cycles=200, cost_rounds=1, cost_seconds=0.05),
     "normal": Settings(),
-    "full": Settings(seconds=5.0, cycles=100_000, cost_rounds=15, cost_seconds=1.0),
+    "full": Settings(seconds=5.0, cost_rounds=15, cost_seconds=1.0),
 }
 
 

@@ -9,13 +9,18 @@ from ..words import us
 _NS = "{:.0f} ns"
 
 _SOURCES = """\
-Measured are the cells with a time; all others are from the sources. *In the model's process* is \
-how the DLR EtherCAT Library does it, whose blocks call a master that lives and dies with the \
-model; here that master is SOEM, through pysoem, with the same slaves. *DeviceDrivers* is \
-`MDDSharedMemory.h` of modelica-3rdparty/Modelica_DeviceDrivers (f0ea4af); it is memory and no \
-bus, so somebody else has to exchange. *Diamond* is `scanner.c` of DiamondLightSource/ethercat \
-(b1c8fdd), which needs the kernel module of IgH and was not built. *EtherDOG* is \
-Autonomy-Logic/EtherDOG, from its PROTOCOL.md and BUSCONFIG.md."""
+Measured are the cells with a time; all others are from the sources named here. *In the model's \
+process* is how the DLR EtherCAT Library does it, whose blocks call a master that lives and dies \
+with the model; here that master is SOEM, through [pysoem](https://github.com/bnjmnp/pysoem), \
+with the same slaves. *DeviceDrivers* is `MDDSharedMemory.h` of [Modelica_DeviceDrivers]\
+(https://github.com/modelica-3rdparty/Modelica_DeviceDrivers/tree/f0ea4af); it is memory and no \
+bus, so somebody else has to exchange. It is measured where `DEVICE_DRIVERS` names a checkout of \
+it: `make bench DEVICE_DRIVERS=folder`. *Diamond* is `scanner.c` of [DiamondLightSource/ethercat]\
+(https://github.com/DiamondLightSource/ethercat/tree/b1c8fdd); it was not built, since it needs \
+the kernel module of IgH. *EtherDOG* is \
+[Autonomy-Logic/EtherDOG](https://github.com/Autonomy-Logic/EtherDOG), from its \
+`docs/PROTOCOL.md` and `docs/BUSCONFIG.md`; it was not built: its exchange is that of SOEM, which \
+is measured here, and what it adds for the model are two datagrams over loopback."""
 
 
 def comparison(result: dict[str, Any]) -> str:

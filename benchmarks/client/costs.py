@@ -11,6 +11,7 @@ from typing import Any
 
 from ..engine import instructions
 from ..health import Health
+from ..histogram import quantile
 from ..least_squares import fit
 from ..masters.engine import thread
 from ..segment.peers import on
@@ -94,12 +95,16 @@ class _Meter:
         self._counter = None if instructions.obstacle() else instructions.Counter(thread())
 
     def cycles(self, seconds: float) -> dict[str, float]:
-        """Nanoseconds and, where they can be counted, instructions of a cycle."""
+        """Of a cycle: nanoseconds and, where they can be counted, instructions; its exchange."""
         before, first = Health(self._bus), self._read()
         time.sleep(seconds)
         after, last = Health(self._bus), self._read()
-        cycles = after.since(before).counts["cycles"]
-        return {key: (last[key] - first[key]) / cycles for key in first}
+        passed = after.since(before)
+        cycles = passed.counts["cycles"]
+        return {
+            **{key: (last[key] - first[key]) / cycles for key in first},
+            "exchange": quantile(passed.buckets["exchange"], 0.5),
+        }
 
     def _read(self) -> dict[str, int]:
         result = {"ns": time.clock_gettime_ns(self._clock)}

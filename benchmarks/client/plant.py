@@ -112,14 +112,17 @@ class Line:
     size: int
 
     @contextmanager
-    def exchanged(self, *, free_running: bool = False, poll_us: int = 30) -> Iterator[bool]:
+    def exchanged(
+        self, *, free_running: bool = False, poll_us: int = 30, cycle_us: int = CYCLE_US
+    ) -> Iterator[bool]:
         """The engine of the daemon exchanges with them; whether it has real-time priority.
 
         Args:
             free_running: Whether the next cycle follows at once.
             poll_us: How long the engine polls for an answer before it sleeps.
+            cycle_us: Its cycle.
         """
-        bus = cells.bus(self.plant.bus, self.slaves, self.size, CYCLE_US)
+        bus = cells.bus(self.plant.bus, self.slaves, self.size, cycle_us)
         cpu = min(self.plant.processors.master)
         wanted = RealTime(PRIORITY, cpu, free_running=free_running, poll_us=poll_us)
         with running(bus, SIMULATOR.near, wanted) as granted:

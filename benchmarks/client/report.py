@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..words import met, table
+from ..words import met, pace, table, us
 from .comparison import comparison
 from .plot import plot
 from .targets import exchange, targets
@@ -60,6 +60,7 @@ def section(result: dict[str, Any]) -> str:
             _delay(result["delay"]),
             _COSTS,
             *(_cost(result["costs"][axis], word) for axis, word in _AXES.items()),
+            _waiting(result["costs"]["waiters"]["points"]),
             "The client in C++, beside C (a snapshot and 20 reads), and in Python, in ns:",
             _languages(result["languages"]),
             "How a model reaches the bus, beside other ways:",
@@ -99,9 +100,10 @@ def _no_calls(calls: dict[str, Any]) -> str:
 
 def _delay(delay: dict[str, Any]) -> str:
     urgent = "with" if delay["real_time"] else "without"
+    rate = pace(delay.get("rate", 1000))
     engine = delay["engine"]
     return (
-        f"From sample to wire: in each of {delay['cycles']} cycles at 1 kHz a program ({urgent} "
+        f"From sample to wire: in each of {delay['cycles']} cycles at {rate} a program ({urgent} "
         f"real-time priority) waits, samples the number of the cycle, writes it to a slave that "
         f"returns its outputs in the same frame, and commits. {delay['exact']} times the number "
         f"went out and came back in exactly the next cycle; {delay['late']} times the program was "
@@ -115,11 +117,23 @@ def _delay(delay: dict[str, Any]) -> str:
 def _cost(cost: dict[str, Any], word: str) -> str:
     points, more = cost["points"], cost["more"]
     number = next(key for key in points[0] if key not in more)
-    rows = [
-        (point[number], f"{point['ns'] / 1000:.1f}", f"{point.get('instructions', 0):.0f}")
-        for point in points
-    ]
-    return table((word, "µs a cycle", "instructions"), rows)
+    columns = {"ns": ("µs a cycle", us), "exchange": ("exchange, µs", us)}
+    columns["instructions"] = ("instructions", "{:.0f}".format)
+    shown = [column for column in columns if column in points[0]]
+    rows = [(p[number], *(columns[key][1](p[key]) for key in shown)) for p in points]
+    return table((word, *(columns[key][0] for key in shown)), rows)
+
+
+def _waiting(points: list[dict[str, Any]]) -> str:
+    """Why those who wait are not for nothing."""
+    none, most = points[0], points[-1]
+    more = us(most["ns"] - none["ns"])
+    return (
+        f"So waiting is not for nothing: {more} µs of processor time a cycle with "
+        f"{most['waiters']} clients. The engine wakes the first two itself, by a futex call that "
+        f"wakes them one after the other, and the rest by one more to a thread of its own; both "
+        f"come after the exchange, when the cycle is published, so frames do not come later."
+    )
 
 
 def _languages(languages: dict[str, Any]) -> str:

@@ -112,17 +112,40 @@ def test_client(tmp_path: Path) -> None:
     assert sum(delay[outcome] for outcome in outcomes) == delay["cycles"] == 200
     assert delay["exact"] > 0
     assert delay["wrong"] == 0
+    assert delay["rate"] == 2000
     costs = result["costs"]
     assert [point["writers"] for point in costs["writers"]["points"]] == [0, 1, 8, 31]
     assert [point["slaves"] for point in costs["claims"]["points"]] == [1, 10, 50, 200]
     assert [point["waiters"] for point in costs["waiters"]["points"]] == [0, 1, 2, 64]
     assert all(point["ns"] > 0 for cost in costs.values() for point in cost["points"])
+    assert all(point["exchange"] > 0 for point in costs["waiters"]["points"])
+    assert "the exchange with 64 waiting clients, beside 0" in page
     assert min(result["languages"]["python"].values()) > 0
     assert min(result["languages"]["wrapper"].values()) > 0
     assert result["peers"]["in_process"]["step"] > 0
     assert result["peers"]["device_drivers"] == {"reason": "DEVICE_DRIVERS names no checkout of it"}
     assert "| who owns an output |" in page
     assert "commit of the outputs of one slave, on a bus of 200 slaves" in page
+
+
+def test_targets_that_are_missed_are_said(tmp_path: Path) -> None:
+    folder = tmp_path / "performance"
+    shutil.copytree(ROOT / "docs" / "performance", folder)
+    result = json.loads((folder / "client.json").read_text())
+    result["delay"] |= {"exact": 99_969, "late": 20, "lost": 10, "wrong": 1}
+    for point in result["costs"]["waiters"]["points"]:
+        waiters = point["waiters"]
+        point |= {"ns": 30_000 + 9_000 * min(waiters, 2), "exchange": 20_000 + 100 * waiters}
+    (folder / "client.json").write_text(json.dumps(result))
+    assert benchmarks("--report-only", "--out", tmp_path).returncode == 0
+    page = (tmp_path / "performance.md").read_text()
+    for row in (
+        "99969 exact, 20 program late, 10 frame lost, 1 wrong | **no** |",
+        "the exchange with 64 waiting clients, beside 0 | ≤ 1.15 × | 1.32 × (26.4 µs) | **no** |",
+        "cycle with 64 waiting clients, beside 0 | ≤ 1.15 × | 1.60 × (48.0 µs) | **no** |",
+        "cycle with 64 waiting clients, beside 2 | ≤ 1.15 × | 1.00 × (48.0 µs) | yes |",
+    ):
+        assert row in page
 
 
 def test_without_results() -> None:
