@@ -163,9 +163,11 @@ def hostile(daemon: Daemon, *command: str) -> Iterator[tuple[int, str]]:
     """A process that runs beside the test; its pid and what it says first."""
     with subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout
-        yield process.pid, process.stdout.readline().strip()
-        assert process.poll() is None
-        process.kill()
+        try:
+            yield process.pid, process.stdout.readline().strip()
+            assert process.poll() is None
+        finally:  # also where the test fails: it would not end by itself
+            process.kill()
 
 
 def test_random_requests_are_told_and_starve_nobody(troll: Daemon) -> None:
