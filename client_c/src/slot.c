@@ -179,8 +179,12 @@ int ecat_slot_take(ecat_t *bus) {
 }
 
 void ecat_slot_free(ecat_t *bus) {
-  if (bus->slot >= 0 && !ecat_slot_foreign(bus))
+  if (bus->slot >= 0 && !ecat_slot_foreign(bus)) {
+    struct flock lock = {.l_type = F_UNLCK, .l_whence = SEEK_SET,
+                         .l_start = ECAT_LOCK_SLOT + bus->slot, .l_len = 1};
     __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
+    (void)fcntl(bus->out_fd, F_OFD_SETLK, &lock); /* a forked process may have the descriptor, too */
+  }
   bus->slot = -1;
   bus->doorbell = NULL;
   unmap_out(bus);

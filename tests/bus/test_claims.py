@@ -180,6 +180,19 @@ def test_a_forked_process_takes_a_slot_of_its_own(start_daemon: Callable[..., Da
             assert len({eye.output(lamp).owner for lamp in lamps} - {None}) == 3
 
 
+def test_a_forked_process_keeps_no_slot(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll", config=CONFIG)
+    with Handle(daemon.bus) as client, daemon.client() as eye:
+        lamp = eye.signal(EL2008, 0x7000, 1)
+        assert client.claim(EL2008, 50.0) == 0
+        before = eye.output(lamp).owner
+        with child(lambda: None):
+            client.release_all()
+            wait_for(lambda: eye.output(lamp).owner is None, daemon)
+            assert client.claim(EL2008, 50.0) == 0
+            assert eye.output(lamp).owner == before
+
+
 def test_a_program_name_does_nothing_to_a_terminal(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll", config=CONFIG)
     comm = Path("/proc/self/comm")

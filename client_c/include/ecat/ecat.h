@@ -20,7 +20,8 @@
  *
  * Functions return 0 or a handle (>= 0), or a negative ECAT_E... code; ecat_error() then has the
  * sentence. Times are in seconds as double, time stamps in nanoseconds of CLOCK_MONOTONIC. One
- * ecat_t belongs to one thread at a time; open one in each.
+ * ecat_t belongs to one thread at a time; open one in each. After fork() the child may read with it and
+ * close it; what it owns stays with the parent, and calls that would change that are ECAT_EARG.
  *
  * Slaves, entries ("signals") and domains are numbered from 0 on without gaps: a slave by its position
  * on the wire, an entry by its handle. So all of them can be asked for in a loop.
