@@ -154,17 +154,16 @@ def _slave(
     )
     if slave.coe:
         tell = (lambda line: progress(f"{here}: {line}")) if objects else None
-        converse(master.registers, [_read_objects(slave, master.coe(position), tell)])
+        coe = master.coe(position)
+        try:
+            converse(master.registers, [coe.talk(lambda: _read_objects(slave, coe, tell))])
+        except EcatError as error:  # the rest can be simulated
+            slave.notes.append(str(error))
     return slave
 
 
 def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> Talk[None]:
     """Reads the PDOs, and with `progress` all other objects before them."""
-    try:
-        yield from coe.open()
-    except EcatError as error:  # the rest can be simulated
-        slave.notes.append(str(error))
-        return
     if progress is not None:
         progress("object dictionary")
         try:

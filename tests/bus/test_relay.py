@@ -16,7 +16,7 @@ from test_simulator_topology import FIRST, SECOND, run
 
 from ecatd import stats
 from ecatd.bus.datagrams import brd, fprd
-from ecatd.bus.mailbox.mailboxes import Talk, converse
+from ecatd.bus.mailbox.mailboxes import converse
 from ecatd.bus.master import Master
 from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log
@@ -87,11 +87,8 @@ def bus(**settings: Any) -> Iterator[BringUp]:
 def read_vendor(master: Master, slave: int) -> int:
     coe = master.coe(slave)
 
-    def talk() -> Talk[bytes]:
-        yield from coe.open()
-        return (yield from coe.upload(IDENTITY, 1))
-
-    return int.from_bytes(converse(master.registers, [talk()])[0], "little")
+    talk = coe.talk(lambda: coe.upload(IDENTITY, 1))
+    return int.from_bytes(converse(master.registers, [talk])[0], "little")
 
 
 def counters(up: BringUp) -> dict[str, int]:

@@ -10,7 +10,7 @@ from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
 from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe
-from ecatd.bus.mailbox.mailboxes import Talk, converse, count_messages
+from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
 from ecatd.bus.start.assignment import Assignment
 from ecatd.model.bus import Entry, Pdo, Slave
 from ecatd.model.errors import SdoAbortError, StateError
@@ -58,7 +58,7 @@ class Counting(Coe):
     """Counts what is asked."""
 
     def __init__(self, position: int) -> None:
-        super().__init__(position, FIRST_STATION + position, count_messages())
+        super().__init__(position, FIRST_STATION + position, Line())
         self.uploads = 0
         self.descriptions = 0
 
@@ -178,9 +178,7 @@ def lists(objects: dict[tuple[int, int], bytes]) -> Slave:
     slave = Correspondent(answers)
     with corresponding(slave) as (registers, _wire):
         found = Slave(0, "Odd", 1, 2, 3)
-        converse(
-            registers, [Assignment(found, Sii(), Coe(0, FIRST_STATION, count_messages())).read()]
-        )
+        converse(registers, [Assignment(found, Sii(), Coe(0, FIRST_STATION, Line())).read()])
     return found
 
 

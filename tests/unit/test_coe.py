@@ -15,7 +15,7 @@ from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe, EntryDescription, ObjectDescription
 from ecatd.bus.mailbox.dictionary import read_dictionary
-from ecatd.bus.mailbox.mailboxes import Talk, converse, count_messages
+from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
 from ecatd.model.datatypes import DataType
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
@@ -54,18 +54,21 @@ class Roomy(Archive):
 
 def talk(coe: Coe, *uploads: tuple[int, int]) -> Talk[list[bytes | int]]:
     """Uploads, and the abort codes of those that are refused."""
-    yield from coe.open()
-    found: list[bytes | int] = []
-    for index, subindex in uploads:
-        try:
-            found.append((yield from coe.upload(index, subindex)))
-        except SdoAbortError as abort:
-            found.append(abort.code)
-    return found
+
+    def part() -> Talk[list[bytes | int]]:
+        found: list[bytes | int] = []
+        for index, subindex in uploads:
+            try:
+                found.append((yield from coe.upload(index, subindex)))
+            except SdoAbortError as abort:
+                found.append(abort.code)
+        return found
+
+    return (yield from coe.talk(part))
 
 
 def slaves(count: int) -> list[Coe]:
-    return [Coe(position, FIRST_STATION + position, count_messages()) for position in range(count)]
+    return [Coe(position, FIRST_STATION + position, Line()) for position in range(count)]
 
 
 def ask(
@@ -81,6 +84,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.2)
     monkeypatch.setattr(mailboxes, "_REPEAT_S", 0.1)
     monkeypatch.setattr(coe_module, "_DOWNLOAD_S", 0.2)
+    monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 0.4)
 
 
 # --- slaves that answer as they should -------------------------------------------------------
@@ -269,8 +273,8 @@ def test_any_frame_may_get_lost(unseen: bool) -> None:
             return register >= 0x1000 and seen[0] == lose[0]
 
         wire.lose, wire.unseen = is_next, unseen
-        counter = count_messages()
-        (plain,) = converse(registers, [talk(Coe(0, FIRST_STATION, counter), *uploads)])
+        line = Line()
+        (plain,) = converse(registers, [talk(Coe(0, FIRST_STATION, line), *uploads)])
         requests, accesses = answered[:], seen[0]
         assert plain == [b"\xfe\xff", LONG, b"hello world"]
         assert accesses == 2 * len(requests) == 8
@@ -278,7 +282,7 @@ def test_any_frame_may_get_lost(unseen: bool) -> None:
             answered.clear()
             lose[0], seen[0] = lost, 0
             # The slave remembers the number of the last message.
-            coe = Coe(0, FIRST_STATION, counter)
+            coe = Coe(0, FIRST_STATION, line)
             assert converse(registers, [talk(coe, *uploads)]) == [plain]
             assert answered == requests, f"access {lost}"
 
@@ -342,7 +346,8 @@ def test_a_slave_that_cannot_repeat_is_asked_anew(short: None) -> None:
 
         wire.lose = lose
         assert ask(registers, 1, (0x2000, 0))[1] == [[b"\x05"]]
-        assert len(slave.mails) == 2
+        asked = [struct.unpack_from("<HB", item, 9) for item in slave.mails]
+        assert asked == [(0x2000, 0), (0x1018, 0x80), (0x2000, 0)], "nothing late passes for it"
 
 
 # --- slaves that do not answer as they should --------------------------------------------------
@@ -621,6 +626,7 @@ def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[b
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mailboxes, "_ANSWER_S", 0.02)
         patch.setattr(coe_module, "_DOWNLOAD_S", 0.02)
+        patch.setattr(coe_module, "_SYNCHRONIZE_S", 0.02)
         with corresponding(slave) as (registers, _wire):
             (found,) = converse(registers, [everything(*slaves(1))])
     assert len(found) == 7

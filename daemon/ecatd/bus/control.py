@@ -15,7 +15,7 @@ from ecatd.wire import frame, read_frame
 
 from .server import BusServer
 
-_PENDING_MAX = 64
+_PENDING_MAX = 256
 
 
 class ControlSocket:

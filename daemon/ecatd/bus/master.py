@@ -11,7 +11,7 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -24,7 +24,7 @@ from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
 from .datagrams import Datagram, Datagrams, Station, aprd, bwr, fprd, fpwr, source_address
 from .interface import needs_rights, open_for_control, own
 from .mailbox.coe import Coe
-from .mailbox.mailboxes import count_messages
+from .mailbox.mailboxes import Line
 from .relay import Relay
 from .start.eeprom import Words, read_eeproms
 from .steps import Steps, finish
@@ -96,7 +96,7 @@ class Master:
         # SOEM would ask for SAFEOP by itself when mapping; the state machine is ours.
         self._master.manual_state_change = 1
         self.stations: list[int] = []
-        self._counters: list[Iterator[int]] = []
+        self._lines: list[Line] = []
         with contextlib.ExitStack() as stack:
             for name in interfaces:
                 stack.enter_context(own(name))
@@ -167,7 +167,7 @@ class Master:
                     f"reliable?"
                 )
         self.stations = [int.from_bytes(answer.data, "little") for answer in answers]
-        self._counters = [count_messages() for _ in answers]
+        self._lines = [Line() for _ in answers]
         return int(count)
 
     def identity(self, position: int) -> tuple[str, int, int, int]:
@@ -249,7 +249,7 @@ class Master:
 
     def coe(self, position: int) -> Coe:
         """The way to the objects of a slave, for one conversation with it."""
-        return Coe(position, self.stations[position], self._counters[position])
+        return Coe(position, self.stations[position], self._lines[position])
 
     def _request(self, state: int, positions: Iterable[int] | None) -> None:
         """Writes AL control, of all slaves by one broadcast if `positions` is None."""

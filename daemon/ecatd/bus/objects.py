@@ -7,24 +7,34 @@ those who want something of it, too.
 from __future__ import annotations
 
 import asyncio
-from collections import defaultdict
-from collections.abc import Callable
+from collections import Counter, defaultdict
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import TypeVar
 
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
-from ecatd.model.errors import StateError
+from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
 from .datagrams import fprd
 from .mailbox.coe import Coe
 from .mailbox.mailboxes import Talk, talk_alone
 from .master import Master
+from .watch.paced import Gathered
 from .worker import Worker
 
 T = TypeVar("T")
 
-_AL_STATUS, _STATE = 0x0130, 0x0F
+_REQUESTS_MAX, _OF_ONE_SLAVE_MAX = 128, 32
+"""Requests that may wait; further ones are told so."""
+_PATIENCE = 10.0
+"""Seconds after which a request that could not begin is not carried out any more."""
+
+_AL_STATUS, _STATE, _TRIES = 0x0130, 0x0F, 3
+
+Emergency = tuple[Slave, int, int]
+"""A slave, an error code, and the content of the error register."""
 
 
 class Objects:
@@ -39,8 +49,11 @@ class Objects:
     def __init__(self, master: Master, worker: Worker, log: Log) -> None:
         self._master = master
         self._worker = worker
-        self._log = log
+        self._waiting: Counter[int] = Counter()
         self._alone: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._emergencies = Gathered[Emergency](
+            lambda found, left_out: tell_emergencies(log, found, left_out)
+        )
 
     async def read(self, slave: Slave, index: int, subindex: int, *, complete: bool) -> bytes:
         """Uploads an object; raises as `Coe.upload`, and BusyError."""
@@ -56,35 +69,73 @@ class Objects:
             slave, lambda coe: coe.download(index, subindex, data, complete=complete)
         )
 
+    def close(self) -> None:
+        """Tells the emergencies that have not been told yet."""
+        self._emergencies.close()
+
     async def _converse(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
         coe = self._master.coe(slave.position)
 
         def talk() -> Talk[T]:
             yield from self._check_state(slave)
-            yield from coe.open()
-            return (yield from part(coe))
+            return (yield from coe.talk(lambda: part(coe)))
 
-        steps = talk_alone(self._master.registers, talk())
+        async with self._turn(slave):
+            try:
+                return await self._worker.request(talk_alone(self._master.registers, talk()))
+            finally:
+                for code, register in coe.emergencies:
+                    self._emergencies.note((slave, code, register))
+
+    @asynccontextmanager
+    async def _turn(self, slave: Slave) -> AsyncIterator[None]:
+        """Waits until the requests to the slave that came before are done."""
+        waiting, lock = self._waiting, self._alone[slave.position]
+        if waiting[slave.position] >= _OF_ONE_SLAVE_MAX:
+            raise BusyError(f"{slave.label} has {_OF_ONE_SLAVE_MAX} requests waiting already")
+        if waiting.total() >= _REQUESTS_MAX:
+            raise BusyError(f"busy: {_REQUESTS_MAX} mailbox requests are waiting already")
+        waiting[slave.position] += 1
         try:
-            return await self._worker.request(steps, self._alone[slave.position])
+            try:
+                await asyncio.wait_for(lock.acquire(), _PATIENCE)
+            except TimeoutError as error:
+                raise BusyError(
+                    f"{slave.label} has not come to this request within {_PATIENCE:g} s, as it "
+                    f"answers earlier ones slowly; nothing was done"
+                ) from error
+            try:
+                yield
+            finally:
+                lock.release()
         finally:
-            tell_emergencies(self._log, slave, coe.emergencies)
+            waiting[slave.position] -= 1
 
     def _check_state(self, slave: Slave) -> Talk[None]:
         """Says at once what else would come out by waiting."""
-        answer = yield fprd(self._master.stations[slave.position], _AL_STATUS, 2)
+        for _ in range(_TRIES):
+            answer = yield fprd(self._master.stations[slave.position], _AL_STATUS, 2)
+            if answer.wkc == 1:
+                break
+        else:
+            raise NoAnswerError(
+                f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
+            )
         state = int.from_bytes(answer.data, "little") & _STATE
-        if answer.wkc == 1 and state in (AlState.INIT, AlState.BOOT):
+        if state in (AlState.INIT, AlState.BOOT):
             raise StateError(
                 f"{slave.label} is in {AlState(state).name}, and its objects can be reached from "
                 f"PREOP on; bring it there with `ecatctl state PREOP -p {slave.position}`"
             )
 
 
-def tell_emergencies(log: Log, slave: Slave, emergencies: list[tuple[int, int]]) -> None:
-    """Tells what came between the answers of a slave: error codes and error registers."""
-    for code, register in emergencies:
+def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:
+    """Tells what came between the answers of slaves, equal ones together."""
+    if left_out:
+        log.warning(f"{left_out} emergencies are left out")
+    times = Counter((slave.label, code, register) for slave, code, register in emergencies)
+    for (label, code, register), count in times.items():
         log.warning(
-            f"{slave.label} sent an emergency: error code 0x{code:04X}, error register "
-            f"0x{register:02X}"
+            f"{label} sent an emergency{f' {count} times' if count > 1 else ''}: error code "
+            f"0x{code:04X}, error register 0x{register:02X}"
         )

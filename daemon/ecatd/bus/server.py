@@ -195,6 +195,8 @@ class BusServer:
             segment.set_state(shm.BusState.STOPPING)
         if engine is not None and segment is not None:
             await self._make_safe(engine, segment)
+        if self._access is not None:
+            self._access.close()
         if self._monitor is not None:
             self._monitor.stop()
             self._monitor.close()

@@ -125,8 +125,8 @@ class SlotRequests:
         work = asyncio.ensure_future(self._answer(request))
         try:
             while not (await asyncio.wait((work,), timeout=_ALIVE_PAUSE))[0]:
-                # An SDO transfer that is broken off has no effect, as its slave drops it. A
-                # state is asked for in steps that belong together.
+                # What has begun may be done all the same; but a state is asked for in steps that
+                # belong together.
                 if not isinstance(request, SetState) and not self._cells.is_wanted(asked):
                     work.cancel()
             if not work.cancelled():

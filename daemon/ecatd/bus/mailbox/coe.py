@@ -8,17 +8,20 @@ sends too late, to a request that was given up, must not become the value of the
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 
-from .mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
+from .mailboxes import HEADER_BYTES, Line, Mailbox, Protocol, Talk
 
 T = TypeVar("T")
 
 _TRIES = 3
 """An upload changes nothing, so it can be asked for again."""
+
+_SYNCHRONIZE_S = 2.0
+"""Seconds a slave has to answer all that it has not answered in time."""
 
 _DOWNLOAD_S = 5.0
 """Seconds a slave has for a part of a download; some write their flash before they answer."""
@@ -28,6 +31,7 @@ _MOST = 1 << 16
 
 _MAILBOX_LEAST = 16  # mailbox header, CoE header, SDO
 _COE_HEADER = 2
+_IDENTITY = 0x1018  # whose subindices from 0x80 on nobody else asks for
 _EMERGENCY, _SDO_REQUEST, _SDO_RESPONSE, _INFORMATION = 1, 2, 3, 8
 
 _SDO = struct.Struct("<BHB4x")
@@ -84,20 +88,34 @@ class Coe:
     Args:
         position: Its position, by which messages name it.
         station: Its configured station address.
-        counter: Counts the messages to it; see `mailboxes.count_messages`.
+        line: What all conversations with it share.
 
     Attributes:
         mailbox: Its mailbox.
         emergencies: Error code and error register of the emergencies that came meanwhile.
     """
 
-    def __init__(self, position: int, station: int, counter: Iterator[int]) -> None:
-        self.mailbox = Mailbox(station, counter)
+    def __init__(self, position: int, station: int, line: Line) -> None:
+        self.mailbox = Mailbox(station, line)
         self.emergencies: list[tuple[int, int]] = []
         self._position = position
+        self._line = line
+        self._patience_s: float | None = None  # of what asks for no other one
+
+    def talk(self, part: Callable[[], Talk[T]]) -> Talk[T]:
+        """A whole conversation: waits for its turn, opens the mailbox, and does `part`.
+
+        Raises:
+            NoAnswerError: The slave does not answer, or others have it for too long.
+            StateError: It has no mailbox for CoE now.
+        """
+        with self._line.place(self):
+            yield from self.mailbox.wait_for_turn(self)
+            yield from self.open()
+            return (yield from part())
 
     def open(self) -> Talk[None]:
-        """Finds the mailbox; comes first.
+        """Finds the mailbox.
 
         Raises:
             NoAnswerError: The slave does not answer.
@@ -148,15 +166,43 @@ class Coe:
 
     def _insist(self, where: str, tries: int, talk: Callable[[], Talk[T]]) -> Talk[T]:
         """Asks again if there is no answer, or one that makes no sense; what failed is named."""
-        for left in reversed(range(tries)):
+        problem: NoAnswerError | StateError | None = None
+        self._patience_s = None
+        for _ in range(tries):
             try:
-                return (yield from talk())
+                yield from self._synchronize()
+            except (NoAnswerError, StateError) as error:
+                problem = problem if isinstance(problem, StateError) else error
+                break
+            try:
+                result = yield from talk()
+                self._line.unanswered = False
+                return result
             except SdoAbortError as abort:
+                self._line.unanswered = False
                 raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
-                if left == 0:
-                    raise type(error)(f"{where}: {error}") from error
-        raise AssertionError
+                problem = error
+                self._patience_s = _SYNCHRONIZE_S  # it may be just slow
+        assert problem is not None
+        raise type(problem)(f"{where}: {problem}") from problem
+
+    def _synchronize(self) -> Talk[None]:
+        """Waits for all answers to requests that were given up.
+
+        A late answer must not pass for that to the same question asked anew. Slaves answer in
+        order, so what comes after the answer to a question that nobody else asks is not late.
+        """
+        if not self._line.unanswered:
+            return
+        request = _SDO.pack(_UPLOAD, _IDENTITY, next(self._line.marks))
+
+        def take(service: int, sdo: bytes) -> bool | None:
+            is_sdo = service in (_SDO_REQUEST, _SDO_RESPONSE) and len(sdo) >= _SDO_SIZE
+            return True if is_sdo and sdo[1:4] == request[1:4] else None
+
+        yield from self._ask(_SDO_REQUEST, request, take, _SYNCHRONIZE_S)
+        self._line.unanswered = False
 
     def _upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
         head = _SDO.pack(_UPLOAD | (_COMPLETE if complete else 0), index, subindex)
@@ -335,7 +381,9 @@ class Coe:
         take: Callable[[int, bytes], T | None],
         patience_s: float | None = None,
     ) -> Talk[T]:
+        self._line.unanswered = True
         body = struct.pack("<H", service << 12) + request
+        patience_s = self._patience_s if patience_s is None else patience_s
         return self.mailbox.ask(Protocol.COE, body, self._split(take), patience_s)
 
     def _split(self, take: Callable[[int, bytes], T | None]) -> Callable[[bytes], T | None]:

@@ -13,7 +13,9 @@ from __future__ import annotations
 import itertools
 import struct
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias, TypeVar
 
@@ -30,6 +32,9 @@ Talk: TypeAlias = Generator[Datagram, Answer, T]
 _ANSWER_S = 1.0
 """Seconds a slave has for a message and its answer, where nothing else is said; most need less than
 a millisecond."""
+
+_TURN_S = 12.0
+"""Seconds that a conversation waits for those before it."""
 
 _REPEAT_S = 0.1
 """Seconds a slave has to put a message into its mailbox again; some do not know how to."""
@@ -77,13 +82,34 @@ class _Area(NamedTuple):
     size: int
 
 
-def count_messages() -> Iterator[int]:
-    """The counter of the messages to one slave: 1 to 7, and again (ETG.1000.4, mailbox header).
+class Line:
+    """What all conversations with one slave share. One has its turn at a time, in their order.
 
-    A slave takes a message with the counter of the one before for a repetition and drops it, so
-    all conversations with a slave, one after the other, share its counter.
+    Attributes:
+        counter: Counts the messages: 1 to 7, and again (ETG.1000.4, mailbox header). A slave takes
+            one with the counter of the one before for a repetition and drops it.
+        unanswered: The answer to a request that was given up may still come.
+        marks: Numbers for requests that find out whether it has come; see `Coe`.
     """
-    return itertools.cycle(range(1, 8))
+
+    def __init__(self) -> None:
+        self.counter = itertools.cycle(range(1, 8))
+        self.marks = itertools.cycle(range(0x80, 0x100))
+        self.unanswered = False
+        self._places: deque[object] = deque()
+
+    @contextmanager
+    def place(self, who: object) -> Iterator[None]:
+        """A place in the queue, until the conversation is over or given up."""
+        self._places.append(who)
+        try:
+            yield
+        finally:
+            self._places.remove(who)
+
+    def has_turn(self, who: object) -> bool:
+        """Whether nobody is before it."""
+        return self._places[0] is who
 
 
 class Mailbox:
@@ -91,20 +117,31 @@ class Mailbox:
 
     Args:
         station: Configured station address of the slave.
-        counter: See `count_messages`.
+        line: What it shares with other conversations.
 
     Attributes:
         skipped: Messages that nobody had asked for.
     """
 
-    def __init__(self, station: int, counter: Iterator[int]) -> None:
+    def __init__(self, station: int, line: Line) -> None:
         self.skipped = 0
         self._station = station
-        self._counter = counter
+        self._line = line
         self._out = self._in = _Area(0, 0)
         self._is_free = False  # nothing lies in the half that we write
         self._last = b""
         self._deadline = 0.0
+
+    def wait_for_turn(self, who: object) -> Talk[None]:
+        """Waits until conversations that have begun before have ended.
+
+        Raises:
+            NoAnswerError: They take too long.
+        """
+        self._deadline = time.monotonic() + _TURN_S
+        while not self._line.has_turn(who):
+            yield fprd(self._station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
+            self._check_time("other requests to it take too long")
 
     def open(self, least: int) -> Talk[None]:
         """Finds the mailbox out from the sync managers.
@@ -120,6 +157,8 @@ class Mailbox:
         managers = yield from self._look()
         self._out = _area(managers, 0, _WRITTEN_BY_MASTER, least)
         self._in = _area(managers, 1, _READ_BY_MASTER, least)
+        if managers[_SM1 + _STATUS] & _FULL:
+            self._line.unanswered = True
 
     @property
     def size(self) -> int:
@@ -176,7 +215,7 @@ class Mailbox:
     # --- the mailbox ---------------------------------------------------------------------------
 
     def _write(self, protocol: Protocol, body: bytes) -> Talk[None]:
-        mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._counter) << 4) + body
+        mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._line.counter) << 4) + body
         # In full length, since the last byte is what hands it over.
         mail = mail.ljust(self._out.size, b"\0")
         while not self._is_free:
@@ -278,18 +317,23 @@ def talk_all(
         except EcatError as error:
             failed[number] = error
 
-    for number in range(len(talks)):
-        step(number, None)
-    while wanted:
-        # The first look of a conversation waits for nothing.
-        if all(
-            item.register == _SYNC_MANAGERS and number in asked for number, item in wanted.items()
-        ):
-            yield
-        asked, wanted = wanted, {}
-        answers = registers.exchange([*asked.values()], repeat=False)
-        for number, answer in zip(asked, answers, strict=True):
-            step(number, answer)
+    try:
+        for number in range(len(talks)):
+            step(number, None)
+        while wanted:
+            # The first look of a conversation waits for nothing.
+            if all(
+                item.register == _SYNC_MANAGERS and number in asked
+                for number, item in wanted.items()
+            ):
+                yield
+            asked, wanted = wanted, {}
+            answers = registers.exchange([*asked.values()], repeat=False)
+            for number, answer in zip(asked, answers, strict=True):
+                step(number, answer)
+    finally:
+        for talk in talks:  # those that are given up leave their lines to others
+            talk.close()
     return found, failed
 
 

@@ -50,12 +50,17 @@ class Assignment:
             NoAnswerError: The slave does not answer.
             StateError: What it answers makes no sense.
         """
-        self._slave.outputs, self._slave.inputs = yield from self.read_pdos()
+        return self._coe.talk(self._read)
+
+    def _read(self) -> Talk[None]:
+        self._slave.outputs, self._slave.inputs = yield from self._read_pdos()
         yield from self._add_names()
 
     def read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
         """Reads which PDOs are assigned, without names: outputs, inputs; raises as `read`."""
-        yield from self._coe.open()
+        return self._coe.talk(self._read_pdos)
+
+    def _read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
         outputs = yield from self._pdos(USAGE_OUTPUTS)
         return outputs, (yield from self._pdos(USAGE_INPUTS))
 

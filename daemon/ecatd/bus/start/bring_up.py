@@ -171,7 +171,7 @@ class BringUp:
         """Reads what every slave says about itself into the description of the bus."""
         self._scanned = scan_slaves(master, self._cancelled)
         for item in self._scanned:
-            tell_emergencies(self._log, item.slave, item.emergencies)
+            tell_emergencies(self._log, [(item.slave, *found) for found in item.emergencies])
         for item, bits in zip(self._scanned, clock_bits(master), strict=True):
             item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]

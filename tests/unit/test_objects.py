@@ -1,0 +1,234 @@
+"""Objects of slaves on a running bus: late answers, queues, and emergencies."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from wire_bench import FIRST_STATION, Wire, in_preop
+
+from ecatd.bus.mailbox import coe as coe_module
+from ecatd.bus.mailbox import mailboxes
+from ecatd.bus.mailbox.coe import Coe
+from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
+from ecatd.bus.master import Master
+from ecatd.bus.objects import Objects
+from ecatd.bus.worker import Worker
+from ecatd.log import Log
+from ecatd.model.bus import Slave
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError
+from ecatsim.slave import sii
+from ecatsim.slave.device import Device
+from ecatsim.slave.mailbox import MailboxFault
+from ecatsim.slave.objects import Access
+
+NUMBER, OTHER = 0x2000, 0x2001
+SLAVES = [Slave(n, "Number", 0xFFFF, 1, 1, coe=True) for n in range(3)]
+
+
+class Number(Device):
+    """Two numbers."""
+
+    vendor, product, revision, order = 0xFFFF, 1, 1, "Number"
+    mailbox = sii.Mailbox(receive_size=48, send=0x1030, send_size=48, coe_details=0x2F)
+
+    def describe(self) -> None:
+        self.dictionary.variable(NUMBER, "Number", DataType.UNSIGNED16, 0, Access.RW)
+        self.dictionary.variable(OTHER, "Other", DataType.UNSIGNED8, 0, Access.RW)
+
+
+class Bench:
+    """Objects of simulated slaves in PREOP; the master has no more than they need."""
+
+    def __init__(self, devices: list[Device], registers: Any, wire: Wire) -> None:
+        self.devices, self.registers, self.wire = devices, registers, wire
+        self.lines = [Line() for _ in devices]
+        self.said: list[str] = []
+        self.worker = Worker()
+        log = cast("Log", SimpleNamespace(warning=self.said.append))
+        master = cast(
+            "Master",
+            SimpleNamespace(
+                coe=self.coe,
+                registers=registers,
+                stations=[FIRST_STATION + n for n in range(len(devices))],
+            ),
+        )
+        self.objects = Objects(master, self.worker, log)
+
+    def coe(self, position: int) -> Coe:
+        return Coe(position, FIRST_STATION + position, self.lines[position])
+
+    async def read(self, position: int = 0, index: int = NUMBER) -> int:
+        data = await self.objects.read(SLAVES[position], index, 0, complete=False)
+        return int.from_bytes(data, "little")
+
+    async def write(self, data: bytes, position: int = 0, index: int = NUMBER) -> None:
+        await self.objects.write(SLAVES[position], index, 0, data, complete=False)
+
+
+@contextmanager
+def bench(count: int = 1) -> Iterator[Bench]:
+    devices: list[Device] = [Number() for _ in range(count)]
+    with in_preop(*devices) as (registers, wire):
+        made = Bench(devices, registers, wire)
+        yield made
+        made.worker.close()
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slaves that do not answer are given up sooner."""
+    monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.2)
+    monkeypatch.setattr(coe_module, "_DOWNLOAD_S", 0.2)
+    monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 0.5)
+
+
+def test_an_answer_that_comes_too_late_is_not_that_to_the_same_question(short: None) -> None:
+    with bench() as made:
+        (device,) = made.devices
+
+        async def use() -> list[int]:
+            device.mailbox_fault = MailboxFault("slow", 0.6)
+            with pytest.raises(NoAnswerError):
+                await made.read()
+            device.mailbox_fault = MailboxFault()
+            found = []
+            for value in (1, 2, 3, 4):
+                device[NUMBER, 0] = value
+                found.append(await made.read())
+            return found
+
+        assert asyncio.run(use()) == [1, 2, 3, 4]
+
+
+def test_a_refusal_is_not_taken_for_the_success_of_an_earlier_write(short: None) -> None:
+    with bench() as made:
+        (device,) = made.devices
+
+        async def use() -> None:
+            device.mailbox_fault = MailboxFault("slow", 0.6)
+            with pytest.raises(NoAnswerError):
+                await made.write(struct.pack("<H", 8888))
+            device.mailbox_fault = MailboxFault()
+            with pytest.raises(SdoAbortError) as refused:
+                await made.write(b"\x05")
+            assert refused.value.code == 0x06070013  # too short
+            assert await made.read() == 8888, "written after all"
+
+        asyncio.run(use())
+
+
+def test_a_request_that_was_cancelled_leaves_no_answer_behind() -> None:
+    with bench() as made:
+        (device,) = made.devices
+
+        async def use() -> list[int]:
+            found = []
+            for value in range(1, 6):
+                device.mailbox_fault = MailboxFault("slow", 0.1)
+                given_up = asyncio.create_task(made.read())
+                await asyncio.sleep(0.03)
+                given_up.cancel()
+                device.mailbox_fault = MailboxFault()
+                device[NUMBER, 0] = value
+                found.append(await made.read())
+            return found
+
+        assert asyncio.run(use()) == [1, 2, 3, 4, 5]
+
+
+def test_conversations_with_a_slave_take_turns() -> None:
+    """Those of requests and those of a recovery, which do not know of each other."""
+    with bench(2) as made:
+        for device in made.devices:
+            device[NUMBER, 0] = 7
+            device[OTHER, 0] = 9
+
+        def again_and_again(coe: Coe, index: int) -> Talk[set[bytes]]:
+            found = set()
+            for _ in range(20):
+                found.add((yield from coe.upload(index, 0)))
+            return found
+
+        talks = []
+        for position in (0, 1, 0, 1, 0):
+            coe = made.coe(position)
+            index = OTHER if len(talks) % 2 else NUMBER
+            talks.append(coe.talk(lambda coe=coe, index=index: again_and_again(coe, index)))  # type: ignore[misc]
+        found = converse(made.registers, talks)
+        assert found == [{b"\7\0"}, {b"\x09"}] * 2 + [{b"\7\0"}]
+
+
+def test_too_many_requests_are_told_so_and_take_no_place_from_others() -> None:
+    with bench(3) as made:
+        made.devices[0].mailbox_fault = MailboxFault("stuck")
+
+        async def use() -> None:
+            made.devices[1][NUMBER, 0] = 5
+            waiting = [asyncio.create_task(made.read(0)) for _ in range(32)]
+            await asyncio.sleep(0)
+            for _ in range(3):
+                with pytest.raises(BusyError, match=r"slave 0 \(Number\) has 32 requests waiting"):
+                    await made.read(0)
+            assert await made.read(1) == 5
+            waiting[3].cancel()
+            await asyncio.wait([waiting[3]])
+            waiting.append(asyncio.create_task(made.read(0)))
+            await asyncio.sleep(0)
+            assert not waiting[-1].done(), "there was a place again"
+            for task in waiting:
+                task.cancel()
+            await asyncio.gather(*waiting, return_exceptions=True)
+
+        asyncio.run(use())
+
+
+def test_what_waited_for_too_long_is_not_carried_out(
+    short: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ecatd.bus.objects._PATIENCE", 0.1)
+    with bench() as made:
+        (device,) = made.devices
+        device.mailbox_fault = MailboxFault("stuck")
+
+        async def use() -> None:
+            first = asyncio.create_task(made.read())
+            await asyncio.sleep(0)
+            with pytest.raises(BusyError, match=r"within 0.1 s, .* nothing was done"):
+                await made.write(b"\5\0")
+            with pytest.raises(NoAnswerError):
+                await first
+            device.mailbox_fault = MailboxFault()
+            assert await made.read() == 0
+
+        asyncio.run(use())
+
+
+def test_a_slave_that_is_missing_is_told_at_once() -> None:
+    with bench() as made:
+        made.wire.lose = lambda _number: True
+        with pytest.raises(NoAnswerError, match=r"^slave 0 \(Number\) does not answer: it is swit"):
+            asyncio.run(made.read())
+
+
+def test_equal_emergencies_are_told_together() -> None:
+    with bench() as made:
+        (device,) = made.devices
+
+        async def use() -> None:
+            for _ in range(20):
+                device.emergency(0x3220, 4)
+                await made.read()
+            made.objects.close()
+
+        asyncio.run(use())
+    assert len(made.said) < 10
+    assert all("slave 0 (Number) sent an emergency" in line for line in made.said)
+    assert any("times: error code 0x3220, error register 0x04" in line for line in made.said)
