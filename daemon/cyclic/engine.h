@@ -228,6 +228,8 @@ void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain);
 /* outputs.c */
 enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2 };
 int cyclic_outputs_init(cyclic_t *c);
+/* Calls `prefault` with all memory that is this part's own. */
+void cyclic_outputs_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size));
 /* Gives a slot what is in `c->wanted`, or nothing new if another one has a part of it; takes the
  * rest back. A signal in conflict, or CYCLIC_CONFLICT_... */
 int32_t cyclic_outputs_claim(cyclic_t *c, uint32_t slot);

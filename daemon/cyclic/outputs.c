@@ -28,11 +28,23 @@ static void tell_owner(cyclic_t *c, uint32_t signal, int32_t owner, uint32_t sta
   __atomic_store_n(&output->owner, owner, __ATOMIC_RELEASE);
 }
 
+static size_t mask_words(const cyclic_t *c) { return ((size_t)c->header->output_bytes + 7) / 8 + 2; }
+
+static size_t memory_words(const cyclic_t *c) {
+  return 2 * claim_words(c) + ECAT_SLOTS * (2 * mask_words(c) + claim_words(c));
+}
+
+void cyclic_outputs_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size)) {
+  prefault(c->output_memory, memory_words(c) * sizeof(uint64_t));
+  prefault(c->limit, c->limits * sizeof *c->limit);
+  prefault(c->stop_sequence, c->stops * sizeof *c->stop_sequence);
+}
+
 int cyclic_outputs_init(cyclic_t *c) {
-  size_t image = ((size_t)c->header->output_bytes + 7) / 8 + 2, sets = claim_words(c);
+  size_t image = mask_words(c), sets = claim_words(c);
   uint64_t *at;
   uint32_t i;
-  c->output_memory = at = calloc(2 * sets + ECAT_SLOTS * (2 * image + sets), sizeof *at);
+  c->output_memory = at = calloc(memory_words(c), sizeof *at);
   if (at == NULL) return -ENOMEM;
   c->claimable = at;
   c->wanted = at + sets;

@@ -28,14 +28,21 @@ static int meet(const ecat_shm_domain *one, const ecat_shm_domain *other) {
   return a == 0 || one->phase % a == other->phase % a;
 }
 
+/* Whole words, and bits_get() reads beyond. */
+static size_t image_size(const cyclic_t *c) { return c->header->output_bytes + 16u; }
+
+static size_t slot_image_size(const cyclic_t *c) {
+  return sizeof(ecat_out_image) + 2 * image_size(c);
+}
+
 static int allocate_images(cyclic_t *c) {
   const ecat_shm_domain *table = at_offset(c, c->header->domains_offset);
-  size_t size = c->header->output_bytes + 16u; /* whole words, and bits_get() reads beyond */
+  size_t size = image_size(c);
   uint32_t i, k;
   c->outputs = calloc(1, size);
   c->safe = calloc(1, size);
   c->hold = calloc(1, size);
-  c->slot_image = calloc(1, sizeof(ecat_out_image) + 2 * size);
+  c->slot_image = calloc(1, slot_image_size(c));
   if (!c->outputs || !c->safe || !c->hold || !c->slot_image) return -ENOMEM;
   for (i = 0; i < c->domains; i++) {
     const ecat_shm_domain *from = &table[i];
@@ -105,15 +112,33 @@ int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value, const uin
   return 0;
 }
 
-/* Touches memory that the engine will use, so that it is there before it counts. */
-static void prefault(volatile uint8_t *memory, size_t size) {
+/* Touches memory that the engine will use, so that it is there before it counts, also where it may
+ * not be locked. For writing, but atomically: control may be at work in the segment. */
+static void prefault(void *memory, size_t size) {
+  uint8_t *bytes = memory;
   size_t i;
-  for (i = 0; i < size; i += 4096) memory[i] = memory[i];
+  if (size == 0) return;
+  for (i = 0; i < size; i += 4096) __atomic_fetch_or(&bytes[i], 0, __ATOMIC_RELAXED);
+  __atomic_fetch_or(&bytes[size - 1], 0, __ATOMIC_RELAXED);
 }
 
 static void prefault_stack(void) {
-  volatile uint8_t stack[64 * 1024] = {0};
-  prefault(stack, sizeof stack);
+  uint8_t stack[64 * 1024];
+  prefault(memset(stack, 0, sizeof stack), sizeof stack);
+}
+
+static void prefault_memory(cyclic_t *c) {
+  size_t image = image_size(c);
+  uint32_t i;
+  prefault_stack();
+  prefault(c, sizeof *c);
+  prefault(c->header, c->header->size);
+  prefault(c->outputs, image);
+  prefault(c->safe, image);
+  prefault(c->hold, image);
+  prefault(c->slot_image, slot_image_size(c));
+  for (i = 0; i < c->domains; i++) prefault(c->domain[i].image, c->domain[i].image_bytes + 16u);
+  cyclic_outputs_prefault(c, prefault);
 }
 
 /* Among ordinary threads, those that ask for short slices are run sooner (Linux 6.12). */
@@ -131,8 +156,7 @@ static void ask_for_short_slices(void) {
 static void *thread_main(void *argument) {
   cyclic_t *c = argument;
   if (prctl(PR_SET_TIMERSLACK, 1) != 0) c->slack_error = errno;
-  prefault_stack();
-  prefault((volatile uint8_t *)c->frame, sizeof c->frame);
+  prefault_memory(c);
   if (c->settings.cpu >= 0) {
     cpu_set_t set;
     CPU_ZERO(&set);

@@ -3,8 +3,11 @@
 Each test runs in a process of its own, which enters a network namespace.
 """
 
+import ctypes
 import functools
+import resource
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -22,6 +25,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 HERE = Path(__file__)
 PATIENCE = 20.0
+PAGE = resource.getpagesize()
 
 
 def in_namespace(test):
@@ -79,6 +83,29 @@ def status(b, domain):
     kind = shm.struct("ecat_shm_domain_status")
     at = b.segment.address + b.segment.header.domain_status_offset
     return kind.from_address(at + domain * shm.size("ecat_shm_domain_status"))
+
+
+def present(address, size):
+    """Whether all pages of this process's memory are there (Linux: admin-guide/mm/pagemap)."""
+    first, last = address // PAGE, (address + size - 1) // PAGE
+    with Path("/proc/self/pagemap").open("rb") as file:
+        file.seek(8 * first)
+        entries = struct.unpack(f"{last - first + 1}Q", file.read(8 * (last - first + 1)))
+    return all(entry >> 63 for entry in entries)
+
+
+@in_namespace
+def test_memory_is_there_before_the_first_cycle_though_it_is_not_locked():
+    with bench(60) as b:
+        b.start()  # with lock_memory=False
+        libc = ctypes.CDLL(None)
+        libc.malloc_usable_size.argtypes = [ctypes.c_void_p]
+        libc.malloc_usable_size.restype = ctypes.c_size_t
+        state = b.engine._engine
+        size = libc.malloc_usable_size(state)
+        assert size > 200_000, "the frames and the events are in it"
+        assert present(state, size)
+        assert present(b.segment.address, b.segment.header.size)
 
 
 @in_namespace
