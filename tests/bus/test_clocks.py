@@ -449,9 +449,10 @@ def test_ecatctl_dc_without_dc(troll: Daemon) -> None:
 
 
 def test_clocks_that_are_switched_off_are_told(start: Callable[..., Daemon]) -> None:
-    daemon = start("troll", "[dc]\nenabled = false\n[[dc.slave]]\nslave = 0\n")
+    daemon = start("troll", "[dc]\nenabled = false\nreference = 4\n[[dc.slave]]\nslave = 0\n")
     told = "warning: dc.enabled is false, so the slaves in [[dc.slave]] get no SYNC signals\n"
     assert told in daemon.log
+    assert "warning: dc.enabled is false, so dc.reference = 4 does nothing\n" in daemon.log
     assert daemon.ctl_json("dc")["state"] == "off"
 
 

@@ -224,6 +224,12 @@ def test_configuration_that_does_not_fit_the_bus(env: dict[str, str], tmp_path: 
     assert "outputs.safe: slave 2 (EL1018) has no outputs" in text
 
 
+def test_a_second_interface_where_the_rig_is_no_ring(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:1", config="second_interface = 'eth9'\n[gateway]\nlisten = []\n")
+    told = "warning: second_interface = 'eth9' does nothing: rig 'line:1' is no ring, so there is "
+    assert told in daemon.log
+
+
 def test_a_bus_of_one_slave(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:1")
     assert "is in OP: 1 slave, 32 bytes of outputs, 32 of inputs, every 1000 µs" in daemon.log

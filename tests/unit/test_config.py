@@ -168,7 +168,7 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
     text = "[dc]\nenabled = {}\n[[dc.slave]]\nslave = 0\n"
     assert not load(tmp_path, text.format("false")).dc.enabled
     assert load(tmp_path, text.format("true")).dc.enabled
-    assert not load(tmp_path, "[dc]\nreference = 1").dc.enabled
+    assert not load(tmp_path, "[dc]\nenabled = false\nreference = 1").dc.enabled
 
 
 @pytest.mark.parametrize(
@@ -295,8 +295,13 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
         ),
         ("[dc]\nreference = -2", ":2: dc.reference:", "must be from -1 to 65535"),
         ("[dc]\nenable = true", ":2: dc.enable:", "did you mean 'enabled'?"),
-        ("[dc]\nphase_us = 1000", ":2: dc.phase_us:", "within the base cycle, 1000 µs"),
-        ("[dc]\nlock_us = 501", ":2: dc.lock_us:", "half the base cycle, 500 µs"),
+        ("[dc]\nreference = 1", ":2: dc.reference:", "does nothing, since no clock"),
+        (
+            "[dc]\nenabled = true\nphase_us = 1000",
+            ":3: dc.phase_us:",
+            "within the base cycle, 1000 µs",
+        ),
+        ("[dc]\nenabled = true\nlock_us = 501", ":3: dc.lock_us:", "half the base cycle, 500 µs"),
         ("[dc]\nlock_us = 0", ":2: dc.lock_us:", "must be from 0.1"),
         ("[dc]\nslave = 3", ":2: dc.slave:", "must be an array of tables: write [[dc.slave]]"),
         ("[dc]\nslave = [3]", ":2: dc.slave:", "write [[dc.slave]]"),

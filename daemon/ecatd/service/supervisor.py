@@ -85,6 +85,12 @@ class Supervisor:
             simulator, ready = await self._start_simulator(self._rig)
             settings["interface"] = ready["interface"]
             settings["second_interface"] = ready.get("second", "")
+            if self._config.second_interface and not settings["second_interface"]:
+                self._log.warning(
+                    f"second_interface = '{self._config.second_interface}' does nothing: rig "
+                    f"'{self._rig}' is no ring, so there is no cable redundancy (write "
+                    f"ring = true into its rig file)"
+                )
             settings["namespace_of"] = ready["pid"]
             fatal.append(simulator)
         server = await self._start_python("ecatd.bus", settings)

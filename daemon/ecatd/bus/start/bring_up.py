@@ -200,6 +200,10 @@ class BringUp:
             self._log.warning(
                 "dc.enabled is false, so the slaves in [[dc.slave]] get no SYNC signals"
             )
+        if self._config.dc.reference >= 0 and not self._config.dc.enabled:
+            self._log.warning(
+                f"dc.enabled is false, so dc.reference = {self._config.dc.reference} does nothing"
+            )
         if self._config.dc.enabled:
             self.clocks = Clocks(self.bus, self._config, master)
             self.clocks.measure()

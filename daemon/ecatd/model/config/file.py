@@ -149,6 +149,15 @@ def _clocks(reader: Reader, data: dict[str, Any]) -> DcConfig:
     slaves = list(reader.rows(values.pop("slave", []), _DC_SLAVE, "dc.slave"))
     for row, slave in slaves:
         reader.need(slave, "slave", "dc.slave", row)
+    if not slaves and "enabled" not in values:
+        for key, value in values.items():
+            if value != getattr(DcConfig(), key):
+                reader.fail(
+                    "dc",
+                    key,
+                    "does nothing, since no clock is synchronised: add enabled = true, or a "
+                    "[[dc.slave]]",
+                )
     values.setdefault("enabled", bool(slaves))
     return DcConfig(**values, slave=[DcSlaveConfig(**slave) for _, slave in slaves])
 
