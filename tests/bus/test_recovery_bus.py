@@ -219,7 +219,8 @@ def test_a_slave_with_a_reason_of_its_own(start: Start, code: str) -> None:
         assert condition(bench, 4) == "refused"
     assert bench.daemon.log.count("stays out of OP") == 1
     assert not any(event.get("state") == "asked" for event in bench.events)
-    bench.daemon.ctl("state", "OP", "-p", "4")
+    said = bench.daemon.ctl("state", "OP", "-p", "4").stdout
+    assert "waiting" not in said
     in_op(bench)
 
 

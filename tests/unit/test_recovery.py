@@ -97,6 +97,19 @@ def test_switching_off_and_on_ends_a_refusal() -> None:
     assert watch.see(AlState.NONE, strangers=1).set_up == [0]
 
 
+def test_a_slave_that_came_back_waits_for_nothing_before_it_was_looked_at() -> None:
+    watch = Watch()
+    for ask in (lambda: watch.recovery.want([0], AlState.OP), lambda: None):
+        assert watch.see(SAFEOP_ERROR, 0x001B).ask == [0]  # asked by itself, and by hand
+        assert watch.condition() == Condition.RECOVERING
+        ask()
+        watch.recovery.done(0, None)
+        assert watch.condition() == Condition.FINE
+        assert watch.see(AlState.OP).recovered
+    watch.see(SAFEOP_ERROR, 0x001B)  # but if it falls again at once
+    assert watch.condition() == Condition.WAITING
+
+
 def test_asking_by_hand_ends_a_refusal() -> None:
     watch = Watch()
     watch.see(SAFEOP_ERROR, 0x001E)

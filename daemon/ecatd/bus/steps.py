@@ -2,7 +2,7 @@
 
 Such a function is a generator that yields wherever it waits. The start of a bus runs it to its end
 (`finish`); a running bus lets other mailbox requests pass at each of these places
-(`Mailbox.run_steps`). So both do the same to a slave, with the same code.
+(`Worker.run_steps`). So both do the same to a slave, with the same code.
 """
 
 from __future__ import annotations

@@ -201,6 +201,8 @@ class Recovery:
         if slave.missing and item.al_state and not slave.busy:
             slave.begin_anew()  # what failed while it was away says nothing about it
         slave.missing = not item.al_state
+        if slave.tries and not slave.busy and slave.condition == Condition.FINE:
+            slave.condition = Condition.WAITING  # asked, it came to OP only for a moment, if at all
         if item.al_state in (AlState.NONE, AlState.INIT) and slave.condition == Condition.REFUSED:
             slave.begin_anew()  # it was switched off, which may have mended it
             slave.condition, slave.code = Condition.MISSING, 0
@@ -253,8 +255,7 @@ class Recovery:
         slave.busy = False
         if slave.down_since is None or slave.wanted != AlState.OP:
             return False
-        # Asked, it may have come to OP for a moment: if it falls again, it waits for the next try.
-        slave.condition, slave.text = Condition.WAITING, ""
+        slave.condition, slave.text = Condition.FINE, ""
         if failure is None:
             return False
         slave.condition, slave.text = failure.condition, failure.text
