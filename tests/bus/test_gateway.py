@@ -1,5 +1,7 @@
 """The gateway over Zenoh: what others hear, and what they may not do."""
 
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 
@@ -9,7 +11,7 @@ import zenoh
 from conftest import Daemon
 from ecatd.client.remote import Remote
 from ecatd.gateway.keys import bus_key, session_config
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
 from ecatd.wire import pack, unpack
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -55,6 +57,27 @@ def test_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Ses
         remote.set_state("SAFEOP")
     remote.close()
     assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+
+
+def test_a_bus_server_that_does_not_answer(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever may change things is not told that he may not; nobody minds who is gone."""
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+    server = daemon.child_pid("ecatd.bus")
+    os.kill(server, signal.SIGSTOP)
+    try:
+        with Remote(daemon.bus, timeout=1.0) as remote:
+            with pytest.raises(NoAnswerError, match="busy, or hangs; the change may still be"):
+                remote.set_state("OP")
+            with pytest.raises(NoAnswerError, match="within 1 s: its bus server is busy, or hangs"):
+                remote.states()
+        text = daemon.ctl("info", "--timeout", "1").stdout
+        assert "no answer   the daemon of bus" in text
+        assert "wire time   unknown without an answer\n" in text
+        daemon.process.terminate()
+    finally:
+        os.kill(server, signal.SIGKILL)
+    daemon.process.wait(20)
+    assert "never retrieved" not in daemon.log
 
 
 def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session) -> None:

@@ -203,7 +203,10 @@ def test_without_a_gateway_statistics_are_there(start_daemon: Callable[..., Daem
         document = daemon.ctl_json("stats")
         assert document["slaves"]["found"] == 8
         text = daemon.ctl("info").stdout
-        assert "gateway     does not answer; all this is from shared memory" in text
+        assert "interface   first, up (its name is unknown without an answer)\n" in text
+        assert "wire time   unknown without an answer\n" in text
+        assert f"no answer   no ecatd answers for bus '{daemon.bus}'" in text
+        assert "; all this is from shared memory\n" in text
         assert "SCHED_FIFO" in text
         facts = daemon.ctl_json("info")
         assert facts["interface"] is None

@@ -62,7 +62,7 @@ ANYTHING = st.recursive(
     max_leaves=8,
 )
 FIELDS = st.sampled_from(["op", "slave", "index", "subindex", "data", "state", "complete", "x"])
-OPS = st.sampled_from(["sdo_read", "sdo_write", "set_state", "states", "describe"])
+OPS = st.sampled_from(["sdo_read", "sdo_write", "set_state", "states", "describe", "info"])
 
 
 @given(st.dictionaries(FIELDS, ANYTHING | OPS))

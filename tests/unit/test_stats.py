@@ -313,7 +313,10 @@ def test_info_has_the_names_of_the_gateway_and_the_states_of_now() -> None:
             "interface   first, up",
             "interface   second, no carrier",
         ]
-    assert "gateway     does not answer" in "\n".join(info.info_lines(made, {}, "silence"))
+    silent = info.info_lines(made, {}, "silence")
+    assert silent[1] == "interface   first, up (its name is unknown without an answer)"
+    assert "wire time   unknown without an answer" in silent
+    assert "no answer   silence; all this is from shared memory" in silent
 
 
 def test_info_tells_the_states_of_the_slaves() -> None:

@@ -21,6 +21,7 @@ from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.model.messages import (
     Describe,
+    ReadInfo,
     ReadStates,
     Request,
     SdoRead,
@@ -120,7 +121,9 @@ class BusServer:
         """
         match request:
             case Describe():
-                return self._describe()
+                return self.bus.to_dict()
+            case ReadInfo():
+                return self._info()
             case ReadStates():
                 await self._running.look()
                 return self._state_rows()
@@ -135,21 +138,18 @@ class BusServer:
                 await self._objects.write(slave, index, subindex, data, complete=complete)
                 return {}
 
-    def _describe(self) -> dict[str, Any]:
+    def _info(self) -> dict[str, Any]:
         assert self._up.wire is not None, "asked before the bus was brought up"
         wire = self._up.wire
         return {
-            "bus": self.bus.to_dict(),
-            "info": {
-                "version": VERSION,
-                "interface": self._interface,
-                "started": self._started,
-                "cycle_time_us": self._config.cycle_time_us,
-                "wire_us": round(wire.round_trip_us, 1),
-                "wire_frames": wire.frames,
-                "wire_bytes": wire.wire_bytes,
-                **self._running.describe(),
-            },
+            "version": VERSION,
+            "interface": self._interface,
+            "started": self._started,
+            "cycle_time_us": self._config.cycle_time_us,
+            "wire_us": round(wire.round_trip_us, 1),
+            "wire_frames": wire.frames,
+            "wire_bytes": wire.wire_bytes,
+            **self._running.describe(),
         }
 
     def _state_rows(self) -> dict[str, Any]:

@@ -64,15 +64,18 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
 
 def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list[str]:
     """What the daemon is and how its bus is; `running` is what the gateway says, if it does."""
+    unnamed = " (its name is unknown without an answer)" if silent else ""
     rows = [
         ("bus", f"{snapshot.bus}, {word(snapshot.state)}"),
-        *(("interface", f"{name}, {state}") for name, state in _links(snapshot, running)),
+        *(("interface", f"{name}, {state}{unnamed}") for name, state in _links(snapshot, running)),
         ("cycle time", f"{snapshot.cycle_time_ns / 1000:g} µs"),
     ]
     if {"wire_us", "wire_frames", "wire_bytes"} <= running.keys():
         frames = f"{running['wire_frames']} frame{'s' * (running['wire_frames'] != 1)}"
         size = f"{running['wire_bytes']} bytes, {frames}"
         rows.append(("wire time", f"{running['wire_us']} µs in the longest cycle: {size}"))
+    elif silent:
+        rows.append(("wire time", "unknown without an answer"))
     rows += [
         ("slaves", _slaves(snapshot)),
         ("ring", ring_line(snapshot).removeprefix("ring ")),
@@ -82,7 +85,7 @@ def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list
     ]
     rows += [("recovery", text) for text in _recovery(running)]
     if silent:
-        rows.append(("gateway", "does not answer; all this is from shared memory"))
+        rows.append(("no answer", f"{silent}; all this is from shared memory"))
     if snapshot.silence:
         rows.append(("NO CYCLE", f"for {snapshot.silence:.1f} s: the exchange stands still"))
     return [f"{name:<12}{value}" for name, value in rows]

@@ -88,6 +88,7 @@ class Remote:
             raise UsageError(f"'{bus}' is no bus name: use 1 to 31 letters, digits, '_' or '-'")
         self.bus = bus
         self._timeout = timeout
+        self._is_local = connect is None or connect.startswith("unixsock-stream/")
         endpoint = connect or _local_endpoint(bus)
         zenoh.init_log_from_env_or("off")
         settings = {
@@ -146,7 +147,7 @@ class Remote:
         raise self._silence(key)
 
     def _silence(self, key: tuple[str, ...]) -> EcatError:
-        """Why no answer came: a query that is not permitted gets none at all."""
+        """Why no answer came: a change that is asked for from the network gets none at all."""
         alive = any(
             reply.ok is not None
             for reply in self._session.liveliness().get(
@@ -155,14 +156,16 @@ class Remote:
         )
         if not alive:
             return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {START}")
-        if key[0] == "rw":
+        silent = f"the daemon of bus '{self.bus}' gave no answer"
+        if key[0] == "rw" and not self._is_local:
             return NotPermittedError(
-                f"the daemon of bus '{self.bus}' gave no answer: changes are permitted only on its "
-                f"own machine, to members of the group 'ecat'"
+                f"{silent}: changes are permitted only on its own machine, to members of the group "
+                f"'ecat'"
             )
-        return NoAnswerError(
-            f"the daemon of bus '{self.bus}' gave no answer within {self._timeout:g} s"
-        )
+        silent += f" within {self._timeout:g} s: its bus server is busy, or hangs"
+        if key[0] == "rw":
+            silent += "; the change may still be carried out, so look before you ask again"
+        return NoAnswerError(silent)
 
     def info(self) -> dict[str, Any]:
         """Version, interface, start time and cycle time of the daemon."""

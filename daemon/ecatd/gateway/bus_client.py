@@ -75,7 +75,11 @@ class BusClient:
         future: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._waiting[number] = future
         self._writer.write(frame({"id": number, **to_map(request)}))
-        await self._writer.drain()
+        try:
+            await self._writer.drain()
+        except ConnectionError:
+            self._waiting.pop(number, None)
+            raise UnreachableError("the bus server has ended") from None
         message = await future
         if "error" in message:
             raise EcatError.from_reply(message["error"])

@@ -15,7 +15,14 @@ from ecatd.dc import read_clocks
 from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
-from ecatd.model.messages import MAX_MESSAGE, Describe, ReadStates, Request, parse_request
+from ecatd.model.messages import (
+    MAX_MESSAGE,
+    Describe,
+    ReadInfo,
+    ReadStates,
+    Request,
+    parse_request,
+)
 from ecatd.paths import control_socket, zenoh_socket
 from ecatd.stats import read, to_map
 from ecatd.wire import pack, unpack
@@ -70,7 +77,7 @@ class Gateway:
             EcatError: One of both does not work.
         """
         await self._bus.open()
-        self._bus_description = (await self._bus.ask(Describe()))["bus"]
+        self._bus_description = await self._bus.ask(Describe())
         zenoh.init_log_from_env_or("off")
         self._session = session = self._open_session()
         loop = asyncio.get_running_loop()
@@ -168,7 +175,7 @@ class Gateway:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
         match parts:
             case ["ro", "info"]:
-                return dict((await self._bus.ask(Describe()))["info"])
+                return await self._bus.ask(ReadInfo())
             case ["ro", "slaves"]:
                 return dict(self._bus_description)
             case ["ro", "state"]:
@@ -197,6 +204,8 @@ class Gateway:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
         if identity not in self._answers:
             self._answers[identity] = asyncio.ensure_future(self._bus.ask(request))
+            # Whoever asked may be gone by the time that it fails: then nobody else looks.
+            self._answers[identity].add_done_callback(_look_at)
             if len(self._answers) > _REMEMBERED:
                 self._answers.popitem(last=False)
         return await asyncio.shield(self._answers[identity])
@@ -215,6 +224,12 @@ class Gateway:
         if self._session is not None:
             await asyncio.to_thread(self._session.close)
         self._socket.unlink(missing_ok=True)
+
+
+def _look_at(answer: asyncio.Future[Any]) -> None:
+    """Has asyncio not complain of an error that nobody waits for any more."""
+    if not answer.cancelled():
+        answer.exception()
 
 
 def _asked(query: zenoh.Query, name: str) -> bool:

@@ -18,9 +18,16 @@ MAX_MESSAGE = 64 * 1024
 
 @dataclass(frozen=True, slots=True)
 class Describe:
-    """Asks for the bus description and the static information about the daemon."""
+    """Asks for the bus description, which is long and stays as it is."""
 
     op: ClassVar[str] = "describe"
+
+
+@dataclass(frozen=True, slots=True)
+class ReadInfo:
+    """Asks what the daemon is: version, interface, start, cycle; links and recovery as of now."""
+
+    op: ClassVar[str] = "info"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +89,10 @@ class SdoWrite:
     complete: bool = False
 
 
-Request = Describe | ReadStates | SetState | SdoRead | SdoWrite
+Request = Describe | ReadInfo | ReadStates | SetState | SdoRead | SdoWrite
 
 _KINDS: dict[str, type[Request]] = {
-    kind.op: kind for kind in (Describe, ReadStates, SetState, SdoRead, SdoWrite)
+    kind.op: kind for kind in (Describe, ReadInfo, ReadStates, SetState, SdoRead, SdoWrite)
 }
 _RANGES = {"slave": (0, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
 _DATA_MAX = 32 * 1024
