@@ -22,11 +22,19 @@ SECTIONS: dict[str, Any] = {
 _HEAD = """\
 # Performance
 
-Measured by `make bench`, which needs gcc, g++ and ten minutes and leaves its results in `bench/`;
-this page is what `make bench OUT=docs` wrote (`make bench-full` does more, in an hour). It needs
-no root, but an ordinary user gets no real-time priority, and then the load of the machine shows in
-the numbers. Compare ratios, not times: both sides of a ratio are measured in one run, in turns.
+`make bench` measures for ten minutes, `make bench-full` more, for an hour. Both need gcc and g++
+and leave such a page and its results in `bench/`, or where `OUT=docs` says; the last line of each
+section names the one that wrote it. They need no root, but an ordinary user gets no real-time
+priority, and then the load of the machine shows in the numbers. Compare ratios, not times: both
+sides of a ratio are measured in one run, in turns.
 """
+
+_COMMANDS = {
+    "quick": "`python -m benchmarks --quick` (a trial of seconds)",
+    "normal": "`make bench` (ten minutes for all sections)",
+    "full": "`make bench-full` (an hour for all sections)",
+}
+"""By the extent of a result."""
 
 
 def page(results: dict[str, dict[str, Any]]) -> str:
@@ -34,17 +42,19 @@ def page(results: dict[str, dict[str, Any]]) -> str:
     parts = [_HEAD]
     for name, module in SECTIONS.items():
         if name in results:
-            parts += [module.section(results[name]), _machine(results[name]["machine"]) + "\n"]
+            parts += [module.section(results[name]), _origin(results[name]) + "\n"]
     return "\n".join(parts)
 
 
-def _machine(machine: dict[str, Any]) -> str:
-    """What the results above it were found on."""
+def _origin(result: dict[str, Any]) -> str:
+    """How the results above it were found, and on what."""
+    machine = result["machine"]
     kind = "virtual machine" if machine["virtual"] else "machine"
     rights = "as root" if machine["root"] else "as an ordinary user"
     return (
-        f"\nMeasured on {machine['date']} {rights}, revision {machine['revision']}, on a {kind} "
-        f"with {machine['cores']} cores ({machine['processor']}, governor {machine['governor']}), "
+        f"\nMeasured by {_COMMANDS[result['extent']]} on {machine['date']} {rights}, "
+        f"revision {machine['revision']}, on a {kind} with {machine['cores']} cores "
+        f"({machine['processor']}, governor {machine['governor']}), "
         f"Linux {machine['kernel']}, Python {machine['python']}, "
         f"load before the run {machine['load']}."
     )

@@ -26,7 +26,12 @@ from .turns import Tools
 
 RIG = "troll"
 READERS, REQUESTS = 64, 1000
+_ASKING = 4
+"""Clients that make these requests: each waits for its answer, which must not be the limit."""
 ATTACH = "clients that attach, claim outputs and leave"
+ZENOH = f"{REQUESTS} Zenoh requests a second"
+WANTED = {ZENOH: REQUESTS}
+"""How often a second a load is meant to be done, where that is said."""
 _SETTLE = 0.05
 
 Load = Callable[[float], contextlib.AbstractContextManager[dict[str, Any]]]
@@ -189,6 +194,6 @@ _LOADS: dict[str, Callable[[Tools, Daemon], contextlib.AbstractContextManager[Lo
     "SDO reads without pause": lambda *what: _clients("sdo", 2, 0, *what),
     "a busy Python thread in the bus server": _busy_thread,
     f"{READERS} readers of the shared memory": _readers,
-    f"{REQUESTS} Zenoh requests a second": lambda *what: _clients("requests", 2, REQUESTS, *what),
+    ZENOH: lambda *what: _clients("requests", _ASKING, REQUESTS, *what),
     ATTACH: lambda *what: _clients("attach", 1, 0, *what),
 }

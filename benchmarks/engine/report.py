@@ -47,8 +47,10 @@ _LOADS = """\
 The whole daemon on the rig `troll` at 1 kHz, its Python on the remaining processors, as are the \
 loads. Each load is on for a fraction of a second and off for as long, in turns; the values are \
 differences of what stands in shared memory. SDO reads come from two clients over Zenoh, each \
-asking again at once; the busy thread computes in the interpreter of the bus server; each reader \
-is a process that waits for every cycle and samples. Exchange in µs:"""
+asking again at once; the other requests, for what the daemon is, come from several at a given \
+rate, and where fewer than 95 % of them were done, the targets beside them are not met; the busy \
+thread computes in the interpreter of the bus server; each reader is a process that waits for \
+every cycle and samples. Exchange in µs:"""
 
 _WORK = """\
 Instructions of the engine's thread outside the kernel, counted by the processor \

@@ -8,7 +8,7 @@ from typing import Any
 from ..target import Target
 from ..words import pace, slaves
 from .deadlines import allowed
-from .loads import ATTACH
+from .loads import ATTACH, WANTED
 
 EXCHANGE = 1.10
 """Largest ratio of an exchange to that of the bare loop."""
@@ -16,6 +16,8 @@ RATE = {"blocking": 1.1, "busy": 3.5}
 """Smallest ratio of the free-running rate to that of pysoem."""
 LOAD = 1.10
 """Largest ratio of the 99th percentile of an exchange under load to that without."""
+DONE = 0.95
+"""Smallest part of a load that must have been done for anything to be said about it."""
 WORK, WORK_SLAVE, WORK_BYTE = 3000, 60, 1
 """Instructions of a cycle with 8 slaves, and of each slave and byte more."""
 CLOCKS_NS = 1000
@@ -92,17 +94,21 @@ def _loads(loads: list[dict[str, Any]]) -> Iterator[Target]:
                 bad <= before,
             )
             continue
+        wanted = WANTED.get(load["load"], 0)
+        enough = load["rate"] >= DONE * wanted
+        low, high = load["ratio_p99_quartiles"]
+        done = f"; {load['rate']:.0f} a second were done" if wanted else ""
         yield Target(
             f"exchange beside {name}, 99th percentile",
             f"≤ {LOAD:.2f} × without",
-            "{:.2f} × ({:.2f} to {:.2f})".format(load["ratio_p99"], *load["ratio_p99_quartiles"]),
-            load["ratio_p99"] <= LOAD,
+            f"{load['ratio_p99']:.2f} × ({low:.2f} to {high:.2f}){done}",
+            enough and load["ratio_p99"] <= LOAD,
         )
         yield Target(
             f"frames lost beside {name}",
             "0",
-            f"{on['lost_frames']} of {on['frames']} (without: {off['lost_frames']})",
-            on["lost_frames"] == 0,
+            f"{on['lost_frames']} of {on['frames']} (without: {off['lost_frames']}){done}",
+            enough and on["lost_frames"] == 0,
         )
 
 

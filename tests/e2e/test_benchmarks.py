@@ -37,6 +37,7 @@ def measured(name: str, folder: Path) -> tuple[dict[str, Any], str]:
         assert result["machine"][key]
     page = (folder / "performance.md").read_text()
     assert result["machine"]["processor"] in page
+    assert "\nMeasured by `python -m benchmarks --quick` (a trial of seconds) on " in page
     assert "</svg>" in (folder / "performance" / f"{name}.svg").read_text()
     return result, page
 
@@ -144,6 +145,31 @@ def test_targets_that_are_missed_are_said(tmp_path: Path) -> None:
         "the exchange with 64 waiting clients, beside 0 | ≤ 1.15 × | 1.32 × (26.4 µs) | **no** |",
         "cycle with 64 waiting clients, beside 0 | ≤ 1.15 × | 1.60 × (48.0 µs) | **no** |",
         "cycle with 64 waiting clients, beside 2 | ≤ 1.15 × | 1.00 × (48.0 µs) | yes |",
+    ):
+        assert row in page
+
+
+def test_a_load_that_was_not_reached_meets_no_target(tmp_path: Path) -> None:
+    folder = tmp_path / "performance"
+    shutil.copytree(ROOT / "docs" / "performance", folder)
+    result = json.loads((folder / "engine.json").read_text())
+    for load in result["loads"]:
+        load |= {"ratio_p99": 1.0, "ratio_p99_quartiles": [0.9, 1.1]}
+        load["on"] |= {"frames": 1000, "lost_frames": 0}
+        if "Zenoh" in load["load"]:
+            load["rate"] = 951.0 if load["busy"] else 949.0
+    (folder / "engine.json").write_text(json.dumps(result))
+    assert benchmarks("--report-only", "--out", tmp_path).returncode == 0
+    page = (tmp_path / "performance.md").read_text()
+    asked = "beside 1000 Zenoh requests a second"
+    for row in (
+        f"{asked}, 99th percentile | ≤ 1.10 × without | 1.00 × (0.90 to 1.10); 949 a second were "
+        f"done | **no** |",
+        f"{asked} | 0 | 0 of 1000 (without: 0); 949 a second were done | **no** |",
+        f"{asked}, busy receive, 99th percentile | ≤ 1.10 × without | 1.00 × (0.90 to 1.10); 951 a "
+        f"second were done | yes |",
+        f"{asked}, busy receive | 0 | 0 of 1000 (without: 0); 951 a second were done | yes |",
+        "beside SDO reads without pause | 0 | 0 of 1000 (without: 0) | yes |",
     ):
         assert row in page
 
