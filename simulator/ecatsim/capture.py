@@ -139,7 +139,7 @@ def _states(interface: str) -> int:
 def _slave(
     master: Master, position: int, count: int, progress: Progress, objects: bool
 ) -> CapturedSlave:
-    name = master.identity(position)[0]
+    name = master.name(position)
     here = f"slave {position + 1} of {count}: {name}"
     progress(f"{here}: EEPROM")
     (sii,) = master.read_eeproms(_whole_eeprom, [position])

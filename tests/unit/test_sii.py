@@ -58,6 +58,7 @@ def test_an_empty_eeprom_has_nothing() -> None:
         alias=0xFFFF,
         vendor=0xFFFFFFFF,
         product=0xFFFFFFFF,
+        revision=0xFFFFFFFF,
         serial=0xFFFFFFFF,
         mailbox_protocols=0xFFFF,
     )

@@ -170,14 +170,12 @@ class Master:
         self._lines = [Line() for _ in answers]
         return int(count)
 
-    def identity(self, position: int) -> tuple[str, int, int, int]:
-        """Name, vendor ID, product code and revision number from the SII."""
-        slave = self._master.slaves[position]
+    def name(self, position: int) -> str:
+        """What a slave is called before its EEPROM is read: SOEM looks while it scans."""
         try:
-            name = slave.name
+            return str(self._master.slaves[position].name)
         except UnicodeDecodeError:
-            name = ""  # pysoem insists on UTF-8; the SII reader takes Latin-1
-        return name, slave.man, slave.id, slave.rev
+            return ""  # pysoem insists on UTF-8; the SII reader takes Latin-1
 
     def read_eeproms(
         self, decode: Callable[[Words], T], positions: Sequence[int] | None = None
@@ -357,7 +355,7 @@ class Master:
         )
 
     def _label(self, position: int) -> str:
-        return f"slave {position} ({self.identity(position)[0]})"
+        return f"slave {position} ({self.name(position)})"
 
     def close(self) -> None:
         """Closes all sockets, and leaves the interfaces to others as they were."""

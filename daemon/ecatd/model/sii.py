@@ -101,13 +101,14 @@ class SiiDc:
 class Sii:
     """What an SII says.
 
-    The attributes from `revision` on are not read by `read_sii`, but by `sii_check.check_sii`: a
+    The attributes from `pdi_control` on are not read by `read_sii`, but by `sii_check.check_sii`: a
     master does without them, and reading an EEPROM takes its time.
 
     Attributes:
         alias: Configured station alias.
         vendor: Vendor ID.
         product: Product code.
+        revision: Revision number.
         serial: Serial number.
         mailbox_protocols: Bit 2: CoE; bit 3: FoE (word 0x1C).
         name: Device name from the general category, empty if there is none.
@@ -117,7 +118,6 @@ class Sii:
         sync_managers: Sync managers in order.
         inputs: TxPDOs.
         outputs: RxPDOs.
-        revision: Revision number.
         pdi_control: Word 0; bit 8: the ESC itself answers AL control (device emulation).
         pdi_config: Word 1.
         mailbox: Standard mailbox.
@@ -134,6 +134,7 @@ class Sii:
     alias: int = 0
     vendor: int = 0
     product: int = 0
+    revision: int = 0
     serial: int = 0
     mailbox_protocols: int = 0
     name: str = ""
@@ -143,7 +144,6 @@ class Sii:
     sync_managers: list[SiiSyncManager] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
     outputs: list[Pdo] = field(default_factory=list)
-    revision: int = 0
     pdi_control: int = 0
     pdi_config: int = 0
     mailbox: SiiMailbox = field(default_factory=SiiMailbox)
@@ -238,8 +238,8 @@ class SiiReader:
         """The fixed words."""
         sii = self.sii
         (sii.alias,) = struct.unpack("<H", self._words(0x04, 1))
-        sii.vendor, sii.product = struct.unpack("<II", self._words(0x08, 4))
-        (sii.serial,) = struct.unpack("<I", self._words(0x0E, 2))
+        identity = self._words(0x08, 8)
+        sii.vendor, sii.product, sii.revision, sii.serial = struct.unpack("<IIII", identity)
         (sii.mailbox_protocols,) = struct.unpack("<H", self._words(0x1C, 1))
 
     def _categories(self) -> dict[int, tuple[int, bytes]]:

@@ -67,18 +67,12 @@ def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -
 
 
 def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
-    name, vendor, product, revision = master.identity(position)
-    if (sii.vendor, sii.product) != (vendor, product):
-        raise StateError(
-            f"slave {position} ({name}): its EEPROM has another identity than a moment ago "
-            f"(product 0x{sii.product:08X}, not 0x{product:08X}): is the connection reliable?"
-        )
     slave = Slave(
         position=position,
-        name=sii.order or sii.name or name,
-        vendor=vendor,
-        product=product,
-        revision=revision,
+        name=sii.order or sii.name,
+        vendor=sii.vendor,
+        product=sii.product,
+        revision=sii.revision,
         serial=sii.serial,
         alias=sii.alias,
         address=master.stations[position],
