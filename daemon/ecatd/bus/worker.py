@@ -44,7 +44,7 @@ class Worker:
 
     async def request(self, steps: Steps[T]) -> T:
         """Runs the steps of a request at once, as far as nobody else waits; raises as `run`."""
-        return await self._run(steps, _TURN, _LAST_PAUSE)
+        return await self._run(steps, _TURN, _FIRST_PAUSE)
 
     async def run_steps(self, steps: Steps[T]) -> T:
         """Runs steps to their end, with time for others wherever they wait; raises as `run`."""
@@ -59,6 +59,7 @@ class Worker:
                     result: T = end.value
                     return result
                 await asyncio.sleep(pause)
+                pause = min(1.5 * pause, _PAUSE)
         finally:
             if not self._closed:
                 self._pool.submit(steps.close)  # where they may be running still
