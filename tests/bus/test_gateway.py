@@ -1,9 +1,13 @@
 """The gateway over Zenoh: what others hear, and what they may not do."""
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -12,6 +16,7 @@ from conftest import Daemon
 from ecatd.client.remote import Remote
 from ecatd.gateway.keys import bus_key, session_config
 from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
+from ecatd.paths import control_socket
 from ecatd.wire import pack, unpack
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -45,6 +50,32 @@ def ask(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[
         sample = reply.ok if reply.ok is not None else reply.err
         answers.append(unpack(bytes(sample.payload), 1 << 26))
     return answers
+
+
+def test_a_gateway_ends_whose_service_was_killed_while_it_started(
+    daemon: Daemon, tmp_path: Path
+) -> None:
+    socket = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    mine = tmp_path / "mine"  # the gateway of the daemon has its own socket in the other folder
+    mine.mkdir()
+    (mine / socket.name).symlink_to(socket)
+    settings = {
+        "parent": os.getpid(),
+        "log_level": "info",
+        "config": {"bus": daemon.bus, "gateway": {"listen": []}},
+        "runtime_dir": str(mine),
+    }
+    nobody, gone = os.pipe()
+    os.close(nobody)  # whom it would tell that it is ready
+    with subprocess.Popen(
+        [sys.executable, "-m", "ecatd.gateway"], stdin=subprocess.PIPE, stdout=gone, text=True
+    ) as gateway:
+        os.close(gone)
+        try:
+            gateway.communicate(json.dumps(settings), timeout=60)
+        finally:
+            gateway.kill()
+    assert gateway.returncode == 0
 
 
 def test_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Session) -> None:

@@ -25,10 +25,14 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     stop = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
     gateway = Gateway(read_config(settings["config"]), Path(settings["runtime_dir"]), log, stop.set)
-    await gateway.start()
-    print("ready", flush=True)
-    await stop.wait()
-    await gateway.stop()
+    try:
+        await gateway.start()
+        print("ready", flush=True)
+        await stop.wait()
+    except BrokenPipeError:
+        pass  # the service was killed meanwhile
+    finally:
+        await gateway.stop()  # Zenoh's threads would keep this process alive for ever
 
 
 def main() -> int:
