@@ -303,5 +303,6 @@ def test_the_controller_goes_on_with_the_next_daemon(
         wait_for(is_on(client, 1), daemon)
         process.terminate()
         assert process.stderr
-        assert "has ended" in process.stderr.read()
+        # The simulated slaves may be gone a cycle before the daemon: it tells what it sees first.
+        assert re.search("has ended|is INCOMPLETE", process.stderr.read())
         daemon.stop()
