@@ -51,12 +51,14 @@ def _origin(result: dict[str, Any]) -> str:
     machine = result["machine"]
     kind = "virtual machine" if machine["virtual"] else "machine"
     rights = "as root" if machine["root"] else "as an ordinary user"
+    again = result.get("again")  # a part that was measured later, written in by hand
     return (
         f"\nMeasured by {_COMMANDS[result['extent']]} on {machine['date']} {rights}, "
         f"revision {machine['revision']}, on a {kind} with {machine['cores']} cores "
         f"({machine['processor']}, governor {machine['governor']}), "
         f"Linux {machine['kernel']}, Python {machine['python']}, "
         f"load before the run {machine['load']}."
+        + (f" {again['what']}: again on {again['date']}, {again['revision']}." if again else "")
     )
 
 
