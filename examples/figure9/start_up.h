@@ -26,7 +26,7 @@ typedef struct start_up {
   int enabled;
 } start_up;
 
-/* EtherCAT.Internal.driveState */
+/* EtherCAT.Functions.driveState */
 static enum drive_state drive_state_of(int status_word) {
   if (status_word & 0x08) return status_word & 0x04 ? FAULT_REACTION_ACTIVE : FAULT;
   if (status_word & 0x40) return SWITCH_ON_DISABLED;
@@ -36,7 +36,7 @@ static enum drive_state drive_state_of(int status_word) {
   return status_word & 0x02 ? SWITCHED_ON : READY_TO_SWITCH_ON;
 }
 
-/* EtherCAT.Internal.driveControl, with resetFault = true */
+/* EtherCAT.Functions.driveControl, with resetFault = true */
 static int drive_control(enum drive_state state, int enable, int last) {
   switch (state) {
     case FAULT: return enable && last != 0x80 ? 0x80 : 0;

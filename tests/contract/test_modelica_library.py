@@ -147,11 +147,11 @@ def test_the_translation_sees(troll: Path, file: str, old: str, new: str, proble
 @pytest.mark.parametrize(
     ("file", "old", "new"),
     [
-        ("Internal/readReal.mo", "input Real t", "input Integer t"),
-        ("Internal/readReal.mo", "output Real y", "output Integer y"),
-        ("Internal/commit.mo", "t, order)", "t)"),
-        ("Internal/PDO.mo", "ecatm_pdo_close", "ecatm_pdo_shut"),
-        ("Resources/Include/ecat_modelica.h", "int ecatm_wait(", "long ecatm_wait("),
+        ("Functions/readReal.mo", "input Real t", "input Integer t"),
+        ("Functions/readReal.mo", "output Real y", "output Integer y"),
+        ("Functions/commit.mo", "t, order)", "t)"),
+        ("Objects/PDO.mo", "ecatm_pdo_close", "ecatm_pdo_shut"),
+        ("Resources/Include/ecatm_samples.h", "int ecatm_wait(", "long ecatm_wait("),
         ("Resources/Include/ecat_modelica.h", "#endif\n", "#endif // not C89\n"),
     ],
 )

@@ -11,10 +11,13 @@ from pathlib import Path
 
 _FUNCTION = re.compile(
     r"function (?P<name>\w+)\b(?P<body>(?:(?!\bend \w+;).)*?)"
-    r'external "C" (?:(?P<result>\w+) = )?(?P<c>\w+)\((?P<arguments>[^)]*)\)',
+    r'external "C" (?:(?P<result>\w+) = )?(?P<c>\w+)\((?P<arguments>.*?)\)\s*(?:annotation|;)',
     re.DOTALL,
 )
-_VARIABLE = re.compile(r"^ *(?P<io>input|output) (?P<type>[\w.]+) (?P<name>\w+)", re.MULTILINE)
+_VARIABLE = re.compile(
+    r"^ *(?P<io>input|output) (?P<type>[\w.]+) (?P<name>\w+)(?P<array>\[[:, ]+\])?", re.MULTILINE
+)
+_ARGUMENT = re.compile(r"size\((?P<sized>\w+), *\d+\)|(?P<name>\w+)")
 _TYPES = {"Real": "double", "Integer": "int", "Boolean": "int", "String": "const char *"}
 _FLAGS = ("-std=c89", "-pedantic-errors", "-Wall", "-Wextra", "-Werror", "-fsyntax-only")
 
@@ -43,19 +46,34 @@ def check_externals(library: Path) -> Iterator[str]:
 
 def _unit(match: re.Match[str]) -> str:
     """A translation unit that is valid if the function has the declared type."""
-    variables = {v["name"]: (v["io"], v["type"]) for v in _VARIABLE.finditer(match["body"])}
-    result = _c_type(variables[match["result"]][1]) if match["result"] else "void"
-    parameters = []
-    for argument in filter(None, (part.strip() for part in match["arguments"].split(","))):
-        direction, kind = variables[argument]
-        parameters.append(_c_type(kind) + (" *" if direction == "output" else ""))
+    variables = {v["name"]: v for v in _VARIABLE.finditer(match["body"])}
+    result = _c_type(variables[match["result"]]["type"]) if match["result"] else "void"
+    parameters = [
+        "size_t" if argument["sized"] else _parameter(variables[argument["name"]])
+        for argument in _ARGUMENT.finditer(match["arguments"])
+    ]
     return (
         '#include "ecat_modelica.h"\n'
         f"{result} (*declared)({', '.join(parameters) or 'void'}) = {match['c']};\n"
     )
 
 
+def _parameter(variable: re.Match[str]) -> str:
+    kind = _c_type(variable["type"])
+    if variable["array"]:
+        return (
+            f"const {kind} *".replace("const const", "const")
+            if variable["io"] == "input"
+            else f"{kind} *"
+        )
+    return kind + (" *" if variable["io"] == "output" else "")
+
+
 def _c_type(kind: str) -> str:
+    if kind.startswith("EtherCAT.Types."):
+        return "int"  # enumerations
+    if kind.startswith("Modelica.Units."):
+        return "double"
     return _TYPES.get(kind, "void *")  # everything else is an external object
 
 

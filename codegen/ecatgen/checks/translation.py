@@ -58,16 +58,16 @@ def _replace_external_objects(copy: Path) -> None:
         file for file in copy.rglob("*.mo") if "extends ExternalObject;" in file.read_text("utf-8")
     ]
     names = "|".join(file.stem for file in objects)
-    call = re.compile(rf"(EtherCAT\.Internal\.)({names})\(")
+    call = re.compile(rf"(EtherCAT\.Objects\.)({names})\(")
     for file in copy.rglob("*.mo"):
         file.write_text(call.sub(r"\1new\2(", file.read_text("utf-8")))
     for file in objects:
         source = file.read_text("utf-8")
         constructor = source.split("function constructor", 1)[1].split("end constructor;", 1)[0]
         file.with_name(f"new{file.name}").write_text(
-            f"within EtherCAT.Internal;\n"
+            f"within EtherCAT.Objects;\n"
             f"impure function new{file.stem}{constructor}end new{file.stem};\n"
         )
-        file.write_text(f"within EtherCAT.Internal;\ntype {file.stem} = Integer;\n")
-    order = copy / "EtherCAT" / "Internal" / "package.order"
+        file.write_text(f"within EtherCAT.Objects;\ntype {file.stem} = Integer;\n")
+    order = copy / "EtherCAT" / "Objects" / "package.order"
     order.write_text(order.read_text() + "".join(f"new{file.stem}\n" for file in objects))

@@ -21,6 +21,8 @@ package Modelica "Interfaces of the Modelica Standard Library 4.0.0 that our lib
     end TypesPackage;
     partial package IconsPackage
     end IconsPackage;
+    partial package FunctionsPackage
+    end FunctionsPackage;
     partial package InternalPackage
     end InternalPackage;
   end Icons;

@@ -9,7 +9,7 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
     annotation (choices(checkBox = true));
   parameter Modelica.Units.SI.Time lease = 0.1
     "Time without samples after which outputs fall to their safe values";
-  parameter EtherCAT.Internal.Master master = EtherCAT.Internal.Master(
+  parameter EtherCAT.Objects.Master master = EtherCAT.Objects.Master(
     bus, waitForBus, sampleTime[1], size(sampleTime, 1), lease) "Connection"
     annotation (Dialog(enable = false));
 
@@ -24,7 +24,7 @@ equation
     sampled[d] = sample(0, sampleTime[d]);
   end for;
   when sampled[1] then
-    cycle = EtherCAT.Internal.waitCycle(master, time);
+    cycle = EtherCAT.Functions.waitCycle(master, time);
   end when;
 
   annotation (

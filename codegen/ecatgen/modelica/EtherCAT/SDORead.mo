@@ -7,8 +7,8 @@ block SDORead "Read an object of a slave when triggered"
     annotation (Placement(transformation(extent = {{100, 70}, {120, 90}})));
 equation
   when etherCATMaster.sampled[1] then
-    state = EtherCAT.Internal.sdoRead(sdo, time, etherCATMaster.cycle, trigger);
-    y = EtherCAT.Internal.sdoValue(sdo, state);
+    state = EtherCAT.Functions.sdoRead(sdo, time, etherCATMaster.cycle, trigger);
+    y = EtherCAT.Functions.sdoValue(sdo, state);
   end when;
 
   annotation (

@@ -6,7 +6,7 @@ block SDOWrite "Write an object of a slave when triggered"
     annotation (Placement(transformation(extent = {{-140, -80}, {-100, -40}})));
 equation
   when etherCATMaster.sampled[1] then
-    state = EtherCAT.Internal.sdoWrite(sdo, time, etherCATMaster.cycle, trigger, u);
+    state = EtherCAT.Functions.sdoWrite(sdo, time, etherCATMaster.cycle, trigger, u);
   end when;
 
   annotation (

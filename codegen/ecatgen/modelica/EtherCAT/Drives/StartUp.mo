@@ -43,9 +43,9 @@ equation
   modeOfOperation = Integer(mode);
   abortCode = modeWrite.abortCode;
   when etherCATMaster.sampled[1] then
-    state = EtherCAT.Internal.driveState(statusWord);
+    state = EtherCAT.Functions.driveState(statusWord);
     modeSet = modeWrite.done or not writeMode;
-    controlWord = EtherCAT.Internal.driveControl(
+    controlWord = EtherCAT.Functions.driveControl(
       state, enable and modeSet, resetFault, pre(controlWord));
     enabled = state == EtherCAT.Types.DriveState.OperationEnabled;
   end when;

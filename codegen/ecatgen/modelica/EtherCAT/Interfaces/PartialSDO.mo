@@ -24,14 +24,14 @@ partial block PartialSDO "Base of the blocks that access one object of a slave"
     annotation (Placement(transformation(extent = {{100, -90}, {120, -70}})));
 protected
   outer EtherCAT.EtherCATMaster etherCATMaster;
-  parameter EtherCAT.Internal.SDO sdo = EtherCAT.Internal.SDO(
+  parameter EtherCAT.Objects.SDO sdo = EtherCAT.Objects.SDO(
     etherCATMaster.master, position, index, subindex, Integer(dataType));
   Integer state(start = 0, fixed = true) "0: no request yet, 1: busy, 2: done, 3: failed";
 equation
   when etherCATMaster.sampled[1] then
     busy = state == 1;
     done = state == 2;
-    abortCode = EtherCAT.Internal.sdoAbortCode(sdo, state);
+    abortCode = EtherCAT.Functions.sdoAbortCode(sdo, state);
   end when;
   annotation (Documentation(info = "<html>
 <p>

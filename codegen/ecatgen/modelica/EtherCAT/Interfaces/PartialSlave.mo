@@ -2,7 +2,7 @@ within EtherCAT.Interfaces;
 partial block PartialSlave "Base of every block that stands for a slave"
   parameter Integer domainID(min = 1) = 1
     "Domain of the slave: number of a sample time of the EtherCATMaster";
-  parameter EtherCAT.Internal.SlaveData slaveData "Place and identity of the slave"
+  parameter EtherCAT.Objects.SlaveData slaveData "Place and identity of the slave"
     annotation (Dialog(tab = "Identity"));
   parameter String slaveName = "" "Name of the slave, for error messages"
     annotation (Dialog(tab = "Identity"));
@@ -13,10 +13,10 @@ partial block PartialSlave "Base of every block that stands for a slave"
     annotation (Dialog(tab = "Identity"));
 protected
   outer EtherCAT.EtherCATMaster etherCATMaster;
-  parameter EtherCAT.Internal.Domain domain = EtherCAT.Internal.Domain(
+  parameter EtherCAT.Objects.Domain domain = EtherCAT.Objects.Domain(
     etherCATMaster.master, domainID);
-  parameter EtherCAT.Internal.SlaveConfiguration slaveConfiguration =
-    EtherCAT.Internal.SlaveConfiguration(
+  parameter EtherCAT.Objects.SlaveConfiguration slaveConfiguration =
+    EtherCAT.Objects.SlaveConfiguration(
       domain, slaveData.position, slaveData.vendorID, slaveData.productCode,
       slaveData.revisionNumber, slaveName, fingerprint, generateCommand);
   annotation (Documentation(info = "<html>

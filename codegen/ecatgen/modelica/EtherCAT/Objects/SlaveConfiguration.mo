@@ -1,9 +1,9 @@
-within EtherCAT.Internal;
+within EtherCAT.Objects;
 class SlaveConfiguration "Registration of one slave"
   extends ExternalObject;
 
   function constructor "Check the identity of a slave and register it"
-    input EtherCAT.Internal.Domain domain "Domain of the slave";
+    input EtherCAT.Objects.Domain domain "Domain of the slave";
     input Integer position "Position on the bus, 0 first";
     input Integer vendorID "Expected vendor ID";
     input Integer productCode "Expected product code";

@@ -1,14 +1,14 @@
-within EtherCAT.Internal;
-impure function writeInteger "Note the value of an entry for the commit of its slave"
-  input EtherCAT.Internal.PDO pdo "Entry";
+within EtherCAT.Functions;
+impure function writeBoolean "Note the value of an entry for the commit of its slave"
+  input EtherCAT.Objects.PDO pdo "Entry";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  input Integer u "Value";
+  input Boolean u "Value";
   output Integer done "Equal to order";
-  external "C" done = ecatm_write_integer(pdo, t, order, u)
+  external "C" done = ecatm_write_boolean(pdo, t, order, u)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end writeInteger;
+end writeBoolean;

@@ -1,6 +1,6 @@
-within EtherCAT.Internal;
+within EtherCAT.Functions;
 impure function waitCycle "Take a sample, after waiting for the bus where the master does so"
-  input EtherCAT.Internal.Master master "Connection";
+  input EtherCAT.Objects.Master master "Connection";
   input Real t "Simulation time";
   output Integer cycle "Bus cycle of the sample";
   external "C" cycle = ecatm_wait(master, t)

@@ -1,4 +1,4 @@
-within EtherCAT.Internal;
+within EtherCAT.Functions;
 function bit "Whether a bit of a word is set"
   input Integer word "Word, not negative";
   input Integer number "Number of the bit, 0 is the lowest";

@@ -1,12 +1,13 @@
-within EtherCAT.Internal;
-impure function sdoAbortCode "Why the last request has failed"
-  input EtherCAT.Internal.SDO sdo "Object";
+within EtherCAT.Functions;
+impure function readReal "Value of an entry in the sample of this time"
+  input EtherCAT.Objects.PDO pdo "Entry";
+  input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  output Integer abortCode "SDO abort code, negative: no answer, 0: it has not failed";
-  external "C" abortCode = ecatm_sdo_abort_code(sdo, order)
+  output Real y "Value";
+  external "C" y = ecatm_read_real(pdo, t, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end sdoAbortCode;
+end readReal;

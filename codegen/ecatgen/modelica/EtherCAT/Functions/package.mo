@@ -1,13 +1,12 @@
 within EtherCAT;
-package Internal "Objects and functions that the blocks are made of"
-  extends Modelica.Icons.InternalPackage;
+package Functions "Functions on external objects"
+  extends Modelica.Icons.FunctionsPackage;
 
   annotation (Documentation(info = "<html>
 <p>
-For those who write blocks of their own. The external objects depend on each other in the order
-<code>Master</code>, <code>Domain</code>, <code>SlaveConfiguration</code>, <code>PDO</code>. In each
-sample a block first reads, with the cycle of the <code>EtherCATMaster</code> as <code>order</code>, and
-then, in a when-equation of its own, writes and commits:
+For those who write blocks of their own. In each sample a block first reads, with the cycle of the
+<code>EtherCATMaster</code> as <code>order</code>, and then, in a when-equation of its own, writes and
+commits:
 </p>
 <pre>
 when etherCATMaster.sampled[domainID] then
@@ -23,4 +22,4 @@ Two when-equations, because in one the outputs would depend on the inputs, and a
 them would close a loop.
 </p>
 </html>"));
-end Internal;
+end Functions;

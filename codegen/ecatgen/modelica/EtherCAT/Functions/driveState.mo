@@ -1,4 +1,4 @@
-within EtherCAT.Internal;
+within EtherCAT.Functions;
 function driveState "State of a CiA 402 drive in its status word"
   input Integer statusWord "Status word 0x6041";
   output EtherCAT.Types.DriveState state "State";

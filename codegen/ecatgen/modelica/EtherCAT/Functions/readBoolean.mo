@@ -1,12 +1,13 @@
-within EtherCAT.Internal;
-impure function sdoValue "Value of the last successful read"
-  input EtherCAT.Internal.SDO sdo "Object";
+within EtherCAT.Functions;
+impure function readBoolean "Value of an entry in the sample of this time"
+  input EtherCAT.Objects.PDO pdo "Entry";
+  input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  output Integer y "Value, 0 at first";
-  external "C" y = ecatm_sdo_value(sdo, order)
+  output Boolean y "Value";
+  external "C" y = ecatm_read_boolean(pdo, t, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end sdoValue;
+end readBoolean;

@@ -1,4 +1,4 @@
-within EtherCAT.Internal;
+within EtherCAT.Objects;
 class Master "Connection to a bus"
   extends ExternalObject;
 

@@ -1,16 +1,15 @@
-within EtherCAT.Internal;
-class PDO "One entry of the process data of a slave"
+within EtherCAT.Objects;
+class SDO "One object of a slave, accessed through its mailbox"
   extends ExternalObject;
 
-  function constructor "Find the entry in the process data"
-    input EtherCAT.Internal.SlaveConfiguration slaveConfiguration "Slave";
+  function constructor "Register the access to an object"
+    input EtherCAT.Objects.Master master "Connection";
+    input Integer position "Position of the slave on the bus, 0 first";
     input Integer index "Index of the object";
     input Integer subindex "Subindex of the object";
-    input Boolean isOutput "= true, if the entry is written by the master";
-    input Integer dataType "Expected CoE data type";
-    input Integer bitLength "Expected number of bits";
-    output PDO pdo;
-    external "C" pdo = ecatm_pdo_open(slaveConfiguration, index, subindex, isOutput, dataType, bitLength)
+    input Integer dataType "Number of the EtherCAT.Types.DataType";
+    output SDO sdo;
+    external "C" sdo = ecatm_sdo_open(master, position, index, subindex, dataType)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",
@@ -19,12 +18,12 @@ class PDO "One entry of the process data of a slave"
   end constructor;
 
   function destructor "Release it"
-    input PDO pdo;
-    external "C" ecatm_pdo_close(pdo)
+    input SDO sdo;
+    external "C" ecatm_sdo_close(sdo)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
-end PDO;
+end SDO;

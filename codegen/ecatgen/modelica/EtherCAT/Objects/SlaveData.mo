@@ -1,4 +1,4 @@
-within EtherCAT.Internal;
+within EtherCAT.Objects;
 record SlaveData "Place and identity of a slave"
   Integer position = 0 "Position on the bus, 0 first";
   Integer vendorID = 0 "Vendor ID (32 unsigned bits, read as signed)";

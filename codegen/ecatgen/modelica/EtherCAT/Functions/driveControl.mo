@@ -1,4 +1,4 @@
-within EtherCAT.Internal;
+within EtherCAT.Functions;
 function driveControl "Control word that leads a CiA 402 drive into operation"
   input EtherCAT.Types.DriveState state "State of the drive";
   input Boolean enable "= true, if the drive shall be in operation";

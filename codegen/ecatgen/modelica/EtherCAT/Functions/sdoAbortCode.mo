@@ -1,13 +1,12 @@
-within EtherCAT.Internal;
-impure function readInteger "Value of an entry in the sample of this time"
-  input EtherCAT.Internal.PDO pdo "Entry";
-  input Real t "Simulation time";
+within EtherCAT.Functions;
+impure function sdoAbortCode "Why the last request has failed"
+  input EtherCAT.Objects.SDO sdo "Object";
   input Integer order "Any value whose computation must come before this call";
-  output Integer y "Value";
-  external "C" y = ecatm_read_integer(pdo, t, order)
+  output Integer abortCode "SDO abort code, negative: no answer, 0: it has not failed";
+  external "C" abortCode = ecatm_sdo_abort_code(sdo, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end readInteger;
+end sdoAbortCode;

@@ -1,9 +1,9 @@
-within EtherCAT.Internal;
+within EtherCAT.Objects;
 class Domain "Slaves of a model that are sampled together"
   extends ExternalObject;
 
   function constructor "Register a domain"
-    input EtherCAT.Internal.Master master "Connection";
+    input EtherCAT.Objects.Master master "Connection";
     input Integer domainID "Number of the domain, 1 first";
     output Domain domain;
     external "C" domain = ecatm_domain_open(master, domainID)

@@ -1,13 +1,12 @@
-within EtherCAT.Internal;
-impure function readReal "Value of an entry in the sample of this time"
-  input EtherCAT.Internal.PDO pdo "Entry";
-  input Real t "Simulation time";
+within EtherCAT.Functions;
+impure function sdoValue "Value of the last successful read"
+  input EtherCAT.Objects.SDO sdo "Object";
   input Integer order "Any value whose computation must come before this call";
-  output Real y "Value";
-  external "C" y = ecatm_read_real(pdo, t, order)
+  output Integer y "Value, 0 at first";
+  external "C" y = ecatm_sdo_value(sdo, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end readReal;
+end sdoValue;

@@ -1,14 +1,13 @@
-within EtherCAT.Internal;
-impure function writeBoolean "Note the value of an entry for the commit of its slave"
-  input EtherCAT.Internal.PDO pdo "Entry";
+within EtherCAT.Functions;
+impure function readInteger "Value of an entry in the sample of this time"
+  input EtherCAT.Objects.PDO pdo "Entry";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  input Boolean u "Value";
-  output Integer done "Equal to order";
-  external "C" done = ecatm_write_boolean(pdo, t, order, u)
+  output Integer y "Value";
+  external "C" y = ecatm_read_integer(pdo, t, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end writeBoolean;
+end readInteger;

@@ -1,13 +1,13 @@
-within EtherCAT.Internal;
-impure function readBoolean "Value of an entry in the sample of this time"
-  input EtherCAT.Internal.PDO pdo "Entry";
+within EtherCAT.Functions;
+impure function commit "Hand the written values of a slave over to the bus, all at once"
+  input EtherCAT.Objects.SlaveConfiguration slaveConfiguration "Slave";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  output Boolean y "Value";
-  external "C" y = ecatm_read_boolean(pdo, t, order)
+  output Integer done "Equal to order";
+  external "C" done = ecatm_commit(slaveConfiguration, t, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end readBoolean;
+end commit;

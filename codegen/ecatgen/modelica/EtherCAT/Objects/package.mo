@@ -1,0 +1,14 @@
+within EtherCAT;
+package Objects "External objects that the blocks are made of"
+  extends Modelica.Icons.Package;
+
+  annotation (Documentation(info = "<html>
+<p>
+For those who write blocks of their own. The external objects depend on each other in the order
+<code>Master</code>, <code>Domain</code>, <code>SlaveConfiguration</code>, <code>PDO</code>, as in the
+paper on the DLR EtherCAT library; an <code>SDO</code> needs a <code>Master</code> only. The
+<a href=\"modelica://EtherCAT.Functions\">functions</a> work on them. How the parts make a block is told
+in the <a href=\"modelica://EtherCAT.UsersGuide\">user's guide</a>.
+</p>
+</html>"));
+end Objects;
