@@ -8,10 +8,16 @@ from ecatd.model.bus import Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType, is_real, is_signed, type_name
 
 from . import layout, names
-from .ir import Block, Connector, Kind, Skipped
+from .ir import Block, Connector, Extent, Kind, Skipped
+from .profiles import Meaning, Profiles
+from .profiles.profile import SlaveProfile
+from .units import QUANTITIES, modelica_unit
 
 _MAX_BITS = 64  # of one entry in the shared memory
 _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
+
+NO_PROFILES = Profiles()
+RAW = Meaning()
 
 EXAMPLE_COMPONENTS = (
     *("etherCATMaster", "enable", "startUp", "reference", "standstill", "target", "toInteger"),
@@ -26,7 +32,9 @@ _RESERVED = (
 )
 
 
-def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
+def build_blocks(
+    slaves: Iterable[Slave], library: str, profiles: Profiles = NO_PROFILES
+) -> tuple[Block, ...]:
     """The blocks of all slaves, in their order on the bus.
 
     A class is named after the type of its slave. Only slaves of the same type are counted, from
@@ -41,12 +49,15 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
     blocks = []
     for slave in slaves:
         name = namespace.take(names.class_name(slave.name, f"Slave{slave.product:08X}"))
-        blocks.append(_block(slave, name, instances.take(names.instance_name(name))))
+        instance = instances.take(names.instance_name(name))
+        blocks.append(_block(slave, name, instance, profiles.of(slave)))
     return tuple(blocks)
 
 
-def kind_of(entry: Entry) -> Kind:
+def kind_of(entry: Entry, meaning: Meaning = RAW) -> Kind:
     """The Modelica type of an entry: a Modelica Integer has 32 bits and a sign."""
+    if meaning.is_physical:
+        return "Real"
     if entry.data_type == DataType.BOOLEAN or entry.bit_length == 1:
         return "Boolean"
     if is_real(entry.data_type):
@@ -54,7 +65,7 @@ def kind_of(entry: Entry) -> Kind:
     return "Integer" if entry.bit_length <= 31 + is_signed(entry.data_type) else "Real"
 
 
-def _block(slave: Slave, name: str, instance: str) -> Block:
+def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Block:
     skipped: list[Skipped] = []
     writes = list(_usable(slave, skipped, outputs=True))
     reads = list(_usable(slave, skipped, outputs=False))
@@ -65,7 +76,11 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
         ],
         _RESERVED,
     )
-    size = layout.block_size(len(writes), len(reads))
+    size = layout.block_size(
+        len(writes), sum(profile.meaning(entry).connector for _, entry in reads)
+    )
+    outputs = _connectors(writes, connector_names[: len(writes)], size, profile, outputs=True)
+    inputs = _connectors(reads, connector_names[len(writes) :], size, profile, outputs=False)
     label = slave.name or f"product 0x{slave.product:08X}"
     return Block(
         name=name,
@@ -78,9 +93,12 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
         vendor=slave.vendor,
         product=slave.product,
         revision=slave.revision,
-        reads=_connectors(reads, connector_names[len(writes) :], size, outputs=False),
-        writes=_connectors(writes, connector_names[: len(writes)], size, outputs=True),
+        reads=inputs,
+        writes=outputs,
         skipped=tuple(skipped),
+        left=outputs,
+        right=tuple(c for c in inputs if c.placement),
+        explained=tuple(c for c in outputs + inputs if c.note or c.values),
         icon=layout.icon(size),
         name_extent=layout.above(size),
         title_extent=layout.title(size),
@@ -111,12 +129,16 @@ def _connectors(
     entries: Sequence[tuple[Pdo, Entry]],
     connector_names: Sequence[str],
     size: layout.Size,
+    profile: SlaveProfile,
     *,
     outputs: bool,
 ) -> tuple[Connector, ...]:
     result: list[Connector] = []
-    for row, ((pdo, entry), name) in enumerate(zip(entries, connector_names, strict=True)):
-        kind = kind_of(entry)
+    row = 0
+    for (pdo, entry), name in zip(entries, connector_names, strict=True):
+        meaning = profile.meaning(entry)
+        drawn = outputs or meaning.connector
+        kind = kind_of(entry, meaning)
         place = f"{entry.index:04X}_{entry.subindex:02X}"  # no connector has such a name
         result.append(
             Connector(
@@ -124,9 +146,9 @@ def _connectors(
                 handle=f"{'output' if outputs else 'input'}_{place}",
                 written=f"written_{place}",
                 after=result[-1].written if outputs and result else "etherCATMaster.cycle",
+                direction="output" if outputs else "input" if drawn else "(input)",
                 kind=kind,
-                class_name=f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}",
-                start=_START[kind],
+                class_name=_class_name(kind, outputs=outputs) if drawn else f"output {kind}",
                 function=kind.lower(),
                 index=entry.index,
                 subindex=entry.subindex,
@@ -137,11 +159,20 @@ def _connectors(
                 description=_description(pdo, entry),
                 pdo_name=pdo.name,
                 entry_name=entry.name,
-                scaling=_scaling(entry),
-                extent=layout.port(size, row, left=outputs),
-                label_extent=layout.port_label(size, row, left=outputs),
+                modifiers=tuple(_modifiers(kind, meaning, outputs=outputs)),
+                scaling=_scaling(meaning),
+                scale=meaning.scale,
+                offset=meaning.offset,
+                unit=modelica_unit(meaning.unit),
+                unit_name=meaning.unit,
+                conversion=_conversion(meaning),
+                note=meaning.note,
+                values=meaning.values,
+                placement=_placement(layout.port(size, row, left=outputs)) if drawn else "",
+                label_extent=layout.port_label(size, row, left=outputs) if drawn else None,
             )
         )
+        row += drawn
     return tuple(result)
 
 
@@ -150,11 +181,37 @@ def _description(pdo: Pdo, entry: Entry) -> str:
     return f"{text} ({entry.address})" if text else entry.address
 
 
-def _scaling(entry: Entry) -> str:
-    if not entry.unit and entry.scale == 1 and entry.offset == 0:
+def _class_name(kind: Kind, *, outputs: bool) -> str:
+    return f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}"
+
+
+def _placement(extent: Extent) -> str:
+    return f"\n    annotation (Placement(transformation(extent = {extent})))"
+
+
+def _modifiers(kind: Kind, meaning: Meaning, *, outputs: bool) -> Iterator[str]:
+    unit, display_unit = modelica_unit(meaning.unit), meaning.display_unit
+    quantity = meaning.quantity or QUANTITIES.get(unit, "")
+    if quantity:
+        yield f'quantity = "{quantity}"'
+    if unit:
+        yield f'unit = "{unit}"'
+    if display_unit:
+        yield f'displayUnit = "{display_unit}"'
+    if not outputs:  # what the model writes has no start value: it follows from the equations
+        yield f"start = {_START[kind]}"
+        yield "fixed = true"
+
+
+def _scaling(meaning: Meaning) -> str:
+    """Arguments in the syntax of Modelica and of C, whose numbers are alike."""
+    if meaning.scale == 1 and meaning.offset == 0:
         return ""
-    factor = "" if entry.scale == 1 else f" * {entry.scale:g}"
-    shift = (
-        "" if entry.offset == 0 else f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
-    )
-    return f"value{factor}{shift} {entry.unit}".strip()
+    return f", {meaning.scale!r}, {meaning.offset!r}"
+
+
+def _conversion(meaning: Meaning) -> str:
+    if meaning.scale == 1 and meaning.offset == 0:
+        return ""
+    shift = f" {'+' if meaning.offset > 0 else '-'} {abs(meaning.offset):g}"
+    return f"raw * {meaning.scale:g}{shift if meaning.offset else ''}"

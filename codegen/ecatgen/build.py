@@ -8,19 +8,20 @@ from . import names
 from .blocks import build_blocks
 from .examples import build_examples
 from .ir import Library
+from .profiles import Profiles
 
 STATIC_VERSION = "0.1.0"
 """Version of the library EtherCAT."""
 
 
-def build_library(bus: Bus, name: str) -> Library:
+def build_library(bus: Bus, name: str, profiles: Profiles) -> Library:
     """The generated library for a bus.
 
     Raises:
         UsageError: The name cannot be that of a Modelica library.
     """
     name = names.library_name(name)
-    blocks = build_blocks(bus.slaves, name)
+    blocks = build_blocks(bus.slaves, name, profiles)
     return Library(
         name=name,
         description=f"Slaves of the EtherCAT bus {bus.name}",

@@ -64,8 +64,8 @@ class Diagram:
 
     def add_block(self, library: str, block: Block, centre: Point) -> str:
         """Adds the block of a slave, and returns the name of the component."""
-        size = layout.block_size(len(block.writes), len(block.reads))
-        for left, connectors in ((True, block.writes), (False, block.reads)):
+        size = layout.block_size(len(block.left), len(block.right))
+        for left, connectors in ((True, block.left), (False, block.right)):
             for row, connector in enumerate(connectors):
                 self._ports[f"{block.instance}.{connector.name}"] = layout.port_point(
                     size, row, centre, left=left

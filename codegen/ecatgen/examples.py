@@ -79,7 +79,7 @@ class _Constants:
 
 
 def _half(block: Block) -> int:
-    return layout.diagram_half(layout.block_size(len(block.writes), len(block.reads)))
+    return layout.diagram_half(layout.block_size(len(block.left), len(block.right)))
 
 
 def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from ecatd.model.bus import Bus
@@ -9,10 +10,11 @@ from ecatd.model.bus import Bus
 from . import static_library
 from .build import build_library
 from .output import Report, install
+from .profiles import load_profiles
 from .render import render
 
 
-def generate(bus: Bus, name: str, out: Path) -> Report:
+def generate(bus: Bus, name: str, out: Path, profiles: Iterable[Path] = ()) -> Report:
     """Writes the Modelica library for a bus, and a copy of the library EtherCAT beside it.
 
     The same bus and name give the same bytes. An earlier result in `out` is replaced.
@@ -21,14 +23,16 @@ def generate(bus: Bus, name: str, out: Path) -> Report:
         bus: Description of the bus.
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
+        profiles: Folders with device profiles of the user; an earlier one wins.
 
     Raises:
+        ConfigError: A device profile is wrong.
         UsageError: The name cannot be that of a Modelica library.
         StateError: The folders hold files that were not generated, or changed since.
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
-    library = build_library(bus, name)
+    library = build_library(bus, name, load_profiles(profiles))
     packages = {
         static_library.NAME: static_library.static_files(),
         library.name: render(library),

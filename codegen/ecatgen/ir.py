@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from .profiles import Value
+
 Kind = Literal["Boolean", "Integer", "Real"]
 
 
@@ -42,9 +44,9 @@ class Connector:
         handle: Name of the external object (and of the pointer in C).
         written: Name of the variable that the write of this entry sets.
         after: Variable whose computation must come before the access.
+        direction: As the documentation has it: output, input, or (input) for a variable.
         kind: Type of the value in the model.
-        class_name: Modelica class of the connector.
-        start: Start value of a value that is read.
+        class_name: Modelica class of the connector, or prefix and type of a variable.
         function: Suffix of the C functions: `boolean`, `integer`, `real`.
         index: Object index.
         subindex: Object subindex.
@@ -55,8 +57,17 @@ class Connector:
         description: What the slave calls it, with its address.
         pdo_name: Name of its PDO.
         entry_name: Name of the entry.
-        scaling: How a physical value follows from the value, or empty.
-        extent: Place of the connector in the icon.
+        modifiers: Modifications of the connector: unit, quantity, and start where it is read.
+        scaling: Further arguments of the constructor of the external object: scale and offset, or
+            nothing for a raw value.
+        scale: Physical value = raw value * scale + offset.
+        offset: See `scale`.
+        unit: Unit of the value as Modelica writes it, or empty.
+        unit_name: Unit as people write it, or empty.
+        conversion: How the value follows from the raw one, for the documentation, or empty.
+        note: What else the documentation says, or empty.
+        values: What the numbers stand for.
+        placement: Its annotation: the place in the icon; empty if it is a variable only.
         label_extent: Place of its label in the icon.
     """
 
@@ -64,9 +75,9 @@ class Connector:
     handle: str
     written: str
     after: str
+    direction: str
     kind: Kind
     class_name: str
-    start: str
     function: str
     index: int
     subindex: int
@@ -77,9 +88,17 @@ class Connector:
     description: str
     pdo_name: str
     entry_name: str
+    modifiers: tuple[str, ...]
     scaling: str
-    extent: Extent
-    label_extent: Extent
+    scale: float
+    offset: float
+    unit: str
+    unit_name: str
+    conversion: str
+    note: str
+    values: tuple[Value, ...]
+    placement: str
+    label_extent: Extent | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +130,9 @@ class Block:
         reads: Inputs of the bus: connectors with values that the block delivers.
         writes: Outputs of the bus: connectors with values that the block takes.
         skipped: Entries without connector.
+        explained: Connectors with a note, or whose numbers stand for something.
+        left: Those of `writes` that are drawn: all of them.
+        right: Those of `reads` that are drawn; the others are variables.
         icon: Extent of the icon, which is the box that is drawn.
         name_extent: Place of the component's name in the icon.
         title_extent: Place of the title in the icon.
@@ -129,6 +151,9 @@ class Block:
     reads: tuple[Connector, ...]
     writes: tuple[Connector, ...]
     skipped: tuple[Skipped, ...]
+    explained: tuple[Connector, ...]
+    left: tuple[Connector, ...]
+    right: tuple[Connector, ...]
     icon: Extent
     name_extent: Extent
     title_extent: Extent

@@ -23,6 +23,7 @@ def _environment() -> Environment:
         "integer": text.modelica_integer,
         "c_string": text.c_string,
         "c_comment": text.c_comment,
+        "modification": text.modification,
     }
     return environment
 

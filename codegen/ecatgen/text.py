@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html as _html
 import re
+from collections.abc import Sequence
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
 
@@ -30,6 +31,11 @@ def modelica_integer(value: int) -> str:
     if value == 1 << 31:
         return "-2147483647 - 1"
     return str(value - (1 << 32) if value >> 31 else value)
+
+
+def modification(modifiers: Sequence[str]) -> str:
+    """The modification of a component: its modifiers in brackets, or nothing."""
+    return f"({', '.join(modifiers)})" if modifiers else ""
 
 
 def c_string(text: str) -> str:

@@ -30,7 +30,8 @@ static const double distance = 4915200, max_speed = 655360, max_acceleration = 1
 
 typedef struct row {
   double time, w_ref;
-  int w_m, i_m, digital[8], analog;
+  int w_m, i_m, digital[8];
+  double analog; /* in V */
 } row;
 
 /* All that must be put right when the program ends, however it does. */
@@ -86,7 +87,7 @@ static void write_rows(void) {
     const row *r = &run.rows[n];
     fprintf(file, "%.6f,%.3f,%d,%d", r->time, r->w_ref, r->w_m, r->i_m);
     for (channel = 0; channel < 8; channel++) fprintf(file, ",%d", r->digital[channel]);
-    fprintf(file, ",%d\n", r->analog);
+    fprintf(file, ",%.9g\n", r->analog);
   }
   if (fclose(file) != 0) perror(run.file);
 }

@@ -237,7 +237,7 @@ ONE_CYCLE_PER_TIME = """
     if (n > 0 && cycle - last < 2) return 10; /* two bus cycles make one sample */
     usleep(3000);
     if (ecatm_wait(master, time + 1e-12) != cycle) return 11;
-    if (ecatm_read_integer(plant.el3008.input_6000_11, time, cycle) !=
+    if (ecatm_read_real(plant.el3008.input_6000_11, time, cycle) !=
         plant.el3008.aiStandardChannel1Value) return 12; /* a sine: differs between cycles */
 """
 

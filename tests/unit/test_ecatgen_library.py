@@ -9,11 +9,14 @@ from ecatgen.blocks import EXAMPLE_COMPONENTS, kind_of
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.ir import Block, Example, Library
+from ecatgen.profiles import load_profiles
+
+PROFILES = load_profiles()
 
 
 @pytest.fixture(scope="module")
 def troll() -> Library:
-    return build_library(sample_buses.troll(), "TrollPlant")
+    return build_library(sample_buses.troll(), "TrollPlant", PROFILES)
 
 
 def block(library: Library, name: str) -> Block:
@@ -97,7 +100,10 @@ def test_connectors_of_terminals(troll: Library) -> None:
     analog = block(troll, "EL3008").reads
     assert len(analog) == 8 * 8
     assert analog[7].name == "aiStandardChannel1Value"
-    assert analog[7].scaling == "value * 0.000305185 V"
+    assert (analog[7].kind, analog[7].unit, analog[7].scale) == ("Real", "V", 10 / 32767)
+    assert [c.name for c in block(troll, "EL3008").right] == [
+        f"aiStandardChannel{n}Value" for n in range(1, 9)
+    ]
     assert (analog[2].name, analog[2].kind) == ("aiStandardChannel1StatusLimit1", "Integer")
 
 
@@ -111,7 +117,7 @@ def test_entries_that_cannot_be_reached_are_told() -> None:
     once = Entry(0x6000, 2, "once", DataType.UNSIGNED8, 8)
     again = Entry(0x6000, 2, "again", DataType.UNSIGNED8, 8)
     slave = Slave(0, "S1", 1, 2, 3, inputs=[Pdo(0x1A00, "", 3, [text, once, again])])
-    (made,) = build_library(bus(slave), "P").blocks
+    (made,) = build_library(bus(slave), "P", PROFILES).blocks
     assert [c.name for c in made.reads] == ["once"]
     assert [(s.entry_name, s.reason) for s in made.skipped] == [
         ("text", "more than 64 bits"),
@@ -130,7 +136,7 @@ def test_the_same_object_may_be_input_and_output() -> None:
         inputs=[Pdo(0x1A00, "in", 3, [entry])],
         outputs=[Pdo(1, "out", 2, [entry])],
     )
-    (made,) = build_library(bus(slave), "P").blocks
+    (made,) = build_library(bus(slave), "P", PROFILES).blocks
     assert [c.name for c in made.writes + made.reads] == ["outControlWord", "inControlWord"]
     assert len({c.handle for c in made.writes + made.reads}) == 2
 
@@ -142,7 +148,7 @@ def test_names_stay_when_other_slaves_are_added(troll: Library) -> None:
         slave.position = position
     names = {
         block.name: [c.name for c in block.reads + block.writes]
-        for block in build_library(bus(*more), "TrollPlant").blocks
+        for block in build_library(bus(*more), "TrollPlant", PROFILES).blocks
     }
     for before in troll.blocks:
         assert names[before.name] == [c.name for c in before.reads + before.writes]
@@ -155,7 +161,7 @@ def test_all_slaves_is_an_example_of_every_bus(troll: Library) -> None:
     }
     writes = [f"{b.instance}.{c.name}" for b in troll.blocks for c in b.writes]
     assert [c.target for c in made.connections] == writes
-    (empty,) = build_library(bus(), "P").examples
+    (empty,) = build_library(bus(), "P", PROFILES).examples
     assert [c.name for c in empty.components] == ["etherCATMaster"]
 
 
@@ -185,24 +191,24 @@ def test_the_drive_example_feeds_every_output_of_the_drive_once(troll: Library) 
 
 def test_a_bus_without_a_drive_has_no_drive_example() -> None:
     slaves = [slave for slave in sample_buses.troll().slaves if slave.position != 0]
-    assert [e.name for e in build_library(bus(*slaves), "P").examples] == ["AllSlaves"]
+    assert [e.name for e in build_library(bus(*slaves), "P", PROFILES).examples] == ["AllSlaves"]
 
 
 def test_a_slave_called_like_something_of_an_example_gets_another_component_name() -> None:
-    (made,) = build_library(bus(Slave(0, "reference", 1, 2, 3)), "P").blocks
+    (made,) = build_library(bus(Slave(0, "reference", 1, 2, 3)), "P", PROFILES).blocks
     assert (made.name, made.instance) == ("Reference", "referenceSlave")
 
 
 def test_a_slave_called_like_the_library_gets_another_class_name() -> None:
-    (made,) = build_library(bus(Slave(0, "EL1018", 1, 2, 3)), "EL1018").blocks
+    (made,) = build_library(bus(Slave(0, "EL1018", 1, 2, 3)), "EL1018", PROFILES).blocks
     assert made.name == "EL1018Slave"
 
 
 def test_the_sample_time_of_examples_is_the_cycle_of_the_bus() -> None:
-    library = build_library(Bus("x", 250, []), "P")
+    library = build_library(Bus("x", 250, []), "P", PROFILES)
     assert "sampleTime = {0.00025}" in library.examples[0].components[0].modifiers
 
 
 def test_the_name_of_the_library_is_checked() -> None:
     with pytest.raises(UsageError):
-        build_library(bus(), "EtherCAT")
+        build_library(bus(), "EtherCAT", PROFILES)

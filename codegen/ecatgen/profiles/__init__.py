@@ -1,0 +1,9 @@
+"""What values of known devices mean: units, scales, enumerations; from the TOML files beside this.
+
+Format of the files: `docs/device-profiles.md`. Users add files of their own, which win over ours.
+"""
+
+from .file import load_profiles
+from .profile import Meaning, Profiles, Value
+
+__all__ = ["Meaning", "Profiles", "Value", "load_profiles"]

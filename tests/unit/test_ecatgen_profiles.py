@@ -1,0 +1,205 @@
+"""Device profiles: which entries they are about, what they mean, and what a wrong file is told."""
+
+from pathlib import Path
+
+import pytest
+
+from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.datatypes import DataType
+from ecatd.model.errors import ConfigError
+from ecatgen.build import build_library
+from ecatgen.ir import Connector
+from ecatgen.profiles import Profiles, load_profiles
+from ecatgen.units import is_unit, modelica_unit
+
+HEADER = """[[device]]
+description = "A"
+vendor = 1
+product = [2]
+"""
+
+
+def slave(*entries: Entry, product: int = 2, outputs: bool = False) -> Slave:
+    pdo = [Pdo(0x1600 if outputs else 0x1A00, "P", 2 if outputs else 3, list(entries))]
+    return Slave(
+        0, "A", 1, product, 3, outputs=pdo if outputs else [], inputs=[] if outputs else pdo
+    )
+
+
+def entry(index: int = 0x6000, subindex: int = 1, **more: object) -> Entry:
+    return Entry(index, subindex, "x", DataType.INTEGER16, 16, **more)  # type: ignore[arg-type]
+
+
+def of(tmp_path: Path, text: str) -> Profiles:
+    (tmp_path / "a.toml").write_text(text)
+    return load_profiles([tmp_path])
+
+
+def connector(profiles: Profiles, made: Slave) -> Connector:
+    (block,) = build_library(Bus("b", 1000, [made]), "P", profiles).blocks
+    return (block.reads + block.writes)[0]
+
+
+def test_two_points_make_a_scale(tmp_path: Path) -> None:
+    profiles = of(
+        tmp_path,
+        HEADER
+        + """[[device.entry]]
+index = 0x6000
+subindex = 1
+unit = "A"
+raw = [0, 1000]
+physical = [0.004, 0.020]
+""",
+    )
+    made = connector(profiles, slave(entry()))
+    assert (made.kind, made.unit) == ("Real", "A")
+    assert made.scale == pytest.approx(16e-6)
+    assert made.offset == pytest.approx(0.004)
+    assert 'quantity = "ElectricCurrent"' in made.modifiers
+    assert made.scaling == f", {made.scale!r}, {made.offset!r}"
+    assert connector(profiles, slave(entry(subindex=2))).kind == "Integer"
+    assert connector(profiles, slave(entry(), product=4)).kind == "Integer"
+
+
+def test_entries_repeat_for_each_channel(tmp_path: Path) -> None:
+    profiles = of(
+        tmp_path,
+        HEADER + "[[device.entry]]\nindex = 0x6000\nsubindex = [1, 3]\nstep = 0x10\ncount = 2\n"
+        'unit = "V"\nscale = 0.5\n',
+    )
+    addresses = [(0x6000, 1), (0x6010, 3), (0x6020, 1), (0x6008, 1), (0x6010, 2), (0x5FF0, 1)]
+    kinds = [connector(profiles, slave(entry(*address))).kind for address in addresses]
+    assert kinds == ["Real", "Real", "Integer", "Integer", "Integer", "Integer"]
+
+
+def test_a_profile_of_the_user_wins(tmp_path: Path) -> None:
+    text = """[[device]]
+description = "EL3008 set to 0.001 V a digit"
+vendor = 2
+product = [0x0BC03052]
+[[device.entry]]
+index = 0x6000
+subindex = 0x11
+unit = "mV"
+"""
+    el3008 = Slave(
+        0, "EL3008", 2, 0x0BC03052, 1, inputs=[Pdo(0x1A00, "", 3, [entry(0x6000, 0x11)])]
+    )
+    assert connector(load_profiles(), el3008).unit == "V"
+    assert connector(of(tmp_path, text), el3008).unit == "mV"
+
+
+def test_the_configuration_of_the_daemon_wins_over_profiles(tmp_path: Path) -> None:
+    profiles = of(
+        tmp_path,
+        HEADER + '[[device.entry]]\nindex = 0x6000\nsubindex = 1\nunit = "V"\nscale = 2\n'
+        'note = "kept"\n',
+    )
+    made = connector(profiles, slave(entry(unit="bar", scale=0.25, offset=1.0)))
+    assert (made.unit, made.scale, made.offset) == ("bar", 0.25, 1.0)
+    assert made.note == "kept"
+    assert not any("quantity" in modifier for modifier in made.modifiers)
+
+
+def test_numbers_may_stand_for_something(tmp_path: Path) -> None:
+    profiles = of(
+        tmp_path,
+        HEADER + "[[device.entry]]\nindex = 0x6000\nsubindex = 1\n"
+        '[device.entry.values]\n2 = "two"\n-1 = "less"\n0x10 = "more"\n',
+    )
+    made = connector(profiles, slave(entry()))
+    assert made.kind == "Integer"
+    assert [(v.number, v.name) for v in made.values] == [(-1, "less"), (2, "two"), (16, "more")]
+
+
+def test_an_entry_may_be_a_variable_only(tmp_path: Path) -> None:
+    profiles = of(
+        tmp_path,
+        HEADER + "[[device.entry]]\nindex = 0x6000\nsubindex = 1\nconnector = false\n",
+    )
+    (block,) = build_library(Bus("b", 1000, [slave(entry())]), "P", profiles).blocks
+    assert (len(block.reads), block.right) == (1, ())
+    assert block.reads[0].class_name == "output Integer"
+    # What the model writes cannot be left to nobody.
+    (block,) = build_library(Bus("b", 1000, [slave(entry(), outputs=True)]), "P", profiles).blocks
+    assert len(block.left) == 1
+
+
+def test_a_drive_is_known_by_its_entries() -> None:
+    status, mode = entry(0x6041, 0), entry(0x6061, 0)
+    drive = slave(mode, status)
+    assert not connector(load_profiles(), drive).values  # no control word: no drive
+    drive.outputs = [Pdo(0x1600, "", 2, [entry(0x6040, 0)])]
+    (block,) = build_library(Bus("b", 1000, [drive]), "P", load_profiles()).blocks
+    modes = next(c for c in block.reads if c.index == 0x6061)
+    assert {v.number: v.name for v in modes.values}[8] == "cyclic synchronous position"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[[device]\n", "is no valid TOML"),
+        ("[[devices]]\n", "1: devices: is no key; did you mean 'device'?"),
+        ("[device]\n", "1: device: must be an array"),
+        ("[[device]]\nvendor = 1\n", "1: device.description: is missing"),
+        ('[[device]]\ndescription = "A"\n', "device.product: says no device"),
+        ('[[device]]\ndescription = "A"\nhas = ["6041"]\n', "3: device.has: '6041' is no entry"),
+        (HEADER.replace("[2]", "[-2]"), "4: device.product: -2 is no product code"),
+        (HEADER + "[[device.entry]]\nsubindex = 1\n", "5: device.entry.index: is missing"),
+        (HEADER + "[[device.entry]]\nindex = 1\nsubindex = 256\n", "7: device.entry.subindex"),
+        (HEADER + "[[device.entry]]\nindex = 1\nscale = 0\n", "7: device.entry.scale: is 0.0"),
+        (HEADER + "[[device.entry]]\nindex = 1\nscale = nan\n", "7: device.entry.scale: is nan"),
+        (HEADER + "[[device.entry]]\nindex = 1\noffset = inf\n", "7: device.entry.offset"),
+        (HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1]\n", "device.entry.physical: is []"),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\nraw = [1, 1]\nphysical = [0, 1]\n",
+            "7: device.entry.raw: two points must differ",
+        ),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1]\nphysical = [0, 1]\nscale = 2\n",
+            "9: device.entry.scale: is given twice",
+        ),
+        (HEADER + '[[device.entry]]\nindex = 1\nunit = "Volt"\n', "7: device.entry.unit: 'Volt'"),
+        (
+            HEADER + '[[device.entry]]\nindex = 1\n[device.entry.values]\na = "b"\n',
+            "7: device.entry.values: 'a' is no whole number",
+        ),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\n" + HEADER + "[[device.entry]]\nindex = 0\n",
+            "12: device.entry.index: is 0",
+        ),
+    ],
+)
+def test_a_wrong_file_is_told_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as told:
+        of(tmp_path, text)
+    assert str(told.value).startswith(f"{tmp_path / 'a.toml'}:")
+    assert message in str(told.value)
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is no folder"):
+        load_profiles([tmp_path / "nowhere"])
+
+
+def test_our_own_profiles_are_about_every_device_once() -> None:
+    devices = load_profiles().devices
+    products = [(d.vendor, product) for d in devices for product in d.products]
+    assert len(products) == len(set(products)) > 50
+
+
+@pytest.mark.parametrize(
+    "unit", ["1", "V", "mV", "rad/s", "N.m", "m/s2", "W/(m2.K)", "1/s", "degC"]
+)
+def test_units_of_modelica(unit: str) -> None:
+    assert is_unit(unit)
+    assert modelica_unit(unit) == unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "spelled"),
+    [("°C", "degC"), ("Nm", "N.m"), ("µm", "um"), ("%", ""), ("increments", ""), ("a b", "")],
+)
+def test_other_spellings_of_units(unit: str, spelled: str) -> None:
+    assert modelica_unit(unit) == spelled
