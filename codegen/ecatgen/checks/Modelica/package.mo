@@ -70,6 +70,22 @@ package Modelica "Interfaces of the Modelica Standard Library 4.0.0 that our lib
       equation
         y = k;
       end BooleanConstant;
+      block Step
+        parameter Real height = 1;
+        parameter Real offset = 0;
+        parameter Units.SI.Time startTime = 0;
+        Interfaces.RealOutput y;
+      equation
+        y = offset + (if time < startTime then 0 else height);
+      end Step;
+      block Sine
+        parameter Real amplitude = 1;
+        parameter Real f(start = 1);
+        parameter Real offset = 0;
+        Interfaces.RealOutput y;
+      equation
+        y = offset + amplitude * sin(6.283185307179586 * f * time);
+      end Sine;
       block BooleanPulse
         parameter Real width = 50;
         parameter Units.SI.Time period(start = 1);
@@ -79,6 +95,23 @@ package Modelica "Interfaces of the Modelica Standard Library 4.0.0 that our lib
         y = mod(time - startTime, period) < period * width / 100;
       end BooleanPulse;
     end Sources;
+
+    package Types
+      type Init = enumeration(NoInit, SteadyState, InitialState, InitialOutput);
+    end Types;
+
+    package Continuous
+      block FirstOrder
+        parameter Real k = 1;
+        parameter Units.SI.Time T(start = 1);
+        parameter Types.Init initType = Types.Init.NoInit;
+        parameter Real y_start = 0;
+        Interfaces.RealInput u;
+        Interfaces.RealOutput y;
+      equation
+        der(y) = (k * u - y) / T;
+      end FirstOrder;
+    end Continuous;
 
     package Logical
       block Switch

@@ -18,6 +18,7 @@
 #define ECAT_MODELICA_H
 
 #include "ecatm_objects.h"
+#include "ecatm_realtime.h"
 #include "ecatm_samples.h"
 #include "ecatm_sdo.h"
 

@@ -8,13 +8,8 @@
 #include <string.h>
 
 #include "ModelicaUtilities.h"
+#include "ecatm_system.h"
 #include <ecat/ecat.h>
-
-#if defined(__GNUC__)
-#define ECATM_FUNCTION static __attribute__((unused))
-#else
-#define ECATM_FUNCTION static
-#endif
 
 #define ECATM_TEXT 640           /* longest sentence, with its end */
 #define ECATM_PATIENCE 1.0       /* seconds without a bus cycle until waiting fails */

@@ -1,0 +1,139 @@
+/* Pace of a model without a bus: simulation time follows the clock of the machine. */
+#ifndef ECATM_REALTIME_H
+#define ECATM_REALTIME_H
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+
+#include "ModelicaUtilities.h"
+#include "ecatm_system.h"
+
+/* Numbers of EtherCAT.Types.ProcessPriority. */
+enum ecatm_priority {
+  ECATM_PRIORITY_IDLE = 1,
+  ECATM_PRIORITY_BELOW_NORMAL = 2,
+  ECATM_PRIORITY_NORMAL = 3,
+  ECATM_PRIORITY_HIGH = 4,
+  ECATM_PRIORITY_REALTIME = 5
+};
+
+#define ECATM_FIFO 40 /* below interrupt threads (50) and the engine of ecatd (80) */
+
+typedef struct ecatm_realtime {
+  int started;                /* the first step was made; the rest is valid from then on */
+  double time;                /* simulation time of the last step, s */
+  double goal;                /* when the clock was, or will be, to reach it, s of ecatm_now() */
+  double left;                /* when the last step ended, s of ecatm_now() */
+  double calculation;         /* results of the last step, as ecatm_realtime_step() has them */
+  double available;
+  double lateness;
+  int missed;
+  int policy, nice;           /* scheduling before this object; `changed`: to be restored */
+  struct sched_param parameters;
+  int changed;
+} ecatm_realtime;
+
+/* Tells that the system refuses a priority; the simulation goes on without. */
+ECATM_FUNCTION void ecatm_priority_refused(int priority) {
+  const char *name = priority == ECATM_PRIORITY_REALTIME ? "Realtime" : "High";
+  const char *limit = priority == ECATM_PRIORITY_REALTIME ? "rtprio 40" : "nice -20";
+  ModelicaFormatMessage("EtherCAT: the simulation keeps its priority, because the system does not "
+                        "permit %s (%s); give its user the limit '%s' in "
+                        "/etc/security/limits.conf and log in again, or choose Normal\n",
+                        name, strerror(errno), limit);
+}
+
+/* Gives the calling thread, which is the one that simulates, a priority. */
+ECATM_FUNCTION void ecatm_priority_set(ecatm_realtime *clock, int priority) {
+  struct sched_param fifo;
+  int failed;
+  if (priority < ECATM_PRIORITY_IDLE || priority > ECATM_PRIORITY_REALTIME ||
+      priority == ECATM_PRIORITY_NORMAL)
+    return;
+  memset(&fifo, 0, sizeof fifo);
+  fifo.sched_priority = ECATM_FIFO;
+  clock->policy = sched_getscheduler(0);
+  sched_getparam(0, &clock->parameters);
+  clock->nice = getpriority(PRIO_PROCESS, 0);
+  if (priority == ECATM_PRIORITY_REALTIME)
+    failed = sched_setscheduler(0, SCHED_FIFO, &fifo);
+  else
+    failed = setpriority(PRIO_PROCESS, 0, priority == ECATM_PRIORITY_IDLE           ? 19
+                                          : priority == ECATM_PRIORITY_BELOW_NORMAL ? 10
+                                                                                    : -20);
+  if (failed)
+    ecatm_priority_refused(priority);
+  else
+    clock->changed = 1;
+}
+
+/* A clock, and the priority (enum ecatm_priority, 0: leave it as it is) of the simulation. */
+ECATM_FUNCTION void *ecatm_realtime_open(int priority) {
+  ecatm_realtime *clock = (ecatm_realtime *)calloc(1, sizeof *clock);
+  if (clock == NULL) {
+    ModelicaError("EtherCAT: out of memory");
+    return NULL;
+  }
+  ecatm_priority_set(clock, priority);
+  return clock;
+}
+
+/* The priority is again as it was, where the system permits that. */
+ECATM_FUNCTION void ecatm_realtime_close(void *object) {
+  ecatm_realtime *clock = (ecatm_realtime *)object;
+  if (clock == NULL) return;
+  if (clock->changed) {
+    sched_setscheduler(0, clock->policy, &clock->parameters);
+    setpriority(PRIO_PROCESS, 0, clock->nice);
+  }
+  free(clock);
+}
+
+/* Takes the clock on to a new simulation time, and waits for it. */
+ECATM_FUNCTION void ecatm_realtime_advance(ecatm_realtime *clock, double time, double scaling,
+                                           double max_delay) {
+  double arrived = ecatm_now();
+  if (!clock->started || time < clock->time) { /* a tool may begin again with the same object */
+    clock->goal = clock->left = arrived;
+    clock->missed = 0;
+    clock->time = time;
+  }
+  clock->goal = scaling > 0 ? clock->goal + (time - clock->time) * scaling : arrived;
+  clock->calculation = arrived - clock->left;
+  clock->available = clock->goal - clock->left;
+  clock->lateness = arrived > clock->goal ? arrived - clock->goal : 0;
+  clock->missed += clock->lateness > 0;
+  if (clock->lateness > max_delay) clock->goal = arrived;
+  ecatm_sleep_until(clock->goal);
+  clock->started = 1;
+  clock->time = time;
+  clock->left = ecatm_now();
+}
+
+/* Waits until the clock of the machine has gone on by `scaling` times as much as simulation time
+ * since the step before. A step that comes too late does not wait: those that follow catch up, but
+ * for a delay of more than `max_delay` seconds, after which the clock goes on from now. Scaling 0
+ * never waits. A tool may make the same step twice; the second one has the results of the first:
+ *
+ * results[0]: time from the end of the step before to this one, s
+ * results[1]: what this should have been at most, s; negative if the delay is longer than the step
+ * results[2]: by how much this step came too late, s
+ * results[3]: number of steps that came too late */
+ECATM_FUNCTION void ecatm_realtime_step(void *object, double time, double scaling, double max_delay,
+                                        double *results) {
+  ecatm_realtime *clock = (ecatm_realtime *)object;
+  if (!(scaling >= 0)) {
+    ModelicaFormatError("EtherCAT: the clock cannot be scaled by %g: the input scaling of "
+                        "SynchronizeRealtime must not be negative", scaling);
+    return;
+  }
+  if (!clock->started || time != clock->time)
+    ecatm_realtime_advance(clock, time, scaling, max_delay);
+  results[0] = clock->calculation;
+  results[1] = clock->available;
+  results[2] = clock->lateness;
+  results[3] = clock->missed;
+}
+
+#endif

@@ -1,0 +1,44 @@
+/* What the other headers need of the compiler and of the operating system: the clock. */
+#ifndef ECATM_SYSTEM_H
+#define ECATM_SYSTEM_H
+
+#include <errno.h>
+#include <sched.h> /* struct timespec, also where <time.h> keeps it to itself */
+#include <time.h>
+
+#if defined(__GNUC__)
+#define ECATM_FUNCTION static __attribute__((unused))
+#else
+#define ECATM_FUNCTION static
+#endif
+
+/* With -std=c89, <time.h> has these only if POSIX was asked for before the first system header of
+ * the translation unit, which may be one of somebody else. So no feature macro helps, and what is
+ * missing is declared as Linux has it. */
+#ifndef CLOCK_MONOTONIC
+#define CLOCK_MONOTONIC 1
+#define TIMER_ABSTIME 1
+extern int clock_gettime(int clock, struct timespec *now);
+extern int clock_nanosleep(int clock, int flags, const struct timespec *until,
+                           struct timespec *rest);
+#endif
+
+/* Seconds of CLOCK_MONOTONIC: to a few nanoseconds, for as long as a machine is up. */
+ECATM_FUNCTION double ecatm_now(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Returns when ecatm_now() has reached `wake`: at once if it has already. */
+ECATM_FUNCTION void ecatm_sleep_until(double wake) {
+  struct timespec until;
+  if (wake < 0) return;
+  until.tv_sec = (time_t)wake;
+  until.tv_nsec = (long)(1e9 * (wake - (double)until.tv_sec)) + 1; /* never early by rounding */
+  if (until.tv_nsec > 999999999L) until.tv_sec++, until.tv_nsec = 0;
+  while (ecatm_now() < wake)
+    if (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL) == EINVAL) return;
+}
+
+#endif
