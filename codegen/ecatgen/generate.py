@@ -14,7 +14,9 @@ from .profiles import load_profiles
 from .render import render
 
 
-def generate(bus: Bus, name: str, out: Path, profiles: Iterable[Path] = ()) -> Report:
+def generate(
+    bus: Bus, name: str, out: Path, profiles: Iterable[Path] = (), templates: Iterable[Path] = ()
+) -> Report:
     """Writes the Modelica library for a bus, and a copy of the library EtherCAT beside it.
 
     The same bus and name give the same bytes. An earlier result in `out` is replaced.
@@ -24,9 +26,10 @@ def generate(bus: Bus, name: str, out: Path, profiles: Iterable[Path] = ()) -> R
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
         profiles: Folders with device profiles of the user; an earlier one wins.
+        templates: Folders with templates of the user; an earlier one wins.
 
     Raises:
-        ConfigError: A device profile is wrong.
+        ConfigError: A device profile or a template is wrong.
         UsageError: The name cannot be that of a Modelica library.
         StateError: The folders hold files that were not generated, or changed since.
         NotPermittedError: The directory cannot be written.
@@ -35,6 +38,6 @@ def generate(bus: Bus, name: str, out: Path, profiles: Iterable[Path] = ()) -> R
     library = build_library(bus, name, load_profiles(profiles))
     packages = {
         static_library.NAME: static_library.static_files(),
-        library.name: render(library),
+        library.name: render(library, templates),
     }
     return install(out, packages, library.name)

@@ -2,38 +2,84 @@
 
 from __future__ import annotations
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+import traceback
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+
+from jinja2 import (
+    ChoiceLoader,
+    Environment,
+    FileSystemLoader,
+    PackageLoader,
+    StrictUndefined,
+    TemplateSyntaxError,
+)
+
+from ecatd.model.errors import ConfigError
 
 from . import text
 from .ir import Library
 
+_FILTERS = {
+    "string": text.modelica_string,
+    "html": text.modelica_html,
+    "integer": text.modelica_integer,
+    "c_string": text.c_string,
+    "c_comment": text.c_comment,
+    "modification": text.modification,
+}
 
-def _environment() -> Environment:
+
+@cache
+def _environment(folders: tuple[Path, ...] = ()) -> Environment:
+    ours = PackageLoader("ecatgen", "templates")
     environment = Environment(
-        loader=PackageLoader("ecatgen", "templates"),
+        loader=ChoiceLoader([*(FileSystemLoader(folder) for folder in folders), ours]),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # the filters below escape for the language of each place
+        autoescape=False,  # the filters escape for the language of each place
+        auto_reload=False,
     )
-    environment.filters |= {
-        "string": text.modelica_string,
-        "html": text.modelica_html,
-        "integer": text.modelica_integer,
-        "c_string": text.c_string,
-        "c_comment": text.c_comment,
-        "modification": text.modification,
-    }
+    environment.filters |= _FILTERS
+    _check_names(folders, ours.list_templates())
     return environment
 
 
-def render(library: Library) -> dict[str, bytes]:
-    """The files of the package, by their path in it."""
-    environment = _environment()
+def _check_names(folders: Iterable[Path], known: Sequence[str]) -> None:
+    """A template that nothing asks for is a mistake of its name."""
+    for folder in folders:
+        if not folder.is_dir():
+            raise ConfigError(f"{folder}: is no folder; templates are *.j2 files in one")
+        for file in sorted(folder.rglob("*.j2")):
+            if file.relative_to(folder).as_posix() not in known:
+                raise ConfigError(
+                    f"{file}: there is no template of this name to replace; there are "
+                    f"{', '.join(known)}"
+                )
+
+
+def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]:
+    """The files of the package, by their path in it.
+
+    Args:
+        library: What to write.
+        templates: Folders of the user; a file there replaces our template of the same name.
+
+    Raises:
+        ConfigError: A template of the user is wrong.
+    """
+    environment = _environment(tuple(templates))
 
     def write(template: str, **values: object) -> bytes:
-        return environment.get_template(template).render(library=library, **values).encode()
+        try:
+            return environment.get_template(template).render(library=library, **values).encode()
+        except Exception as error:
+            if not templates:
+                raise
+            raise ConfigError(_told(template, error)) from error
 
     files = {
         "package.mo": write("package.mo.j2"),
@@ -49,3 +95,12 @@ def render(library: Library) -> dict[str, bytes]:
         for example in library.examples
     }
     return files
+
+
+def _told(template: str, error: Exception) -> str:
+    """What is wrong with a template of the user: file, line, reason."""
+    if isinstance(error, TemplateSyntaxError):
+        return f"{error.filename or template}:{error.lineno}: {error.message}"
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.endswith(".j2")]
+    where = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else template
+    return f"{where}: {error or type(error).__name__}"

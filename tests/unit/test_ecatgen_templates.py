@@ -1,0 +1,53 @@
+"""Templates of the user."""
+
+from pathlib import Path
+
+import pytest
+
+from ecatd.model.errors import ConfigError
+from ecatgen.build import build_library
+from ecatgen.checks import sample_buses
+from ecatgen.profiles import load_profiles
+from ecatgen.render import render
+
+LIBRARY = build_library(sample_buses.troll(), "TrollPlant", load_profiles())
+
+
+def written(folder: Path, name: str, text: str) -> list[Path]:
+    (folder / name).write_text(text)
+    return [folder]
+
+
+def test_a_template_of_the_user_replaces_ours_and_no_other(tmp_path: Path) -> None:
+    ours = render(LIBRARY)
+    theirs = render(LIBRARY, written(tmp_path, "users_guide.mo.j2", "{{ library.bus }} only\n"))
+    assert theirs["UsersGuide.mo"] == b"ecat0 only\n"
+    assert {path for path in ours if ours[path] != theirs[path]} == {"UsersGuide.mo"}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a\n{% if %}\n", ":2: Expected"),
+        ("a\n\n{{ library.nothing }}\n", ":3: "),
+        ("{{ block.name.upper(1) }}\n", ":1: "),
+        ("{{ 1 // 0 }}\n", ":1: "),
+        ("{% include 'nowhere.j2' %}", "nowhere.j2"),
+    ],
+)
+def test_a_wrong_template_is_told_with_its_line(tmp_path: Path, text: str, told: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        render(LIBRARY, written(tmp_path, "block.mo.j2", text))
+    assert str(tmp_path / "block.mo.j2") in str(error.value)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_template_that_replaces_nothing_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"blocks\.mo\.j2: there is no template .* block\.mo\.j2"):
+        render(LIBRARY, written(tmp_path, "blocks.mo.j2", ""))
+
+
+def test_a_folder_of_templates_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is no folder"):
+        render(LIBRARY, [tmp_path / "nowhere"])
