@@ -27,8 +27,9 @@ EXAMPLE_COMPONENTS = (
 
 # Names that the blocks and their base class use, and so no connector can have.
 _RESERVED = (
-    *("domainID", "slaveData", "slaveName", "fingerprint", "generateCommand", "etherCATMaster"),
-    *("domain", "slaveConfiguration", "committed", "Modelica", "EtherCAT"),
+    *("domainID", "slaveData", "hwName", "fingerprint", "generateCommand", "etherCATMaster"),
+    *("domain", "slave", "slaveConfiguration", "committed", "Modelica", "EtherCAT"),
+    *("valid", "alState", "alStatusCode"),
 )
 
 
@@ -79,8 +80,8 @@ def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Blo
     size = layout.block_size(
         len(writes), sum(profile.meaning(entry).connector for _, entry in reads)
     )
-    outputs = _connectors(writes, connector_names[: len(writes)], size, profile, outputs=True)
-    inputs = _connectors(reads, connector_names[len(writes) :], size, profile, outputs=False)
+    outputs = _connectors(writes, connector_names[: len(writes)], profile, outputs=True)
+    inputs = _connectors(reads, connector_names[len(writes) :], profile, outputs=False)
     label = slave.name or f"product 0x{slave.product:08X}"
     return Block(
         name=name,
@@ -100,8 +101,8 @@ def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Blo
         right=tuple(c for c in inputs if c.placement),
         explained=tuple(c for c in outputs + inputs if c.note or c.values),
         icon=layout.icon(size),
-        name_extent=layout.above(size),
-        title_extent=layout.title(size),
+        name_extent=layout.above(),
+        title_extent=layout.title(),
     )
 
 
@@ -128,7 +129,6 @@ def _usable(slave: Slave, skipped: list[Skipped], *, outputs: bool) -> Iterator[
 def _connectors(
     entries: Sequence[tuple[Pdo, Entry]],
     connector_names: Sequence[str],
-    size: layout.Size,
     profile: SlaveProfile,
     *,
     outputs: bool,
@@ -168,8 +168,8 @@ def _connectors(
                 conversion=_conversion(meaning),
                 note=meaning.note,
                 values=meaning.values,
-                placement=_placement(layout.port(size, row, left=outputs)) if drawn else "",
-                label_extent=layout.port_label(size, row, left=outputs) if drawn else None,
+                placement=_placement(layout.port(row, left=outputs)) if drawn else "",
+                label_extent=layout.port_label(row, left=outputs) if drawn else None,
             )
         )
         row += drawn

@@ -1,7 +1,8 @@
 """Where things are in icons and diagrams.
 
 A block is a box with one connector per row: outputs of the bus (what the model writes) on the
-left, inputs of the bus (what it reads) on the right.
+left, inputs of the bus (what it reads) on the right. Its top right corner is at (100, 100), as in
+every icon, whatever its size: PartialSlave has its connector `valid` there.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from dataclasses import dataclass
 from .ir import Extent, Point
 
 ROW = 20
-_HALF_WIDTH = 150
+_RIGHT = _TOP = 100
+_LEFT = -200
 _TITLE = 40
 _SCALE = 5  # units of an icon in a unit of a diagram
 
@@ -36,43 +38,46 @@ def extent(x1: int, y1: int, x2: int, y2: int) -> Extent:
 
 def icon(size: Size) -> Extent:
     """The whole icon."""
-    return extent(-_HALF_WIDTH, -size.half, _HALF_WIDTH, size.half)
+    return extent(_LEFT, _TOP - 2 * size.half, _RIGHT, _TOP)
 
 
-def above(size: Size) -> Extent:
+def above() -> Extent:
     """The place of the component's name, above the icon."""
-    return extent(-_HALF_WIDTH, size.half + 50, _HALF_WIDTH, size.half + 10)
+    return extent(_LEFT, _TOP + 50, _RIGHT, _TOP + 10)
 
 
-def title(size: Size) -> Extent:
+def title() -> Extent:
     """The place of the title, at the top of the box."""
-    return extent(10 - _HALF_WIDTH, size.half - 5, _HALF_WIDTH - 10, size.half - 35)
+    return extent(_LEFT + 10, _TOP - 5, _RIGHT - 10, _TOP - 35)
 
 
-def row_y(size: Size, row: int) -> int:
+def row_y(row: int) -> int:
     """The height of a row of connectors."""
-    return size.half - _TITLE - ROW // 2 - row * ROW
+    return _TOP - _TITLE - ROW // 2 - row * ROW
 
 
-def port(size: Size, row: int, *, left: bool) -> Extent:
+def port(row: int, *, left: bool) -> Extent:
     """The place of a connector."""
-    y = row_y(size, row)
+    y = row_y(row)
     half = ROW // 2
-    x = -_HALF_WIDTH - ROW if left else _HALF_WIDTH
+    x = _LEFT - ROW if left else _RIGHT
     return extent(x, y - half, x + ROW, y + half)
 
 
-def port_label(size: Size, row: int, *, left: bool) -> Extent:
+def port_label(row: int, *, left: bool) -> Extent:
     """The place of a connector's name beside it."""
-    y = row_y(size, row)
-    inner, outer = 2, _HALF_WIDTH - 5
-    return extent(-outer, y - 8, -inner, y + 8) if left else extent(inner, y - 8, outer, y + 8)
+    y = row_y(row)
+    middle = (_LEFT + _RIGHT) // 2
+    if left:
+        return extent(_LEFT + 5, y - 8, middle - 2, y + 8)
+    return extent(middle + 2, y - 8, _RIGHT - 5, y + 8)
 
 
 def port_point(size: Size, row: int, centre: Point, *, left: bool) -> Point:
     """Where a line ends at a connector of a block that is drawn around `centre` in a diagram."""
-    x = _HALF_WIDTH + ROW // 2
-    return Point(centre.x + (-x if left else x) // _SCALE, centre.y + row_y(size, row) // _SCALE)
+    x = (_RIGHT - _LEFT) // 2 + ROW // 2
+    y = row_y(row) - (_TOP - size.half)
+    return Point(centre.x + (-x if left else x) // _SCALE, centre.y + y // _SCALE)
 
 
 def diagram_half(size: Size) -> int:
@@ -82,7 +87,7 @@ def diagram_half(size: Size) -> int:
 
 def in_diagram(size: Size, centre: Point) -> Extent:
     """The place of a block in a diagram."""
-    x, y = _HALF_WIDTH // _SCALE, diagram_half(size)
+    x, y = (_RIGHT - _LEFT) // 2 // _SCALE, diagram_half(size)
     return extent(centre.x - x, centre.y - y, centre.x + x, centre.y + y)
 
 

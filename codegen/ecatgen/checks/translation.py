@@ -27,8 +27,9 @@ def check_translation(
 ) -> Iterator[str]:
     """What rumoca finds wrong when it translates models of the libraries in a directory.
 
-    It resolves names, checks types and counts equations. It does not know ExternalObject, so it
-    sees a copy in which external objects are Integers and their constructors functions.
+    It resolves names, checks types and counts equations. It does not know ExternalObject, nor
+    functions with several outputs in when-clauses, so it sees a copy in which external objects are
+    Integers, their constructors functions, and each of several outputs has a function of its own.
 
     Args:
         out: Directory with the libraries.
@@ -44,6 +45,7 @@ def check_translation(
         if standard_library is None:
             shutil.copytree(_INTERFACE, copy / "Modelica")
         _replace_external_objects(copy)
+        _split_functions(copy)
         roots = [str(copy), *([str(standard_library)] if standard_library else [])]
         for model in models:
             file = copy.joinpath(*model.split(".")).with_suffix(".mo")
@@ -71,3 +73,37 @@ def _replace_external_objects(copy: Path) -> None:
         file.write_text(f"within EtherCAT.Objects;\ntype {file.stem} = Integer;\n")
     order = copy / "EtherCAT" / "Objects" / "package.order"
     order.write_text(order.read_text() + "".join(f"new{file.stem}\n" for file in objects))
+
+
+_CALL = re.compile(r"\((?P<targets>\w+(?:, \w+)+)\) =\s+(?P<name>[\w.]+)\((?P<inputs>[^()]*)\);")
+
+
+def _split_functions(copy: Path) -> None:
+    for file in copy.rglob("*.mo"):
+        source = file.read_text("utf-8")
+        for call in _CALL.finditer(source):
+            _split_function(copy, call["name"], len(call["targets"].split(",")))
+        file.write_text(_CALL.sub(_split_call, source))
+
+
+def _split_call(call: re.Match[str]) -> str:
+    return "\n    ".join(
+        f"{target} = {call['name']}Output{number}({call['inputs']});"
+        for number, target in enumerate(call["targets"].split(", "))
+    )
+
+
+def _split_function(copy: Path, name: str, targets: int) -> None:
+    file = copy.joinpath(*name.split(".")).with_suffix(".mo")
+    lines = file.read_text("utf-8").splitlines()
+    inputs = "\n".join(line for line in lines if line.startswith("  input "))
+    outputs = [line for line in lines if line.startswith("  output ")]
+    for number, output in enumerate(outputs[:targets]):
+        part = file.with_name(f"{file.stem}Output{number}.mo")
+        part.write_text(
+            f"{lines[0]}\nimpure function {part.stem}\n{inputs}\n{output}\n"
+            f'  external "C" {output.split()[2]} = {part.stem}();\nend {part.stem};\n'
+        )
+        order = file.with_name("package.order")
+        if part.stem not in order.read_text().split():
+            order.write_text(f"{order.read_text()}{part.stem}\n")

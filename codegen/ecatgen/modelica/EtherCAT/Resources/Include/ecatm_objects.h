@@ -32,6 +32,7 @@ typedef struct ecatm_master {
   uint64_t waited_cycle;         /* bus cycle at the last wait */
   double wait_time, sample_time; /* simulation time of the last wait, of the last sample */
   int waited, sampled;           /* whether there was one */
+  unsigned complete;             /* bit n: all slaves of domain n of the bus took part in the sample */
   int cycle;                     /* of the last sample, modulo 2^31 */
 } ecatm_master;
 

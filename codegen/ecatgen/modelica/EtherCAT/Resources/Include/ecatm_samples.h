@@ -12,9 +12,11 @@ ECATM_FUNCTION void ecatm_take_sample(ecatm_master *master, double time) {
   uint64_t newest = 0;
   int i;
   ecatm_check(master, ecat_sample(master->bus));
+  master->complete = 0;
   for (i = 0; i < ecat_domain_count(master->bus); i++) {
     ecatm_check(master, ecat_domain(master->bus, i, &info));
     if (info.cycle > newest) newest = info.cycle;
+    if (info.wkc_state == ECAT_WKC_COMPLETE) master->complete |= 1u << i;
   }
   master->cycle = (int)(newest & 0x7FFFFFFF);
   master->sample_time = time;
@@ -72,14 +74,45 @@ ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
   return order;
 }
 
+/* The sample of this time, which is taken by whoever asks first. */
+ECATM_FUNCTION void ecatm_at(ecatm_master *master, double time) {
+  if (!master->sampled || !ecatm_same_time(time, master->sample_time))
+    ecatm_take_sample(master, time);
+}
+
+/* Numbers of EtherCAT.Types.ALState. */
+ECATM_FUNCTION int ecatm_al_state(unsigned al_status) {
+  switch (al_status & 0x0F) { /* 0x10 is the error flag */
+    case ECAT_AL_INIT: return 2;
+    case ECAT_AL_PREOP: return 3;
+    case ECAT_AL_BOOT: return 4;
+    case ECAT_AL_SAFEOP: return 5;
+    case ECAT_AL_OP: return 6;
+    default: return 1;
+  }
+}
+
+/* Whether the values of this slave in the sample are those of a cycle in which it took part in OP. */
+ECATM_FUNCTION int ecatm_slave_state(void *object, double time, int order, int *al_state,
+                                     int *al_status_code) {
+  ecatm_slave *slave = (ecatm_slave *)object;
+  ecatm_master *master = slave->node.master;
+  ecat_slave_info info;
+  (void)order;
+  ecatm_at(master, time);
+  ecatm_check(master, ecat_slave(master->bus, slave->position, &info));
+  *al_state = ecatm_al_state(info.al_state);
+  *al_status_code = (int)info.al_code;
+  return info.al_state == ECAT_AL_OP && (master->complete >> info.domain & 1) != 0;
+}
+
 /* The physical value. `order` makes the tool call reads after the wait that it came from. */
 ECATM_FUNCTION double ecatm_read_real(void *object, double time, int order) {
   ecatm_pdo *pdo = (ecatm_pdo *)object;
   ecatm_master *master = pdo->node.master;
   double value = 0;
   (void)order;
-  if (!master->sampled || !ecatm_same_time(time, master->sample_time))
-    ecatm_take_sample(master, time);
+  ecatm_at(master, time);
   ecatm_check(master, ecat_read(master->bus, pdo->signal, &value));
   return value * pdo->scale + pdo->offset;
 }

@@ -1,0 +1,15 @@
+within EtherCAT.Functions;
+impure function slaveState "State of a slave in the sample of this time"
+  input EtherCAT.Objects.SlaveConfiguration slaveConfiguration "Slave";
+  input Real t "Simulation time";
+  input Integer order "Any value whose computation must come before this call";
+  output Boolean valid "= true, if its values are those of a cycle in which it took part in OP";
+  output EtherCAT.Types.ALState alState "State of the slave";
+  output Integer alStatusCode "AL status code, 0: no error";
+  external "C" valid = ecatm_slave_state(slaveConfiguration, t, order, alState, alStatusCode)
+    annotation (
+      Include = "#include \"ecat_modelica.h\"",
+      IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+      Library = "ecat",
+      LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+end slaveState;
