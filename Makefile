@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo test death torn bench bench-full check clean
+.PHONY: help demo pictures test death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -23,6 +23,7 @@ help:
 	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"
 	@echo "             Modelica_DeviceDrivers: its shared memory is measured as well"
 	@echo "make check   lint, types, formatting"
+	@echo "make pictures  draw the icons and diagrams of the libraries into docs/pictures"
 	@echo "make clean   remove what the other commands made"
 
 $(BIN)/python:
@@ -55,6 +56,10 @@ $(VENV)/.bench: $(BIN)/python $(SOURCES)
 
 demo: $(VENV)/.demo
 	@$(BIN)/python examples/figure9/demo.py --out demo --bus "$(BUS)"
+
+# From the sources as they are: nothing needs to be built for it.
+pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VENV)/.demo))
+	@PYTHONPATH=daemon:codegen $(BIN)/python -m ecatgen.drawing docs/pictures
 
 # Most people start as an ordinary user, so what depends on rights is tested as one, too: in a user
 # namespace in which this process is user 1000 and has no rights beyond it.

@@ -1,0 +1,75 @@
+within Modelica.Blocks;
+package Sources "Sources of signals"
+  block Constant
+    extends Interfaces.SignalSource;
+    parameter Real k(start = 1);
+  equation
+    y = k;
+    annotation (Icon(graphics = {
+        Line(points = {{-80, 84}, {-80, -82}}, color = {180, 180, 180}),
+        Line(points = {{-88, -68}, {84, -68}}, color = {180, 180, 180}),
+        Line(points = {{-80, 0}, {76, 0}}),
+        Text(extent = {{-150, -150}, {150, -110}}, textString = "k=%k")}));
+  end Constant;
+  block IntegerConstant
+    extends Interfaces.IntegerSignalSource;
+    parameter Integer k(start = 1);
+  equation
+    y = k;
+    annotation (Icon(graphics = {
+        Line(points = {{-80, 84}, {-80, -82}}, color = {180, 180, 180}),
+        Line(points = {{-88, -68}, {84, -68}}, color = {180, 180, 180}),
+        Line(points = {{-80, 0}, {76, 0}}),
+        Text(extent = {{-150, -150}, {150, -110}}, textString = "k=%k")}));
+  end IntegerConstant;
+  block BooleanConstant
+    extends Interfaces.BooleanSignalSource;
+    parameter Boolean k = true;
+  equation
+    y = k;
+    annotation (Icon(graphics = {
+        Line(points = {{-80, 84}, {-80, -82}}, color = {180, 180, 180}),
+        Line(points = {{-88, -68}, {84, -68}}, color = {180, 180, 180}),
+        Line(points = {{-80, 0}, {76, 0}}),
+        Text(extent = {{-150, -150}, {150, -110}}, textString = "%k")}));
+  end BooleanConstant;
+  block Step
+    extends Interfaces.SignalSource;
+    parameter Real height = 1;
+    parameter Real offset = 0;
+    parameter Units.SI.Time startTime = 0;
+  equation
+    y = offset + (if time < startTime then 0 else height);
+    annotation (Icon(graphics = {
+        Line(points = {{-80, 84}, {-80, -82}}, color = {180, 180, 180}),
+        Line(points = {{-88, -68}, {84, -68}}, color = {180, 180, 180}),
+        Line(points = {{-80, -68}, {0, -68}, {0, 46}, {76, 46}}, color = {0, 0, 127}),
+        Text(extent = {{-150, -150}, {150, -110}}, textString = "startTime=%startTime")}));
+  end Step;
+  block Sine
+    extends Interfaces.SignalSource;
+    parameter Real amplitude = 1;
+    parameter Real f(start = 1);
+    parameter Real offset = 0;
+  equation
+    y = offset + amplitude * sin(6.283185307179586 * f * time);
+    annotation (Icon(graphics = {
+        Line(points = {{-80, 84}, {-80, -82}}, color = {180, 180, 180}),
+        Line(points = {{-88, 0}, {84, 0}}, color = {180, 180, 180}),
+        Line(points = {{-80, 0}, {-58, 56}, {-40, 74}, {-22, 56}, {0, 0}, {22, -56}, {40, -74}, {58, -56}, {80, 0}}, color = {0, 0, 127}, smooth = Smooth.Bezier),
+        Text(extent = {{-150, -150}, {150, -110}}, textString = "f=%f")}));
+  end Sine;
+  block BooleanPulse
+    extends Interfaces.BooleanSignalSource;
+    parameter Real width = 50;
+    parameter Units.SI.Time period(start = 1);
+    parameter Units.SI.Time startTime = 0;
+  equation
+    y = mod(time - startTime, period) < period * width / 100;
+    annotation (Icon(graphics = {
+        Line(points = {{-80, 84}, {-80, -82}}, color = {180, 180, 180}),
+        Line(points = {{-88, -68}, {84, -68}}, color = {180, 180, 180}),
+        Line(points = {{-80, -68}, {-44, -68}, {-44, 46}, {-4, 46}, {-4, -68}, {36, -68}, {36, 46}, {72, 46}}),
+        Text(extent = {{-150, -150}, {150, -110}}, textString = "%period")}));
+  end BooleanPulse;
+end Sources;

@@ -1,0 +1,58 @@
+within Modelica;
+package Icons "Icons of classes that are no blocks"
+  partial class Information
+    annotation (Icon(graphics = {
+      Ellipse(extent = {{-98, 98}, {98, -98}}, lineColor = {70, 140, 75}, fillColor = {70, 140, 75}, fillPattern = FillPattern.Solid),
+      Text(extent = {{-60, 80}, {60, -80}}, textColor = {255, 255, 255}, textString = "i", textStyle = {TextStyle.Bold, TextStyle.Italic})}));
+  end Information;
+  partial class Contact
+    annotation (Icon(graphics = {
+      Rectangle(extent = {{-98, 68}, {98, -68}}, fillColor = {236, 236, 236}, fillPattern = FillPattern.Solid),
+      Line(points = {{-98, 68}, {0, -16}, {98, 68}})}));
+  end Contact;
+  partial class ReleaseNotes
+    annotation (Icon(graphics = {
+      Rectangle(extent = {{-76, 98}, {76, -98}}, fillColor = {244, 244, 244}, fillPattern = FillPattern.Solid),
+      Line(points = {{-50, 50}, {50, 50}}), Line(points = {{-50, 10}, {50, 10}}), Line(points = {{-50, -30}, {20, -30}})}));
+  end ReleaseNotes;
+  partial model Example
+    annotation (Icon(graphics = {
+      Ellipse(extent = {{-98, 98}, {98, -98}}, lineColor = {70, 140, 75}, fillColor = {255, 255, 255}, fillPattern = FillPattern.Solid),
+      Polygon(points = {{-34, 58}, {62, 0}, {-34, -58}}, pattern = LinePattern.None, fillColor = {70, 140, 75}, fillPattern = FillPattern.Solid)}));
+  end Example;
+  partial package Package
+    annotation (Icon(graphics = {
+      Rectangle(extent = {{-98, 98}, {98, -98}}, radius = 24, lineColor = {190, 190, 190}, fillColor = {250, 250, 250}, fillPattern = FillPattern.HorizontalCylinder)}));
+  end Package;
+  partial package ExamplesPackage
+    extends Icons.Package;
+    annotation (Icon(graphics = {
+      Polygon(points = {{-48, 58}, {52, 0}, {-48, -58}}, pattern = LinePattern.None, fillColor = {70, 140, 75}, fillPattern = FillPattern.Solid)}));
+  end ExamplesPackage;
+  partial package InterfacesPackage
+    extends Icons.Package;
+    annotation (Icon(graphics = {
+      Polygon(points = {{20, 60}, {70, 60}, {70, -60}, {20, -60}, {-20, 0}}, lineColor = {100, 100, 100}, fillColor = {200, 200, 200}, fillPattern = FillPattern.Solid)}));
+  end InterfacesPackage;
+  partial package SourcesPackage
+    extends Icons.Package;
+    annotation (Icon(graphics = {
+      Ellipse(extent = {{-66, 42}, {18, -42}}, lineColor = {100, 100, 100}), Line(points = {{18, 0}, {74, 0}}, arrow = {Arrow.None, Arrow.Filled})}));
+  end SourcesPackage;
+  partial package TypesPackage
+    extends Icons.Package;
+    annotation (Icon(graphics = {Text(extent = {{-70, 70}, {70, -70}}, textColor = {100, 100, 100}, textString = "T")}));
+  end TypesPackage;
+  partial package IconsPackage
+    extends Icons.Package;
+    annotation (Icon(graphics = {
+      Ellipse(extent = {{-50, 50}, {50, -50}}, lineColor = {100, 100, 100}, fillColor = {170, 205, 170}, fillPattern = FillPattern.Solid)}));
+  end IconsPackage;
+  partial package FunctionsPackage
+    extends Icons.Package;
+    annotation (Icon(graphics = {Text(extent = {{-70, 70}, {70, -70}}, textColor = {100, 100, 100}, textString = "f", textStyle = {TextStyle.Italic})}));
+  end FunctionsPackage;
+  partial package InternalPackage
+    extends Icons.Package;
+  end InternalPackage;
+end Icons;

@@ -1,0 +1,137 @@
+"""What is wrong with a picture: one sentence for each finding."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations, pairwise
+
+from .geometry import Box, Point, box_of
+from .scene import Part, Scene, Wire
+from .shapes import Label, Shape
+
+_NEAR = 0.05  # units of a diagram by which the end of a line may miss its connector
+_SMALLEST = 0.6  # part of the size its extent allows to which a text may shrink
+_EDGE = 1e-6
+
+
+def check_diagram(scene: Scene) -> Iterator[str]:
+    """Findings about the diagram of a class.
+
+    Every line must begin and end in the middle of its connectors, as those that an editor draws
+    do. Components must not overlap each other, nor lines cross them or lie upon each other.
+    """
+    yield from _wires_meet(scene)
+    yield from _overlaps(scene)
+    yield from _wires_cross(scene)
+    yield from _wires_coincide(scene)
+    for part in scene.parts.values():
+        yield from _labels(part.name, part)
+
+
+def check_icon(scene: Scene) -> Iterator[str]:
+    """Findings about the icon of a class.
+
+    It must show something; connectors must not overlap, nor texts; texts must not be squeezed.
+    """
+    name = scene.path.rpartition(".")[2]
+    part = Part(name, scene.path, False, scene.box, scene.items, scene.parts)
+    if not any(isinstance(item, Shape) for item in scene.items):
+        yield f"{name} draws nothing"
+    for a, b in combinations(scene.parts.values(), 2):
+        if _overlapping(a.box, b.box):
+            yield f"{name}: connectors {a.name} and {b.name} overlap"
+    yield from _labels(name, part)
+
+
+def _wires_meet(scene: Scene) -> Iterator[str]:
+    for wire in scene.wires:
+        places = [_place(scene, connector) for connector in (wire.a, wire.b)]
+        if len(wire.points) < 2:
+            if None not in places:  # what is hidden, such as a connector inside, has no line
+                yield f"{_name(wire)} has no line"
+            continue
+        ends = (wire.points[0], wire.points[-1])
+        for connector, place, end in zip((wire.a, wire.b), places, ends, strict=True):
+            if place is None:
+                yield f"{_name(wire)}: {connector} has no place"
+                continue
+            middle = place.box.centre
+            if max(abs(middle.x - end.x), abs(middle.y - end.y)) > _NEAR:
+                yield (f"{_name(wire)} ends at {_pair(end)}, but {connector} is at {_pair(middle)}")
+
+
+def _place(scene: Scene, connector: str) -> Part | None:
+    component, _, inner = connector.partition(".")
+    part = scene.parts.get(component)
+    return part.parts.get(inner) if part is not None and inner else part
+
+
+def _overlaps(scene: Scene) -> Iterator[str]:
+    for a, b in combinations(scene.parts.values(), 2):
+        if _overlapping(_whole(a), _whole(b)):
+            yield f"{a.name} and {b.name} overlap"
+
+
+def _whole(part: Part) -> Box:
+    """The box of a component with its connectors and its name."""
+    boxes = [part.box, *(inner.box for inner in part.parts.values())]
+    boxes += [item.box for item in part.items if isinstance(item, Label)]
+    return box_of(Point(x, y) for box in boxes for x, y in ((box.x1, box.y1), (box.x2, box.y2)))
+
+
+def _wires_cross(scene: Scene) -> Iterator[str]:
+    for wire in scene.wires:
+        for a, b in pairwise(wire.points):
+            segment = box_of((a, b))
+            for part in scene.parts.values():
+                inside = min(segment.overlap(part.box.grown(-_EDGE))) >= 0
+                if inside and not part.connector:
+                    yield f"{_name(wire)} crosses {part.name}"
+
+
+def _wires_coincide(scene: Scene) -> Iterator[str]:
+    for one, other in combinations(scene.wires, 2):
+        if {one.a, one.b} & {other.a, other.b}:
+            continue  # the same signal
+        for a, b in pairwise(one.points):
+            for c, d in pairwise(other.points):
+                width, height = box_of((a, b)).overlap(box_of((c, d)))
+                flat = a.y == b.y and c.y == d.y and height == 0 and width > _EDGE
+                upright = a.x == b.x and c.x == d.x and width == 0 and height > _EDGE
+                if flat or upright:
+                    yield f"{_name(one)} lies upon {_name(other)}"
+
+
+def _labels(name: str, part: Part) -> Iterator[str]:
+    labels = [item for item in part.items if isinstance(item, Label)]
+    for label in labels:
+        if label.size < _SMALLEST * label.wanted:
+            yield f"{name}: {label.text!r} is squeezed to {label.size / label.wanted:.0%}"
+    for one, other in combinations(labels, 2):
+        if _overlapping(_ink(one), _ink(other)):
+            yield f"{name}: {one.text!r} and {other.text!r} overlap"
+    for label in labels:
+        for inner in part.parts.values():
+            if _overlapping(_ink(label), inner.box):
+                yield f"{name}: {label.text!r} lies on the connector {inner.name}"
+
+
+def _ink(label: Label) -> Box:
+    """The box of what is seen of a text: without the space between lines."""
+    box = label.box
+    if abs(label.angle) > _EDGE:
+        return box
+    rest = label.size * 0.2
+    return Box(box.x1, box.y1 + rest, box.x2, box.y2 - rest)
+
+
+def _overlapping(a: Box, b: Box) -> bool:
+    return min(a.overlap(b)) > _EDGE
+
+
+def _name(wire: Wire) -> str:
+    return f"connect({wire.a}, {wire.b})"
+
+
+def _pair(p: Point) -> str:
+    return f"{{{p.x:g}, {p.y:g}}}"

@@ -1,0 +1,166 @@
+"""Finds classes by name in the folders of libraries, as the Modelica specification says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .syntax import Class, parse
+from .tokens import ModelicaSyntaxError
+
+BUILT_IN = frozenset({"Real", "Integer", "Boolean", "String", "ExternalObject", "StateSelect"})
+
+
+class NoSuchClassError(LookupError):
+    """A class that is in none of the libraries."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A class and its full name."""
+
+    path: str
+    definition: Class
+
+
+class Libraries:
+    """Classes of the libraries in some folders; the first folder that has a library counts.
+
+    Args:
+        folders: Folders that hold libraries, each as a folder or a file of its name.
+    """
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        self._folders = folders
+        self._classes: dict[str, Class | None] = {}
+
+    def get(self, path: str) -> Found:
+        """A class by its full name.
+
+        Raises:
+            NoSuchClassError: There is none.
+        """
+        found = self._inside("", path.lstrip("."), inherit=True)
+        if found is None:
+            raise NoSuchClassError(f"there is no class {path}")
+        return found
+
+    def find(self, name: str, scope: str) -> Found | None:
+        """A class as named inside another class; None for built-in types.
+
+        Args:
+            name: The name as written.
+            scope: Full name of the class in which it is written.
+
+        Raises:
+            NoSuchClassError: There is none.
+        """
+        if name in BUILT_IN:
+            return None
+        if name.startswith("."):
+            return self.get(name)
+        first, _, rest = name.partition(".")
+        while True:
+            start = self._visible(scope, first)
+            if start is not None:
+                found = self._inside(start, rest, inherit=True)
+                if found is not None:
+                    return found
+            if not scope:
+                raise NoSuchClassError(f"there is no class {name}")
+            scope = scope.rpartition(".")[0]
+
+    def members(self, package: str) -> list[str]:
+        """Names of the classes inside a package, in its order."""
+        folder = self._folder(package)
+        inner = list(self.get(package).definition.classes)
+        if folder is None:
+            return inner
+        names = {f.stem for f in folder.glob("*.mo")} | {
+            f.parent.name for f in folder.glob("*/package.mo")
+        }
+        names = (names - {"package"}) | set(inner)
+        order = folder / "package.order"
+        listed = order.read_text("utf-8").split() if order.exists() else []
+        return [name for name in listed if name in names] + sorted(names - set(listed))
+
+    def _visible(self, scope: str, first: str) -> str | None:
+        """The full name of what a first name means in one scope."""
+        if scope:
+            here = self._class(scope)
+            if here is not None and first in here.imports:
+                return here.imports[first]
+        found = self._inside(scope, first, inherit=True)
+        return None if found is None else found.path
+
+    def _inside(self, scope: str, name: str, *, inherit: bool) -> Found | None:
+        path = scope
+        for part in filter(None, name.split(".")):
+            inner = f"{path}.{part}" if path else part
+            if self._class(inner) is None:
+                inherited = self._inherited(path, part) if inherit and path else None
+                if inherited is None:
+                    return None
+                inner = inherited.path
+            path = inner
+        definition = self._class(path) if path else None
+        return None if definition is None else Found(path, definition)
+
+    def _inherited(self, path: str, name: str) -> Found | None:
+        definition = self._class(path)
+        for base in definition.bases if definition is not None else ():
+            if base.class_name in BUILT_IN:
+                continue
+            try:
+                # Base classes are not looked up among what is inherited, which would go in circles.
+                parent = self._base(base.class_name, path)
+            except NoSuchClassError:
+                continue
+            found = self._inside(parent, name, inherit=True)
+            if found is not None:
+                return found
+        return None
+
+    def _base(self, name: str, scope: str) -> str:
+        first, _, rest = name.lstrip(".").partition(".")
+        outer = scope.rpartition(".")[0]
+        while True:
+            inner = f"{outer}.{first}" if outer else first
+            if self._class(inner) is not None:
+                return f"{inner}.{rest}" if rest else inner
+            if not outer:
+                raise NoSuchClassError(f"there is no class {name}")
+            outer = outer.rpartition(".")[0]
+
+    def _class(self, path: str) -> Class | None:
+        if path not in self._classes:
+            self._classes[path] = self._load(path)
+        return self._classes[path]
+
+    def _load(self, path: str) -> Class | None:
+        parent, _, name = path.rpartition(".")
+        if parent:
+            outer = self._class(parent)
+            if outer is None:
+                return None
+            if name in outer.classes:
+                return outer.classes[name]
+        for file in self._files(path):
+            try:
+                return parse(file.read_text("utf-8"))
+            except ModelicaSyntaxError as error:
+                raise ModelicaSyntaxError(f"{file}: {error}") from None
+        return None
+
+    def _files(self, path: str) -> Iterator[Path]:
+        for folder in self._folders:
+            place = folder.joinpath(*path.split("."))
+            for file in (place / "package.mo", place.with_name(f"{place.name}.mo")):
+                if file.exists():
+                    yield file
+
+    def _folder(self, path: str) -> Path | None:
+        for file in self._files(path):
+            return file.parent if file.name == "package.mo" else None
+        return None

@@ -1,0 +1,73 @@
+"""The pictures of the documentation: icons and diagrams of the libraries."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from ecatgen.build import build_library
+from ecatgen.checks import sample_buses
+from ecatgen.profiles import load_profiles
+from ecatgen.render import render
+
+from .geometry import Box, Point, box_of
+from .library import Libraries
+from .scene import Scene, diagram
+from .shapes import Label
+from .sheet import sheet
+from .svg import Svg
+
+STATIC, GENERATED = "EtherCAT", "TrollPlant"
+_ECATGEN = Path(__file__).parents[1]
+_MARGIN = 6
+
+
+def libraries(folder: Path) -> Libraries:
+    """The library EtherCAT, and the one of the bus `troll`, which is written to a folder.
+
+    Classes of the Modelica Standard Library come from the stand-in of the checks, so that the
+    pictures are the same everywhere.
+    """
+    library = build_library(sample_buses.troll(), GENERATED, load_profiles())
+    for path, data in render(library).items():
+        file = folder / GENERATED / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    return Libraries([folder, _ECATGEN / "modelica", _ECATGEN / "checks"])
+
+
+def models(found: Libraries, package: str) -> Iterator[str]:
+    """Full names of all models and blocks in a package and those inside it."""
+    for name in found.members(package):
+        path = f"{package}.{name}"
+        kind = found.get(path).definition.kind
+        if kind == "package":
+            yield from models(found, path)
+        elif kind in ("block", "model"):
+            yield path
+
+
+def pictures() -> dict[str, str]:
+    """Every picture by the name of its file."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = libraries(Path(folder))
+        result = {f"{name}.svg": sheet(found, name) for name in (STATIC, GENERATED)}
+        for name in (STATIC, GENERATED):
+            for path in models(found, name):
+                scene = diagram(found, path)
+                if scene.wires:
+                    result[f"{path}.svg"] = draw_diagram(scene)
+        return result
+
+
+def draw_diagram(scene: Scene) -> str:
+    """A diagram as SVG, as large as what is in it."""
+    boxes = [part.box for part in scene.parts.values()]
+    items = [item for part in scene.parts.values() for item in part.items]
+    boxes += [item.box for item in [*scene.items, *items] if isinstance(item, Label)]
+    points = [Point(x, y) for b in boxes for x, y in ((b.x1, b.y1), (b.x2, b.y2))]
+    points += [p for wire in scene.wires for p in wire.points]
+    svg = Svg(Box(*box_of(points)).grown(_MARGIN), f"{scene.path}: {scene.description}")
+    svg.scene(scene)
+    return svg.write()
