@@ -21,5 +21,6 @@
 #include "ecatm_realtime.h"
 #include "ecatm_samples.h"
 #include "ecatm_sdo.h"
+#include "ecatm_drive_steps.h"
 
 #endif

@@ -1,0 +1,186 @@
+/* A drive with the device profile CiA 402 (IEC 61800-7-201): its parameters and its memory. */
+#ifndef ECATM_DRIVE_H
+#define ECATM_DRIVE_H
+
+#include "ecatm_samples.h"
+
+/* EtherCAT.Types.DriveState */
+enum ecatm_drive_state {
+  ECATM_NOT_READY_TO_SWITCH_ON = 1,
+  ECATM_SWITCH_ON_DISABLED,
+  ECATM_READY_TO_SWITCH_ON,
+  ECATM_SWITCHED_ON,
+  ECATM_OPERATION_ENABLED,
+  ECATM_QUICK_STOP_ACTIVE,
+  ECATM_FAULT_REACTION_ACTIVE,
+  ECATM_FAULT
+};
+
+/* Modes of operation, object 0x6060. */
+enum ecatm_drive_mode {
+  ECATM_PROFILE_POSITION = 1,
+  ECATM_PROFILE_VELOCITY = 3,
+  ECATM_PROFILE_TORQUE = 4,
+  ECATM_CYCLIC_POSITION = 8,
+  ECATM_CYCLIC_VELOCITY = 9,
+  ECATM_CYCLIC_TORQUE = 10
+};
+
+/* EtherCAT.Types.DriveReference */
+enum ecatm_drive_reference { ECATM_RELATIVE = 1, ECATM_ABSOLUTE };
+
+/* What is mapped to the process data, beside control and status word. */
+enum ecatm_drive_entries {
+  ECATM_HAS_MODE_DISPLAY = 1,
+  ECATM_HAS_POSITION = 2,
+  ECATM_HAS_VELOCITY = 4,
+  ECATM_HAS_TORQUE = 8,
+  ECATM_HAS_CURRENT = 16
+};
+
+/* The parameters of EtherCAT.Drives.CiA402. */
+typedef struct ecatm_drive_settings {
+  int mode;                      /* enum ecatm_drive_mode */
+  int reference;                 /* enum ecatm_drive_reference, of positions */
+  int entries;                   /* enum ecatm_drive_entries, added up */
+  double encoder;                /* increments per revolution of the motor */
+  double gear;                   /* revolutions of the motor per revolution of the output */
+  double velocity_scale;         /* raw velocity at one revolution of the motor per second */
+  double rated_torque;           /* of the motor in N.m, 1000 in 0x6071, 0x6072 and 0x6077 */
+  double rated_current;          /* in A, 1000 in 0x6078 */
+  double max_torque;             /* of the motor in N.m, for 0x6072 */
+  double approach_speed;         /* rad/s of the output, on the way to an absolute position */
+  double standstill_speed;       /* rad/s of the output: a quick stop is over below it */
+  double max_dropout;            /* seconds without valid data that are bridged */
+} ecatm_drive_settings;
+
+/* What measure() remembers. Positions in increments of the encoder, without overflow. */
+typedef struct ecatm_drive_view {
+  int seen;                      /* there were valid data */
+  double seen_at;                /* simulation time of the last ones */
+  double position, velocity;     /* increments, raw */
+  double w;                      /* rad/s of the output */
+  double torque, current;        /* raw */
+  int status, display;           /* 0x6041, 0x6061 */
+  int connected;                 /* valid data now, or not long ago */
+  int state;                     /* enum ecatm_drive_state */
+  int enabled;                   /* the drive follows what command() gives */
+} ecatm_drive_view;
+
+/* What command() remembers. */
+typedef struct ecatm_drive_order {
+  int word;                      /* 0x6040 */
+  int reset_input;               /* input of the fault reset */
+  int reset_pending;             /* a fault may be reset */
+  int following;                 /* the target comes from the reference */
+  int arrived;                   /* at an absolute reference */
+  double offset;                 /* target position - reference, where that is relative */
+  double target;                 /* position in increments */
+  int set_point;                 /* 0x607A */
+  int strobe;                    /* profile position: bit 4, new set-point */
+  double waiting;                /* seconds that the drive has not taken the mode */
+} ecatm_drive_order;
+
+typedef struct ecatm_drive {
+  ecatm_node node;
+  int position;                  /* of the slave on the bus */
+  ecatm_drive_settings settings;
+  int stepped;                   /* `time` is valid */
+  double time, elapsed;          /* simulation time of this sample, since the one before */
+  ecatm_drive_view view, view_before;
+  ecatm_drive_order order, order_before;
+  int told;                      /* that the drive does not take the mode */
+} ecatm_drive;
+
+/* --- Life ---------------------------------------------------------------------------------- */
+
+/* Increments per second as unit of the velocity, and all entries mapped. */
+ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mode, double encoder) {
+  settings->mode = mode;
+  settings->reference = ECATM_RELATIVE;
+  settings->entries = ECATM_HAS_MODE_DISPLAY | ECATM_HAS_POSITION | ECATM_HAS_VELOCITY |
+                      ECATM_HAS_TORQUE | ECATM_HAS_CURRENT;
+  settings->encoder = settings->velocity_scale = encoder;
+  settings->gear = 1;
+  settings->rated_torque = settings->rated_current = settings->max_torque = 1;
+  settings->approach_speed = 1;
+  settings->standstill_speed = 0.5;
+  settings->max_dropout = 0.01;
+}
+
+ECATM_FUNCTION int ecatm_drive_positions(int mode) {
+  return mode == ECATM_PROFILE_POSITION || mode == ECATM_CYCLIC_POSITION;
+}
+
+ECATM_FUNCTION int ecatm_drive_velocities(int mode) {
+  return mode == ECATM_PROFILE_VELOCITY || mode == ECATM_CYCLIC_VELOCITY;
+}
+
+ECATM_FUNCTION int ecatm_drive_torques(int mode) {
+  return mode == ECATM_PROFILE_TORQUE || mode == ECATM_CYCLIC_TORQUE;
+}
+
+ECATM_FUNCTION int ecatm_finite(double value) { return value - value == 0; }
+
+/* The first parameter that cannot be, or NULL. */
+ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
+  if (!ecatm_drive_positions(s->mode) && !ecatm_drive_velocities(s->mode) &&
+      !ecatm_drive_torques(s->mode))
+    return "mode must be profile or cyclic position, velocity or torque";
+  if (ecatm_drive_positions(s->mode) && !(s->entries & ECATM_HAS_POSITION))
+    return "a position mode needs the actual position 0x6064 in the process data";
+  if (!(s->encoder > 0) || !ecatm_finite(s->encoder)) return "encoderResolution must be positive";
+  if (s->gear == 0 || !ecatm_finite(s->gear)) return "gearRatio must not be 0";
+  if (!(s->velocity_scale > 0) || !ecatm_finite(s->velocity_scale))
+    return "velocityScale must be positive";
+  if (!(s->rated_torque > 0) || !ecatm_finite(s->rated_torque))
+    return "ratedTorque must be positive";
+  if (!(s->rated_current > 0) || !ecatm_finite(s->rated_current))
+    return "ratedCurrent must be positive";
+  if (!(s->max_torque >= 0)) return "maxTorque must not be negative";
+  if (!(s->approach_speed > 0)) return "approachSpeed must be positive";
+  return NULL;
+}
+
+ECATM_FUNCTION void *ecatm_drive_new(void *object, int position,
+                                     const ecatm_drive_settings *settings) {
+  const char *wrong = ecatm_drive_wrong(settings);
+  ecatm_drive *drive;
+  if (wrong != NULL) {
+    ModelicaFormatError("EtherCAT: the drive of slave %d cannot work: %s", position, wrong);
+    return NULL;
+  }
+  drive = (ecatm_drive *)ecatm_new((ecatm_master *)object, sizeof *drive);
+  if (drive == NULL) return NULL;
+  drive->position = position;
+  drive->settings = *settings;
+  drive->view.state = ECATM_NOT_READY_TO_SWITCH_ON;
+  return drive;
+}
+
+/* The constructor in Modelica; see ecatm_drive_settings. */
+ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int reference,
+                                      int entries, double encoder, double gear,
+                                      double velocity_scale, double rated_torque,
+                                      double rated_current, double max_torque,
+                                      double approach_speed, double standstill_speed,
+                                      double max_dropout) {
+  ecatm_drive_settings settings;
+  settings.mode = mode;
+  settings.reference = reference;
+  settings.entries = entries;
+  settings.encoder = encoder;
+  settings.gear = gear;
+  settings.velocity_scale = velocity_scale;
+  settings.rated_torque = rated_torque;
+  settings.rated_current = rated_current;
+  settings.max_torque = max_torque;
+  settings.approach_speed = approach_speed;
+  settings.standstill_speed = standstill_speed;
+  settings.max_dropout = max_dropout;
+  return ecatm_drive_new(master, position, &settings);
+}
+
+ECATM_FUNCTION void ecatm_drive_close(void *object) { ecatm_close(object); }
+
+#endif

@@ -1,0 +1,237 @@
+/* A sample of a drive with the device profile CiA 402, between raw process data and SI units.
+ *
+ * First measure, which depends on no reference, then command: so a controller between them makes no
+ * loop. Both compute from what the sample before has left, and may be called again at the same time.
+ */
+#ifndef ECATM_DRIVE_STEPS_H
+#define ECATM_DRIVE_STEPS_H
+
+#include "ecatm_drive.h"
+
+#define ECATM_TWO_PI 6.28318530717958647692
+#define ECATM_MODE_PATIENCE 2.0  /* seconds that a drive may take to change its mode, until it is told */
+
+/* --- Measure ------------------------------------------------------------------------------- */
+
+/* The first call at a new time keeps what the sample before has left. */
+ECATM_FUNCTION void ecatm_drive_step(ecatm_drive *drive, double time) {
+  if (drive->stepped && ecatm_same_time(time, drive->time)) return;
+  drive->elapsed = drive->stepped && time > drive->time ? time - drive->time : 0;
+  drive->stepped = 1;
+  drive->time = time;
+  drive->view_before = drive->view;
+  drive->order_before = drive->order;
+}
+
+/* The state in a status word; the bits are those of CiA 402-2, "statusword". */
+ECATM_FUNCTION int ecatm_drive_state_of(int status) {
+  if (status & 0x08) return status & 0x04 ? ECATM_FAULT_REACTION_ACTIVE : ECATM_FAULT;
+  if (status & 0x40) return ECATM_SWITCH_ON_DISABLED;
+  if (!(status & 0x01)) return ECATM_NOT_READY_TO_SWITCH_ON;
+  if (!(status & 0x20)) return ECATM_QUICK_STOP_ACTIVE;
+  if (status & 0x04) return ECATM_OPERATION_ENABLED;
+  return status & 0x02 ? ECATM_SWITCHED_ON : ECATM_READY_TO_SWITCH_ON;
+}
+
+/* A position as a counter of 32 bits has it. */
+ECATM_FUNCTION int ecatm_drive_wrap(double position) {
+  double rest = fmod(floor(position + 0.5), 4294967296.0);
+  if (rest >= 2147483648.0) rest -= 4294967296.0;
+  if (rest < -2147483648.0) rest += 4294967296.0;
+  return (int)rest;
+}
+
+/* Rad of the output in an increment of the encoder. */
+ECATM_FUNCTION double ecatm_drive_angle(const ecatm_drive_settings *s) {
+  return ECATM_TWO_PI / (s->encoder * s->gear);
+}
+
+/* Takes over valid data. What is not mapped follows from what is. */
+ECATM_FUNCTION void ecatm_drive_see(ecatm_drive *drive, int position, int velocity, int torque,
+                                    int current) {
+  const ecatm_drive_settings *s = &drive->settings;
+  const ecatm_drive_view *before = &drive->view_before;
+  ecatm_drive_view *view = &drive->view;
+  double elapsed = drive->time - before->seen_at;
+  if (!before->seen)
+    view->position = position;
+  else
+    view->position += ecatm_drive_wrap((double)position - ecatm_drive_wrap(before->position));
+  if (s->entries & ECATM_HAS_VELOCITY) {
+    view->velocity = velocity;
+    view->w = velocity / s->velocity_scale * ECATM_TWO_PI / s->gear;
+  } else if (before->seen && elapsed > 0) {
+    view->w = (view->position - before->position) / elapsed * ecatm_drive_angle(s);
+    view->velocity = view->w * s->gear / ECATM_TWO_PI * s->velocity_scale;
+  }
+  view->torque = s->entries & ECATM_HAS_TORQUE ? torque : s->entries & ECATM_HAS_CURRENT ? current : 0;
+  view->current = s->entries & ECATM_HAS_CURRENT ? current : view->torque;
+  view->seen = 1;
+  view->seen_at = drive->time;
+}
+
+/* The actual values in SI units at the output of the gear; returns the state. Without valid data the
+ * values stay as they were, for max_dropout also the state. `order` is any value whose computation
+ * must come before this call. */
+ECATM_FUNCTION int ecatm_drive_measure(void *object, double time, int order, int valid, int status,
+                                       int display, int position, int velocity, int torque,
+                                       int current, double *phi, double *w, double *tau, double *i,
+                                       int *enabled) {
+  ecatm_drive *drive = (ecatm_drive *)object;
+  const ecatm_drive_settings *s = &drive->settings;
+  ecatm_drive_view *view = &drive->view;
+  (void)order;
+  ecatm_drive_step(drive, time);
+  *view = drive->view_before;
+  if (valid) {
+    ecatm_drive_see(drive, position, velocity, torque, current);
+    view->status = status;
+    view->display = s->entries & ECATM_HAS_MODE_DISPLAY ? display : s->mode;
+  }
+  view->connected = view->seen && time - view->seen_at <= s->max_dropout + ECATM_SAME_TIME;
+  view->state = view->connected ? ecatm_drive_state_of(view->status) : ECATM_NOT_READY_TO_SWITCH_ON;
+  view->enabled = view->state == ECATM_OPERATION_ENABLED && view->display == s->mode &&
+                  (drive->order_before.word & 0x0F) == 0x0F;
+  *phi = view->position * ecatm_drive_angle(s);
+  *w = view->w;
+  *tau = view->torque / 1000 * s->rated_torque * s->gear;
+  *i = view->current / 1000 * s->rated_current;
+  *enabled = view->enabled;
+  return view->state;
+}
+
+/* --- Command ------------------------------------------------------------------------------- */
+
+/* The control word that leads towards operation, or away from it. */
+ECATM_FUNCTION int ecatm_drive_word(const ecatm_drive *drive, int wanted, int quick_stop) {
+  enum { OFF = 0x00, QUICK_STOP = 0x02, SHUTDOWN = 0x06, SWITCH_ON = 0x07, OPERATION = 0x0F };
+  const ecatm_drive_view *view = &drive->view;
+  int in_mode = view->display == drive->settings.mode;
+  switch (view->state) {
+    case ECATM_NOT_READY_TO_SWITCH_ON:
+    case ECATM_FAULT_REACTION_ACTIVE:
+      return OFF;
+    case ECATM_FAULT:
+      return drive->order.reset_pending && drive->order.reset_input ? 0x80 : OFF;
+    case ECATM_QUICK_STOP_ACTIVE: /* a quick stop is brought to its end */
+      return quick_stop || fabs(view->w) > drive->settings.standstill_speed ? QUICK_STOP : OFF;
+    default:
+      break;
+  }
+  if (quick_stop) return QUICK_STOP;
+  if (view->state == ECATM_SWITCH_ON_DISABLED) return SHUTDOWN;
+  if (view->state == ECATM_READY_TO_SWITCH_ON) return wanted ? SWITCH_ON : SHUTDOWN;
+  if (view->state == ECATM_SWITCHED_ON && !wanted) return SHUTDOWN;
+  return wanted && in_mode ? OPERATION : SWITCH_ON; /* from operation: "disable operation" */
+}
+
+/* The mode is changed only while the drive is not in operation. */
+ECATM_FUNCTION int ecatm_drive_mode_now(const ecatm_drive *drive) {
+  const ecatm_drive_view *view = &drive->view;
+  int moving = view->state == ECATM_OPERATION_ENABLED || view->state == ECATM_QUICK_STOP_ACTIVE ||
+               view->state == ECATM_FAULT_REACTION_ACTIVE;
+  return moving ? view->display : drive->settings.mode;
+}
+
+/* Says once that the drive stays in another mode, since nothing else would tell why it does not move. */
+ECATM_FUNCTION void ecatm_drive_watch_mode(ecatm_drive *drive) {
+  int waits = drive->view.state == ECATM_SWITCHED_ON && drive->order.word == 0x07 &&
+              drive->view.display != drive->settings.mode;
+  drive->order.waiting = waits ? drive->order_before.waiting + drive->elapsed : 0;
+  if (drive->order.waiting < ECATM_MODE_PATIENCE || drive->told) return;
+  drive->told = 1;
+  ModelicaFormatMessage("EtherCAT: the drive of slave %d is not enabled: it stays in mode of operation "
+                        "%d (0x6061) and does not take %d; choose a mode of its object 0x6502, or "
+                        "write 0x6060 in startUp\n",
+                        drive->position, drive->view.display, drive->settings.mode);
+}
+
+/* The target position in increments, without overflow. */
+ECATM_FUNCTION double ecatm_drive_target(ecatm_drive *drive, double reference) {
+  const ecatm_drive_settings *s = &drive->settings;
+  const ecatm_drive_order *before = &drive->order_before;
+  ecatm_drive_order *now = &drive->order;
+  double wanted = reference / ecatm_drive_angle(s), step, rest;
+  if (!now->following) return drive->view.position;
+  if (!before->following) {
+    now->offset = drive->view.position - wanted;
+    return drive->view.position;
+  }
+  if (s->reference == ECATM_RELATIVE) return wanted + now->offset;
+  if (now->arrived || s->mode == ECATM_PROFILE_POSITION) return wanted; /* the drive has a profile */
+  step = fabs(s->approach_speed / ecatm_drive_angle(s)) * drive->elapsed;
+  rest = wanted - before->target;
+  now->arrived = fabs(rest) <= step;
+  return now->arrived ? wanted : before->target + (rest > 0 ? step : -step);
+}
+
+/* Profile position: a new set-point is offered by bit 4 until the drive acknowledges it by bit 12. */
+ECATM_FUNCTION void ecatm_drive_offer(ecatm_drive *drive) {
+  const ecatm_drive_order *before = &drive->order_before;
+  ecatm_drive_order *now = &drive->order;
+  int acknowledged = (drive->view.status & 0x1000) != 0;
+  int wanted = ecatm_drive_wrap(now->target);
+  if (!now->following || !before->following) {
+    now->set_point = wanted;
+    now->strobe = 0;
+  } else if (before->strobe) {
+    now->strobe = !acknowledged;
+  } else if (!acknowledged && wanted != before->set_point) {
+    now->set_point = wanted;
+    now->strobe = 1;
+  }
+  if (now->following) now->word |= now->strobe ? 0x30 : 0x20; /* bit 5: change immediately */
+}
+
+ECATM_FUNCTION int ecatm_drive_hold(double value, double low, double high) {
+  value = floor(value + 0.5);
+  return (int)(value < low ? low : value > high ? high : value);
+}
+
+/* Control word (returned), mode and targets for a reference in SI units at the output of the gear: the
+ * angle in position modes, the speed in velocity modes, the torque in torque modes. Until the drive is
+ * enabled the targets follow its actual values. `order` is a result of measure(). */
+ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int ready, int enable,
+                                       int quick_stop, int fault_reset, double reference, int *mode,
+                                       int *position, int *velocity, int *torque,
+                                       int *max_torque) {
+  ecatm_drive *drive = (ecatm_drive *)object;
+  const ecatm_drive_settings *s = &drive->settings;
+  ecatm_drive_order *now = &drive->order;
+  double speed, force = 0;
+  (void)order;
+  ecatm_drive_step(drive, time);
+  *now = drive->order_before;
+  now->reset_input = fault_reset;
+  if (fault_reset && !drive->order_before.reset_input) now->reset_pending = 1;
+  if (drive->view.connected && drive->view.state < ECATM_FAULT_REACTION_ACTIVE)
+    now->reset_pending = 0;
+  now->word = ecatm_drive_word(drive, enable && ready, quick_stop);
+  now->following = drive->view.enabled && now->word == 0x0F;
+  if (now->following && !ecatm_finite(reference)) {
+    ModelicaFormatError("EtherCAT: the reference of the drive of slave %d is not a finite number",
+                        drive->position);
+    return 0;
+  }
+  if (!now->following) now->arrived = 0;
+  ecatm_drive_watch_mode(drive);
+  now->target = drive->view.position;
+  if (ecatm_drive_positions(s->mode)) now->target = ecatm_drive_target(drive, reference);
+  if (s->mode == ECATM_PROFILE_POSITION)
+    ecatm_drive_offer(drive);
+  else
+    now->set_point = ecatm_drive_wrap(now->target);
+  speed = ecatm_drive_velocities(s->mode) ? drive->view.velocity : 0;
+  if (now->following && ecatm_drive_velocities(s->mode))
+    speed = reference * s->gear / ECATM_TWO_PI * s->velocity_scale;
+  if (now->following && ecatm_drive_torques(s->mode))
+    force = reference / s->gear / s->rated_torque * 1000;
+  *mode = ecatm_drive_mode_now(drive);
+  *position = now->set_point;
+  *velocity = ecatm_drive_hold(speed, -2147483647.0, 2147483647.0);
+  *torque = ecatm_drive_hold(force, -32767, 32767);
+  *max_torque = ecatm_drive_hold(s->max_torque / s->rated_torque * 1000, 0, 65535);
+  return now->word;
+}
+
+#endif
