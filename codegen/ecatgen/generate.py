@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ecatd.model.bus import Bus
 
-from . import static_library
+from . import scan, static_library
 from .build import build_library
 from .output import Report, install
 from .profiles import load_profiles
@@ -35,9 +35,10 @@ def generate(
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
-    library = build_library(bus, name, load_profiles(profiles))
+    made = scan.essence(bus)
+    library = build_library(made, name, load_profiles(profiles))
     packages = {
         static_library.NAME: static_library.static_files(),
-        library.name: render(library, templates),
+        library.name: render(library, templates) | {scan.PATH: scan.scan_file(made)},
     }
     return install(out, packages, library.name)

@@ -8,9 +8,11 @@ import pytest
 from ecatd.bus.start.declared import declare_signals
 from ecatd.bus.start.safe import SafeOutputs, safe_outputs
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import SafeConfig, SignalConfig
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
+from ecatd.wire import pack, unpack
 
 I8, I16, I32, U16 = (
     DataType.INTEGER8,
@@ -216,7 +218,7 @@ def test_what_the_configuration_says_is_in_the_description() -> None:
     ((_, status, _),) = made.slaves[0].entries(outputs=False)
     assert (status.name, status.unit, status.minimum) == ("object 6041", "bits", None)
     assert {e.name for e in shared.entries} == {f"object {index:04X}" for index, *_ in OUTPUTS}
-    assert Bus.from_dict(made.to_dict()) == made
+    assert read_bus(unpack(pack(made.to_dict())), "x") == made
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 It reads its settings as one JSON document from stdin: `config`, `interface` and `second_interface`
 (which may be those of a simulator instead of those of the configuration), `runtime_dir`,
 `namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent`
-and `log_level`. It writes `ready` to stdout when the bus is in OP.
+and `log_level`. It writes `ready` to stdout when the bus is in OP. With `describe` it writes the
+description of the bus instead (`ecatd.model.bus_file`), and ends.
 """
 
 from __future__ import annotations
@@ -55,6 +56,16 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         stopping.cancel()
 
 
+def _describe(settings: dict[str, Any], log: Log) -> None:
+    from ecatd.model.bus_file import dump
+
+    from .description import describe
+
+    config = read_config(settings["config"])
+    config.second_interface = settings["second_interface"]
+    sys.stdout.write(dump(describe(config, settings["interface"], log)))
+
+
 def main() -> int:
     """Runs the bus server; the exit code says why it ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
@@ -66,7 +77,10 @@ def main() -> int:
 
             join(settings["namespace_of"])
         die_with_parent(settings["parent"])
-        asyncio.run(_serve(settings, log))
+        if settings["describe"]:
+            _describe(settings, log)
+        else:
+            asyncio.run(_serve(settings, log))
     except EcatError as error:
         log.error(str(error))
         return error.exit_code

@@ -7,17 +7,17 @@ import shlex
 from importlib import import_module
 from pathlib import Path
 
-from ecatd.client.remote import Remote
 from ecatd.model.errors import EcatError
 
+from .bus_source import get_bus
 from .output import print_json
 
 
-def generate(remote: Remote, options: argparse.Namespace) -> None:
+def generate(options: argparse.Namespace) -> None:
     """Writes a Modelica library for the bus."""
     from ecatgen import generate as write_library  # only this command needs the templates
 
-    bus = remote.describe()
+    bus = get_bus(options)
     report = write_library(bus, options.name, options.out)
     if options.json:
         print_json({"bus": bus.name, **report.to_dict()})

@@ -18,7 +18,7 @@ from ecatd.segment import raw
 from ecatd.stats import TIMES
 from ecatd.version import VERSION
 
-from . import dc, info, library, sdo, segment, show, stats
+from . import bus_source, dc, info, library, scan, sdo, segment, show, stats
 from .output import SCHEMA
 
 _EPILOG = """\
@@ -101,7 +101,7 @@ def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
 
     parser.add_argument(
         "--bus",
-        default=default(os.environ.get("ECATD_BUS", "ecat0")),
+        default=default(None),
         metavar="NAME",
         help="name of the bus (default: $ECATD_BUS or ecat0)",
     )
@@ -214,11 +214,17 @@ def _parser() -> argparse.ArgumentParser:
         )
         command.add_argument("--complete", action="store_true", help="complete access")
         command.add_argument("-v", "--verbose", action="store_true", help="print name and type too")
-    command = add("generate", library.generate, "Write a Modelica library for the bus.")
+    command = add_local(
+        "scan", scan.scan, "Print or save what the bus is: slaves, process data, domains."
+    )
+    command.add_argument("-o", dest="out", metavar="FILE", type=Path, help="save it to this file")
+    bus_source.add_options(command)
+    command = add_local("generate", library.generate, "Write a Modelica library for the bus.")
     command.add_argument("name", metavar="NAME", help="name of the library, as TrollPlant")
     command.add_argument(
         "out", metavar="DIR", type=Path, help="folder that the library is put into"
     )
+    bus_source.add_options(command)
     command = commands.add_parser(
         "client-flags",
         help="Print compiler flags for C and C++ programs.",
@@ -261,6 +267,9 @@ def main() -> int:
 
 def _main() -> int:
     options = _parser().parse_args()
+    # A saved scan keeps its name unless another one was asked for.
+    options.given_bus = getattr(options, "bus", None)
+    options.bus = options.given_bus or os.environ.get("ECATD_BUS") or "ecat0"
     try:
         status = _run(options)
         sys.stdout.flush()  # what cannot be written is told here, not by a traceback at the end

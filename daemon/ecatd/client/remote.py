@@ -14,6 +14,7 @@ import zenoh
 from ecatd import shm
 from ecatd.gateway.keys import bus_key, object_key, session_config
 from ecatd.model.bus import Bus
+from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import BUS_NAME
 from ecatd.model.errors import (
     JOIN,
@@ -173,7 +174,7 @@ class Remote:
 
     def describe(self) -> Bus:
         """The bus description."""
-        return Bus.from_dict(self._ask("ro", "slaves"))
+        return read_bus(self._ask("ro", "slaves"), "the answer of the daemon", strict=False)
 
     def states(self) -> list[dict[str, Any]]:
         """AL states of all slaves: `position`, `name`, `al_state`, `al_code`, `text`."""

@@ -1,7 +1,8 @@
 """The bus description: what the scan found and how it is mapped.
 
 It is the one document from which the shared-memory directory, `ecatctl slaves` and `pdos` and the
-generated Modelica library are made, and it travels as JSON or msgpack (`to_dict`, `from_dict`).
+generated Modelica library are made. It travels as msgpack (`to_dict`; `bus_reader` reads it) and as
+a file in JSON (`bus_file`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from itertools import groupby
 from typing import Any
 
 from .datatypes import is_real, nearest_real
-from .errors import UsageError
 
 SCHEMA = 1
 
@@ -260,34 +260,3 @@ class Bus:
     def to_dict(self) -> dict[str, Any]:
         """The description as maps and lists, with `schema` and `fingerprint` (16 hex digits)."""
         return {"schema": SCHEMA, "fingerprint": f"{self.fingerprint:016x}", **asdict(self)}
-
-    @staticmethod
-    def from_dict(data: dict[str, Any]) -> Bus:
-        """The bus that `to_dict` described.
-
-        Raises:
-            UsageError: The data is no bus description, or one of another schema.
-        """
-        if data.get("schema") != SCHEMA:
-            raise UsageError(
-                f"this bus description has schema {data.get('schema')!r}, "
-                f"but this version reads schema {SCHEMA}"
-            )
-        try:
-            return Bus(
-                name=data["name"],
-                cycle_time_us=data["cycle_time_us"],
-                slaves=[_slave(item) for item in data["slaves"]],
-                domains=[Domain(**item) for item in data.get("domains", [])],
-            )
-        except (KeyError, TypeError) as error:
-            raise UsageError(f"the bus description is incomplete: {error!r}") from error
-
-
-def _slave(data: dict[str, Any]) -> Slave:
-    pdos = {key: [_pdo(item) for item in data[key]] for key in ("outputs", "inputs")}
-    return Slave(**(data | pdos))
-
-
-def _pdo(data: dict[str, Any]) -> Pdo:
-    return Pdo(**(data | {"entries": [Entry(**entry) for entry in data["entries"]]}))

@@ -149,3 +149,8 @@ _BY_NAME: dict[str, type[EcatError]] = {
         BusyError,
     )
 }
+
+
+def error_class(exit_code: int) -> type[EcatError]:
+    """The error that a program of ours has ended with, the most general one of its status."""
+    return next((cls for cls in _BY_NAME.values() if cls.exit_code == exit_code), EcatError)

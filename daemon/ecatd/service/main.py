@@ -42,6 +42,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--check-config", action="store_true", help="check the configuration and end"
     )
+    parser.add_argument(
+        "--describe",
+        action="store_true",
+        help="print what bus it is, as `ecatctl scan` does, and end without running it",
+    )
     parser.add_argument("--bus", metavar="NAME", help="name of the bus (default: ecat0)")
     parser.add_argument(
         "--cycle-time-us", metavar="N", type=int, help="base cycle in microseconds (default: 1000)"
@@ -89,7 +94,8 @@ def _main() -> int:
         if options.check_config:
             print(f"{options.config or 'the default configuration'} is valid")
             return 0
-        return asyncio.run(Supervisor(config, options.simulate, log, level).run())
+        supervisor = Supervisor(config, options.simulate, log, level, describe=options.describe)
+        return asyncio.run(supervisor.run())
     except EcatError as error:
         log.error(str(error))
         return error.exit_code

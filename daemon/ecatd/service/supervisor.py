@@ -44,13 +44,17 @@ class Supervisor:
         rig: The rig to simulate, or None.
         log: Where events are told.
         log_level: For the children.
+        describe: Only print what bus it is.
     """
 
-    def __init__(self, config: Config, rig: str | None, log: Log, log_level: str) -> None:
+    def __init__(
+        self, config: Config, rig: str | None, log: Log, log_level: str, *, describe: bool = False
+    ) -> None:
         self._config = config
         self._rig = rig
         self._log = log
         self._level = log_level
+        self._describe = describe
         self._stop = asyncio.Event()
         self._children: list[asyncio.subprocess.Process] = []
 
@@ -70,12 +74,12 @@ class Supervisor:
         return status
 
     async def _run(self) -> None:
-        runtime_dir = make_dir()
         settings: dict[str, Any] = {
+            "describe": self._describe,
             "config": self._config.to_dict(),
             "interface": self._config.interface,
             "second_interface": self._config.second_interface,
-            "runtime_dir": str(runtime_dir),
+            "runtime_dir": "" if self._describe else str(make_dir()),
             "namespace_of": 0,
             "parent": os.getpid(),
             "log_level": self._level,
@@ -94,12 +98,22 @@ class Supervisor:
             settings["namespace_of"] = ready["pid"]
             fatal.append(simulator)
         server = await self._start_python("ecatd.bus", settings)
+        if self._describe:
+            await self._print_description(server)
+            return
         fatal.append(server)
         await self._ready(server)
         gateway = await self._start_python("ecatd.gateway", settings)
         await self._ready(gateway)
         notify("READY=1", f"STATUS=bus '{self._config.bus}' is in OP")
         await self._watch(fatal, gateway, settings)
+
+    async def _print_description(self, server: asyncio.subprocess.Process) -> None:
+        assert server.stdout is not None
+        description = await self._or_stop(server.stdout.read())
+        if status := await server.wait():
+            raise _EndedError(_status(status))
+        sys.stdout.write(description.decode())
 
     async def _start_simulator(self, rig: str) -> tuple[asyncio.subprocess.Process, dict[str, Any]]:
         read, write = os.pipe()

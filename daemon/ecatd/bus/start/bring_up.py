@@ -122,16 +122,7 @@ class BringUp:
         """
         # First what keeps others away, so that nothing is done to a bus that somebody else runs.
         self.segment = segment = Segment(self._config.bus)
-        self.master = master = Master(
-            self._interfaces,
-            self._cancelled,
-            run=self._run,
-            share=self._config.mailbox.share,
-            priority=max(self._config.realtime.priority - 1, 0),
-        )
-        self._scan(master)
-        self._read(master)
-        image = self._map(master)
+        master, image = self._describe()
         engine = self._exchange(segment, master, image)
         self._synchronise(segment)
         master.reach(AlState.SAFEOP, self._config.state_timeout_s)
@@ -160,6 +151,27 @@ class BringUp:
             self._config.recovery,
             self._config.state_timeout_s,
         )
+
+    def describe(self) -> Bus:
+        """The description of the bus, whose slaves are left in PREOP: nothing is exchanged.
+
+        Raises:
+            EcatError: As `run`.
+        """
+        self._describe()
+        return self.bus
+
+    def _describe(self) -> tuple[Master, Image]:
+        self.master = master = Master(
+            self._interfaces,
+            self._cancelled,
+            run=self._run,
+            share=self._config.mailbox.share,
+            priority=max(self._config.realtime.priority - 1, 0),
+        )
+        self._scan(master)
+        self._read(master)
+        return master, self._map(master)
 
     def _scan(self, master: Master) -> None:
         """Finds the slaves and takes them to PREOP."""

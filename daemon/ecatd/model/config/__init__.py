@@ -4,7 +4,7 @@ Unknown keys are refused with the nearest valid one, and every message starts wi
 """
 
 from .file import BUS_NAME, load_config, read_config
-from .slaves import DOMAINS_MAX
+from .slaves import DOMAINS_MAX, POSITION_MAX
 from .tables import (
     STOPS,
     Config,
@@ -23,6 +23,7 @@ from .tables import (
 __all__ = [
     "BUS_NAME",
     "DOMAINS_MAX",
+    "POSITION_MAX",
     "STOPS",
     "Config",
     "DcConfig",

@@ -1,0 +1,158 @@
+"""Where `scan` and `generate` have the description of a bus from: a daemon, a file, or a rig.
+
+Rigs and ESI files are not interpreted here: a daemon runs on their simulation until it has read
+the slaves (`ecatd --describe`). So a library is the same, byte for byte, whichever way it was made.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Literal
+
+from ecatd.client.remote import Remote
+from ecatd.model import bus_file
+from ecatd.model.bus import Bus
+from ecatd.model.errors import EcatError, UsageError, error_class
+
+from . import esi_devices
+
+Kind = Literal["scan", "rig", "esi"]
+
+_FILES = (".json", ".toml", ".py", ".xml")
+_PEEK = 4096
+_BOMS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """The options that choose the bus."""
+    command.add_argument(
+        "--from",
+        dest="sources",
+        action="append",
+        default=[],
+        metavar="SOURCE",
+        help="not the bus that runs, but a scan saved by 'ecatctl scan -o', a rig (name or file), "
+        "or ESI files (or a folder of them; --from may be repeated) with --devices",
+    )
+    command.add_argument(
+        "--devices",
+        metavar="LIST",
+        help="with ESI files: the slaves in the order of the wire, as EK1100,EL1018,3*EL2008 or "
+        "EL1018:0x00110000 with its revision, or a file with one of these in each line",
+    )
+    command.add_argument(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        help="with a rig or ESI files: configuration of the daemon (cycle time, domains, units)",
+    )
+
+
+def get_bus(options: argparse.Namespace) -> Bus:
+    """The description of the bus that the options choose.
+
+    Raises:
+        EcatError: There is no such bus, or its file makes no sense.
+    """
+    sources: list[str] = options.sources
+    kinds = [_kind(source) for source in sources]
+    _check(options, kinds)
+    if not sources:
+        with Remote(options.bus, options.connect, options.timeout) as remote:
+            return remote.describe()
+    if kinds[0] == "scan":
+        bus = bus_file.load(Path(sources[0]))
+        bus.name = options.given_bus or bus.name
+        return bus
+    if kinds[0] == "rig":
+        return _described(sources[0], options)
+    text = esi_devices.rig(sources, options.devices)
+    with tempfile.TemporaryDirectory(prefix="ecatctl-") as folder:
+        rig = Path(folder) / "rig.toml"
+        rig.write_text(text, "utf-8")
+        try:
+            return _described(str(rig), options)
+        except EcatError as error:  # of a file that nobody has seen
+            text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", "--devices", str(error))
+            raise type(error)(text) from None
+
+
+def _kind(source: str) -> Kind:
+    """What a source is, by its content."""
+    path = Path(source)
+    if path.is_dir():
+        return "esi"
+    if path.suffix.lower() in (".py", ".toml"):
+        return "rig"  # the simulator says what is wrong with it
+    try:
+        with path.open("rb") as file:
+            head = file.read(_PEEK)
+    except FileNotFoundError:
+        if path.suffix.lower() in _FILES or "/" in source:
+            raise UsageError(f"there is no file '{source}'") from None
+        return "rig"
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UsageError(f"{source}: cannot be read: {reason}") from None
+    for bom in _BOMS:
+        head = head.removeprefix(bom)
+    first = head.replace(b"\0", b"").lstrip()[:1]
+    if first == b"<":
+        return "esi"
+    if first == b"{":
+        return "scan"
+    raise UsageError(
+        f"{source}: is neither a saved scan (JSON, by 'ecatctl scan -o'), nor a rig (.toml or "
+        ".py), nor an ESI file (XML)"
+    )
+
+
+def _check(options: argparse.Namespace, kinds: list[Kind]) -> None:
+    """Refuses options that do not go together."""
+    kind = kinds[0] if kinds else "live"
+    if len(kinds) > 1 and set(kinds) != {"esi"}:
+        raise UsageError("only ESI files can be several: give one --from otherwise")
+    if kinds and options.connect is not None:
+        raise UsageError("--connect asks a daemon, --from does without one: leave one of them out")
+    if options.config is not None and kind not in ("rig", "esi"):
+        what = "a saved scan" if kind == "scan" else "a bus that runs"
+        raise UsageError(f"--config goes with a rig or ESI files: {what} has been configured")
+    if kind == "esi" and not options.devices:
+        raise UsageError(
+            "an ESI file describes devices, but not which of them are on the bus: add --devices, "
+            "as in --devices EK1100,EL1018,3*EL2008"
+        )
+    if options.devices and kind != "esi":
+        raise UsageError("--devices goes with ESI files: add --from FILE.xml")
+
+
+def _described(rig: str, options: argparse.Namespace) -> Bus:
+    """What a daemon says of a rig.
+
+    Raises:
+        EcatError: What the daemon or the simulator complains about.
+    """
+    command = [sys.executable, "-P", "-m", "ecatd.service", "--describe", "--quiet"]
+    command += ["--simulate", rig, "--bus", options.bus]
+    command += ["--config", str(options.config)] if options.config is not None else []
+    ended = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, check=False, encoding="utf-8"
+    )
+    if ended.returncode != 0:
+        raise _complaint(ended)
+    return bus_file.parse(ended.stdout, f"the description of {rig}")
+
+
+def _complaint(ended: subprocess.CompletedProcess[str]) -> EcatError:
+    """The last thing that the daemon has said, as the error that its exit status means."""
+    text = f"ecatd has ended with status {ended.returncode} and said nothing"
+    for line in ended.stderr.splitlines():
+        for begin in ("ecatd: error: ", "ecatsim: "):
+            if line.startswith(begin):
+                text = line.removeprefix(begin)
+    return error_class(ended.returncode)(text)

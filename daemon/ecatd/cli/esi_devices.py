@@ -1,0 +1,144 @@
+"""A rig of ESI files and a list of devices, as a person types it: `EK1100,EL1018,3*EL2008`."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ecatd.model.bus_file import read_text
+from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.esi import EsiChoice
+from ecatd.model.esi_reader import choose, list_devices
+
+_ITEM = re.compile(r"(?:(\d{1,4})\s*\*\s*)?(.+?)(?:\s*:\s*(0x[0-9A-Fa-f]{1,8}|\d{1,10}))?")
+_PRODUCT = re.compile(r"0x[0-9A-Fa-f]{1,8}")
+_SLAVES_MAX = 1024
+_U32 = 0xFFFF_FFFF
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A device of the list.
+
+    Attributes:
+        text: As it was typed.
+        count: How many of them follow each other.
+        type: Its type, or None where the product code is given.
+        product: Its product code, or None.
+        revision: Its revision, or None for the only one that there is.
+    """
+
+    text: str
+    count: int
+    type: str | None
+    product: int | None
+    revision: int | None
+
+
+def rig(sources: Sequence[str], devices: str) -> str:
+    """The rig file (TOML) of a list of devices.
+
+    Args:
+        sources: ESI files, or folders of them.
+        devices: The list, or the name of a file with an item in each line.
+
+    Raises:
+        UsageError: The list makes no sense.
+        ConfigError: A file makes no sense, or not exactly one of the devices in them fits.
+    """
+    wanted = list(_wanted(devices))
+    if sum(item.count for item in wanted) > _SLAVES_MAX:
+        raise UsageError(f"--devices has more than {_SLAVES_MAX} devices")
+    files = {path: list_devices(path) for path in _files(sources)}
+    lines = ['name = "esi"']
+    for item in wanted:
+        path, choice = _find(item, files)
+        lines += item.count * [
+            "[[slave]]",
+            f"esi = {json.dumps(str(path.absolute()), ensure_ascii=False)}",
+            f"type = {json.dumps(choice.type, ensure_ascii=False)}",
+            f"product = {choice.product}",
+            f"revision = {choice.revision}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _files(sources: Sequence[str]) -> list[Path]:
+    """The files themselves, each once."""
+    found: dict[Path, None] = {}
+    for source in map(Path, sources):
+        if not source.is_dir():
+            found[source] = None
+            continue
+        inside = sorted(path for path in source.iterdir() if path.suffix.lower() == ".xml")
+        if not inside:
+            raise UsageError(f"{source}: there are no ESI files (.xml) in this folder")
+        found |= dict.fromkeys(inside)
+    return list(found)
+
+
+def _wanted(devices: str) -> Iterator[_Wanted]:
+    file = Path(devices)
+    if _is_file(file):
+        lines = [line.partition("#")[0].strip() for line in read_text(file).splitlines()]
+        places = [(f"{file}:{number}", line) for number, line in enumerate(lines, 1) if line]
+    else:
+        places = [("--devices", item.strip()) for item in devices.split(",")]
+    if not places:
+        raise UsageError(f"{file}: there is no device in this file")
+    for where, text in places:
+        match = _ITEM.fullmatch(text)
+        count = int(match[1] or 1) if match else 0
+        revision = int(match[3], 0) if match and match[3] else None
+        if match is None or not count or (revision or 0) > _U32:
+            raise UsageError(
+                f"{where}: '{text}' is no device: write EL1018, 3*EL1018, EL1018:0x00110000 (with "
+                "its revision) or 0x03FA3052 (its product code), and a comma between two"
+            )
+        name = match[2]
+        product = int(name, 16) if _PRODUCT.fullmatch(name) else None
+        yield _Wanted(text, count, None if product is not None else name, product, revision)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a list that is too long for a name, or has a NUL in it
+        return False
+
+
+def _find(wanted: _Wanted, files: dict[Path, list[EsiChoice]]) -> tuple[Path, EsiChoice]:
+    """The one device of all files that is meant."""
+    fitting = [
+        (path, choice)
+        for path, choices in files.items()
+        for choice in choices
+        if wanted.type in (None, choice.type)
+        and wanted.product in (None, choice.product)
+        and wanted.revision in (None, choice.revision)
+    ]
+    if len(fitting) == 1:
+        return fitting[0]
+    if len(files) == 1:
+        ((path, choices),) = files.items()
+        choose(  # says which ones there are
+            choices,
+            path,
+            type=wanted.type,
+            product=wanted.product,
+            revision=wanted.revision,
+        )
+    if not fitting:
+        raise ConfigError(
+            f"--devices: no device '{wanted.text}' in the {len(files)} ESI files; see which ones a "
+            "file has by giving it alone"
+        )
+    listed = "; ".join(f"{path}: {choice}" for path, choice in fitting[:4])
+    more = f"; and {len(fitting) - 4} more" if len(fitting) > 4 else ""
+    raise ConfigError(
+        f"--devices: '{wanted.text}' is {len(fitting)} devices: choose one by its revision, as "
+        f"{wanted.text}:0x{fitting[-1][1].revision:08X}, or give fewer files: {listed}{more}"
+    )

@@ -1,0 +1,147 @@
+"""A bus description as a JSON file: the saved scan.
+
+```
+ecatctl scan -o bus.json           dump
+ecatctl generate … --from bus.json     load
+```
+
+Every entry has a line of its own, and what is not said has its default, so that a file can be read
+and compared. The same description gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import stat
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+from .bus import SCHEMA, Bus, Domain, Entry, Pdo, Slave
+from .bus_reader import read_bus
+from .errors import UsageError
+
+_SIZE_MAX = 1 << 26
+_LISTS = ("outputs", "inputs", "entries")
+_DEFAULTS = {
+    kind: {item.name: item.default for item in fields(kind) if item.name not in _LISTS}
+    for kind in (Domain, Slave, Pdo, Entry)
+}
+
+
+def dump(bus: Bus, version: str = "") -> str:
+    """The description as JSON.
+
+    Args:
+        bus: The description.
+        version: Version of the program that has scanned the bus; not told if empty.
+    """
+    head = {"schema": SCHEMA} | ({"version": version} if version else {})
+    head |= {"fingerprint": f"{bus.fingerprint:016x}", "name": bus.name}
+    lines = [f"{_inside(head | {'cycle_time_us': bus.cycle_time_us})}"]
+    lines.append(f'"domains": {_list([_map(domain) for domain in bus.domains], 1)}')
+    lines.append(f'"slaves": {_list([_slave(slave) for slave in bus.slaves], 1)}')
+    return "{" + ",\n".join(lines) + "}\n"
+
+
+def load(path: Path) -> Bus:
+    """The description in a file.
+
+    Raises:
+        UsageError: The file cannot be read, or what is in it makes no sense.
+    """
+    return parse(read_text(path), str(path))
+
+
+def parse(text: str, source: str) -> Bus:
+    """The description in a text.
+
+    Args:
+        text: What `dump` has made, or somebody else.
+        source: Where it comes from, for messages.
+
+    Raises:
+        UsageError: It is no JSON, or what is in it makes no sense.
+    """
+    try:
+        data = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_number)
+    except json.JSONDecodeError as error:
+        raise UsageError(f"{source}:{error.lineno}: is no valid JSON: {error.msg}") from None
+    except RecursionError:
+        raise UsageError(f"{source}: is nested too deeply for a bus description") from None
+    except ValueError as error:
+        raise UsageError(f"{source}: is no valid JSON: {error}") from None
+    return read_bus(data, source)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file that may be anything.
+
+    Raises:
+        UsageError: It cannot be read, is no text, or too large.
+    """
+    try:
+        info = path.stat()
+        if not stat.S_ISREG(info.st_mode):
+            raise UsageError(f"{path}: is no file")
+        if info.st_size > _SIZE_MAX:
+            raise UsageError(f"{path}: has {info.st_size} bytes, too many for a bus description")
+        return path.read_text("utf-8")
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: is no UTF-8 text: {error.reason}") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UsageError(f"{path}: cannot be read: {reason}") from None
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict(pairs)
+    if len(result) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key '{twice}' occurs twice in one map")
+    return result
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number in JSON")
+
+
+def _inside(values: dict[str, Any]) -> str:
+    """Keys and values without the braces around them."""
+    return json.dumps(values)[1:-1]
+
+
+def _list(items: list[str], depth: int) -> str:
+    if not items:
+        return "[]"
+    indent = "\n" + " " * depth
+    return f"[{indent}{f',{indent}'.join(items)}]"
+
+
+def _map(item: Domain | Entry) -> str:
+    return "{" + _values(item) + "}"
+
+
+def _values(item: Domain | Slave | Pdo | Entry) -> str:
+    """What differs from its default, and what has none."""
+    return _inside(
+        {
+            name: value
+            for name, default in _DEFAULTS[type(item)].items()
+            if (value := getattr(item, name)) != default or default is MISSING
+        }
+    )
+
+
+def _slave(slave: Slave) -> str:
+    parts = [_values(slave)]
+    for name, pdos in (("outputs", slave.outputs), ("inputs", slave.inputs)):
+        if pdos:
+            parts.append(f'"{name}": {_list([_pdo(pdo) for pdo in pdos], 3)}')
+    return "{" + ",\n  ".join(parts) + "}"
+
+
+def _pdo(pdo: Pdo) -> str:
+    entries = _list([_map(entry) for entry in pdo.entries], 5)
+    return "{" + _values(pdo) + f',\n    "entries": {entries}' + "}"

@@ -1,0 +1,179 @@
+"""A library is the same, byte for byte, whichever way its bus is described."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, one_line_error, run_module
+
+pytestmark = pytest.mark.bus
+
+ESI = (Path(__file__).parents[1] / "unit" / "esi_sample.py").read_text().split('"""')[3]
+DEVICES = "AX2:0x00020001,0x1234:0x00020001,DI4"
+RIG = """
+name = "of ESI files"
+[[slave]]
+esi = "sample.xml"
+type = "AX2"
+revision = 0x00020001
+[[slave]]
+esi = "sample.xml"
+type = "AX2"
+revision = 0x00020001
+serial = 77
+[[slave]]
+esi = "sample.xml"
+type = "DI4"
+"""
+CONFIG = """
+cycle_time_us = 2000
+[gateway]
+listen = []
+[[domain]]
+name = "fast"
+[[domain]]
+name = "slow"
+divider = 4
+slaves = [2]
+[[signal]]
+slave = 0
+entry = "0x607A:00"
+unit = "rad"
+scale = 0.001
+"""
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def alone(*arguments: str) -> None:
+    """Runs `ecatctl` where no daemon is."""
+    result = run_module("ecatd.cli", *arguments, env=dict(os.environ))
+    assert result.returncode == 0, result.stderr
+
+
+def test_troll(troll: Daemon, tmp_path: Path) -> None:
+    scan = tmp_path / "bus.json"
+    troll.ctl("generate", "Plant", str(tmp_path / "live"))
+    live = contents(tmp_path / "live")
+    said = troll.ctl("scan", "-o", str(scan)).stdout
+    assert said.startswith(f"{scan}: bus {troll.bus}, 8 slaves with 142 inputs and 14 outputs")
+    alone("generate", "Plant", str(tmp_path / "saved"), "--from", str(scan))
+    assert contents(tmp_path / "saved") == live
+    alone("generate", "Plant", str(tmp_path / "rig"), "--from", "troll", "--bus", troll.bus)
+    assert contents(tmp_path / "rig") == live
+    inside = tmp_path / "live" / "Plant" / "Resources" / "bus.json"
+    alone("generate", "Plant", str(tmp_path / "again"), "--from", str(inside))
+    assert contents(tmp_path / "again") == live
+    assert b"serial" in scan.read_bytes()
+    assert b"serial" not in inside.read_bytes()
+    assert str(tmp_path).encode() not in inside.read_bytes()
+
+
+def test_devices_of_esi_files(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    esi, rig, config = (tmp_path / name for name in ("sample.xml", "rig.toml", "ecat.toml"))
+    esi.write_text(ESI, "utf-8")
+    rig.write_text(RIG)
+    config.write_text(CONFIG)
+    daemon = start_daemon(str(rig), config=CONFIG)
+    name = ("--bus", daemon.bus, "--config", str(config))
+    daemon.ctl("generate", "Axes", str(tmp_path / "live"))
+    live = contents(tmp_path / "live")
+    assert b'"scale": 0.001' in live["Axes/Resources/bus.json"]
+    daemon.ctl("scan", "-o", str(tmp_path / "bus.json"))
+    alone("generate", "Axes", str(tmp_path / "saved"), "--from", str(tmp_path / "bus.json"))
+    assert contents(tmp_path / "saved") == live
+    alone("generate", "Axes", str(tmp_path / "rig"), "--from", str(rig), *name)
+    assert contents(tmp_path / "rig") == live
+    alone(
+        *("generate", "Axes", str(tmp_path / "esi"), "--from", str(esi), "--devices", DEVICES),
+        *name,
+    )
+    assert contents(tmp_path / "esi") == live
+
+
+def test_a_rig_is_read_beside_a_daemon_that_serves_the_name(troll: Daemon) -> None:
+    before = troll.ctl_json("stats")["cycles"]
+    scan = json.loads(troll.ctl("scan", "--from", "line:3").stdout)
+    assert (scan["name"], len(scan["slaves"])) == (troll.bus, 3)
+    assert troll.ctl_json("stats")["cycles"] > before
+    assert len(json.loads(troll.ctl("scan").stdout)["slaves"]) == 8
+
+
+def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) -> None:
+    file = tmp_path / "bus.json"
+    said = troll.ctl_json("scan", "-o", str(file))
+    assert said == {
+        "schema": 1,
+        "bus": troll.bus,
+        "file": str(file),
+        "fingerprint": json.loads(file.read_text())["fingerprint"],
+        "slaves": 8,
+        "inputs": 142,
+        "outputs": 14,
+    }
+    assert troll.ctl("scan").stdout == file.read_text()
+    renamed = json.loads(troll.ctl("scan", "--from", str(file), "--bus", "other").stdout)
+    assert renamed["name"] == "other"
+    kept = run_module("ecatd.cli", "scan", "--from", str(file)).stdout
+    assert kept == file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message", "status"),
+    [
+        ("--from nothing", "there is no rig 'nothing': use one of troll, line:N", 2),
+        ("--from ./nothing", "there is no file './nothing'", 2),
+        ("--from {readme}", "is neither a saved scan", 2),
+        ("--from {esi}", "describes devices, but not which of them are on the bus: add --dev", 2),
+        ("--from {esi} --devices DI4,DI4", "--devices: slave: DI4 (position 0) has no port 1", 2),
+        ("--from {esi} --devices DI5", "no device has type 'DI5'", 2),
+        ("--from {rig}", "rig.toml:2: colour: is no key", 2),
+        ("--from empty", "no EtherCAT slave answers", 3),
+        ("--from troll --from troll", "only ESI files can be several", 2),
+        ("--from troll --devices DI4", "--devices goes with ESI files", 2),
+        ("--devices DI4", "--devices goes with ESI files", 2),
+        ("--from troll --config {rig}", "rig.toml:1: name: is no key", 2),
+        ("--from {scan} --config {rig}", "--config goes with a rig or ESI files", 2),
+        ("--from {scan}", "bus.json: slaves[0] has no key 'vendor'", 2),
+        ("--from troll --connect tcp/localhost:1", "leave one of them out", 2),
+    ],
+)
+def test_wrong_sources(tmp_path: Path, arguments: str, message: str, status: int) -> None:
+    files = {name: tmp_path / name for name in ("sample.xml", "rig.toml", "bus.json", "README")}
+    files["sample.xml"].write_text(ESI, "utf-8")
+    files["rig.toml"].write_text('name = "x"\ncolour = "red"\n')
+    files["README"].write_text("x")
+    files["bus.json"].write_text(
+        '{"schema": 1, "name": "x", "cycle_time_us": 1000, '
+        '"slaves": [{"position": 0, "name": "x", "product": 1, "revision": 1}]}'
+    )
+    esi, rig, scan, readme = map(str, files.values())
+    filled = arguments.format(esi=esi, rig=rig, scan=scan, readme=readme)
+    result = run_module("ecatd.cli", "generate", "P", str(tmp_path / "out"), *filled.split())
+    assert message in one_line_error(result.stderr, "ecatctl")
+    assert result.returncode == status
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scan_replaces_a_file_as_a_whole(tmp_path: Path) -> None:
+    target, link = tmp_path / "target.json", tmp_path / "link.json"
+    target.write_text("before")
+    target.chmod(0o640)
+    link.symlink_to(target)
+    alone("scan", "--from", "line:1", "-o", str(link))
+    assert link.is_symlink()
+    assert json.loads(target.read_text())["schema"] == 1
+    assert target.stat().st_mode & 0o777 == 0o640
+    result = run_module("ecatd.cli", "scan", "--from", "line:1", "-o", str(tmp_path / "no" / "x"))
+    assert result.returncode == 7
+    assert "cannot be written: No such file" in one_line_error(result.stderr, "ecatctl")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link.json", "target.json"]

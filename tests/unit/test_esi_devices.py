@@ -1,0 +1,86 @@
+"""A list of devices and their ESI files become a rig."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from esi_sample import SAMPLE
+
+from ecatd.cli.esi_devices import rig
+from ecatd.model.errors import UsageError
+
+
+@pytest.fixture
+def sample(tmp_path: Path) -> Path:
+    path = tmp_path / 'odd "name" µ.xml'
+    path.write_text(SAMPLE, "utf-8")
+    return path
+
+
+def slaves(devices: str, *files: Path) -> list[dict[str, Any]]:
+    made = tomllib.loads(rig([str(file) for file in files], devices))
+    assert set(made) == {"name", "slave"}
+    return list(made["slave"])
+
+
+def test_types_counts_revisions_and_product_codes(sample: Path) -> None:
+    made = slaves(" DI4 , 2*DI4:1, AX2 : 0x00010000,0x1234:131073", sample)
+    assert {row["esi"] for row in made} == {str(sample)}
+    assert [(row["type"], row["product"], row["revision"]) for row in made] == [
+        ("DI4", 0x5678, 1),
+        ("DI4", 0x5678, 1),
+        ("DI4", 0x5678, 1),
+        ("AX2", 0x1234, 0x00010000),
+        ("AX2", 0x1234, 0x00020001),
+    ]
+
+
+def test_a_list_in_a_file(sample: Path, tmp_path: Path) -> None:
+    file = tmp_path / "devices.txt"
+    file.write_text("# the line of the press\n\nAX2:0x00020001  # the axis\n2 * DI4\n")
+    assert [row["type"] for row in slaves(str(file), sample)] == ["AX2", "DI4", "DI4"]
+    file.write_text("DI4\n0*DI4\n")
+    with pytest.raises(UsageError, match=r"devices.txt:2: '0\*DI4' is no device"):
+        slaves(str(file), sample)
+    file.write_text("# nothing\n")
+    with pytest.raises(UsageError, match="there is no device in this file"):
+        slaves(str(file), sample)
+
+
+def test_a_folder_of_files(sample: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    with pytest.raises(UsageError, match=r"there are no ESI files \(.xml\) in this folder"):
+        slaves("DI4", other)
+    (other / "B.XML").write_text(SAMPLE.replace("DI4", "DI8"), "utf-8")
+    made = slaves("DI8,DI4", sample, other)
+    assert [Path(row["esi"]).name for row in made] == ["B.XML", sample.name]
+
+
+@pytest.mark.parametrize(
+    ("devices", "message"),
+    [
+        ("DI4,,DI4", "'' is no device: write EL1018, 3*EL1018, EL1018:0x00110000"),
+        ("0*DI4", "'0*DI4' is no device"),
+        ("DI4:0x1ffffffff", "no device has type 'DI4:0x1ffffffff'"),
+        ("DI4:4294967296", "'DI4:4294967296' is no device"),
+        ("9999*DI4", "--devices has more than 1024 devices"),
+        ("DI5", "no device has type 'DI5'; there are AX2"),
+        ("AX2", "2 devices fit: choose one by type, product and revision: AX2 (product 0x00001234"),
+        ("0x1235", "no device has product 0x00001235"),
+    ],
+)
+def test_wrong_lists(sample: Path, devices: str, message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        slaves(devices, sample)
+    assert message in str(caught.value)
+
+
+def test_the_same_device_in_two_files(sample: Path, tmp_path: Path) -> None:
+    twin = tmp_path / "twin.xml"
+    twin.write_text(SAMPLE, "utf-8")
+    with pytest.raises(UsageError, match=r"'DI4' is 2 devices: choose one by its revision"):
+        slaves("DI4", sample, twin)
+    with pytest.raises(UsageError, match="no device 'DI5' in the 2 ESI files"):
+        slaves("DI5", sample, twin)
