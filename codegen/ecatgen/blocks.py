@@ -77,18 +77,23 @@ def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Blo
         ],
         _RESERVED,
     )
-    size = layout.block_size(
-        len(writes), sum(profile.meaning(entry).connector for _, entry in reads)
+    title = f"{name}, slave {slave.position}"
+    output_names, input_names = connector_names[: len(writes)], connector_names[len(writes) :]
+    drawn = (
+        n
+        for n, (_, entry) in zip(input_names, reads, strict=True)
+        if profile.meaning(entry).connector
     )
-    outputs = _connectors(writes, connector_names[: len(writes)], profile, outputs=True)
-    inputs = _connectors(reads, connector_names[len(writes) :], profile, outputs=False)
+    icon = layout.icon(title, output_names, drawn)
+    outputs = _connectors(writes, output_names, icon, profile, outputs=True)
+    inputs = _connectors(reads, input_names, icon, profile, outputs=False)
     label = slave.name or f"product 0x{slave.product:08X}"
     return Block(
         name=name,
         instance=instance,
         position=slave.position,
         description=f"{label}, slave {slave.position}",
-        title=f"{name}, slave {slave.position}",
+        title=title,
         slave_name=slave.name,
         slave_label=label,
         vendor=slave.vendor,
@@ -100,9 +105,11 @@ def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Blo
         left=outputs,
         right=tuple(c for c in inputs if c.placement),
         explained=tuple(c for c in outputs + inputs if c.note or c.values),
-        icon=layout.icon(size),
-        name_extent=layout.above(),
-        title_extent=layout.title(),
+        icon=icon,
+        name_extent=layout.above(icon),
+        title_extent=layout.title(icon),
+        valid_extent=layout.valid_label(),
+        rule=layout.rule(icon),
     )
 
 
@@ -129,6 +136,7 @@ def _usable(slave: Slave, skipped: list[Skipped], *, outputs: bool) -> Iterator[
 def _connectors(
     entries: Sequence[tuple[Pdo, Entry]],
     connector_names: Sequence[str],
+    icon: Extent,
     profile: SlaveProfile,
     *,
     outputs: bool,
@@ -168,8 +176,8 @@ def _connectors(
                 conversion=_conversion(meaning),
                 note=meaning.note,
                 values=meaning.values,
-                placement=_placement(layout.port(row, left=outputs)) if drawn else "",
-                label_extent=layout.port_label(row, left=outputs) if drawn else None,
+                placement=_placement(layout.port(icon, row, left=outputs)) if drawn else "",
+                label_extent=layout.port_label(icon, row, name, left=outputs) if drawn else None,
             )
         )
         row += drawn

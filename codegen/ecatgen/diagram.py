@@ -64,11 +64,10 @@ class Diagram:
 
     def add_block(self, library: str, block: Block, centre: Point) -> str:
         """Adds the block of a slave, and returns the name of the component."""
-        size = layout.block_size(len(block.left), len(block.right))
         for left, connectors in ((True, block.left), (False, block.right)):
             for row, connector in enumerate(connectors):
                 self._ports[f"{block.instance}.{connector.name}"] = layout.port_point(
-                    size, row, centre, left=left
+                    block.icon, row, centre, left=left
                 )
         self.components.append(
             Component(
@@ -76,7 +75,7 @@ class Diagram:
                 block.instance,
                 (),
                 block.description,
-                layout.in_diagram(size, centre),
+                layout.in_diagram(block.icon, centre),
             )
         )
         return block.instance

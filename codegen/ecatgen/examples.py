@@ -63,8 +63,8 @@ class _Constants:
         "Real": ("Modelica.Blocks.Sources.Constant", "zeroReal", "k = 0"),
     }
 
-    def __init__(self, diagram: Diagram, x: int, y: int) -> None:
-        self._diagram, self._x, self._y = diagram, x, y
+    def __init__(self, diagram: Diagram, x: int, y: int, lane: int) -> None:
+        self._diagram, self._x, self._y, self._lane = diagram, x, y, lane
         self._names: dict[Kind, str] = {}
 
     def feed(self, target: str, kind: Kind) -> None:
@@ -75,11 +75,9 @@ class _Constants:
             self._names[kind] = self._diagram.add(
                 class_name, name, centre, "Value of outputs that are not used", modifier
             )
-        self._diagram.connect(f"{name}.y", target, kind)
-
-
-def _half(block: Block) -> int:
-    return layout.diagram_half(layout.block_size(len(block.left), len(block.right)))
+        # Each source has an upright line of its own.
+        lane = self._lane - 4 * list(self._names).index(kind)
+        self._diagram.connect(f"{name}.y", target, kind, lane)
 
 
 def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
@@ -87,9 +85,11 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
     _master(diagram, bus, Point(-80, 80))
     top = 90
     for block in blocks:
-        diagram.add_block(library, block, Point(60, top - _half(block)))
-        top -= 2 * _half(block) + 20
-    constants = _Constants(diagram, -80, 20)
+        half = layout.half_height(block.icon)
+        centre = Point(layout.half_width(block.icon), top - half)
+        diagram.add_block(library, block, centre)
+        top -= 2 * half + 16
+    constants = _Constants(diagram, -80, 20, lane=-20)
     for block in blocks:
         for connector in block.writes:
             constants.feed(f"{block.instance}.{connector.name}", connector.kind)
@@ -174,7 +174,7 @@ def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block
             "Largest torque in 1/1000 of the rated one",
             "k = 1000",
         )
-    constants = _Constants(diagram, -14, -60)
+    constants = _Constants(diagram, -14, -60, lane=24)
     for connector in drive.writes:
         target = f"{name}.{connector.name}"
         if connector.subindex == 0 and connector.index in sources and connector.kind == "Integer":
@@ -188,7 +188,7 @@ def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block
     assert velocity is not None
     diagram.connect_around(f"{name}.{status.name}", "startUp.statusWord", "Integer", y=66)
     for n, block in enumerate(block for block in blocks if block.reads and not block.writes):
-        diagram.add_block(library, block, Point(190 + 100 * n, 90 - _half(block)))
+        diagram.add_block(library, block, Point(190 + 100 * n, 90 - layout.half_height(block.icon)))
     diagram.result("w_ref", "Reference speed in increments/s", "target.y")
     diagram.result("w_m", "Measured speed in increments/s", f"{name}.{velocity.name}")
     if current is not None:

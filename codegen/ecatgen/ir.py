@@ -136,6 +136,8 @@ class Block:
         icon: Extent of the icon, which is the box that is drawn.
         name_extent: Place of the component's name in the icon.
         title_extent: Place of the title in the icon.
+        valid_extent: Place of the name of the connector `valid` in the icon.
+        rule: Line below the title, from point to point.
     """
 
     name: str
@@ -157,6 +159,8 @@ class Block:
     icon: Extent
     name_extent: Extent
     title_extent: Extent
+    valid_extent: Extent
+    rule: Extent
 
 
 @dataclass(frozen=True, slots=True)

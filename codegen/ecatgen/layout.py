@@ -1,34 +1,52 @@
 """Where things are in icons and diagrams.
 
-A block is a box with one connector per row: outputs of the bus (what the model writes) on the
-left, inputs of the bus (what it reads) on the right. Its top right corner is at (100, 100), as in
-every icon, whatever its size: PartialSlave has its connector `valid` there.
+A block is a box with a title and one connector per row: outputs of the bus (what the model writes)
+on the left, inputs of the bus (what it reads) on the right. Ten units of an icon are one of a
+diagram, as for the blocks of the standard library. The top right corner is at (100, 100), as in
+every icon, whatever the size: PartialSlave has its connector `valid` there, beside the title.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
 
+from . import font
 from .ir import Extent, Point
 
-ROW = 20
+ROW = 40
+_PORT = 20
 _RIGHT = _TOP = 100
-_LEFT = -200
-_TITLE = 40
-_SCALE = 5  # units of an icon in a unit of a diagram
+_HEADER = 40
+_LABEL, _TITLE = 28, 32  # heights of texts
+_MARGIN, _GAP = 10, 40  # beside texts, and between those of both sides
+_SCALE = 10  # units of an icon in a unit of a diagram
+_GRID = 40  # sizes are multiples, so that halves of them lie on the grid of a diagram
+_SMALLEST = 120  # height
+_VALID = "valid"  # the connector of PartialSlave
 
 
-@dataclass(frozen=True, slots=True)
-class Size:
-    """Half of the height of a block's icon."""
+def icon(title: str, left: Iterable[str], right: Iterable[str]) -> Extent:
+    """The icon of a block with this title and these connectors on its sides: the box."""
+    left, right = list(left), list(right)
+    rows = max(len(left), len(right))
+    names = _widest(left) + _widest(right) + _GAP
+    header = _width(title, _TITLE, bold=True) + _GAP + _width(_VALID, _LABEL)
+    width = _up(max(names, header) + 2 * _MARGIN)
+    height = _up(max(_HEADER + rows * ROW, _SMALLEST))
+    return extent(_RIGHT - width, _TOP - height, _RIGHT, _TOP)
 
-    half: int
+
+def _widest(names: Iterable[str]) -> float:
+    return max((_width(name, _LABEL) for name in names), default=0)
 
 
-def block_size(left: int, right: int) -> Size:
-    """The size of a block with so many connectors on its sides."""
-    rows = max(left, right)
-    return Size(max(100, -(-(rows * ROW + _TITLE) // 40) * 20))
+def _width(text: str, height: int, *, bold: bool = False) -> float:
+    # Fonts differ from tool to tool.
+    return 1.05 * font.width(text, bold=bold) * height / font.LINE
+
+
+def _up(size: float) -> int:
+    return -int(-size // _GRID) * _GRID
 
 
 def extent(x1: int, y1: int, x2: int, y2: int) -> Extent:
@@ -36,58 +54,73 @@ def extent(x1: int, y1: int, x2: int, y2: int) -> Extent:
     return Extent(Point(x1, y1), Point(x2, y2))
 
 
-def icon(size: Size) -> Extent:
-    """The whole icon."""
-    return extent(_LEFT, _TOP - 2 * size.half, _RIGHT, _TOP)
-
-
-def above() -> Extent:
+def above(icon: Extent) -> Extent:
     """The place of the component's name, above the icon."""
-    return extent(_LEFT, _TOP + 50, _RIGHT, _TOP + 10)
+    return extent(icon.a.x, _TOP + 50, _RIGHT, _TOP + 10)
 
 
-def title() -> Extent:
+def title(icon: Extent) -> Extent:
     """The place of the title, at the top of the box."""
-    return extent(_LEFT + 10, _TOP - 5, _RIGHT - 10, _TOP - 35)
+    x = _RIGHT - round(_width(_VALID, _LABEL)) - _MARGIN - _GAP // 2
+    return _text(icon.a.x + _MARGIN, x, _TOP - _HEADER // 2, _TITLE)
 
 
-def row_y(row: int) -> int:
-    """The height of a row of connectors."""
-    return _TOP - _TITLE - ROW // 2 - row * ROW
+def valid_label() -> Extent:
+    """The place of the name of the connector `valid`."""
+    x = _RIGHT - _MARGIN
+    return _text(x - round(_width(_VALID, _LABEL)), x, _TOP - _HEADER // 2, _LABEL)
 
 
-def port(row: int, *, left: bool) -> Extent:
+def rule(icon: Extent) -> Extent:
+    """The line below the title, from point to point."""
+    return extent(icon.a.x, _TOP - _HEADER, _RIGHT, _TOP - _HEADER)
+
+
+def _text(x1: int, x2: int, y: int, height: int) -> Extent:
+    return extent(x1, y - height // 2, x2, y + height // 2)
+
+
+def _row_y(row: int) -> int:
+    return _TOP - _HEADER - ROW // 2 - row * ROW
+
+
+def port(icon: Extent, row: int, *, left: bool) -> Extent:
     """The place of a connector."""
-    y = row_y(row)
-    half = ROW // 2
-    x = _LEFT - ROW if left else _RIGHT
-    return extent(x, y - half, x + ROW, y + half)
+    y, half = _row_y(row), _PORT // 2
+    x = icon.a.x - _PORT if left else _RIGHT
+    return extent(x, y - half, x + _PORT, y + half)
 
 
-def port_label(row: int, *, left: bool) -> Extent:
+def port_label(icon: Extent, row: int, name: str, *, left: bool) -> Extent:
     """The place of a connector's name beside it."""
-    y = row_y(row)
-    middle = (_LEFT + _RIGHT) // 2
+    width = round(_width(name, _LABEL)) + 1
     if left:
-        return extent(_LEFT + 5, y - 8, middle - 2, y + 8)
-    return extent(middle + 2, y - 8, _RIGHT - 5, y + 8)
+        x = icon.a.x + _MARGIN
+        return _text(x, x + width, _row_y(row), _LABEL)
+    x = _RIGHT - _MARGIN
+    return _text(x - width, x, _row_y(row), _LABEL)
 
 
-def port_point(size: Size, row: int, centre: Point, *, left: bool) -> Point:
+def port_point(icon: Extent, row: int, centre: Point, *, left: bool) -> Point:
     """Where a line ends at a connector of a block that is drawn around `centre` in a diagram."""
-    x = (_RIGHT - _LEFT) // 2 + ROW // 2
-    y = row_y(row) - (_TOP - size.half)
+    x = (_RIGHT - icon.a.x) // 2 + _PORT // 2
+    y = _row_y(row) - (icon.a.y + _TOP) // 2
     return Point(centre.x + (-x if left else x) // _SCALE, centre.y + y // _SCALE)
 
 
-def diagram_half(size: Size) -> int:
+def half_width(icon: Extent) -> int:
+    """Half of the width of a block in a diagram."""
+    return (icon.b.x - icon.a.x) // 2 // _SCALE
+
+
+def half_height(icon: Extent) -> int:
     """Half of the height of a block in a diagram."""
-    return size.half // _SCALE
+    return (icon.b.y - icon.a.y) // 2 // _SCALE
 
 
-def in_diagram(size: Size, centre: Point) -> Extent:
+def in_diagram(icon: Extent, centre: Point) -> Extent:
     """The place of a block in a diagram."""
-    x, y = (_RIGHT - _LEFT) // 2 // _SCALE, diagram_half(size)
+    x, y = half_width(icon), half_height(icon)
     return extent(centre.x - x, centre.y - y, centre.x + x, centre.y + y)
 
 

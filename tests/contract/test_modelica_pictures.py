@@ -1,13 +1,18 @@
 """How the libraries look in an editor: nothing overlaps, and lines end where they should."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from ecatgen.build import build_library
+from ecatgen.checks import sample_buses
 from ecatgen.drawing.checks import check_diagram, check_icon
 from ecatgen.drawing.library import Libraries
-from ecatgen.drawing.pictures import STATIC, libraries, models
+from ecatgen.drawing.pictures import GENERATED, STATIC, libraries, models
 from ecatgen.drawing.scene import diagram, icon
+from ecatgen.profiles import load_profiles
+from ecatgen.render import render
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +31,20 @@ def findings(found: Libraries, library: str) -> Iterator[str]:
             yield from (f"{path}: {problem}" for problem in check_icon(icon(found, path)))
 
 
-@pytest.mark.parametrize("library", [STATIC])
+@pytest.mark.parametrize("library", [STATIC, GENERATED])
 def test_nothing_overlaps_and_every_line_meets_its_connectors(
     found: Libraries, library: str
 ) -> None:
     assert f"{STATIC}.EtherCATMaster" in models(found, STATIC)
     assert list(findings(found, library)) == []
+
+
+def test_the_same_for_awkward_slaves(tmp_path: Path) -> None:
+    library = build_library(sample_buses.awkward(), "Awkward", load_profiles())
+    for path, data in render(library).items():
+        file = tmp_path / "Awkward" / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    checks = Path(sample_buses.__file__).parent
+    found = Libraries([tmp_path, checks.parent / "modelica", checks])
+    assert list(findings(found, "Awkward")) == []

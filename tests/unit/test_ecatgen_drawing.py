@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ecatgen.drawing import font
+from ecatgen import font
 from ecatgen.drawing.__main__ import main
 from ecatgen.drawing.checks import check_diagram, check_icon
 from ecatgen.drawing.geometry import Box, Point, Transform, arc, bezier, moved, placed, rounded

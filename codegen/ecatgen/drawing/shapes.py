@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from . import font
+from ecatgen import font
+
 from .expressions import Call
 from .geometry import (
     Box,

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterable
 from html import escape
 
-from . import font
+from ecatgen import font
+
 from .geometry import Box, Outline, Point
 from .scene import Part, Scene
 from .shapes import Color, Fill, Item, Label, Shape
