@@ -190,6 +190,11 @@ def test_a_sound_icon_and_diagram_have_no_findings(lab: Libraries) -> None:
     assert list(check_diagram(diagram(lab, "Lab.Example"))) == []
 
 
+def test_elements_of_an_array_have_the_place_of_the_array(tmp_path: Path) -> None:
+    lab = edited(tmp_path, "connect(a.y, b.u)", "connect(a.y[1], b.u[2:3])")
+    assert list(check_diagram(diagram(lab, "Lab.Example"))) == []
+
+
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [

@@ -9,9 +9,10 @@ from pathlib import Path
 
 _HEAD = re.compile(
     r"within ?(?P<within>[\w.]*);\n"
-    r"(?:(?:impure|partial) )*(?:package|block|model|class|function|record|type) (?P<name>\w+)\b"
+    r"(?:(?:impure|partial) )*"
+    r"(?:package|block|model|class|connector|function|record|type) (?P<name>\w+)\b"
 )
-_CONSTANT = re.compile(r"^  constant \w+ (\w+)", re.MULTILINE)
+_CONSTANT = re.compile(r"^  constant [\w.]+ (\w+)", re.MULTILINE)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _URI = re.compile(r"modelica://([\w.]+)((?:/[\w./-]*)?)")
 _ELEMENTS = re.compile(r"enumeration\((.*?)\)\s*(?:\"|annotation)", re.DOTALL)
@@ -47,7 +48,8 @@ def _check_head(file: Path, source: str, library: Path) -> Iterator[str]:
         yield f"is within '{match['within']}', but lies in '{within}'"
     if match["name"] != name:
         yield f"defines {match['name']}"
-    if not source.endswith(f"end {name};\n") and " type " not in f" {match[0].split(chr(10))[1]} ":
+    is_short = re.match(r"\s*=", source[match.end() :]) is not None
+    if not is_short and not source.endswith(f"end {name};\n"):
         yield f"does not end with 'end {name};'"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from itertools import combinations, pairwise
 
@@ -61,9 +62,14 @@ def _wires_meet(scene: Scene) -> Iterator[str]:
 
 
 def _place(scene: Scene, connector: str) -> Part | None:
-    component, _, inner = connector.partition(".")
+    component, _, inner = _whole_array(connector).partition(".")
     part = scene.parts.get(component)
     return part.parts.get(inner) if part is not None and inner else part
+
+
+def _whole_array(connector: str) -> str:
+    """Elements of an array are drawn at one place: `el2008.u[1:4]` at `el2008.u`."""
+    return re.sub(r"\[.*?\]", "", connector)
 
 
 def _overlaps(scene: Scene) -> Iterator[str]:
@@ -91,8 +97,8 @@ def _wires_cross(scene: Scene) -> Iterator[str]:
 
 def _wires_coincide(scene: Scene) -> Iterator[str]:
     for one, other in combinations(scene.wires, 2):
-        if {one.a, one.b} & {other.a, other.b}:
-            continue  # the same signal
+        if set(map(_whole_array, (one.a, one.b))) & set(map(_whole_array, (other.a, other.b))):
+            continue  # the same signal, or the same array
         for a, b in pairwise(one.points):
             for c, d in pairwise(other.points):
                 width, height = box_of((a, b)).overlap(box_of((c, d)))

@@ -55,4 +55,22 @@ package Icons "Icons of classes that are no blocks"
   partial package InternalPackage
     extends Icons.Package;
   end InternalPackage;
+  partial package UtilitiesPackage
+    extends Icons.Package;
+    annotation (Icon(graphics = {
+      Polygon(points = {{-62, 46}, {-46, 62}, {10, 6}, {60, 10}, {10, -40}, {-6, -10}}, lineColor = {100, 100, 100}, fillColor = {180, 180, 180}, fillPattern = FillPattern.Solid)}));
+  end UtilitiesPackage;
+  partial record Record
+    annotation (Icon(graphics = {
+      Rectangle(extent = {{-98, 48}, {98, -98}}, lineColor = {64, 64, 64}, fillColor = {255, 215, 136}, fillPattern = FillPattern.Solid, radius = 20),
+      Line(points = {{-98, 0}, {98, 0}}, color = {64, 64, 64}),
+      Line(points = {{0, 48}, {0, -98}}, color = {64, 64, 64}),
+      Text(extent = {{-150, 100}, {150, 60}}, textColor = {0, 0, 255}, textString = "%name")}));
+  end Record;
+  partial function Function
+    annotation (Icon(graphics = {
+      Ellipse(extent = {{-98, 98}, {98, -98}}, lineColor = {108, 88, 49}, fillColor = {255, 215, 136}, fillPattern = FillPattern.Solid),
+      Text(extent = {{-90, 90}, {90, -90}}, textColor = {108, 88, 49}, textString = "f"),
+      Text(extent = {{-150, 145}, {150, 105}}, textColor = {0, 0, 255}, textString = "%name")}));
+  end Function;
 end Icons;

@@ -27,6 +27,20 @@ package Blocks
     type Init = enumeration(NoInit, SteadyState, InitialState, InitialOutput);
   end Types;
 
+  package Math
+    block Gain
+      parameter Real k(start = 1);
+      Interfaces.RealInput u annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
+      Interfaces.RealOutput y annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+    equation
+      y = k * u;
+      annotation (Icon(graphics = {
+        Polygon(points = {{-100, -100}, {-100, 100}, {100, 0}}, lineColor = {0, 0, 127}, fillColor = {255, 255, 255}, fillPattern = FillPattern.Solid),
+        Text(extent = {{-150, -140}, {150, -100}}, textString = "k=%k"),
+        Text(extent = {{-150, 140}, {150, 100}}, textColor = {0, 0, 255}, textString = "%name")}));
+    end Gain;
+  end Math;
+
   package Continuous
     block FirstOrder
       extends Icons.Block;

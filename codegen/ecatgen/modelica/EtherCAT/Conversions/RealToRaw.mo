@@ -1,0 +1,36 @@
+within EtherCAT.Conversions;
+block RealToRaw "Raw value of an entry for a physical value"
+  extends EtherCAT.Interfaces.PartialConversion(saturated(start = false, fixed = true));
+
+  parameter Integer domainID(min = 1) = 1 "Domain in whose samples the signal is converted";
+
+  Modelica.Blocks.Interfaces.RealInput u "Physical value in SI units"
+    annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
+  Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true)
+    "Raw value, rounded and held in the range"
+    annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+protected
+  outer EtherCAT.EtherCATMaster etherCATMaster;
+  discrete Real raw(start = 0, fixed = true) "Raw value before it is rounded";
+equation
+  when etherCATMaster.sampled[domainID] then
+    raw = range.rawMin + (u - range.min)/k;
+    y = integer(floor(max(range.rawMin, min(range.rawMax, raw)) + 0.5));
+    saturated = raw <= range.rawMin or raw >= range.rawMax;
+  end when;
+
+  annotation (
+    defaultComponentName = "realToRaw",
+    Documentation(info = "<html>
+<p>
+The inverse of <a href=\"modelica://EtherCAT.Conversions.RawToReal\">RawToReal</a>, for an analog output
+whose block has raw values. It converts when a sample of its domain is taken, and so makes no event
+for each step of the output. A value beyond the range is held at its end, and <code>saturated</code>
+tells it.
+</p>
+</html>"),
+    Icon(graphics = {
+      Text(extent = {{-90, 40}, {-10, -40}}, textColor = {0, 0, 127}, textString = "R"),
+      Text(extent = {{10, 40}, {90, -40}}, textColor = {255, 127, 0}, textString = "raw"),
+      Line(points = {{-24, 0}, {16, 0}}, color = {64, 64, 64}, arrow = {Arrow.None, Arrow.Filled})}));
+end RealToRaw;
