@@ -98,6 +98,10 @@ class Diagram:
         )
         self.connections.append(Connection(source, target, points, _COLORS[kind]))
 
+    def place(self, connector: str) -> Point:
+        """Where lines to a connector end."""
+        return self._ports[connector]
+
     def result(self, name: str, description: str, expression: str) -> None:
         """Gives a result a name of its own."""
         self.variables.append(Variable(name, description, expression))

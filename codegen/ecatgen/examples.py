@@ -20,6 +20,8 @@ STATUS_WORD, VELOCITY, TORQUE, CURRENT = 0x6041, 0x606C, 0x6077, 0x6078
 # revolutions, at most 10 in a second, reached in half a second.
 DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 4_915_200, 655_360, 1_310_720, 1
 
+_BETWEEN = 16  # between blocks that stand below each other
+
 
 def build_examples(bus: Bus, library: str, blocks: Sequence[Block]) -> tuple[Example, ...]:
     """The example models that make sense for the bus."""
@@ -71,7 +73,9 @@ class _Constants:
         """Connects a constant to an input."""
         class_name, name, modifier = self._CLASSES[kind]
         if kind not in self._names:
-            centre = Point(self._x, self._y - 40 * len(self._names))
+            y = min(self._y - 40 * len(self._names), self._diagram.place(target).y)
+            self._y = y + 40 * len(self._names)
+            centre = Point(self._x, y)
             self._names[kind] = self._diagram.add(
                 class_name, name, centre, "Value of outputs that are not used", modifier
             )
@@ -80,18 +84,40 @@ class _Constants:
         self._diagram.connect(f"{name}.y", target, kind, lane)
 
 
-def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
-    diagram = Diagram()
-    _master(diagram, bus, Point(-80, 80))
+def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) -> None:
+    """Puts blocks below each other, from the height of the master on."""
     top = 90
     for block in blocks:
         half = layout.half_height(block.icon)
-        centre = Point(layout.half_width(block.icon), top - half)
+        centre = Point(left + layout.half_width(block.icon), top - half)
         diagram.add_block(library, block, centre)
-        top -= 2 * half + 16
-    constants = _Constants(diagram, -80, 20, lane=-20)
+        top -= 2 * half + _BETWEEN
+
+
+def _columns(diagram: Diagram, library: str, blocks: Sequence[Block]) -> None:
+    """Puts blocks right of all others, in columns that are not higher than what is there."""
+    box = diagram.box
+    most = max(box.b.y - box.a.y, 150)
+    column: list[Block] = []
+    height = 0
+    for block in (*blocks, None):
+        size = 0 if block is None else 2 * layout.half_height(block.icon) + _BETWEEN
+        if column and (block is None or height + size > most):
+            _column(diagram, library, column, diagram.box.b.x)
+            column, height = [], 0
+        if block is not None:
+            column.append(block)
+            height += size
+
+
+def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
+    diagram = Diagram()
+    _master(diagram, bus, Point(-120, 80))
+    _column(diagram, library, [block for block in blocks if block.left], 0)
+    _columns(diagram, library, [block for block in blocks if not block.left])
+    constants = _Constants(diagram, -70, 84, lane=-20)
     for block in blocks:
-        for connector in block.writes:
+        for connector in block.left:
             constants.feed(f"{block.instance}.{connector.name}", connector.kind)
     return Example(
         name="AllSlaves",

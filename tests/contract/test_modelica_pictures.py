@@ -1,5 +1,6 @@
 """How the libraries look in an editor: nothing overlaps, and lines end where they should."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,3 +49,26 @@ def test_the_same_for_awkward_slaves(tmp_path: Path) -> None:
     checks = Path(sample_buses.__file__).parent
     found = Libraries([tmp_path, checks.parent / "modelica", checks])
     assert list(findings(found, "Awkward")) == []
+
+
+def standard_libraries() -> list[Path]:
+    folders = [Path(p) for p in os.environ.get("MODELICAPATH", "").split(":") if p]
+    folders.append(Path.home() / ".openmodelica" / "libraries")
+    return [path for folder in folders for path in sorted(folder.glob("Modelica 4.0.0*"))]
+
+
+@pytest.mark.skipif(not standard_libraries(), reason="no Modelica Standard Library 4.0.0 is here")
+def test_the_stand_in_has_its_connectors_where_the_standard_library_has_them(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "Modelica").symlink_to(standard_libraries()[0])
+    real = Libraries([tmp_path])
+    ours = Libraries([Path(sample_buses.__file__).parent])
+    paths = list(models(ours, "Modelica.Blocks"))
+    assert "Modelica.Blocks.Logical.Switch" in paths
+    for path in paths:
+        places = [
+            {(part.name, part.path, part.box) for part in icon(libraries, path).parts.values()}
+            for libraries in (ours, real)
+        ]
+        assert places[0] == places[1], path

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from .geometry import Box, Point, Transform, box_of
@@ -20,10 +20,13 @@ _DARK: Color = (40, 40, 40)
 _GREY: Color = (90, 90, 90)
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Tile:
-    scene: Scene
+    """An icon, the box around it and its texts, and the heading above it or nothing."""
+
+    path: str
     box: Box
+    heading: str
 
 
 def blocks(libraries: Libraries, package: str) -> Iterator[tuple[str, list[str]]]:
@@ -48,68 +51,71 @@ def sheet(libraries: Libraries, library: str) -> str:
     scenes: list[Scene] = []
     texts: list[Item] = []
     y = 0.0
-    for package, paths in blocks(libraries, library):
-        if not paths:
-            continue
-        y -= _HEADING
-        texts.append(_text(package, Point(0, y), "Left", _HEADING, _DARK, bold=True))
-        y -= _HEADING
-        for row in _rows([_tile(libraries, path) for path in paths]):
-            y = _place(libraries, row, y, scenes, texts) - _GAP
-    svg = Svg(
-        Box(-_MARGIN, y + _GAP - _MARGIN, _WIDTH + _MARGIN, _MARGIN / 2), f"Icons of {library}"
-    )
+    for row in _rows(_tiles(libraries, library)):
+        y = _place(libraries, row, y, scenes, texts) - _GAP
+    box = Box(-_MARGIN, y + _GAP - _MARGIN, _WIDTH + _MARGIN, _MARGIN)
+    svg = Svg(box, f"Icons of {library}")
     for scene in scenes:
         svg.scene(scene)
     svg.items(texts)
     return svg.write()
 
 
-def _tile(libraries: Libraries, path: str) -> _Tile:
-    scene = icon(libraries, path, to=Transform(_SCALE, 0, 0, _SCALE))
-    boxes = [part.box for part in scene.parts.values()]
-    boxes += [item.box for item in scene.items if isinstance(item, Label)]
-    boxes.append(scene.box)
-    caption = _text(path.rpartition(".")[2], Point(0, 0), "Center", _CAPTION, _GREY)
-    middle = scene.box.centre.x
-    half = caption.width / 2
-    box = box_of(
-        [
-            *(Point(x, y) for b in boxes for x, y in ((b.x1, b.y1), (b.x2, b.y2))),
-            Point(middle - half, 0),
-            Point(middle + half, 0),
-        ]
-    )
-    return _Tile(scene, box)
+def _tiles(libraries: Libraries, library: str) -> Iterator[_Tile]:
+    for package, paths in blocks(libraries, library):
+        for path in paths:
+            scene = icon(libraries, path, to=Transform(_SCALE, 0, 0, _SCALE))
+            boxes = [scene.box, *(part.box for part in scene.parts.values())]
+            boxes += [item.box for item in scene.items if isinstance(item, Label)]
+            caption = _caption(path, scene.box.centre)
+            points = [Point(x, y) for b in boxes for x, y in ((b.x1, b.y1), (b.x2, b.y2))]
+            points += [Point(caption.box.x1, 0), Point(caption.box.x2, 0)]
+            yield _Tile(path, box_of(points), package if path == paths[0] else "")
 
 
-def _rows(tiles: list[_Tile]) -> Iterator[list[_Tile]]:
-    row: list[_Tile] = []
-    used = 0.0
+def _rows(tiles: Iterable[_Tile]) -> Iterator[list[tuple[float, _Tile]]]:
+    """Tiles with their places from the left."""
+    row: list[tuple[float, _Tile]] = []
+    x = free = 0.0  # the next place, and where the last heading ends
     for tile in tiles:
-        if row and used + tile.box.width > _WIDTH:
+        if tile.heading:
+            x = max(x + _GAP if row else 0, free)
+        if row and max(x + tile.box.width, x + _heading(tile, 0, 0).box.width) > _WIDTH:
             yield row
-            row, used = [], 0.0
-        row.append(tile)
-        used += tile.box.width + _GAP
+            row, x = [], 0.0
+        row.append((x, tile))
+        if tile.heading:
+            free = x + _heading(tile, 0, 0).width + _GAP
+        x += tile.box.width + _GAP
     yield row
 
 
 def _place(
-    libraries: Libraries, row: list[_Tile], top: float, scenes: list[Scene], texts: list[Item]
+    libraries: Libraries,
+    row: list[tuple[float, _Tile]],
+    top: float,
+    scenes: list[Scene],
+    texts: list[Item],
 ) -> float:
     """Draws a row below `top`, and returns where it ends."""
-    height = max(tile.box.height for tile in row)
-    x, base = 0.0, top - height - _CAPTION * 1.6
-    for tile in row:
+    if any(tile.heading for _, tile in row):
+        texts.extend(_heading(tile, x, top - _HEADING / 2) for x, tile in row if tile.heading)
+        top -= 2 * _HEADING
+    for x, tile in row:
         to = Transform(_SCALE, 0, 0, _SCALE, x - tile.box.x1, top - tile.box.y2)
-        scene = icon(libraries, tile.scene.path, to=to)
+        scene = icon(libraries, tile.path, to=to)
         scenes.append(scene)
-        at = Point(scene.box.centre.x, top - tile.box.height - _CAPTION * 0.8)
-        name = tile.scene.path.rpartition(".")[2]
-        texts.append(_text(name, at, "Center", _CAPTION, _GREY))
-        x += tile.box.width + _GAP
-    return base
+        foot = Point(scene.box.centre.x, top - tile.box.height - _CAPTION * 0.8)
+        texts.append(_caption(tile.path, foot))
+    return top - max(tile.box.height for _, tile in row) - _CAPTION * 1.6
+
+
+def _heading(tile: _Tile, x: float, y: float) -> Label:
+    return _text(tile.heading or " ", Point(x, y), "Left", _HEADING, _DARK, bold=True)
+
+
+def _caption(path: str, at: Point) -> Label:
+    return _text(path.rpartition(".")[2], at, "Center", _CAPTION, _GREY)
 
 
 def _text(
