@@ -14,9 +14,12 @@ from ecatd.model.errors import EcatError, UsageError
 from . import machine, report
 from .client import benchmark as client
 from .engine import benchmark as engine
+from .modelica import benchmark as modelica
 from .simulator import benchmark as simulator
 
-BENCHMARKS: dict[str, Any] = {module.NAME: module for module in (simulator, engine, client)}
+BENCHMARKS: dict[str, Any] = {
+    module.NAME: module for module in (simulator, engine, client, modelica)
+}
 """By name: modules with `SETTINGS` and `measure`."""
 
 

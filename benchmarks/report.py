@@ -10,12 +10,14 @@ from ecatd.model.errors import UsageError
 
 from .client import report as client_report
 from .engine import report as engine_report
+from .modelica import report as modelica_report
 from .simulator import report as simulator_report
 
 SECTIONS: dict[str, Any] = {
     "simulator": simulator_report,
     "engine": engine_report,
     "client": client_report,
+    "modelica": modelica_report,
 }
 """Reports by the name of the benchmark, in the order of the page."""
 

@@ -129,6 +129,22 @@ def test_client(tmp_path: Path) -> None:
     assert "commit of the outputs of one slave, on a bus of 200 slaves" in page
 
 
+def test_modelica(tmp_path: Path) -> None:
+    result, page = measured("modelica", tmp_path)
+    assert [(case["slaves"], case["reads"], case["writes"]) for case in result["samples"]] == [
+        (count, 2 * count, 2 * count) for count in (8, 64, 200)
+    ]
+    for case in result["samples"]:
+        assert case["plain"] > 0
+        assert case["model"] > 0
+        assert case["turns"] >= 10
+    generation = result["generation"]
+    assert (generation["slaves"], generation["signals"]) == (200, 3900)
+    assert generation["files"] > 200
+    assert min(generation["seconds"], generation["again"]) > 0
+    assert "generation of a library of 200 slaves | ≤ 1 s" in page
+
+
 def test_targets_that_are_missed_are_said(tmp_path: Path) -> None:
     folder = tmp_path / "performance"
     shutil.copytree(ROOT / "docs" / "performance", folder)

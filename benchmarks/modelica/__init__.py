@@ -1,0 +1,1 @@
+"""What a model costs: a sample of its blocks, and the generation of their library."""
