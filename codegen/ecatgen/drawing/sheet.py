@@ -11,11 +11,11 @@ from .scene import Scene, icon
 from .shapes import Color, Item, Label
 from .svg import Svg
 
-_SCALE = 0.15  # units of the sheet in a unit of an icon
+_SCALE = 0.12  # units of the sheet in a unit of an icon
 _WIDTH = 250.0
-_GAP = 8.0
+_GAP = 6.0
 _MARGIN = 6.0
-_HEADING, _CAPTION = 5.0, 3.2  # sizes of the font
+_HEADING, _CAPTION = 4.5, 2.6  # sizes of the font
 _DARK: Color = (40, 40, 40)
 _GREY: Color = (90, 90, 90)
 
