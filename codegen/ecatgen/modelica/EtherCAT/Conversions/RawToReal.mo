@@ -25,7 +25,7 @@ needs no conversion. Give the output a unit where it is used, for example
 </p>
 </html>"),
     Icon(graphics = {
-      Text(extent = {{-90, 40}, {-10, -40}}, textColor = {255, 127, 0}, textString = "raw"),
-      Text(extent = {{10, 40}, {90, -40}}, textColor = {0, 0, 127}, textString = "R"),
-      Line(points = {{-16, 0}, {24, 0}}, color = {64, 64, 64}, arrow = {Arrow.None, Arrow.Filled})}));
+      Text(extent = {{-86, 26}, {-26, -26}}, textColor = {255, 127, 0}, textString = "raw"),
+      Text(extent = {{26, 26}, {86, -26}}, textColor = {0, 0, 127}, textString = "R"),
+      Polygon(points = {{-18, 4}, {2, 4}, {2, 12}, {20, 0}, {2, -12}, {2, -4}, {-18, -4}}, lineColor = {64, 64, 64}, fillColor = {64, 64, 64}, fillPattern = FillPattern.Solid)}));
 end RawToReal;

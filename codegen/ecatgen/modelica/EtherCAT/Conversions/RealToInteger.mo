@@ -27,7 +27,7 @@ taken, and so makes no event for each step of the output.
 </p>
 </html>"),
     Icon(graphics = {
-      Text(extent = {{-90, 40}, {-10, -40}}, textColor = {0, 0, 127}, textString = "R"),
-      Text(extent = {{10, 40}, {90, -40}}, textColor = {255, 127, 0}, textString = "I"),
-      Line(points = {{-20, 0}, {20, 0}}, color = {64, 64, 64}, arrow = {Arrow.None, Arrow.Filled})}));
+      Text(extent = {{-86, 26}, {-26, -26}}, textColor = {0, 0, 127}, textString = "R"),
+      Text(extent = {{26, 26}, {86, -26}}, textColor = {255, 127, 0}, textString = "I"),
+      Polygon(points = {{-18, 4}, {2, 4}, {2, 12}, {20, 0}, {2, -12}, {2, -4}, {-18, -4}}, lineColor = {64, 64, 64}, fillColor = {64, 64, 64}, fillPattern = FillPattern.Solid)}));
 end RealToInteger;

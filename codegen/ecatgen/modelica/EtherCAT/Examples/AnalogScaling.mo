@@ -6,10 +6,10 @@ model AnalogScaling "From raw values to volts, and back"
     "Connection to the bus, which paces the model"
     annotation (Placement(transformation(extent = {{-80, 60}, {-60, 80}})));
   EtherCAT.Examples.Utilities.EL3008 el3008 "8 analog inputs with raw values"
-    annotation (Placement(transformation(extent = {{-80, 0}, {-40, 40}})));
+    annotation (Placement(transformation(extent = {{-80, 10}, {-60, 30}})));
   EtherCAT.Conversions.RawToReal toVolts[8](
     each range = EtherCAT.Conversions.Ranges.voltage10V) "Voltages of all channels"
-    annotation (Placement(transformation(extent = {{0, 10}, {20, 30}})));
+    annotation (Placement(transformation(extent = {{-20, 10}, {0, 30}})));
   EtherCAT.Interfaces.VoltageOutput v[8] "Measured voltages"
     annotation (Placement(transformation(extent = {{100, 10}, {120, 30}})));
   Modelica.Blocks.Sources.Sine wanted(amplitude = 12, f = 1) "Voltage that is too large at times"
@@ -22,9 +22,9 @@ model AnalogScaling "From raw values to volts, and back"
     annotation (Placement(transformation(extent = {{40, -60}, {60, -40}})));
 equation
   connect(el3008.y, toVolts.u)
-    annotation (Line(points = {{-38, 20}, {-2, 20}}, color = {255, 127, 0}));
+    annotation (Line(points = {{-59, 20}, {-22, 20}}, color = {255, 127, 0}));
   connect(toVolts.y, v)
-    annotation (Line(points = {{21, 20}, {110, 20}}, color = {0, 0, 127}));
+    annotation (Line(points = {{1, 20}, {110, 20}}, color = {0, 0, 127}));
   connect(wanted.y, toRaw.u)
     annotation (Line(points = {{-59, -50}, {-22, -50}}, color = {0, 0, 127}));
   connect(toRaw.y, back.u)

@@ -11,18 +11,18 @@ model DigitalIO "Write digital outputs and read digital inputs"
   Modelica.Blocks.Sources.BooleanConstant off[4](each k = false) "Channels that are not used"
     annotation (Placement(transformation(extent = {{-80, -40}, {-60, -20}})));
   EtherCAT.Examples.Utilities.EL2008 el2008 "8 digital outputs"
-    annotation (Placement(transformation(extent = {{-20, -20}, {20, 20}})));
+    annotation (Placement(transformation(extent = {{0, -10}, {20, 10}})));
   EtherCAT.Examples.Utilities.EL1018 el1018 "8 digital inputs"
-    annotation (Placement(transformation(extent = {{-20, -80}, {20, -40}})));
+    annotation (Placement(transformation(extent = {{0, -70}, {20, -50}})));
   EtherCAT.Conversions.BooleansToInteger word "All inputs as one number"
     annotation (Placement(transformation(extent = {{60, -70}, {80, -50}})));
 equation
   connect(blink.y, el2008.u[1:4])
-    annotation (Line(points = {{-59, 10}, {-40, 10}, {-40, 0}, {-24, 0}}, color = {255, 0, 255}));
+    annotation (Line(points = {{-59, 10}, {-30, 10}, {-30, 0}, {-2, 0}}, color = {255, 0, 255}));
   connect(off.y, el2008.u[5:8])
-    annotation (Line(points = {{-59, -30}, {-40, -30}, {-40, 0}, {-24, 0}}, color = {255, 0, 255}));
+    annotation (Line(points = {{-59, -30}, {-30, -30}, {-30, 0}, {-2, 0}}, color = {255, 0, 255}));
   connect(el1018.y, word.u)
-    annotation (Line(points = {{22, -60}, {58, -60}}, color = {255, 0, 255}));
+    annotation (Line(points = {{21, -60}, {58, -60}}, color = {255, 0, 255}));
 
   annotation (
     experiment(StopTime = 3, Interval = 0.001),

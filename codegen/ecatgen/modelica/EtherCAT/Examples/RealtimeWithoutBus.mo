@@ -4,7 +4,7 @@ model RealtimeWithoutBus "Run a model in real time, then half as fast, without a
 
   EtherCAT.SynchronizeRealtime synchronizeRealtime(enableRealTimeScaling = true)
     "Holds the simulation back to the pace of the clock"
-    annotation (Placement(transformation(extent = {{0, 20}, {40, 60}})));
+    annotation (Placement(transformation(extent = {{0, 30}, {20, 50}})));
   Modelica.Blocks.Sources.Step scaling(height = 1, offset = 1, startTime = 2)
     "1: real time, 2: two seconds for one of simulation time"
     annotation (Placement(transformation(extent = {{-60, 30}, {-40, 50}})));
@@ -18,7 +18,7 @@ model RealtimeWithoutBus "Run a model in real time, then half as fast, without a
     annotation (Placement(transformation(extent = {{0, -50}, {20, -30}})));
 equation
   connect(scaling.y, synchronizeRealtime.scaling)
-    annotation (Line(points = {{-39, 40}, {-4, 40}}, color = {0, 0, 127}));
+    annotation (Line(points = {{-39, 40}, {-2, 40}}, color = {0, 0, 127}));
   connect(reference.y, follower.u)
     annotation (Line(points = {{-39, -40}, {-2, -40}}, color = {0, 0, 127}));
 

@@ -8,29 +8,29 @@ model TwoDomains "Slaves that are sampled at 1 kHz and others at 250 Hz"
     "Connection to the bus; domain 1 is sampled at 1 kHz, domain 2 at 250 Hz"
     annotation (Placement(transformation(extent = {{-80, 60}, {-60, 80}})));
   EtherCAT.Examples.Utilities.EL3008 fast(domainID = 1) "Sines of 0.1 Hz to 0.8 Hz, every 1 ms"
-    annotation (Placement(transformation(extent = {{-80, 0}, {-40, 40}})));
+    annotation (Placement(transformation(extent = {{-80, 10}, {-60, 30}})));
   EtherCAT.Conversions.RawToReal toVolts(range = EtherCAT.Conversions.Ranges.voltage10V)
     "Voltage of channel 8"
-    annotation (Placement(transformation(extent = {{-20, 10}, {0, 30}})));
+    annotation (Placement(transformation(extent = {{-40, 10}, {-20, 30}})));
   Modelica.Blocks.Math.Gain controller(k = 0.5) "Computes all the time"
-    annotation (Placement(transformation(extent = {{20, 10}, {40, 30}})));
+    annotation (Placement(transformation(extent = {{0, 10}, {20, 30}})));
   EtherCAT.Conversions.RealToRaw slowValue(
     domainID = 2,
     range = EtherCAT.Conversions.Ranges.voltage10V) "What a slow slave would get every 4 ms"
-    annotation (Placement(transformation(extent = {{60, 10}, {80, 30}})));
+    annotation (Placement(transformation(extent = {{40, 10}, {60, 30}})));
   EtherCAT.Examples.Utilities.EL1018 slow(domainID = 2) "Digital inputs, every 4 ms"
-    annotation (Placement(transformation(extent = {{-80, -60}, {-40, -20}})));
+    annotation (Placement(transformation(extent = {{-80, -40}, {-60, -20}})));
   EtherCAT.Conversions.BooleansToInteger word "All inputs as one number"
-    annotation (Placement(transformation(extent = {{-20, -50}, {0, -30}})));
+    annotation (Placement(transformation(extent = {{-40, -40}, {-20, -20}})));
 equation
   connect(fast.y[8], toVolts.u)
-    annotation (Line(points = {{-38, 20}, {-22, 20}}, color = {255, 127, 0}));
+    annotation (Line(points = {{-59, 20}, {-42, 20}}, color = {255, 127, 0}));
   connect(toVolts.y, controller.u)
-    annotation (Line(points = {{1, 20}, {18, 20}}, color = {0, 0, 127}));
+    annotation (Line(points = {{-19, 20}, {-2, 20}}, color = {0, 0, 127}));
   connect(controller.y, slowValue.u)
-    annotation (Line(points = {{41, 20}, {58, 20}}, color = {0, 0, 127}));
+    annotation (Line(points = {{21, 20}, {38, 20}}, color = {0, 0, 127}));
   connect(slow.y, word.u)
-    annotation (Line(points = {{-38, -40}, {-22, -40}}, color = {255, 0, 255}));
+    annotation (Line(points = {{-59, -30}, {-42, -30}}, color = {255, 0, 255}));
 
   annotation (
     experiment(StopTime = 1, Interval = 0.001),

@@ -2,7 +2,7 @@ within EtherCAT.Icons;
 partial block Terminal "Icon of a terminal with several channels"
   annotation (
     Icon(graphics = {
-      Rectangle(extent = {{-100, 100}, {100, -100}}, lineColor = {64, 64, 64}, fillColor = {248, 248, 244}, fillPattern = FillPattern.Solid, radius = 6),
+      Rectangle(extent = {{-100, 100}, {100, -100}}, lineColor = {64, 64, 64}, fillColor = {250, 252, 252}, fillPattern = FillPattern.Solid, radius = 6),
       Rectangle(extent = {{-30, 40}, {30, -70}}, lineColor = {64, 64, 64}, fillColor = {255, 255, 255}, fillPattern = FillPattern.Solid, radius = 4),
       Ellipse(extent = {{-20, 30}, {-4, 14}}, lineColor = {64, 64, 64}, fillColor = {95, 158, 160}, fillPattern = FillPattern.Solid),
       Ellipse(extent = {{4, 30}, {20, 14}}, lineColor = {64, 64, 64}, fillColor = {95, 158, 160}, fillPattern = FillPattern.Solid),

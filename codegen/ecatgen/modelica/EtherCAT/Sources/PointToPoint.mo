@@ -29,7 +29,10 @@ The signal has no events, so that it costs nothing to sample it.
 </p>
 </html>"),
     Icon(graphics = {
-      Line(points = {{-80, 78}, {-80, -80}}, color = {192, 192, 192}),
-      Line(points = {{-90, -70}, {82, -70}}, color = {192, 192, 192}),
-      Line(points = {{-80, -70}, {-60, -70}, {-20, 50}, {30, 50}, {70, -70}, {80, -70}}, color = {0, 0, 127})}));
+      Line(points = {{-80, 68}, {-80, -80}}, color = {192, 192, 192}),
+      Polygon(points = {{-80, 90}, {-88, 68}, {-72, 68}}, lineColor = {192, 192, 192}, fillColor = {192, 192, 192}, fillPattern = FillPattern.Solid),
+      Line(points = {{-90, -70}, {68, -70}}, color = {192, 192, 192}),
+      Polygon(points = {{90, -70}, {68, -62}, {68, -78}}, lineColor = {192, 192, 192}, fillColor = {192, 192, 192}, fillPattern = FillPattern.Solid),
+      Line(points = {{-80, -70}, {-60, -70}, {-24, 50}, {24, 50}, {60, -70}, {70, -70}}),
+      Text(extent = {{-150, -150}, {150, -110}}, textString = "startTime=%startTime")}));
 end PointToPoint;
