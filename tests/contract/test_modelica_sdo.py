@@ -25,7 +25,7 @@ static int answer(void *sdo, int state) {
   return state;
 }
 int main(int argc, char **argv) {
-  master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1);
+  master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1, 1, 1, 0);
   (void)answer, (void)sample;
   %s
   ecatm_master_close(master);

@@ -3,18 +3,43 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   extends EtherCAT.Icons.Master;
 
   parameter String bus = "ecat0" "Name of the bus, as given to ecatd";
-  parameter Modelica.Units.SI.Period sampleTime[:] = {0.001} "Sample time of each domain";
+  parameter Modelica.Units.SI.Period sampleTime[:] = {0.001} "Sample time of each domain"
+    annotation (Dialog(group = "Pace"));
   parameter Boolean waitForBus = false
     "= true, if every sample of domain 1 waits for the bus, which so paces the simulation"
-    annotation (choices(checkBox = true));
+    annotation (choices(checkBox = true), Dialog(group = "Pace"));
   parameter Modelica.Units.SI.Time lease = 0.1
-    "Time without samples after which outputs fall to their safe values";
+    "Time without samples after which outputs fall to their safe values"
+    annotation (Dialog(group = "Pace"));
+  parameter EtherCAT.Types.BusFailure whenMissing = EtherCAT.Types.BusFailure.Error
+    "What to do when the bus is not there at the start"
+    annotation (Dialog(group = "Without a bus"));
+  parameter EtherCAT.Types.BusFailure whenFailed = EtherCAT.Types.BusFailure.Error
+    "What to do when the bus is lost later, or the lease"
+    annotation (Dialog(group = "Without a bus"));
+  parameter Modelica.Units.SI.Time patience(min = 0) = 0
+    "Longest time to wait for the bus, 0: for ever"
+    annotation (Dialog(group = "Without a bus",
+      enable = whenMissing == EtherCAT.Types.BusFailure.Wait or whenFailed == EtherCAT.Types.BusFailure.Wait));
   parameter EtherCAT.Objects.Master master = EtherCAT.Objects.Master(
-    bus, waitForBus, sampleTime[1], size(sampleTime, 1), lease) "Connection"
+    bus, waitForBus, sampleTime[1], size(sampleTime, 1), lease, Integer(whenMissing),
+    Integer(whenFailed), patience) "Connection"
     annotation (Dialog(enable = false));
 
   output Boolean sampled[size(sampleTime, 1)] "True at the sample instants of each domain";
   output Integer cycle(start = 0, fixed = true) "Bus cycle of the last sample, modulo 2^31";
+  output Boolean connected(start = false, fixed = true)
+    "= true, if the sample is of a bus that delivers";
+  output EtherCAT.Types.BusState state(start = EtherCAT.Types.BusState.Missing, fixed = true)
+    "State of the bus";
+  output Modelica.Units.SI.Time age(start = 0, fixed = true)
+    "Time from the exchange with the slaves to the sample";
+  output Integer missed(start = 0, fixed = true)
+    "Samples that came too late for the bus cycle they waited for";
+  output Integer workingCounter(start = 0, fixed = true)
+    "Sum of the working counters of all domains of the bus";
+  output Integer workingCounterExpected(start = 0, fixed = true)
+    "What it is when all slaves take part";
 protected
   Real keepAlive(start = 0, fixed = true)
     "A co-simulation FMU of some tools needs a continuous state";
@@ -25,6 +50,8 @@ equation
   end for;
   when sampled[1] then
     cycle = EtherCAT.Functions.waitCycle(master, time);
+    (connected, age, missed, state, workingCounter, workingCounterExpected) =
+      EtherCAT.Functions.masterState(master, time, cycle);
   end when;
 
   annotation (
@@ -36,22 +63,55 @@ equation
 Every model that uses a bus has one component of this block, called <code>etherCATMaster</code> and
 declared <code>inner</code>. All blocks of slaves find it by themselves.
 </p>
+<h4>Samples</h4>
 <p>
-<strong>Domains</strong>: <code>sampleTime</code> has one element for each domain of the model. The
-block of a slave chooses one by its parameter <code>domainID</code> (1 is the first). All reads at the
-same simulation time see the same bus cycle.
+<code>sampleTime</code> has one element for each domain of the model. The block of a slave chooses one
+by its parameter <code>domainID</code> (1 is the first). All reads at the same simulation time see the
+same bus cycle, those of several domains, too.
 </p>
 <p>
-<strong>Pace</strong>: with <code>waitForBus = true</code> each sample of domain 1 waits until as many
-bus cycles have passed as its sample time has; the sample time must be a multiple of the bus cycle.
-With <code>waitForBus = false</code> the model runs as fast as the tool runs it, and a sample takes what
-the bus has at that moment.
+With <code>waitForBus = true</code> each sample of domain 1 waits until as many bus cycles have passed as
+its sample time has; the sample time must be a multiple of the bus cycle. With
+<code>waitForBus = false</code> the model runs as fast as the tool runs it, and a sample takes what the bus
+has at that moment.
 </p>
 <p>
-<strong>Lease</strong>: a simulation that is stopped, paused or killed takes no more samples. After
-the time <code>lease</code> (at most 0.5&nbsp;s, the daemon cuts longer ones) the daemon sets the outputs
-that the model has written to their safe values. A paused simulation ends with an error when it goes on.
-Waiting for the bus is no pause, so that with <code>waitForBus</code> sample times may be longer.
+A simulation that is stopped, paused or killed takes no more samples. After the time <code>lease</code>
+(at most 0.5&nbsp;s, the daemon cuts longer ones) the daemon sets the outputs that the model has written
+to their safe values. Waiting for the bus is no pause, so that with <code>waitForBus</code> sample times
+may be longer.
+</p>
+<h4>Without a bus</h4>
+<p>
+<code>whenMissing</code> says what happens when no daemon serves the bus at the start,
+<code>whenFailed</code> what happens when it ends or its cycle stands still later, or when the model has
+lost its outputs, because it did not sample in time or the daemon has started again:
+</p>
+<table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
+<tr><th>value</th><th>no bus</th><th>outputs lost</th></tr>
+<tr><td><code>Error</code></td><td>the simulation ends with one sentence</td><td>the simulation ends with one sentence</td></tr>
+<tr><td><code>Wait</code></td><td>the simulation waits, at most for the time <code>patience</code>, and then goes on</td><td>they are claimed again</td></tr>
+<tr><td><code>Continue</code></td><td>the simulation goes on: <code>valid</code> of all slaves is false, values are the last ones (at first those of zeros on the bus), writes are dropped; when the bus is there, it is used from the next sample on</td><td>they are claimed again</td></tr>
+</table>
+<p>
+With <code>Continue</code> and <code>waitForBus</code> the clock of the machine paces the model while there
+is no bus. When the bus comes back, the outputs of the model act at once: a model that must start
+softly then uses <code>valid</code> of its slaves.
+</p>
+<p>
+Whenever the model meets a bus, it looks whether this has the slaves and entries that its blocks stand
+for. Another bus, outputs that another program owns, and a value that does not fit its entry end the
+simulation in all cases.
+</p>
+<h4>Diagnostics</h4>
+<p>
+The outputs are those of the last sample of domain 1. <code>state</code> goes from
+<code>Missing</code> to <code>Operational</code>, see
+<a href=\"modelica://EtherCAT.Types.BusState\">BusState</a>; <code>connected</code> is true from
+<code>Incomplete</code> on. <code>age</code> goes on growing while there is no bus. <code>missed</code>
+counts only with <code>waitForBus</code>: the model, or the machine, was too slow for the sample before.
+<code>workingCounter</code> is less than <code>workingCounterExpected</code> while slaves do not take part
+in the exchange.
 </p>
 </html>"));
 end EtherCATMaster;

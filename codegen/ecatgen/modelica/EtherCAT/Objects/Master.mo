@@ -8,8 +8,11 @@ class Master "Connection to a bus"
     input Real sampleTime "Sample time of domain 1 in s";
     input Integer domains "Number of domains";
     input Real lease "Time without samples after which outputs become safe, in s";
+    input Integer whenMissing "Number of the EtherCAT.Types.BusFailure: before there was a bus";
+    input Integer whenFailed "Number of the EtherCAT.Types.BusFailure: after that";
+    input Real patience "Longest time that is waited for the bus in s, 0: for ever";
     output Master master;
-    external "C" master = ecatm_master_open(bus, waitForBus, sampleTime, domains, lease)
+    external "C" master = ecatm_master_open(bus, waitForBus, sampleTime, domains, lease, whenMissing, whenFailed, patience)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -17,6 +17,7 @@
 #ifndef ECAT_MODELICA_H
 #define ECAT_MODELICA_H
 
+#include "ecatm_master.h"
 #include "ecatm_objects.h"
 #include "ecatm_realtime.h"
 #include "ecatm_samples.h"

@@ -4,80 +4,155 @@
 
 #include "ecatm_objects.h"
 
+#define ECATM_PATIENCE 1.0       /* seconds without a bus cycle until waiting fails */
+#define ECATM_SAME_TIME 1e-9     /* seconds; periodic events drift by rounding */
+#define ECATM_BEHIND 0.1         /* seconds that a model without a bus may catch up */
+#define ECATM_RECLAIM 0.1        /* seconds between two tries to own outputs again */
+
 ECATM_FUNCTION int ecatm_same_time(double a, double b) { return fabs(a - b) <= ECATM_SAME_TIME; }
 
-/* Takes a new image of all domains and remembers its time, and the cycle of the newest one. */
-ECATM_FUNCTION void ecatm_take_sample(ecatm_master *master, double time) {
+/* --- Samples ------------------------------------------------------------------------------- */
+
+/* What the new image is worth: cycle and working counters of all domains of the bus. */
+ECATM_FUNCTION void ecatm_observe_domains(ecatm_master *master) {
   ecat_domain_info info;
   uint64_t newest = 0;
   int i;
-  ecatm_check(master, ecat_sample(master->bus));
   master->complete = 0;
+  master->wkc = master->wkc_expected = 0;
   for (i = 0; i < ecat_domain_count(master->bus); i++) {
     ecatm_check(master, ecat_domain(master->bus, i, &info));
-    if (info.cycle > newest) newest = info.cycle;
     if (info.wkc_state == ECAT_WKC_COMPLETE) master->complete |= 1u << i;
+    master->wkc += (int)info.wkc;
+    master->wkc_expected += (int)info.wkc_expected;
+    if (info.cycle <= newest) continue;
+    newest = info.cycle;
+    master->exchanged = (double)info.time_ns * 1e-9;
   }
   master->cycle = (int)(newest & 0x7FFFFFFF);
+}
+
+/* How the slaves are that the model uses. Returns whether all are in OP. */
+ECATM_FUNCTION int ecatm_observe_slaves(ecatm_master *master) {
+  ecatm_slave *slave;
+  ecat_slave_info info;
+  int operational = 1;
+  for (slave = master->slaves; slave != NULL; slave = slave->next) {
+    ecatm_check(master, ecat_slave(master->bus, slave->position, &info));
+    slave->al_state = info.al_state;
+    slave->al_code = info.al_code;
+    operational &= info.al_state == ECAT_AL_OP;
+  }
+  return operational;
+}
+
+/* Nothing is known any more but the last values. */
+ECATM_FUNCTION void ecatm_observe_nothing(ecatm_master *master) {
+  ecatm_slave *slave;
+  master->complete = 0;
+  master->wkc = 0;
+  master->state = master->outage == ECAT_EDOWN ? ECATM_MISSING : ECATM_STANDS_STILL;
+  for (slave = master->slaves; slave != NULL; slave = slave->next)
+    slave->al_state = slave->al_code = ECAT_AL_NONE;
+}
+
+/* Takes a new image of all domains and remembers its time. */
+ECATM_FUNCTION void ecatm_take_sample(ecatm_master *master, double time) {
+  int code = ecatm_refresh(master);
+  if (code != 0)
+    code = ecatm_endure(master, code);
+  else
+    ecatm_end_outage(master);
   master->sample_time = time;
   master->sampled = 1;
-}
-
-/* Waits for the bus where asked to, then samples; returns the cycle of the sample. */
-ECATM_FUNCTION int ecatm_wait(void *object, double time) {
-  ecatm_master *master = (ecatm_master *)object;
-  if (master->waited && ecatm_same_time(time, master->wait_time)) return master->cycle;
-  if (master->stride > 0) {
-    uint64_t goal = master->waited ? master->waited_cycle + master->stride
-                                   : ecat_cycle(master->bus) + 1;
-    while (ecat_cycle(master->bus) < goal) {
-      ecatm_check(master, ecat_wait(master->bus, 1, ECATM_PATIENCE));
-      /* Keeps the lease: who waits is alive, however long the sample time is. */
-      if (ecat_cycle(master->bus) < goal) ecatm_check(master, ecat_sample(master->bus));
-    }
-    master->waited_cycle = ecat_cycle(master->bus);
+  if (code == 0) {
+    int operational = ecatm_observe_slaves(master);
+    ecatm_observe_domains(master);
+    master->state = master->complete != (1u << ecat_domain_count(master->bus)) - 1 ? ECATM_INCOMPLETE
+                    : operational ? ECATM_OPERATIONAL : ECATM_NOT_OPERATIONAL;
+  } else {
+    ecatm_observe_nothing(master);
   }
-  master->wait_time = time;
-  master->waited = 1;
-  ecatm_take_sample(master, time);
-  return master->cycle;
-}
-
-/* Makes this model the owner of the outputs, once. */
-ECATM_FUNCTION void ecatm_claim(ecatm_slave *slave) {
-  ecatm_master *master = slave->node.master;
-  const ecatm_slave *other;
-  if (slave->claimed) return;
-  for (other = master->writers; other != NULL; other = other->next_writer)
-    if (other->position == slave->position) {
-      ModelicaFormatError("EtherCAT: two blocks of this model write the outputs of slave %d of bus "
-                          "'%s'; remove one of them", slave->position, ecat_name(master->bus));
-      return;
-    }
-  ecatm_check(master, ecat_claim(master->bus, slave->position, master->lease));
-  slave->claimed = 1;
-  slave->next_writer = master->writers;
-  master->writers = slave;
-}
-
-/* Hands the written values of this slave over, all at once. `order` is only there to be returned:
- * it makes the tool call this after the writes that it came from. */
-ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
-  ecatm_slave *slave = (ecatm_slave *)object;
-  ecat_t *bus = slave->node.master->bus;
-  ecatm_pdo *pdo;
-  (void)time;
-  ecatm_claim(slave);
-  for (pdo = slave->outputs; pdo != NULL; pdo = pdo->next_output)
-    if (pdo->pending) ecatm_check(slave->node.master, ecat_write(bus, pdo->signal, pdo->value));
-  ecatm_check(slave->node.master, ecat_commit(bus));
-  return order;
+  if (master->exchanged > 0) master->age = ecatm_now() - master->exchanged;
 }
 
 /* The sample of this time, which is taken by whoever asks first. */
 ECATM_FUNCTION void ecatm_at(ecatm_master *master, double time) {
   if (!master->sampled || !ecatm_same_time(time, master->sample_time))
     ecatm_take_sample(master, time);
+}
+
+/* --- Pace ---------------------------------------------------------------------------------- */
+
+/* Waits until so many cycles have ended since the last wait as a sample time has. Returns 0 or what
+ * ecatm_fail() does. */
+ECATM_FUNCTION int ecatm_wait_cycles(ecatm_master *master) {
+  ecat_t *bus = master->bus;
+  uint64_t goal = master->in_step ? master->waited_cycle + master->stride : ecat_cycle(bus) + 1;
+  if (ecat_cycle(bus) > goal) master->missed++;
+  /* A daemon that starts again counts anew. */
+  while (ecat_cycle(bus) < goal && ecat_instance(bus) == master->instance) {
+    int code = ecat_wait(bus, 1, ECATM_PATIENCE);
+    /* Keeps the lease: who waits is alive, however long the sample time is. */
+    if (code == 0 && ecat_cycle(bus) < goal) code = ecat_sample(bus);
+    if (code != 0) return ecatm_client(master, code);
+  }
+  master->waited_cycle = ecat_cycle(bus);
+  master->in_step = 1;
+  return 0;
+}
+
+/* Without a bus, by the clock: a model that is paced by the bus is not to race. */
+ECATM_FUNCTION void ecatm_wait_clock(ecatm_master *master, double time) {
+  if (master->waited && master->origin + time > ecatm_now() - ECATM_BEHIND)
+    ecatm_sleep_until(master->origin + time);
+  else
+    master->origin = ecatm_now() - time;
+}
+
+/* What paces the samples of domain 1. */
+ECATM_FUNCTION void ecatm_pace(ecatm_master *master, double time) {
+  if (master->bus == NULL || master->outage != 0) {
+    ecatm_wait_clock(master, time);
+    return;
+  }
+  /* What passes is left to the sample that follows: it finds the same, unless it has passed. */
+  if (ecatm_wait_cycles(master) < 0 && ecatm_wish(master, ECAT_EDOWN) == ECATM_ERROR)
+    ecatm_stop(master);
+  master->origin = ecatm_now() - time;
+}
+
+/* Waits for the bus where asked to, then samples; returns the cycle of the sample. */
+ECATM_FUNCTION int ecatm_wait(void *object, double time) {
+  ecatm_master *master = (ecatm_master *)object;
+  if (master->waited && ecatm_same_time(time, master->wait_time)) return master->cycle;
+  if (master->wait_for_bus) ecatm_pace(master, time);
+  master->wait_time = time;
+  master->waited = 1;
+  ecatm_take_sample(master, time);
+  return master->cycle;
+}
+
+/* --- How the bus and its slaves are -------------------------------------------------------- */
+
+/* Of the last sample; returns whether the bus delivered. `order` makes the tool call this after the wait
+ * that it came from.
+ *
+ * age: since the frames of the sample came back, s
+ * missed: samples that came too late for the bus cycle they waited for
+ * state: enum ecatm_bus_state
+ * wkc, wkc_expected: working counters, sums of all domains of the bus */
+ECATM_FUNCTION int ecatm_master_state(void *object, double time, int order, double *age, int *missed,
+                                      int *state, int *wkc, int *wkc_expected) {
+  ecatm_master *master = (ecatm_master *)object;
+  (void)order;
+  ecatm_at(master, time);
+  *age = master->age;
+  *missed = master->missed;
+  *state = master->state;
+  *wkc = master->wkc;
+  *wkc_expected = master->wkc_expected;
+  return master->state >= ECATM_INCOMPLETE;
 }
 
 /* Numbers of EtherCAT.Types.ALState. */
@@ -97,32 +172,101 @@ ECATM_FUNCTION int ecatm_slave_state(void *object, double time, int order, int *
                                      int *al_status_code) {
   ecatm_slave *slave = (ecatm_slave *)object;
   ecatm_master *master = slave->node.master;
-  ecat_slave_info info;
   (void)order;
   ecatm_at(master, time);
-  ecatm_check(master, ecat_slave(master->bus, slave->position, &info));
-  *al_state = ecatm_al_state(info.al_state);
-  *al_status_code = (int)info.al_code;
-  return info.al_state == ECAT_AL_OP && (master->complete >> info.domain & 1) != 0;
+  *al_state = ecatm_al_state(slave->al_state);
+  *al_status_code = (int)slave->al_code;
+  return slave->al_state == ECAT_AL_OP && (master->complete >> slave->domain & 1) != 0;
 }
 
-/* The physical value. `order` makes the tool call reads after the wait that it came from. */
-ECATM_FUNCTION double ecatm_read_real(void *object, double time, int order) {
-  ecatm_pdo *pdo = (ecatm_pdo *)object;
-  ecatm_master *master = pdo->node.master;
-  double value = 0;
-  (void)order;
-  ecatm_at(master, time);
-  ecatm_check(master, ecat_read(master->bus, pdo->signal, &value));
-  return value * pdo->scale + pdo->offset;
+/* --- Writes -------------------------------------------------------------------------------- */
+
+/* Whether this model writes the slave at a position. */
+ECATM_FUNCTION const ecatm_slave *ecatm_writer(const ecatm_master *master, int position) {
+  const ecatm_slave *slave = master->slaves;
+  while (slave != NULL && !(slave->writer && slave->position == position)) slave = slave->next;
+  return slave;
 }
 
-ECATM_FUNCTION int ecatm_read_integer(void *object, double time, int order) {
-  return (int)ecatm_read_real(object, time, order);
+/* Makes this model the owner of the outputs of all slaves that it writes, in one go. Returns 0 or a code
+ * of the client. */
+ECATM_FUNCTION int ecatm_claim(ecatm_master *master) {
+  int i, code, last = -1, wanted = 0, count = ecat_signal_count(master->bus);
+  int *signals = (int *)malloc(((size_t)count + 1) * sizeof *signals);
+  size_t found = 0;
+  ecat_signal_info info;
+  ecatm_slave *slave;
+  if (signals == NULL) return ecatm_fail(master, ECAT_ESYS, "out of memory");
+  for (i = 0; i < count && ecat_signal(master->bus, i, &info) == 0; i++) {
+    if (info.slave != last) wanted = ecatm_writer(master, info.slave) != NULL;
+    last = info.slave;
+    if (info.output && wanted) signals[found++] = i;
+  }
+  code = ecatm_client(master, ecat_claim_entries(master->bus, signals, found, master->lease));
+  free(signals);
+  for (slave = master->slaves; code == 0 && slave != NULL; slave = slave->next)
+    slave->claimed = slave->writer;
+  return code;
 }
 
-ECATM_FUNCTION int ecatm_read_boolean(void *object, double time, int order) {
-  return ecatm_read_real(object, time, order) != 0;
+/* Hands the written values of a slave to the daemon. Returns 0 or a code of the client. */
+ECATM_FUNCTION int ecatm_publish(ecatm_slave *slave) {
+  ecatm_master *master = slave->node.master;
+  const ecatm_pdo *pdo;
+  int code = slave->claimed ? 0 : ecatm_claim(master);
+  for (pdo = slave->outputs; pdo != NULL && code == 0; pdo = pdo->next_output) {
+    double value = pdo->value;
+    if (!pdo->pending) continue;
+    if (pdo->scale != 1 || pdo->offset != 0) {
+      if (value < pdo->low) value = pdo->low;
+      if (value > pdo->high) value = pdo->high;
+    }
+    code = ecatm_client(master, ecat_write(master->bus, pdo->signal, value));
+  }
+  return code != 0 ? code : ecatm_client(master, ecat_commit(master->bus));
+}
+
+/* After outputs were lost that the model had claimed: claims them again, but not too often. Returns 0 or a
+ * code of the client. */
+ECATM_FUNCTION int ecatm_reclaim(ecatm_slave *slave) {
+  ecatm_master *master = slave->node.master;
+  double before = master->lost;
+  ecatm_slave *each;
+  int code;
+  for (each = master->slaves; each != NULL; each = each->next) each->claimed = 0;
+  if (ecatm_now() - before < ECATM_RECLAIM) return ECAT_ELEASE;
+  master->lost = ecatm_now();
+  code = ecatm_publish(slave);
+  if (code == 0 && master->lost - before > 1)
+    ModelicaFormatMessage("EtherCAT: %s; the model has done so\n", master->problem);
+  return code;
+}
+
+/* What was written is lost; the next sample of a model that waits will wait. */
+ECATM_FUNCTION void ecatm_dropped(ecatm_master *master, int code) {
+  if (code == ECAT_ELEASE && master->when_failed != ECATM_ERROR) return; /* until the next try */
+  if (ecatm_wish(master, code) == ECATM_ERROR) ecatm_stop(master);
+  if (ecatm_wish(master, code) == ECATM_CONTINUE) ecatm_endure(master, code);
+}
+
+/* Hands the written values of this slave over, all at once; drops them while there is no bus. `order` is
+ * only there to be returned: it makes the tool call this after the writes that it came from. */
+ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
+  ecatm_slave *slave = (ecatm_slave *)object;
+  ecatm_master *master = slave->node.master;
+  int code;
+  (void)time;
+  if (master->bus == NULL || master->outage != 0) return order;
+  if (!slave->writer && ecatm_writer(master, slave->position) != NULL) {
+    ModelicaFormatError("EtherCAT: two blocks of this model write the outputs of slave %d of bus '%s'; "
+                        "remove one of them", slave->position, master->name);
+    return order;
+  }
+  slave->writer = 1;
+  code = ecatm_publish(slave);
+  if (code == ECAT_ELEASE && master->when_failed != ECATM_ERROR) code = ecatm_reclaim(slave);
+  if (code != 0) ecatm_dropped(master, code);
+  return order;
 }
 
 /* Remembers a value for the commit. Values of integer entries are rounded. An entry with a scale is
@@ -132,10 +276,6 @@ ECATM_FUNCTION int ecatm_write_real(void *object, double time, int order, double
   (void)time;
   value = (value - pdo->offset) / pdo->scale;
   if (pdo->integer && fabs(value) < 4503599627370496.0) value = floor(value + 0.5);
-  if (pdo->scale != 1 || pdo->offset != 0) {
-    if (value < pdo->low) value = pdo->low;
-    if (value > pdo->high) value = pdo->high;
-  }
   pdo->value = value;
   pdo->pending = 1;
   return order;
@@ -147,6 +287,33 @@ ECATM_FUNCTION int ecatm_write_integer(void *object, double time, int order, int
 
 ECATM_FUNCTION int ecatm_write_boolean(void *object, double time, int order, int value) {
   return ecatm_write_real(object, time, order, value ? 1.0 : 0.0);
+}
+
+/* --- Reads --------------------------------------------------------------------------------- */
+
+/* The physical value; while there is no bus, the last one, or that of a raw 0. `order` makes the tool
+ * call reads after the wait that it came from. */
+ECATM_FUNCTION double ecatm_read_real(void *object, double time, int order) {
+  ecatm_pdo *pdo = (ecatm_pdo *)object;
+  ecatm_master *master = pdo->node.master;
+  (void)order;
+  ecatm_at(master, time);
+  if (master->outage == 0) ecatm_check(master, ecat_read(master->bus, pdo->signal, &pdo->value));
+  return pdo->value * pdo->scale + pdo->offset;
+}
+
+ECATM_FUNCTION int ecatm_read_integer(void *object, double time, int order) {
+  double value = ecatm_read_real(object, time, order);
+  if (value >= -2147483648.0 && value <= 2147483647.0) return (int)value;
+  ModelicaFormatError("EtherCAT: entry 0x%04X:%02X of slave %d is %g, which no Modelica Integer can "
+                      "hold; read it as a Real", (unsigned)((ecatm_pdo *)object)->index,
+                      (unsigned)((ecatm_pdo *)object)->subindex,
+                      ((ecatm_pdo *)object)->slave->position, value);
+  return 0;
+}
+
+ECATM_FUNCTION int ecatm_read_boolean(void *object, double time, int order) {
+  return ecatm_read_real(object, time, order) != 0;
 }
 
 #endif

@@ -34,7 +34,7 @@ ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, int index, int s
   ecatm_master *master = (ecatm_master *)object;
   ecat_slave_info info;
   ecatm_sdo *sdo;
-  ecatm_check(master, ecat_slave(master->bus, position, &info));
+  if (master->bus != NULL) ecatm_check(master, ecat_slave(master->bus, position, &info));
   sdo = (ecatm_sdo *)ecatm_new(master, sizeof *sdo);
   if (sdo == NULL) return NULL;
   sdo->position = position;
@@ -98,6 +98,7 @@ ECATM_FUNCTION void ecatm_sdo_progress(ecatm_sdo *sdo) {
   size_t length = 0;
   uint32_t reason = 0;
   int code;
+  if (master->bus == NULL) return;
   if (sdo->request < 0) ecatm_sdo_send(sdo);
   if (sdo->request < 0) return;
   code = ecat_poll(master->bus, sdo->request, data, sizeof data, &length, &reason);

@@ -1,15 +1,20 @@
-/* What the other headers need of the compiler and of the operating system: the clock. */
+/* What the other headers need of the compiler and of the operating system. */
 #ifndef ECATM_SYSTEM_H
 #define ECATM_SYSTEM_H
 
 #include <errno.h>
 #include <sched.h> /* struct timespec, also where <time.h> keeps it to itself */
+#include <stdarg.h>
+#include <stdio.h>
 #include <time.h>
 
+/* ECATM_FORMAT: a function whose argument number `n` is a format as that of printf(). */
 #if defined(__GNUC__)
 #define ECATM_FUNCTION static __attribute__((unused))
+#define ECATM_FORMAT(n) static __attribute__((unused, format(printf, n, n + 1)))
 #else
 #define ECATM_FUNCTION static
+#define ECATM_FORMAT(n) static
 #endif
 
 /* With -std=c89, <time.h> has these only if POSIX was asked for before the first system header of
@@ -22,6 +27,9 @@ extern int clock_gettime(int clock, struct timespec *now);
 extern int clock_nanosleep(int clock, int flags, const struct timespec *until,
                            struct timespec *rest);
 #endif
+
+/* Not in C89, but in the library. */
+extern int vsnprintf(char *text, size_t size, const char *format, va_list arguments);
 
 /* Seconds of CLOCK_MONOTONIC: to a few nanoseconds, for as long as a machine is up. */
 ECATM_FUNCTION double ecatm_now(void) {

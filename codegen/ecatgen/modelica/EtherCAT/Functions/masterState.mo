@@ -1,0 +1,18 @@
+within EtherCAT.Functions;
+impure function masterState "How the bus is in the sample of this time"
+  input EtherCAT.Objects.Master master "Connection";
+  input Real t "Simulation time";
+  input Integer order "Any value whose computation must come before this call";
+  output Boolean connected "= true, if the sample is of a bus that delivers";
+  output Real age "Time since the frames of the sample came back, in s";
+  output Integer missed "Samples that came too late for the bus cycle they waited for";
+  output EtherCAT.Types.BusState state "State of the bus";
+  output Integer workingCounter "Sum of the working counters of all domains of the bus";
+  output Integer workingCounterExpected "What it is when all slaves take part";
+  external "C" connected = ecatm_master_state(master, t, order, age, missed, state, workingCounter, workingCounterExpected)
+    annotation (
+      Include = "#include \"ecat_modelica.h\"",
+      IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+      Library = "ecat",
+      LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+end masterState;
