@@ -1,4 +1,9 @@
 within EtherCAT;
 package Drives "Drives with the device profile CiA 402"
   extends Modelica.Icons.Package;
+
+  annotation (Icon(graphics = {
+    Rectangle(extent = {{-64, 36}, {24, -36}}, lineColor = {64, 64, 64}, fillColor = {95, 158, 160}, fillPattern = FillPattern.HorizontalCylinder),
+    Rectangle(extent = {{24, 10}, {68, -10}}, lineColor = {64, 64, 64}, fillColor = {192, 192, 192}, fillPattern = FillPattern.HorizontalCylinder),
+    Polygon(points = {{-70, -58}, {-44, -36}, {4, -36}, {30, -58}}, lineColor = {64, 64, 64}, fillColor = {128, 128, 128}, fillPattern = FillPattern.Solid)}));
 end Drives;

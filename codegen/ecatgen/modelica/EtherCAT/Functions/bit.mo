@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 function bit "Whether a bit of a word is set"
+  extends Modelica.Icons.Function;
   input Integer word "Word, not negative";
   input Integer number "Number of the bit, 0 is the lowest";
   output Boolean set "= true, if the bit is set";

@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function commit "Hand the written values of a slave over to the bus, all at once"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.SlaveConfiguration slaveConfiguration "Slave";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";

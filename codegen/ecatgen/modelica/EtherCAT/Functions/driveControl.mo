@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 function driveControl "Control word that leads a CiA 402 drive into operation"
+  extends Modelica.Icons.Function;
   input EtherCAT.Types.DriveState state "State of the drive";
   input Boolean enable "= true, if the drive shall be in operation";
   input Boolean resetFault "= true, if a fault is reset while enable is true";

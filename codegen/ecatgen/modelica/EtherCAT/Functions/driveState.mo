@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 function driveState "State of a CiA 402 drive in its status word"
+  extends Modelica.Icons.Function;
   input Integer statusWord "Status word 0x6041";
   output EtherCAT.Types.DriveState state "State";
 algorithm

@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function readReal "Value of an entry in the sample of this time"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.PDO pdo "Entry";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";

@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function sdoAbortCode "Why the last request has failed"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.SDO sdo "Object";
   input Integer order "Any value whose computation must come before this call";
   output Integer abortCode "SDO abort code, negative: no answer, 0: it has not failed";

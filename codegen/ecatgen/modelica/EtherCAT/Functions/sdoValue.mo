@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function sdoValue "Value of the last successful read"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.SDO sdo "Object";
   input Integer order "Any value whose computation must come before this call";
   output Integer y "Value, 0 at first";

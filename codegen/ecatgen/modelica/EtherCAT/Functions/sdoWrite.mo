@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function sdoWrite "Write an object: send a request when triggered, else ask what became of it"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.SDO sdo "Object";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";

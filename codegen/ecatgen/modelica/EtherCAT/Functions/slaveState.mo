@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function slaveState "State of a slave in the sample of this time"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.SlaveConfiguration slaveConfiguration "Slave";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";

@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function synchronize "Wait until the clock of the machine has reached the simulation time"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.RealtimeClock realtimeClock "Clock";
   input Real t "Simulation time";
   input Real scaling "Seconds of the clock for one of simulation time, 0: do not wait";

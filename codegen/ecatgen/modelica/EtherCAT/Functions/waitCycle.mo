@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function waitCycle "Take a sample, after waiting for the bus where the master does so"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.Master master "Connection";
   input Real t "Simulation time";
   output Integer cycle "Bus cycle of the sample";

@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function writeInteger "Note the value of an entry for the commit of its slave"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.PDO pdo "Entry";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";

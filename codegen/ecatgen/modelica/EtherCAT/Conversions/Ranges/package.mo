@@ -21,7 +21,16 @@ package Ranges "Ranges of analog terminals"
     rawMin = -32767, rawMax = 32767, min = -32.767, max = 32.767)
     "1/1000 of a rated value a digit (torque and current of CiA 402 drives)";
 
-  annotation (Documentation(info = "<html>
+  annotation (
+    Icon(graphics = {
+      Line(points = {{-60, -20}, {60, -20}}, color = {64, 64, 64}, thickness = 0.5),
+      Line(points = {{-60, -40}, {-60, 0}}, color = {64, 64, 64}, thickness = 0.5),
+      Line(points = {{60, -40}, {60, 0}}, color = {64, 64, 64}, thickness = 0.5),
+      Line(points = {{-30, -30}, {-30, -10}}, color = {64, 64, 64}),
+      Line(points = {{0, -30}, {0, -10}}, color = {64, 64, 64}),
+      Line(points = {{30, -30}, {30, -10}}, color = {64, 64, 64}),
+      Polygon(points = {{18, -10}, {6, 18}, {30, 18}}, lineColor = {64, 64, 64}, fillColor = {95, 158, 160}, fillPattern = FillPattern.Solid)}),
+    Documentation(info = "<html>
 <p>
 Constants for the parameter <code>range</code> of
 <a href=\"modelica://EtherCAT.Conversions.RawToReal\">RawToReal</a> and
