@@ -1,5 +1,6 @@
 within EtherCAT.Functions;
 impure function masterState "How the bus is in the sample of this time"
+  extends Modelica.Icons.Function;
   input EtherCAT.Objects.Master master "Connection";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
