@@ -12,6 +12,17 @@ from .profiles import Value
 
 Kind = Literal["Boolean", "Integer", "Real"]
 
+SlaveKind = Literal[
+    "drive",
+    "digital inputs",
+    "digital outputs",
+    "digital inputs and outputs",
+    "analog inputs",
+    "analog outputs",
+    "coupler",
+    "other",
+]
+
 
 @dataclass(frozen=True, slots=True)
 class Point:
@@ -31,6 +42,16 @@ class Extent:
     a: Point
     b: Point
 
+    @property
+    def width(self) -> int:
+        """Width of the rectangle."""
+        return abs(self.b.x - self.a.x)
+
+    @property
+    def height(self) -> int:
+        """Height of the rectangle."""
+        return abs(self.b.y - self.a.y)
+
     def __str__(self) -> str:
         return f"{{{self.a}, {self.b}}}"
 
@@ -44,7 +65,8 @@ class Connector:
         handle: Name of the external object (and of the pointer in C).
         written: Name of the variable that the write of this entry sets.
         after: Variable whose computation must come before the access.
-        direction: As the documentation has it: output, input, or (input) for a variable.
+        direction: `output` of the bus, which the model writes, or `input`, which it reads.
+        access: What the model does with it: `write` or `read`.
         kind: Type of the value in the model.
         class_name: Modelica class of the connector, or prefix and type of a variable.
         function: Suffix of the C functions: `boolean`, `integer`, `real`.
@@ -68,14 +90,16 @@ class Connector:
         note: What else the documentation says, or empty.
         values: What the numbers stand for.
         placement: Its annotation: the place in the icon; empty if it is a variable only.
-        label_extent: Place of its label in the icon.
+        label: Its name in the icon, shortened if it is long; empty if it is a variable only.
+        label_extent: Place of the label.
     """
 
     name: str
     handle: str
     written: str
     after: str
-    direction: str
+    direction: Literal["output", "input"]
+    access: Literal["write", "read"]
     kind: Kind
     class_name: str
     function: str
@@ -98,6 +122,7 @@ class Connector:
     note: str
     values: tuple[Value, ...]
     placement: str
+    label: str
     label_extent: Extent | None
 
 
@@ -120,21 +145,25 @@ class Block:
         name: Class name.
         instance: Usual name of a component of this class.
         position: Position on the bus.
+        kind: What kind of device it is, as far as its process data tell.
         description: Description of the class.
-        title: Text in the icon.
+        title: Title in the icon.
         slave_name: What the slave calls itself.
         slave_label: How messages name the expected slave.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
+        profiles: Device profiles that units and meanings are from, each with its source.
         reads: Inputs of the bus: connectors with values that the block delivers.
         writes: Outputs of the bus: connectors with values that the block takes.
         skipped: Entries without connector.
         explained: Connectors with a note, or whose numbers stand for something.
         left: Those of `writes` that are drawn: all of them.
-        right: Those of `reads` that are drawn; the others are variables.
+        right: Those of `reads` that are drawn.
+        variables: Those of `reads` that are not: variables without a connector.
         icon: Extent of the icon, which is the box that is drawn.
-        name_extent: Place of the component's name in the icon.
+        symbol: Graphical primitives, as Modelica writes them, that show the kind of the device.
+        name_extent: Place of the component's name, above the icon.
         title_extent: Place of the title in the icon.
         valid_extent: Place of the name of the connector `valid` in the icon.
         rule: Line below the title, from point to point.
@@ -143,6 +172,7 @@ class Block:
     name: str
     instance: str
     position: int
+    kind: SlaveKind
     description: str
     title: str
     slave_name: str
@@ -150,13 +180,16 @@ class Block:
     vendor: int
     product: int
     revision: int
+    profiles: tuple[str, ...]
     reads: tuple[Connector, ...]
     writes: tuple[Connector, ...]
     skipped: tuple[Skipped, ...]
     explained: tuple[Connector, ...]
     left: tuple[Connector, ...]
     right: tuple[Connector, ...]
+    variables: tuple[Connector, ...]
     icon: Extent
+    symbol: tuple[str, ...]
     name_extent: Extent
     title_extent: Extent
     valid_extent: Extent

@@ -22,6 +22,7 @@ _MARGIN, _GAP = 10, 40  # beside texts, and between those of both sides
 _SCALE = 10  # units of an icon in a unit of a diagram
 _GRID = 40  # sizes are multiples, so that halves of them lie on the grid of a diagram
 _SMALLEST = 120  # height
+_SYMBOL = 32  # width and height
 _VALID = "valid"  # the connector of PartialSlave
 
 
@@ -30,7 +31,7 @@ def icon(title: str, left: Iterable[str], right: Iterable[str]) -> Extent:
     left, right = list(left), list(right)
     rows = max(len(left), len(right))
     names = _widest(left) + _widest(right) + _GAP
-    header = _width(title, _TITLE, bold=True) + _GAP + _width(_VALID, _LABEL)
+    header = _SYMBOL + _MARGIN + _width(title, _TITLE, bold=True) + _GAP + _width(_VALID, _LABEL)
     width = _up(max(names, header) + 2 * _MARGIN)
     height = _up(max(_HEADER + rows * ROW, _SMALLEST))
     return extent(_RIGHT - width, _TOP - height, _RIGHT, _TOP)
@@ -59,10 +60,15 @@ def above(icon: Extent) -> Extent:
     return extent(icon.a.x, _TOP + 50, _RIGHT, _TOP + 10)
 
 
+def symbol_corner(icon: Extent) -> Point:
+    """The lower left corner of the symbol, which is before the title."""
+    return Point(icon.a.x + _MARGIN, _TOP - (_HEADER + _SYMBOL) // 2)
+
+
 def title(icon: Extent) -> Extent:
     """The place of the title, at the top of the box."""
     x = _RIGHT - round(_width(_VALID, _LABEL)) - _MARGIN - _GAP // 2
-    return _text(icon.a.x + _MARGIN, x, _TOP - _HEADER // 2, _TITLE)
+    return _text(icon.a.x + _SYMBOL + 2 * _MARGIN, x, _TOP - _HEADER // 2, _TITLE)
 
 
 def valid_label() -> Extent:

@@ -22,6 +22,12 @@ MAX_LENGTH = 48
 FOREIGN_LIBRARIES = frozenset({"EtherCAT", "Modelica", "ModelicaServices", "Complex"})
 """Libraries that a generated one uses, and so cannot be called like."""
 
+FILES = frozenset(
+    {"package", "Resources", "con", "prn", "aux", "nul"}
+    | {f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10)}
+)
+"""Names that no class can have because of its file: they are taken, or Windows has no such file."""
+
 _LETTERS = str.maketrans(
     {"µ": "u", "μ": "u", "Ω": "Ohm", "°": " deg ", "%": " percent ", "ß": "ss"}
     | {"æ": "ae", "Æ": "Ae", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L", "'": ""}

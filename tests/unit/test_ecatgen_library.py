@@ -5,9 +5,10 @@ import pytest
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
-from ecatgen.blocks import EXAMPLE_COMPONENTS, kind_of
+from ecatgen.blocks import EXAMPLE_COMPONENTS
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
+from ecatgen.connectors import kind_of
 from ecatgen.ir import Block, Example, Library
 from ecatgen.profiles import load_profiles
 

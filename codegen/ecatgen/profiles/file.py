@@ -112,6 +112,7 @@ class _DeviceReader:
         return DeviceProfile(
             source=self._source,
             description=values["description"],
+            facts=values.get("source", ""),
             vendor=values.get("vendor", -1),
             products=products,
             has=has,

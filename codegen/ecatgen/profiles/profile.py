@@ -69,6 +69,7 @@ class DeviceProfile:
     Attributes:
         source: File that it is from.
         description: What the devices are.
+        facts: Where what it says is documented, or empty.
         vendor: Vendor ID, -1: any.
         products: Product codes, empty: any.
         has: Index and subindex of entries that a device must have in its process data.
@@ -77,6 +78,7 @@ class DeviceProfile:
 
     source: str
     description: str
+    facts: str
     vendor: int
     products: frozenset[int]
     has: tuple[tuple[int, int], ...]

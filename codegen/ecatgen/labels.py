@@ -1,0 +1,49 @@
+"""Names in icons: no longer than what makes a block of sensible width."""
+
+from __future__ import annotations
+
+import re
+
+from .font import width
+
+WIDEST = 15.0
+"""Widest label, in sizes of the font."""
+
+ELLIPSIS = "…"
+_SHORTEST = 3  # letters that stay of a word
+_WORD = re.compile(r"[A-Z]+(?![a-z])[0-9_]*|[A-Za-z][a-z]*[0-9_]*|[0-9_]+")
+
+
+def label(name: str) -> str:
+    """The name, with its longest words cut where it is too long for a label.
+
+    Numbers stay, for they tell channels apart: `aiStandardChannel12StatusUnderrange`
+    becomes `aiStandardChannel12StatusUnd…`.
+
+    Args:
+        name: A name in camel case.
+    """
+    words = _WORD.findall(name)
+    cut = [0] * len(words)  # letters taken from the end of each word
+
+    def text() -> str:
+        return "".join(map(_shortened, words, cut))
+
+    def left(n: int) -> int:
+        return len(words[n].rstrip("0123456789_")) - cut[n]
+
+    for n in sorted(range(len(words)), key=left, reverse=True):
+        while left(n) > _SHORTEST and width(text()) > WIDEST:
+            cut[n] += 1
+    short = text()
+    while width(short) > WIDEST:
+        middle = len(short) // 2
+        short = short[: middle - 1] + ELLIPSIS + short[middle + 1 :]
+    return short
+
+
+def _shortened(word: str, cut: int) -> str:
+    if not cut:
+        return word
+    letters = word.rstrip("0123456789_")
+    return letters[: len(letters) - cut] + ELLIPSIS + word[len(letters) :]

@@ -1,0 +1,116 @@
+"""What kind of device a slave is, and the symbol in the icon of its block: 32 by 32 units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+
+from ecatd.model.bus import Slave
+
+from .ir import Kind, Point, SlaveKind
+
+_CONTROL_WORD, _STATUS_WORD = (0x6040, 0), (0x6041, 0)
+_COUPLER = re.compile(r"(EK|BK|CU|EPP?9|EKM)[0-9]|.*(coupler|junction)", re.IGNORECASE)
+
+_DARK, _FILL = "{64, 64, 64}", "{95, 158, 160}"
+
+
+def slave_kind(slave: Slave, writes: Collection[Kind], reads: Collection[Kind]) -> SlaveKind:
+    """The kind of a slave, as far as its process data tell it.
+
+    Args:
+        slave: The slave.
+        writes: Types of the connectors for its outputs.
+        reads: Types of the connectors for its inputs.
+    """
+    if _has(slave, _CONTROL_WORD, outputs=True) and _has(slave, _STATUS_WORD, outputs=False):
+        return "drive"
+    if not writes and not reads:
+        return "coupler" if _COUPLER.match(slave.name) else "other"
+    if {*writes, *reads} == {"Boolean"}:
+        if writes and reads:
+            return "digital inputs and outputs"
+        return "digital outputs" if writes else "digital inputs"
+    if writes and reads:
+        return "other"
+    return "analog outputs" if writes else "analog inputs"
+
+
+def _has(slave: Slave, address: tuple[int, int], *, outputs: bool) -> bool:
+    return any(
+        (entry.index, entry.subindex) == address for _, entry, _ in slave.entries(outputs=outputs)
+    )
+
+
+def symbol(kind: SlaveKind, corner: Point) -> tuple[str, ...]:
+    """Graphical primitives of the symbol, whose lower left corner is given."""
+    pen = _Pen(corner)
+    if kind == "drive":
+        return tuple(_drive(pen))
+    if kind == "coupler":
+        return tuple(_coupler(pen))
+    if kind == "other":
+        return tuple(_chip(pen))
+    return tuple(_signal(pen, kind))
+
+
+class _Pen:
+    """Writes primitives in coordinates from the corner of the symbol."""
+
+    def __init__(self, corner: Point) -> None:
+        self._corner = corner
+
+    def _points(self, *points: tuple[int, int]) -> str:
+        x, y = self._corner.x, self._corner.y
+        return f"{{{', '.join(str(Point(x + dx, y + dy)) for dx, dy in points)}}}"
+
+    def line(self, *points: tuple[int, int], smooth: bool = False) -> str:
+        more = ", smooth = Smooth.Bezier" if smooth else ""
+        return f"Line(points = {self._points(*points)}, color = {_DARK}, thickness = 0.5{more})"
+
+    def polygon(self, *points: tuple[int, int]) -> str:
+        return f"Polygon(points = {self._points(*points)}, {self._filled()})"
+
+    def rectangle(self, a: tuple[int, int], b: tuple[int, int]) -> str:
+        return f"Rectangle(extent = {self._points(a, b)}, {self._filled()})"
+
+    @staticmethod
+    def _filled() -> str:
+        return f"lineColor = {_DARK}, fillColor = {_FILL}, fillPattern = FillPattern.Solid"
+
+
+def _drive(pen: _Pen) -> Iterator[str]:
+    """A motor, seen from its side."""
+    yield pen.rectangle((2, 8), (22, 26))
+    for y in (12, 17, 22):
+        yield pen.line((5, y), (19, y))
+    yield pen.rectangle((22, 14), (32, 20))
+    yield pen.polygon((4, 4), (20, 4), (18, 8), (6, 8))
+
+
+def _coupler(pen: _Pen) -> Iterator[str]:
+    """A bus that goes on."""
+    yield pen.line((0, 8), (32, 8))
+    for x in (2, 12, 22):
+        yield pen.line((x + 4, 8), (x + 4, 16))
+        yield pen.rectangle((x, 16), (x + 8, 26))
+
+
+def _chip(pen: _Pen) -> Iterator[str]:
+    """An electronic device."""
+    for y in (10, 16, 22):
+        yield pen.line((2, y), (30, y))
+    yield pen.rectangle((7, 5), (25, 27))
+
+
+def _signal(pen: _Pen, kind: SlaveKind) -> Iterator[str]:
+    """A signal that comes from the model on the left, or goes to it on the right."""
+    if kind.startswith("digital"):
+        points = ((8, 8), (12, 8), (12, 24), (18, 24), (18, 8), (24, 8), (24, 24))
+        yield pen.line(*points)
+    else:
+        yield pen.line((8, 16), (11, 34), (15, 20), (19, 6), (22, 2), (24, 24), smooth=True)
+    if "outputs" in kind:
+        yield pen.polygon((0, 12), (0, 20), (6, 16))
+    if "inputs" in kind:
+        yield pen.polygon((26, 12), (26, 20), (32, 16))
