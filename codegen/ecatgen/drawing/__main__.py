@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 
+from .library import NoSuchClassError
 from .pictures import pictures
+from .tokens import ModelicaSyntaxError
 
 
 def main(arguments: list[str]) -> int:
     """Writes all pictures to a folder, and removes those that are no more."""
-    if len(arguments) != 1:
-        print("usage: python -m ecatgen.drawing FOLDER", file=sys.stderr)
-        return 2
-    folder = Path(arguments[0])
-    folder.mkdir(parents=True, exist_ok=True)
-    files = pictures()
-    for old in folder.glob("*.svg"):
+    parser = argparse.ArgumentParser(prog="python -m ecatgen.drawing", description=main.__doc__)
+    parser.add_argument("folder", type=Path, help="where the pictures go")
+    parser.add_argument(
+        "--standard-library",
+        metavar="DIR",
+        type=Path,
+        help="folder with the Modelica Standard Library, to see its own icons; "
+        "the pictures of the documentation are made without",
+    )
+    options = parser.parse_args(arguments)
+    try:
+        files = pictures(options.standard_library)
+    except (NoSuchClassError, ModelicaSyntaxError) as error:
+        print(f"nothing is drawn: {error}", file=sys.stderr)
+        return 1
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for old in options.folder.glob("*.svg"):
         if old.name not in files:
             old.unlink()
     for name, text in files.items():
-        (folder / name).write_text(text, "utf-8")
-        print(folder / name)
+        (options.folder / name).write_text(text, "utf-8")
+        print(options.folder / name)
     return 0
 
 

@@ -23,18 +23,20 @@ _ECATGEN = Path(__file__).parents[1]
 _MARGIN = 6
 
 
-def libraries(folder: Path) -> Libraries:
+def libraries(folder: Path, standard_library: Path | None = None) -> Libraries:
     """The library EtherCAT, and the one of the bus `troll`, which is written to a folder.
 
-    Classes of the Modelica Standard Library come from the stand-in of the checks, so that the
-    pictures are the same everywhere.
+    Args:
+        folder: Where to write the generated library.
+        standard_library: Folder that has the Modelica Standard Library as `Modelica`. By default
+            there is the stand-in of the checks, so that the pictures are the same everywhere.
     """
     library = build_library(sample_buses.troll(), GENERATED, load_profiles())
     for path, data in render(library).items():
         file = folder / GENERATED / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    return Libraries([folder, _ECATGEN / "modelica", _ECATGEN / "checks"])
+    return Libraries([folder, _ECATGEN / "modelica", standard_library or _ECATGEN / "checks"])
 
 
 def models(found: Libraries, package: str) -> Iterator[str]:
@@ -48,15 +50,15 @@ def models(found: Libraries, package: str) -> Iterator[str]:
             yield path
 
 
-def pictures() -> dict[str, str]:
-    """Every picture by the name of its file."""
+def pictures(standard_library: Path | None = None) -> dict[str, str]:
+    """Every picture by the name of its file; the argument is that of `libraries`."""
     with tempfile.TemporaryDirectory() as folder:
-        found = libraries(Path(folder))
+        found = libraries(Path(folder), standard_library)
         result = {f"{name}.svg": sheet(found, name) for name in (STATIC, GENERATED)}
         for name in (STATIC, GENERATED):
             for path in models(found, name):
                 scene = diagram(found, path)
-                if scene.wires:
+                if any(wire.points for wire in scene.wires):
                     result[f"{path}.svg"] = draw_diagram(scene)
         return result
 
