@@ -126,8 +126,9 @@ def _usual_name(definition: Class) -> str:
 
 
 def _components(instance: Instance) -> Iterator[tuple[Element, Instance]]:
+    """The components that have a place."""
     for element in instance.elements.values():
-        if instance.exists(element):
+        if "Placement" in element.component.annotation.named and instance.exists(element):
             component = instance.component(element)
             if component is not None:
                 yield element, component
