@@ -62,13 +62,14 @@ static double point_to_point(double time) {
 /* Reads an object of the drive before the experiment; 0 if the drive has none. */
 static int read_object(int index, int subindex) {
   static double time = -1e6; /* of its own: the experiment begins at 0 */
-  void *sdo = ecatm_sdo_open(run.master, 0, index, subindex, 7 /* UNSIGNED32 */);
+  void *sdo = ecatm_sdo_open(run.master, 0, index, subindex, 7 /* UNSIGNED32 */, ECATM_INTEGER_VALUE,
+                             ECATM_TRIGGERED, 0, 1, 0, "");
   int value, state = ECATM_SDO_BUSY;
   while (state == ECATM_SDO_BUSY && !interrupted) {
     int cycle = ecatm_wait(run.master, time += SAMPLE_TIME);
     state = ecatm_sdo_read(sdo, time, cycle, 1);
   }
-  value = ecatm_sdo_value(sdo, state);
+  value = ecatm_sdo_integer(sdo, state);
   ecatm_sdo_close(sdo);
   return state == ECATM_SDO_DONE ? value : 0;
 }

@@ -52,12 +52,13 @@ static int drive_control(enum drive_state state, int enable, int last) {
 static void start_up_open(start_up *start, void *master, int position, enum drive_mode mode) {
   memset(start, 0, sizeof *start);
   start->mode = mode;
-  start->sdo = ecatm_sdo_open(master, position, 0x6060, 0, 2 /* INTEGER8 */);
+  start->sdo = ecatm_sdo_open(master, position, 0, 0, 2 /* INTEGER8 */, ECATM_INTEGER_VALUE,
+                             ECATM_TRIGGERED, 0, 1, 0, "0x6060:00");
 }
 
 static void start_up_step(start_up *start, double time, int cycle, int enable,
                           int status_word) {
-  int state = ecatm_sdo_write(start->sdo, time, cycle, enable, start->mode);
+  int state = ecatm_sdo_write_integer(start->sdo, time, cycle, enable, start->mode);
   start->abort_code = ecatm_sdo_abort_code(start->sdo, state);
   start->state = drive_state_of(status_word);
   start->control_word = drive_control(start->state, enable && state == ECATM_SDO_DONE,

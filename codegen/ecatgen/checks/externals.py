@@ -15,7 +15,7 @@ _FUNCTION = re.compile(
     re.DOTALL,
 )
 _VARIABLE = re.compile(
-    r"^ *(?P<io>input|output) (?P<type>[\w.]+) (?P<name>\w+)(?P<array>\[[:, ]+\])?", re.MULTILINE
+    r"^ *(?P<io>input|output) (?P<type>[\w.]+) (?P<name>\w+)(?P<array>\[[:, \d]+\])?", re.MULTILINE
 )
 _ARGUMENT = re.compile(r"size\((?P<sized>\w+), *\d+\)|(?P<name>\w+)")
 _TYPES = {"Real": "double", "Integer": "int", "Boolean": "int", "String": "const char *"}

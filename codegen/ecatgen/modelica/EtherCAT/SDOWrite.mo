@@ -1,22 +1,29 @@
 within EtherCAT;
-block SDOWrite "Write an object of a slave when triggered"
-  extends EtherCAT.Interfaces.PartialSDO;
+block SDOWrite "Write an Integer to an object of a slave"
+  extends EtherCAT.Interfaces.PartialSDOInteger;
 
   Modelica.Blocks.Interfaces.IntegerInput u "Value to write"
     annotation (Placement(transformation(extent = {{-140, -80}, {-100, -40}})));
 equation
   when etherCATMaster.sampled[1] then
-    state = EtherCAT.Functions.sdoWrite(sdo, time, etherCATMaster.cycle, trigger, u);
+    state = EtherCAT.Functions.sdoWriteInteger(
+      sdo, time, etherCATMaster.cycle, triggered, u);
   end when;
 
   annotation (
     defaultComponentName = "sdoWrite",
     Documentation(info = "<html>
 <p>
-Downloads the value that <code>u</code> has when triggered to the object <code>index:subindex</code> of
-the slave at <code>position</code> through the mailbox. <code>done</code> becomes true when the slave has
-accepted it.
+Downloads the value that <code>u</code> has at the request to an object of the slave at
+<code>position</code> through its mailbox. <code>done</code> becomes true when the slave has accepted
+it. A value that the data type cannot hold ends the simulation.
+</p>
+<p>
+When the object is requested, and what happens to a request that fails, is told in
+<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
 </p>
 </html>"),
-    Icon(graphics = {Text(extent = {{-90, 30}, {90, -30}}, textString = "SDO write")}));
+    Icon(graphics = {
+      Text(extent = {{-40, 0}, {40, -24}}, textColor = {64, 64, 64}, textString = "write"),
+      Text(extent = {{-96, -50}, {-40, -70}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Left, textString = "u")}));
 end SDOWrite;

@@ -59,6 +59,14 @@ package Sources "Sources of signals"
         Line(points = {{-80, 0}, {-58, 56}, {-40, 74}, {-22, 56}, {0, 0}, {22, -56}, {40, -74}, {58, -56}, {80, 0}}, color = {0, 0, 127}, smooth = Smooth.Bezier),
         Text(extent = {{-150, -150}, {150, -110}}, textString = "f=%f")}));
   end Sine;
+  block BooleanExpression
+    Interfaces.BooleanOutput y = false
+      annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+    annotation (Icon(graphics = {
+        Rectangle(extent = {{-100, 40}, {100, -40}}, fillColor = {235, 235, 235}, fillPattern = FillPattern.Solid),
+        Text(extent = {{-96, 15}, {96, -15}}, textString = "%y"),
+        Text(extent = {{-150, 90}, {150, 50}}, textString = "%name")}));
+  end BooleanExpression;
   block BooleanPulse
     extends Interfaces.BooleanSignalSource;
     parameter Real width = 50;

@@ -34,11 +34,12 @@ protected
   outer EtherCAT.EtherCATMaster etherCATMaster;
   EtherCAT.SDOWrite modeWrite(
     final position = position,
-    final index = 24672,
+    final object = "0x6060:00",
     final dataType = EtherCAT.Types.DataType.INTEGER8) "Writes 0x6060";
+  Modelica.Blocks.Sources.BooleanExpression modeTrigger(y = enable and writeMode);
   Boolean modeSet(start = false, fixed = true) "= true, if the drive has the mode";
 equation
-  modeWrite.trigger = enable and writeMode;
+  connect(modeTrigger.y, modeWrite.trigger);
   modeWrite.u = Integer(mode);
   modeOfOperation = Integer(mode);
   abortCode = modeWrite.abortCode;

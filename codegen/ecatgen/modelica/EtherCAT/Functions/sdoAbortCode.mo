@@ -1,5 +1,5 @@
 within EtherCAT.Functions;
-impure function sdoAbortCode "Why the last request has failed"
+impure function sdoAbortCode "Code of the reason why the last request has failed"
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.SDO sdo "Object";
   input Integer order "Any value whose computation must come before this call";

@@ -7,9 +7,15 @@ class SDO "One object of a slave, accessed through its mailbox"
     input Integer position "Position of the slave on the bus, 0 first";
     input Integer index "Index of the object";
     input Integer subindex "Subindex of the object";
-    input Integer dataType "Number of the EtherCAT.Types.DataType";
+    input Integer dataType "CoE data type: number of the EtherCAT.Types.DataType";
+    input Integer valueType = 1 "What the model has of it, 1: Integer, 2: Real, 3: String";
+    input Integer request = 1 "When it is requested: number of the EtherCAT.Types.Request";
+    input Real period = 0 "Time between two sampled requests in s";
+    input Real scale = 1 "Real value = value of the object * scale + offset";
+    input Real offset = 0 "See scale";
+    input String object = "" "Index and subindex as \"0x6060:00\", instead of the numbers";
     output SDO sdo;
-    external "C" sdo = ecatm_sdo_open(master, position, index, subindex, dataType)
+    external "C" sdo = ecatm_sdo_open(master, position, index, subindex, dataType, valueType, request, period, scale, offset, object)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

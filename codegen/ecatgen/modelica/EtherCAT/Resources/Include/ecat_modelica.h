@@ -22,6 +22,7 @@
 #include "ecatm_realtime.h"
 #include "ecatm_samples.h"
 #include "ecatm_sdo.h"
+#include "ecatm_sdo_list.h"
 #include "ecatm_drive_steps.h"
 
 #endif

@@ -72,6 +72,7 @@ typedef struct ecatm_master {
   int wkc, wkc_expected;         /* sums of all domains of the bus */
   unsigned complete;             /* bit n: all slaves of domain n of the bus took part */
   double lost;                   /* ecatm_now() when outputs were lost that had been claimed */
+  int requests;                  /* to mailboxes that the client has not answered yet */
 } ecatm_master;
 
 /* --- Errors -------------------------------------------------------------------------------- */

@@ -1,8 +1,9 @@
-/* Requests to the mailbox of a slave, which never delay the model. */
+/* Access to one object of a slave through its mailbox, which never delays the model. */
 #ifndef ECATM_SDO_H
 #define ECATM_SDO_H
 
 #include "ecatm_samples.h"
+#include "ecatm_sdo_values.h"
 
 enum ecatm_sdo_state {
   ECATM_SDO_NONE = 0,
@@ -11,149 +12,369 @@ enum ecatm_sdo_state {
   ECATM_SDO_FAILED = 3
 };
 
-typedef struct ecatm_sdo {
+enum ecatm_sdo_when {            /* EtherCAT.Types.Request */
+  ECATM_TRIGGERED = 1,
+  ECATM_SAMPLED = 2,
+  ECATM_INITIAL = 3
+};
+
+enum ecatm_sdo_value {           /* what the model has of the object */
+  ECATM_INTEGER_VALUE = 1,
+  ECATM_REAL_VALUE = 2,
+  ECATM_STRING_VALUE = 3
+};
+
+/* One transfer at a time. */
+typedef struct ecatm_transfer {
   ecatm_node node;
-  int position, index, subindex, type;
-  int request;                   /* handle of the client, -1: not sent yet */
-  int download;                  /* the request writes `value` */
-  int value;
-  int state, state_before;       /* enum ecatm_sdo_state: now, and when this time began */
-  int trigger, trigger_before;   /* now, and at the time before */
-  int stepped;                   /* `time` is valid */
-  double time;                   /* simulation time of the last call */
-  int result;                    /* of the last upload */
-  int abort_code;
+  int position, index, subindex;
+  int handle;                    /* of the client, -1: not sent yet */
+  unsigned session;              /* of the master, when it was sent */
+  int download;
+  unsigned char data[ECAT_REQUEST_BYTES]; /* to be written, or what was read */
+  size_t length;
+  int abort_code;                /* negative: enum ecat_errno */
+  char text[ECATM_TEXT];         /* why the last one has failed */
+  int told;                      /* `text` is in the log of the simulation */
+} ecatm_transfer;
+
+/* When a transfer begins. What was true before this time is kept, so that the last of several
+ * evaluations at one time counts; hence, too, a transfer begins at the time after its trigger. */
+typedef struct ecatm_trigger {
+  int when;                      /* enum ecatm_sdo_when */
+  double period;
+  int stepped;                   /* `time` and `first` are valid */
+  double time, first;            /* of the last and of the first call */
+  double samples;                /* periods since then */
+  int input, input_before;
+  int due;                       /* sampled or initial, and its time has come */
+  int state, state_before;       /* enum ecatm_sdo_state */
+} ecatm_trigger;
+
+typedef struct ecatm_sdo {
+  ecatm_transfer transfer;
+  ecatm_trigger trigger;
+  int type, value;               /* of the object; enum ecatm_sdo_value */
+  double scale, offset;          /* Real value = number * scale + offset */
+  int wrong;                     /* what is to be written cannot be, `mistake` says why */
+  char mistake[ECATM_TEXT];
+  int count;                     /* transfers that succeeded */
+  double number;                 /* last value that was read */
+  char text[ECATM_STRING];       /* the same of a string */
 } ecatm_sdo;
 
-/* Bytes and signedness of the integer types of EtherCAT.Types.DataType. */
-ECATM_FUNCTION int ecatm_sdo_bytes(int type) { return type <= 3 ? 1 : type <= 5 ? 2 : 4; }
-ECATM_FUNCTION int ecatm_sdo_signed(int type) { return type == 2 || type == 4 || type == 6; }
+/* --- Transfers ----------------------------------------------------------------------------- */
 
-/* An object of a slave. `type` is the number of an EtherCAT.Types.DataType. */
-ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, int index, int subindex, int type) {
-  ecatm_master *master = (ecatm_master *)object;
+/* Whether there is a bus to ask. */
+ECATM_FUNCTION int ecatm_sdo_connected(const ecatm_master *master) {
+  return master->bus != NULL && master->outage == 0;
+}
+
+/* Whether the bus has the slave. */
+ECATM_FUNCTION int ecatm_transfer_resolve(ecatm_node *node) {
   ecat_slave_info info;
-  ecatm_sdo *sdo;
+  return ecatm_client(node->master, ecat_slave(node->master->bus, ((ecatm_transfer *)node)->position,
+                                               &info));
+}
+
+ECATM_FUNCTION void ecatm_transfer_open(ecatm_transfer *transfer, int position, int index,
+                                        int subindex) {
+  transfer->node.resolve = ecatm_transfer_resolve;
+  transfer->position = position;
+  transfer->index = index;
+  transfer->subindex = subindex;
+  transfer->handle = -1;
+}
+
+/* Stops the simulation if no slave can have such an object, or, while there is a bus, if it has no
+ * such slave. */
+ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, int position, int index, int subindex) {
+  ecat_slave_info info;
+  if (position < 0 || index < 0 || index > 0xFFFF || subindex < 0 || subindex > 0xFF) {
+    ModelicaFormatError("EtherCAT: slave %d, index %d, subindex %d is no object: positions begin with "
+                        "0, indices end with 65535 (0xFFFF), subindices with 255", position, index,
+                        subindex);
+    return;
+  }
   if (master->bus != NULL) ecatm_check(master, ecat_slave(master->bus, position, &info));
+}
+
+/* The end of a transfer that did not succeed. It does not end the simulation; the log says so once. */
+ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const char *why) {
+  char text[ECATM_TEXT];
+  sprintf(text, "%.*s", ECATM_TEXT - 1, why);
+  if (!transfer->told || strcmp(text, transfer->text) != 0)
+    ModelicaFormatMessage("EtherCAT: %s object 0x%04X:%02X of slave %d failed: %s\n",
+                          transfer->download ? "writing" : "reading", (unsigned)transfer->index,
+                          (unsigned)transfer->subindex, transfer->position, text);
+  strcpy(transfer->text, text);
+  transfer->told = 1;
+  transfer->abort_code = code;
+  return ECATM_SDO_FAILED;
+}
+
+/* The end of a transfer whose bus has ended. */
+ECATM_FUNCTION int ecatm_transfer_lose(ecatm_transfer *transfer) {
+  ecatm_master *master = transfer->node.master;
+  if (transfer->handle >= 0) {
+    if (master->bus != NULL && transfer->session == master->session)
+      (void)ecat_cancel(master->bus, transfer->handle);
+    transfer->handle = -1;
+    master->requests--;
+  }
+  if (ecatm_sdo_connected(master))
+    return ecatm_transfer_fail(transfer, ECAT_EDOWN, "the bus was lost during the request");
+  return ecatm_transfer_fail(transfer, master->outage != 0 ? master->outage : ECAT_EDOWN,
+                             master->problem);
+}
+
+/* Sends the transfer or asks for its answer: busy, done or failed. While the client has as many
+ * requests as it may, the transfer waits for its turn. */
+ECATM_FUNCTION int ecatm_transfer_step(ecatm_transfer *transfer) {
+  ecatm_master *master = transfer->node.master;
+  uint32_t reason = 0;
+  int code;
+  if (!ecatm_sdo_connected(master) ||
+      (transfer->handle >= 0 && transfer->session != master->session))
+    return ecatm_transfer_lose(transfer);
+  if (transfer->handle < 0) {
+    code = ecat_sdo_start(master->bus, transfer->position, (unsigned)transfer->index,
+                          (unsigned)transfer->subindex,
+                          transfer->download ? transfer->data : NULL,
+                          transfer->download ? transfer->length : 0);
+    if (code == ECAT_EFULL && master->requests > 0) return ECATM_SDO_BUSY;
+    if (code == ECAT_EBUS) ecatm_check(master, code);
+    if (code < 0) return ecatm_transfer_fail(transfer, code, ecat_error(master->bus));
+    transfer->handle = code;
+    transfer->session = master->session;
+    master->requests++;
+  }
+  code = ecat_poll(master->bus, transfer->handle, transfer->download ? NULL : transfer->data,
+                   sizeof transfer->data, transfer->download ? NULL : &transfer->length, &reason);
+  if (code == ECAT_EBUSY) return ECATM_SDO_BUSY;
+  transfer->handle = -1;
+  master->requests--;
+  if (code != 0)
+    return ecatm_transfer_fail(transfer, code == ECAT_EABORT ? (int)reason : code,
+                               ecat_error(master->bus));
+  transfer->told = 0;
+  return ECATM_SDO_DONE;
+}
+
+/* --- Triggers ------------------------------------------------------------------------------ */
+
+/* Whether `time` is a new one; if so, what was so far is now before. */
+ECATM_FUNCTION int ecatm_trigger_begin(ecatm_trigger *trigger, double time) {
+  double samples = 0;
+  int first = !trigger->stepped;
+  if (!first && ecatm_same_time(time, trigger->time)) return 0;
+  if (first) trigger->first = time;
+  if (trigger->when == ECATM_SAMPLED)
+    samples = floor((time - trigger->first) / trigger->period + 1e-6);
+  trigger->due = trigger->when != ECATM_TRIGGERED && (first || samples > trigger->samples);
+  trigger->samples = samples;
+  trigger->stepped = 1;
+  trigger->time = time;
+  trigger->input_before = trigger->input;
+  return 1;
+}
+
+/* Whether a transfer begins at this time; if so the state is busy, else as before. */
+ECATM_FUNCTION int ecatm_trigger_decide(ecatm_trigger *trigger, int input) {
+  int edge = trigger->when == ECATM_TRIGGERED && input && !trigger->input_before;
+  trigger->input = input;
+  trigger->state = trigger->state_before;
+  if (trigger->state == ECATM_SDO_BUSY || !(edge || trigger->due)) return 0;
+  trigger->state = ECATM_SDO_BUSY;
+  return 1;
+}
+
+/* --- Objects ------------------------------------------------------------------------------- */
+
+/* Stops the simulation if the block has no use for the type of the object. */
+ECATM_FUNCTION void ecatm_sdo_check_type(int type, int value) {
+  int fits = value == ECATM_STRING_VALUE ? ecatm_type_is_text(type)
+             : value == ECATM_REAL_VALUE ? ecatm_type_bytes(type) > 0
+                                         : ecatm_type_bytes(type) > 0 && !ecatm_type_is_real(type);
+  if (!fits)
+    ModelicaFormatError("EtherCAT: the dataType of an SDO block cannot be data type 0x%04X: %s", (unsigned)type,
+                        value == ECATM_STRING_VALUE ? "it has a String, so a string type is needed"
+                        : value == ECATM_REAL_VALUE ? "it has a Real, so the type of a number is needed"
+                                                    : "it has an Integer, so an integer type is needed");
+}
+
+/* Index and subindex of a text such as "0x6060:00", both hexadecimal; an empty text changes nothing. */
+ECATM_FUNCTION void ecatm_sdo_parse(const char *text, int *index, int *subindex) {
+  char *end = NULL;
+  unsigned long numbers[2] = {0, 0};
+  if (*text == '\0') return;
+  numbers[0] = strtoul(text, &end, 16);
+  if (end != text && *end == ':') numbers[1] = strtoul(text = end + 1, &end, 16);
+  if (end == text || *end != '\0' || numbers[0] > 0xFFFF || numbers[1] > 0xFF) {
+    ModelicaFormatError("EtherCAT: \"%.40s\" is no object: write it as \"0x6060:00\", index and "
+                        "subindex in hexadecimal", text);
+    return;
+  }
+  *index = (int)numbers[0];
+  *subindex = (int)numbers[1];
+}
+
+/* An object of a slave. `type`: CoE data type; `value`: enum ecatm_sdo_value, what the model has of
+ * it; `when`: enum ecatm_sdo_when, with `period` in s if sampled; `scale` and `offset` for a Real;
+ * `address`: index and subindex as text, instead of the numbers. */
+ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, int index, int subindex, int type,
+                                    int value, int when, double period, double scale,
+                                    double offset, const char *address) {
+  ecatm_master *master = (ecatm_master *)object;
+  ecatm_sdo *sdo;
+  ecatm_sdo_parse(address, &index, &subindex);
+  ecatm_check_object(master, position, index, subindex);
+  ecatm_sdo_check_type(type, value);
+  if (when == ECATM_SAMPLED && !(period > 0)) {
+    ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d cannot be requested every %g s: the "
+                        "period must be positive", (unsigned)index, (unsigned)subindex, position, period);
+    return NULL;
+  }
+  if (!(fabs(scale) > 0) || scale - scale != 0 || offset - offset != 0) {
+    ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
+                        "of %g: the scale must be a finite number other than 0", (unsigned)index,
+                        (unsigned)subindex, position, scale, offset);
+    return NULL;
+  }
   sdo = (ecatm_sdo *)ecatm_new(master, sizeof *sdo);
   if (sdo == NULL) return NULL;
-  sdo->position = position;
-  sdo->index = index;
-  sdo->subindex = subindex;
+  ecatm_transfer_open(&sdo->transfer, position, index, subindex);
+  sdo->trigger.when = when;
+  sdo->trigger.period = period;
   sdo->type = type;
-  sdo->request = -1;
+  sdo->value = value;
+  sdo->scale = scale;
+  sdo->offset = offset;
   return sdo;
 }
 
 ECATM_FUNCTION void ecatm_sdo_close(void *object) { ecatm_close(object); }
 
-/* Sends the noted request; while all requests of this client are in use it stays noted. */
-ECATM_FUNCTION void ecatm_sdo_send(ecatm_sdo *sdo) {
-  ecatm_master *master = sdo->node.master;
-  int i, code, bytes = ecatm_sdo_bytes(sdo->type);
-  double low = ecatm_sdo_signed(sdo->type) ? -ldexp(1, 8 * bytes - 1) : 0;
-  double high = sdo->type == 1 ? 1 : ldexp(1, 8 * bytes - ecatm_sdo_signed(sdo->type)) - 1;
-  unsigned long bits = (unsigned long)(long)sdo->value;
-  unsigned char data[4];
-  if (sdo->download && (sdo->value < low || sdo->value > high)) {
-    ModelicaFormatError("EtherCAT: %d is out of range for object 0x%04X:%02X of slave %d: %.0f to "
-                        "%.0f are allowed", sdo->value, (unsigned)sdo->index,
-                        (unsigned)sdo->subindex, sdo->position, low, high);
-    return;
+/* Takes over what was read; a value that the model cannot have is a failed request. */
+ECATM_FUNCTION int ecatm_sdo_decode(ecatm_sdo *sdo) {
+  ecatm_transfer *transfer = &sdo->transfer;
+  double number = 0;
+  char text[ECATM_TEXT];
+  if (sdo->value == ECATM_STRING_VALUE) {
+    ecatm_decode_text(sdo->type, transfer->data, transfer->length, sdo->text);
+    return ECATM_SDO_DONE;
   }
-  for (i = 0; i < bytes; i++) data[i] = (unsigned char)(bits >> (8 * i) & 0xFF);
-  code = ecat_sdo_start(master->bus, sdo->position, (unsigned)sdo->index, (unsigned)sdo->subindex,
-                        sdo->download ? data : NULL, sdo->download ? (size_t)bytes : 0);
-  if (code == ECAT_EFULL) return;
-  ecatm_check(master, code);
-  sdo->request = code;
+  if (ecatm_decode_number(sdo->type, transfer->data, transfer->length, &number, text) != 0)
+    return ecatm_transfer_fail(transfer, ECAT_EARG, text);
+  if (sdo->value == ECATM_INTEGER_VALUE && fabs(number + 0.5) > 2147483648.0) {
+    sprintf(text, "%.0f is too large for a Modelica Integer; use SDOReadReal", number);
+    return ecatm_transfer_fail(transfer, ECAT_ERANGE, text);
+  }
+  sdo->number = sdo->value == ECATM_REAL_VALUE ? number * sdo->scale + sdo->offset : number;
+  return ECATM_SDO_DONE;
 }
 
-/* Takes over what was uploaded. */
-ECATM_FUNCTION void ecatm_sdo_decode(ecatm_sdo *sdo, const unsigned char *data, size_t length) {
-  int i, bytes = ecatm_sdo_bytes(sdo->type);
-  double value = 0;
-  if (length != (size_t)bytes) {
-    ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d has %lu bytes, but the dataType of "
-                        "its block has %d", (unsigned)sdo->index, (unsigned)sdo->subindex,
-                        sdo->position, (unsigned long)length, bytes);
-    return;
+/* One sample: asks what became of a transfer if the time is a new one, then whether another begins. */
+ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int input, int download) {
+  ecatm_trigger *trigger = &sdo->trigger;
+  ecatm_transfer *transfer = &sdo->transfer;
+  if (ecatm_trigger_begin(trigger, time)) {
+    if (trigger->state == ECATM_SDO_BUSY) {
+      if (sdo->wrong)
+        ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d cannot be written: %s",
+                            (unsigned)transfer->index, (unsigned)transfer->subindex,
+                            transfer->position, sdo->mistake);
+      trigger->state = ecatm_transfer_step(transfer);
+      if (trigger->state == ECATM_SDO_DONE && !transfer->download)
+        trigger->state = ecatm_sdo_decode(sdo);
+      if (trigger->state == ECATM_SDO_DONE) sdo->count++;
+    } else if (trigger->when == ECATM_INITIAL && trigger->state == ECATM_SDO_FAILED &&
+               (transfer->abort_code == ECAT_EDOWN || transfer->abort_code == ECAT_ESTALE) &&
+               ecatm_sdo_connected(transfer->node.master)) {
+      trigger->due = 1; /* the bus has come after the start */
+    }
+    trigger->state_before = trigger->state;
   }
-  for (i = bytes - 1; i >= 0; i--) value = value * 256 + data[i];
-  if (ecatm_sdo_signed(sdo->type) && value >= ldexp(1, 8 * bytes - 1)) value -= ldexp(1, 8 * bytes);
-  if (value > 2147483647.0) {
-    ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d is %.0f, which is too large for a "
-                        "Modelica Integer", (unsigned)sdo->index, (unsigned)sdo->subindex,
-                        sdo->position, value);
-    return;
-  }
-  sdo->result = (int)value;
+  if (!ecatm_trigger_decide(trigger, input)) return 0;
+  transfer->download = download;
+  sdo->wrong = 0;
+  return 1;
 }
 
-/* Sends the request or asks for its answer. A slave that refuses does not end the simulation: it
- * leaves a message and an abort code, negative if there was no answer at all. */
-ECATM_FUNCTION void ecatm_sdo_progress(ecatm_sdo *sdo) {
-  ecatm_master *master = sdo->node.master;
-  unsigned char data[8];
-  size_t length = 0;
-  uint32_t reason = 0;
-  int code;
-  if (master->bus == NULL) return;
-  if (sdo->request < 0) ecatm_sdo_send(sdo);
-  if (sdo->request < 0) return;
-  code = ecat_poll(master->bus, sdo->request, data, sizeof data, &length, &reason);
-  if (code == ECAT_EBUSY) return;
-  if (code == ECAT_EDOWN || code == ECAT_ESTALE) ecatm_check(master, code);
-  sdo->request = -1;
-  sdo->state = code == 0 ? ECATM_SDO_DONE : ECATM_SDO_FAILED;
-  sdo->abort_code = code == ECAT_EABORT ? (int)reason : code;
-  if (code == 0 && !sdo->download) ecatm_sdo_decode(sdo, data, length);
-  if (code != 0)
-    ModelicaFormatMessage("EtherCAT: %s of object 0x%04X:%02X of slave %d failed: %s\n",
-                          sdo->download ? "download" : "upload", (unsigned)sdo->index,
-                          (unsigned)sdo->subindex, sdo->position, ecat_error(master->bus));
-}
+/* --- Requests of the model ----------------------------------------------------------------- */
 
-/* One sample of a request. It is sent at the time after its trigger, so that the last of several
- * evaluations at one time counts. Triggers of a busy request are ignored. */
-ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int trigger, int download,
-                                  int value) {
-  if (!sdo->stepped || !ecatm_same_time(time, sdo->time)) {
-    sdo->stepped = 1;
-    sdo->time = time;
-    sdo->trigger_before = sdo->trigger;
-    if (sdo->state == ECATM_SDO_BUSY) ecatm_sdo_progress(sdo);
-    sdo->state_before = sdo->state;
-  }
-  sdo->trigger = trigger;
-  sdo->state = sdo->state_before;
-  if (trigger && !sdo->trigger_before && sdo->state != ECATM_SDO_BUSY) {
-    sdo->state = ECATM_SDO_BUSY;
-    sdo->download = download;
-    sdo->value = value;
-    sdo->abort_code = 0;
-  }
-  return sdo->state;
-}
-
+/* Each returns enum ecatm_sdo_state. `order` is only there to make the tool call this after what it
+ * came from. */
 ECATM_FUNCTION int ecatm_sdo_read(void *object, double time, int order, int trigger) {
+  ecatm_sdo *sdo = (ecatm_sdo *)object;
   (void)order;
-  return ecatm_sdo_step((ecatm_sdo *)object, time, trigger, 0, 0);
+  ecatm_sdo_step(sdo, time, trigger, 0);
+  return sdo->trigger.state;
 }
 
-ECATM_FUNCTION int ecatm_sdo_write(void *object, double time, int order, int trigger, int value) {
+ECATM_FUNCTION int ecatm_sdo_write_real(void *object, double time, int order, int trigger,
+                                        double value) {
+  ecatm_sdo *sdo = (ecatm_sdo *)object;
   (void)order;
-  return ecatm_sdo_step((ecatm_sdo *)object, time, trigger, 1, value);
+  if (ecatm_sdo_step(sdo, time, trigger, 1))
+    sdo->wrong = ecatm_encode_number(sdo->type, (value - sdo->offset) / sdo->scale,
+                                     sdo->transfer.data, &sdo->transfer.length, sdo->mistake);
+  return sdo->trigger.state;
 }
 
-ECATM_FUNCTION int ecatm_sdo_value(void *object, int order) {
+ECATM_FUNCTION int ecatm_sdo_write_integer(void *object, double time, int order, int trigger,
+                                           int value) {
+  return ecatm_sdo_write_real(object, time, order, trigger, (double)value);
+}
+
+ECATM_FUNCTION int ecatm_sdo_write_string(void *object, double time, int order, int trigger,
+                                          const char *value) {
+  ecatm_sdo *sdo = (ecatm_sdo *)object;
   (void)order;
-  return ((ecatm_sdo *)object)->result;
+  if (ecatm_sdo_step(sdo, time, trigger, 1))
+    sdo->wrong = ecatm_encode_text(sdo->type, value, sdo->transfer.data, &sdo->transfer.length,
+                                   sdo->mistake);
+  return sdo->trigger.state;
+}
+
+/* --- What is known of them ----------------------------------------------------------------- */
+
+ECATM_FUNCTION double ecatm_sdo_real(void *object, int order) {
+  (void)order;
+  return ((ecatm_sdo *)object)->number;
+}
+
+ECATM_FUNCTION int ecatm_sdo_integer(void *object, int order) {
+  return (int)ecatm_sdo_real(object, order);
+}
+
+/* A copy of a text in memory of the tool. */
+ECATM_FUNCTION const char *ecatm_text(const char *text) {
+  char *copy = ModelicaAllocateString(strlen(text));
+  strcpy(copy, text);
+  return copy;
+}
+
+ECATM_FUNCTION const char *ecatm_sdo_string(void *object, int order) {
+  (void)order;
+  return ecatm_text(((ecatm_sdo *)object)->text);
+}
+
+ECATM_FUNCTION int ecatm_sdo_count(void *object, int order) {
+  (void)order;
+  return ((ecatm_sdo *)object)->count;
 }
 
 ECATM_FUNCTION int ecatm_sdo_abort_code(void *object, int order) {
+  const ecatm_sdo *sdo = (const ecatm_sdo *)object;
   (void)order;
-  return ((ecatm_sdo *)object)->abort_code;
+  return sdo->trigger.state == ECATM_SDO_FAILED ? sdo->transfer.abort_code : 0;
+}
+
+ECATM_FUNCTION const char *ecatm_sdo_abort_text(void *object, int order) {
+  const ecatm_sdo *sdo = (const ecatm_sdo *)object;
+  (void)order;
+  return ecatm_text(sdo->trigger.state == ECATM_SDO_FAILED ? sdo->transfer.text : "");
 }
 
 #endif

@@ -33,4 +33,12 @@ MODELICA_STANDALONE void ModelicaFormatError(const char *format, ...) {
 
 MODELICA_STANDALONE void ModelicaError(const char *text) { ModelicaFormatError("%s", text); }
 
+/* Lives until the program ends: there is no tool that would know when a text is not used any more. */
+MODELICA_STANDALONE char *ModelicaAllocateString(size_t length) {
+  char *text = (char *)malloc(length + 1);
+  if (text == NULL) ModelicaError("out of memory");
+  else text[length] = '\0';
+  return text;
+}
+
 #endif

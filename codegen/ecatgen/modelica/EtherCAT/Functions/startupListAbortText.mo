@@ -1,13 +1,13 @@
 within EtherCAT.Functions;
-impure function sdoValue "Value of the last successful read"
+impure function startupListAbortText "Which object of the list could not be written, and why"
   extends Modelica.Icons.Function;
-  input EtherCAT.Objects.SDO sdo "Object";
+  input EtherCAT.Objects.StartupList list "Objects and values";
   input Integer order "Any value whose computation must come before this call";
-  output Integer y "Value, 0 at first";
-  external "C" y = ecatm_sdo_value(sdo, order)
+  output String abortText "One sentence, empty if it has not failed";
+  external "C" abortText = ecatm_sdo_list_abort_text(list, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end sdoValue;
+end startupListAbortText;

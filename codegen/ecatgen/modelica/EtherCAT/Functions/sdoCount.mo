@@ -1,16 +1,13 @@
 within EtherCAT.Functions;
-impure function sdoWrite "Write an object: send a request when triggered, else ask what became of it"
+impure function sdoCount "Number of successful requests"
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.SDO sdo "Object";
-  input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  input Boolean trigger "A rising edge sends the request";
-  input Integer u "Value to write";
-  output Integer state "0: no request yet, 1: busy, 2: done, 3: failed";
-  external "C" state = ecatm_sdo_write(sdo, t, order, trigger, u)
+  output Integer count "Number";
+  external "C" count = ecatm_sdo_count(sdo, order)
     annotation (
       Include = "#include \"ecat_modelica.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
-end sdoWrite;
+end sdoCount;

@@ -1,0 +1,13 @@
+within EtherCAT.Functions;
+impure function startupListAbortCode "Code of the reason why an object of the list could not be written"
+  extends Modelica.Icons.Function;
+  input EtherCAT.Objects.StartupList list "Objects and values";
+  input Integer order "Any value whose computation must come before this call";
+  output Integer abortCode "SDO abort code, negative: no answer, 0: it has not failed";
+  external "C" abortCode = ecatm_sdo_list_abort_code(list, order)
+    annotation (
+      Include = "#include \"ecat_modelica.h\"",
+      IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+      Library = "ecat",
+      LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+end startupListAbortCode;

@@ -1,0 +1,28 @@
+within EtherCAT.Objects;
+class StartupList "Objects of a slave that are written one after the other"
+  extends ExternalObject;
+
+  function constructor "Register a list of objects"
+    input EtherCAT.Objects.Master master "Connection";
+    input Integer position "Position of the slave on the bus, 0 first";
+    input Integer table[:, 4]
+      "Index, subindex, CoE data type (number of the EtherCAT.Types.DataType) and value of each object";
+    output StartupList list;
+    external "C" list = ecatm_sdo_list_open(master, position, table, size(table, 1), size(table, 2))
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end constructor;
+
+  function destructor "Release it"
+    input StartupList list;
+    external "C" ecatm_sdo_list_close(list)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end destructor;
+end StartupList;
