@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, count
 from typing import ClassVar
 
 from ecatd.model.bus import Bus
@@ -67,21 +68,30 @@ class _Constants:
 
     def __init__(self, diagram: Diagram, x: int, y: int, lane: int) -> None:
         self._diagram, self._x, self._y, self._lane = diagram, x, y, lane
-        self._names: dict[Kind, str] = {}
+        self._names: dict[tuple[Kind, str], str] = {}
 
-    def feed(self, target: str, kind: Kind) -> None:
-        """Connects a constant to an input."""
-        class_name, name, modifier = self._CLASSES[kind]
-        if kind not in self._names:
+    def feed(self, target: str, connector: Connector) -> None:
+        """Connects a constant to an input; one constant cannot have several units."""
+        key = (connector.kind, connector.unit)
+        if key not in self._names:
             y = min(self._y - 40 * len(self._names), self._diagram.place(target).y)
             self._y = y + 40 * len(self._names)
-            centre = Point(self._x, y)
-            self._names[kind] = self._diagram.add(
-                class_name, name, centre, "Value of outputs that are not used", modifier
-            )
+            self._names[key] = self._add(connector.kind, Point(self._x, y))
         # Each source has an upright line of its own.
-        lane = self._lane - 4 * list(self._names).index(kind)
-        self._diagram.connect(f"{name}.y", target, kind, lane)
+        lane = self._lane - 4 * list(self._names).index(key)
+        self._diagram.connect(f"{self._names[key]}.y", target, connector.kind, lane)
+
+    def _add(self, kind: Kind, centre: Point) -> str:
+        class_name, name, modifier = self._CLASSES[kind]
+        taken = {component.name for component in self._diagram.components}
+        free = chain([name], (f"{name}_{n}" for n in count(2)))
+        return self._diagram.add(
+            class_name,
+            next(name for name in free if name not in taken),
+            centre,
+            "Value of outputs that are not used",
+            modifier,
+        )
 
 
 def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) -> None:
@@ -118,7 +128,7 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
     constants = _Constants(diagram, -70, 84, lane=-20)
     for block in blocks:
         for connector in block.left:
-            constants.feed(f"{block.instance}.{connector.name}", connector.kind)
+            constants.feed(f"{block.instance}.{connector.name}", connector)
     return Example(
         name="AllSlaves",
         description="Read every input of the bus while all outputs are zero",
@@ -207,7 +217,7 @@ def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block
             source, x = sources[connector.index]
             diagram.connect(source, target, "Integer", x)
         else:
-            constants.feed(target, connector.kind)
+            constants.feed(target, connector)
     status, velocity = _find(drive.reads, STATUS_WORD), _find(drive.reads, VELOCITY)
     current = _find(drive.reads, CURRENT) or _find(drive.reads, TORQUE)
     assert status is not None  # is_velocity_drive() has found them
