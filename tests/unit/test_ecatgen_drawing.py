@@ -57,6 +57,7 @@ package Lab "A library"
       connect(a.y, b.u) annotation (Line(points = {{-32, 11}, {-32, 30}, {0, 30}, {0, 0}, {8, 0}}));
     end for;
     // connect(b.y, a.u);
+    connect(turned.y, a.extra) annotation (Line(points = {{49, 48}, {-60, 48}, {-60, 8}}));
   end Example;
 end Lab;
 """
@@ -89,7 +90,7 @@ def test_a_file_gives_classes_components_and_connections() -> None:
     assert lab.classes["Mode"].literals == ("Slow", "Fast")
     example = lab.classes["Example"]
     assert [c.name for c in example.elements] == ["a", "b", "turned"]
-    assert [(c.a, c.b) for c in example.connects] == [("a.y", "b.u")]
+    assert [(c.a, c.b) for c in example.connects] == [("a.y", "b.u"), ("turned.y", "a.extra")]
 
 
 @pytest.mark.parametrize(
@@ -132,6 +133,10 @@ def test_conditional_connectors_and_invisible_shapes_follow_parameters(lab: Libr
     assert len(parts["b"].items) == len(parts["a"].items) + 1
     assert "k=2 * 4 100%" in texts(parts["a"].items)
     assert "Fast of Gain" in texts(parts["b"].items)
+
+
+def test_a_connection_to_what_is_not_there_is_not_drawn(lab: Libraries) -> None:
+    assert [(w.a, w.b) for w in diagram(lab, "Lab.Example").wires] == [("a.y", "b.u")]
 
 
 def test_components_are_where_their_placement_says(lab: Libraries) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -113,6 +114,8 @@ def diagram(libraries: Libraries, path: str) -> Scene:
             scene.parts[component.name] = _component(component, place, Transform(), layer)
     for layer_found, _ in instance.layers():
         for connect in layer_found.definition.connects:
+            if not (_is_there(instance, connect.a) and _is_there(instance, connect.b)):
+                continue
             style = Style(connect.annotation.part("Line"), instance)
             scene.wires.append(
                 Wire(connect.a, connect.b, style.points("points"), list(line(style, Transform())))
@@ -132,6 +135,19 @@ def _components(instance: Instance) -> Iterator[tuple[Element, Instance]]:
             component = instance.component(element)
             if component is not None:
                 yield element, component
+
+
+def _is_there(instance: Instance, connector: str) -> bool:
+    """Whether the conditions of a connector and of the component that has it hold."""
+    at: Instance | None = instance
+    for name in re.sub(r"\[[^]]*\]", "", connector).split("."):
+        element = None if at is None else at.elements.get(name)
+        if at is None or element is None:
+            return True  # it is unknown, and the check says so
+        if not at.exists(element):
+            return False
+        at = at.component(element)
+    return True
 
 
 def _is_connector(instance: Instance) -> bool:
