@@ -2,6 +2,10 @@
 #ifndef ECAT_INTERNAL_H
 #define ECAT_INTERNAL_H
 
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* where the sources are compiled without any options, as those in an FMU */
+#endif
+
 #include <ecat/ecat.h>
 #include <ecat/ecat_shm.h>
 

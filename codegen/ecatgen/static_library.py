@@ -21,8 +21,8 @@ def static_files() -> dict[str, bytes]:
     Raises:
         EcatError: The C client is not installed, or there is none for this platform.
     """
-    files = dict(_tree(_folder("modelica", "the static library") / NAME, ""))
-    client = _folder("_client", "the C client for generated libraries")
+    files = dict(_tree(built_folder("modelica", "the static library") / NAME, ""))
+    client = built_folder("_client", "the C client for generated libraries")
     files |= _tree(client / "include", "Resources/Include/")
     files |= _tree(client / "src", "Resources/Source/")
     archive = client / "lib" / "libecat.a"
@@ -40,7 +40,12 @@ def _platform() -> str:
     return _PLATFORMS[machine]
 
 
-def _folder(name: str, what: str) -> Path:
+def built_folder(name: str, what: str) -> Path:
+    """A folder of the package, which may be one that the build has made.
+
+    Raises:
+        EcatError: It is not there.
+    """
     # A development install keeps Python files and built files in two folders of the package.
     for folder in import_module("ecatgen").__path__:
         path = Path(folder) / name

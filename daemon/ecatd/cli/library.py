@@ -6,23 +6,37 @@ import argparse
 import shlex
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ecatd.model.errors import EcatError
+from ecatd.model.bus import Bus
+from ecatd.model.errors import EcatError, UsageError
 
 from .bus_source import get_bus
 from .output import print_json
 
+if TYPE_CHECKING:
+    from ecatgen import Report
+    from ecatgen.fmu import FmuReport
+
 
 def generate(options: argparse.Namespace) -> None:
-    """Writes a Modelica library for the bus."""
-    from ecatgen import generate as write_library  # only this command needs the templates
-
+    """Writes a Modelica library, or an FMU, for the bus."""
+    if options.fmi and not options.fmu:
+        raise UsageError("--fmi is the version of an FMU: say --fmu, too")
     bus = get_bus(options)
-    report = write_library(bus, options.name, options.out)
+    report = _write(bus, options)
     if options.json:
         print_json({"bus": bus.name, **report.to_dict()})
         return
     print(report.summary())
+
+
+def _write(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
+    from ecatgen import fmu, generate  # only this command needs the templates
+
+    if options.fmu:
+        return fmu.generate_fmu(bus, options.name, options.out, options.fmi or 2)
+    return generate(bus, options.name, options.out)
 
 
 def client_flags(options: argparse.Namespace) -> None:

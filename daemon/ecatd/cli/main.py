@@ -225,6 +225,12 @@ def _parser() -> argparse.ArgumentParser:
         "out", metavar="DIR", type=Path, help="folder that the library is put into"
     )
     bus_source.add_options(command)
+    command.add_argument(
+        "--fmu", action="store_true", help="write an FMU for co-simulation instead: DIR/NAME.fmu"
+    )
+    command.add_argument(
+        "--fmi", type=int, choices=(2, 3), help="with --fmu: version of FMI (default: 2)"
+    )
     command = commands.add_parser(
         "client-flags",
         help="Print compiler flags for C and C++ programs.",

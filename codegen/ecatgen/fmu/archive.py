@@ -1,0 +1,96 @@
+"""Writes an FMU as one file: always the same bytes, and never over a file of somebody else."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from ecatd.model.errors import NotPermittedError, StateError
+
+_TIME = (1980, 1, 1, 0, 0, 0)  # the first one that a ZIP file can have
+_MARK = b"ecatgen "
+
+
+def pack(files: Mapping[str, bytes]) -> bytes:
+    """The archive. Its comment tells that it is ours, and unchanged as long as the digest fits."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
+        for path in sorted(files, key=lambda path: (path != "modelDescription.xml", path)):
+            info = zipfile.ZipInfo(path, _TIME)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.create_system = 3  # Unix, whatever runs this
+            info.external_attr = (0o755 if path.endswith(".so") else 0o644) << 16
+            archive.writestr(info, files[path])
+        archive.comment = _MARK + _digest(files).encode()
+    return buffer.getvalue()
+
+
+def write(path: Path, data: bytes) -> bool:
+    """Puts an archive into its place; returns whether it was another one, or none, before.
+
+    Raises:
+        StateError: There is a file that this program has not written, or that was changed since;
+            or the disk is full.
+        NotPermittedError: The directory cannot be written.
+    """
+    try:
+        if os.path.lexists(path):
+            if path.is_file() and path.read_bytes() == data:
+                return False
+            _check_ours(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _replace(path, data)
+    except PermissionError as error:
+        raise NotPermittedError(
+            f"{error.filename or path} cannot be written: {error.strerror}"
+        ) from error
+    except (FileExistsError, NotADirectoryError) as error:
+        raise StateError(f"{error.filename or path} is in the way: it is no directory") from error
+    except OSError as error:
+        raise StateError(f"{error.filename or path} cannot be made: {error.strerror}") from error
+    return True
+
+
+def _digest(files: Mapping[str, bytes]) -> str:
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        digest.update(f"{path}\0{len(files[path])}\0".encode())
+        digest.update(files[path])
+    return digest.hexdigest()
+
+
+def _check_ours(path: Path) -> None:
+    """Raises an error unless the file is one that `pack` has made."""
+    try:
+        if path.is_symlink() or not path.is_file():
+            raise ValueError
+        with zipfile.ZipFile(path) as archive:
+            files = {info.filename: archive.read(info) for info in archive.infolist()}
+            ours = archive.comment == _MARK + _digest(files).encode()
+    except (ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError):
+        ours = False
+    if not ours:
+        raise StateError(
+            f"{path} was not made by this program, or was changed since: move it away, or choose "
+            "another directory; nothing was written"
+        )
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Writes a file beside its place and moves it there, so that nobody sees a half."""
+    number, name = tempfile.mkstemp(prefix=".ecatgen-", dir=path.parent)
+    try:
+        with os.fdopen(number, "wb") as file:
+            file.write(data)
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(name).chmod(0o666 & ~mask)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink()
+        raise

@@ -1,0 +1,296 @@
+"""From the bus description to the FMU: every decision about its variables."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ecatd.model.bus import Bus, Entry
+from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
+from ecatd.version import VERSION
+
+from .. import names
+from ..build import build_library
+from ..ir import Block, Connector
+from ..profiles import Profiles
+from . import fixed
+from .ir import Attributes, Fmu, Slave, Unknown, Variable
+from .units import units
+
+_FLOAT = {2: "Real", 3: "Float64"}
+_COUNTER = {2: "Integer", 3: "UInt32"}
+_ENUMERATION_ACCESS = {2: "Integer", 3: "Int64"}
+_REAL_LIMIT = {32: float(2**128 - 2**104), 64: float(2**1023) * (2 - 2.0**-52)}
+_KNOWN_AT_START = ("bus", "whenMissing", "patience")
+"""Parameters that decide which values there are at the start."""
+
+
+def build_fmu(
+    bus: Bus, name: str, fmi: int, profiles: Profiles, sources: Sequence[str], token: str
+) -> Fmu:
+    """The FMU for a bus.
+
+    Args:
+        bus: Description of the bus.
+        name: Name of the model, a Modelica identifier.
+        fmi: Major version of FMI: 2 or 3.
+        profiles: What is known about devices.
+        sources: C files to compile.
+        token: GUID or instantiation token.
+
+    Raises:
+        UsageError: The name cannot be that of a model.
+    """
+    library = build_library(bus, name, profiles)
+    variables = tuple(_Builder(fmi, bus).all(library.blocks))
+    references = {item.name: item.reference for item in variables}
+    first = 1 if fmi == 2 else 0
+    known = " ".join(str(references[item] + first) for item in _KNOWN_AT_START)
+    return Fmu(
+        fmi=fmi,
+        name=library.name,
+        description=library.description,
+        token=token,
+        tool=f"ecatd {VERSION}",
+        bus=bus.name,
+        fingerprint=library.fingerprint,
+        command=f"{library.command} --fmu{'' if fmi == 2 else ' --fmi 3'}",
+        step_size=repr(bus.cycle_time_us / 1e6),
+        unit_groups=tuple(filter(None, [units(item.unit for item in variables)])),
+        enumerations=fixed.ENUMERATIONS,
+        categories=fixed.CATEGORIES,
+        variables=variables,
+        slaves=tuple(
+            Slave(block.position, block.vendor, block.product, block.revision, block.slave_label)
+            for block in library.blocks
+        ),
+        unknowns=tuple(
+            Unknown(item.reference + first, known)
+            for item in variables
+            if item.causality == "output"
+        ),
+        sources=tuple(sources),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """What a variable holds.
+
+    Attributes:
+        element: XML element.
+        access: Type by which it is got and set.
+        start: Start value, or None.
+        minimum: Smallest value, or None.
+        maximum: Largest one.
+        unit: Unit.
+        declared: Name of the enumeration.
+    """
+
+    element: str
+    access: str
+    start: float | int | bool | None = None
+    minimum: float | int | None = None
+    maximum: float | int | None = None
+    unit: str = ""
+    declared: str = ""
+
+    def attributes(self) -> Attributes:
+        """XML attributes of the type."""
+        found = {"declaredType": self.declared, "unit": self.unit}
+        for name, number in (("min", self.minimum), ("max", self.maximum), ("start", self.start)):
+            found[name] = "" if number is None else _number(number)
+        return tuple((name, value) for name, value in found.items() if value)
+
+    def limits(self) -> str:
+        """The limits for the documentation."""
+        if self.minimum is None or self.maximum is None:
+            return ""
+        return f"{_number(self.minimum)} to {_number(self.maximum)}"
+
+
+class _Builder:
+    """Makes variables one after the other."""
+
+    def __init__(self, fmi: int, bus: Bus) -> None:
+        self._fmi = fmi
+        self._bus = bus
+        self._count = 0
+
+    def all(self, blocks: Sequence[Block]) -> Iterator[Variable]:
+        """All variables in the order of their value references."""
+        if self._fmi == 3:
+            yield self._variable(
+                ("time", "Simulation time"), "independent", "time", _Value("Float64", "Float64")
+            )
+        for item in fixed.PARAMETERS:
+            yield self._variable(
+                (item.name, item.description), "parameter", item.name, self._fixed(item)
+            )
+        for item in fixed.DIAGNOSTICS:
+            yield self._variable(
+                (item.name, item.description), "output", item.name, self._fixed(item)
+            )
+        own = [item.name for item in fixed.PARAMETERS + fixed.DIAGNOSTICS]
+        instances = names.Namespace([*own, "time"], suffix="Slave")
+        for number, block in enumerate(blocks):
+            yield from self._slave(number, block, instances.take(block.instance))
+
+    def _slave(self, number: int, block: Block, instance: str) -> Iterator[Variable]:
+        entries = {
+            (outputs, entry.index, entry.subindex): entry
+            for outputs in (False, True)
+            for _, entry, _ in reversed(list(self._slave_entries(block, outputs=outputs)))
+        }
+        for item in fixed.OF_SLAVES:
+            yield self._variable(
+                (f"{instance}.{item.name}", f"{block.slave_label}: {item.description}"),
+                "output",
+                item.name,
+                self._fixed(item),
+                str(number),
+            )
+        for outputs, connectors in ((True, block.writes), (False, block.reads)):
+            for connector in connectors:
+                entry = entries[outputs, connector.index, connector.subindex]
+                yield self._entry(number, instance, connector, entry, outputs=outputs)
+
+    def _slave_entries(self, block: Block, *, outputs: bool) -> Iterator[tuple[object, Entry, int]]:
+        return self._bus.slaves[block.position].entries(outputs=outputs)
+
+    def _entry(
+        self, number: int, instance: str, connector: Connector, entry: Entry, *, outputs: bool
+    ) -> Variable:
+        low, high = _raw_limits(entry)
+        place = (
+            f"{number} {entry.index:04x} {entry.subindex:02x} {entry.data_type:04x} "
+            f"{entry.bit_length} "
+            + " ".join(map(_bits, (connector.scale, connector.offset, float(low), _below(high))))
+        )
+        return self._variable(
+            (f"{instance}.{connector.name}", connector.description),
+            "input" if outputs else "output",
+            "input" if outputs else "output",
+            self._value(connector, entry, start=outputs),
+            place,
+        )
+
+    def _value(self, connector: Connector, entry: Entry, *, start: bool) -> _Value:
+        """The type that an entry has in FMI."""
+        zero = 0 if start else None
+        low, high = _raw_limits(entry)
+        physical = connector.scale != 1 or connector.offset != 0 or connector.unit_name
+        if physical or is_real(entry.data_type):
+            ends = sorted(limit * connector.scale + connector.offset for limit in (low, high))
+            whole = is_real(entry.data_type) and entry.minimum is entry.maximum is None
+            minimum, maximum = (None, None) if whole else ends
+            first = None if zero is None else float(min(max(0.0, ends[0]), ends[1]))
+            element = _FLOAT[self._fmi]
+            unit = connector.unit or connector.unit_name
+            return _Value(element, element, first, minimum, maximum, unit)
+        if connector.kind == "Boolean":
+            return _Value("Boolean", "Boolean", None if zero is None else False)
+        first = None if zero is None else min(max(0, low), high)
+        if self._fmi == 2:
+            element = connector.kind
+            if element == "Real":  # more than 31 bits
+                first, high = first and float(first), _below(high)
+            return _Value(element, element, first, low, high)
+        element = _sized(entry)
+        bits = int(element.lstrip("UInt"))
+        whole = (low, high) == value_range(entry.data_type, bits)
+        limits = (None, None) if whole else (low, high)
+        return _Value(element, element, first, *limits)
+
+    def _fixed(self, item: fixed.Fixed) -> _Value:
+        if item.kind == "Real":
+            element = _FLOAT[self._fmi]
+            low = None if item.start is None else 0.0
+            return _Value(element, element, item.start, low, unit=item.unit)
+        if item.kind == "Counter":
+            element = _COUNTER[self._fmi]
+            return _Value(element, element, item.start, 0 if self._fmi == 2 else None)
+        if item.kind in ("Boolean", "String"):
+            return _Value(item.kind, item.kind, item.start)
+        access = _ENUMERATION_ACCESS[self._fmi]
+        return _Value("Enumeration", access, item.start, declared=item.kind)
+
+    def _start_of_text(self) -> Attributes:
+        """FMI 3.0 has an element for it."""
+        return (("start", self._bus.name),) if self._fmi == 2 else ()
+
+    def _variable(
+        self, text: tuple[str, str], causality: str, role: str, value: _Value, place: str = ""
+    ) -> Variable:
+        name, description = text
+        variability = {"parameter": "fixed", "independent": "continuous"}.get(causality, "discrete")
+        access = "Real" if value.access in _FLOAT.values() else value.access
+        row = f"variable {access} {role} {_start(value)} {name} {place}".rstrip()
+        is_text = value.element == "String"
+        attributes = {
+            "name": name,
+            "valueReference": str(self._count),
+            "description": description,
+            "causality": causality,
+            "variability": variability,
+        }
+        self._count += 1
+        return Variable(
+            reference=self._count - 1,
+            name=name,
+            description=description,
+            causality=causality,
+            element=value.element,
+            attributes=tuple(attributes.items()),
+            type_attributes=self._start_of_text() if is_text else value.attributes(),
+            start_texts=(self._bus.name,) if is_text and self._fmi == 3 else (),
+            unit=value.unit,
+            kind=value.declared or value.element,
+            limits=value.limits(),
+            row=row,
+        )
+
+
+def _sized(entry: Entry) -> str:
+    """The integer type of FMI 3.0 that holds the entry."""
+    bits = next(size for size in (8, 16, 32, 64) if entry.bit_length <= size)
+    return f"{'' if is_signed(entry.data_type) else 'U'}Int{bits}"
+
+
+def _raw_limits(entry: Entry) -> tuple[float | int, float | int]:
+    """Raw values that an entry may have, by its type and as it is declared."""
+    low: float | int
+    high: float | int
+    if is_real(entry.data_type):
+        high = _REAL_LIMIT[entry.bit_length]
+        low = -high
+    else:
+        low, high = value_range(entry.data_type, entry.bit_length)
+        if entry.data_type == DataType.BOOLEAN:
+            high = 1
+    declared = entry.raw_range()
+    return max(low, declared[0]), min(high, declared[1])
+
+
+def _below(value: float | int) -> float:
+    """The nearest floating-point number that is not larger: 2^63 - 1 is none."""
+    nearest = float(value)
+    return math.nextafter(nearest, -math.inf) if nearest > value else nearest
+
+
+def _bits(value: float) -> str:
+    """The IEEE 754 bits of a number as 16 hexadecimal digits."""
+    return struct.pack(">d", value).hex()
+
+
+def _start(value: _Value) -> str:
+    if value.access == "String":
+        return "-"
+    start = value.start or (1 if value.declared else 0)  # enumerations begin at 1
+    return _bits(float(start)) if value.access in _FLOAT.values() else str(int(start))
+
+
+def _number(value: float | int | bool) -> str:
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -1,0 +1,47 @@
+"""What is the same in every FMU: the binary for this platform, and its sources."""
+
+from __future__ import annotations
+
+import platform
+from pathlib import Path
+
+from ecatd.model.errors import EcatError
+
+from ..static_library import built_folder
+
+_PLATFORMS = {
+    2: {"x86_64": "linux64", "aarch64": "aarch64-linux"},
+    3: {"x86_64": "x86_64-linux", "aarch64": "aarch64-linux"},
+}
+_SOURCES = Path(__file__).parent / "source"
+_SHARED = ("plant", "bus", "table", "variables")
+_CLIENT_ONLY = ("layout.c",)  # for Python
+
+
+def fixed_files(fmi: int, name: str) -> dict[str, bytes]:
+    """Binary, sources and headers, by their path in the FMU.
+
+    Raises:
+        EcatError: The binary is not built, or there is none for this platform.
+    """
+    machine = platform.machine()
+    if machine not in _PLATFORMS[fmi]:
+        supported = " and ".join(_PLATFORMS[fmi])
+        raise EcatError(f"no FMU can be made on a {machine} machine: {supported} are supported")
+    binary = built_folder("_fmu", "the binary of FMUs") / f"fmi{fmi}.so"
+    client = built_folder("_client", "the C client for FMUs")
+    files = {f"binaries/{_PLATFORMS[fmi][machine]}/{name}.so": binary.read_bytes()}
+    for path in sorted(_SOURCES.rglob("*")):
+        if path.suffix in (".c", ".h") and _belongs(path, fmi):
+            files[f"sources/{path.relative_to(_SOURCES).as_posix()}"] = path.read_bytes()
+    for path in sorted((client / "src").glob("*.[ch]")):
+        if path.name not in _CLIENT_ONLY:
+            files[f"sources/client/{path.name}"] = path.read_bytes()
+    for path in sorted((client / "include").rglob("*")):
+        if path.suffix in (".h", ".def"):
+            files[f"sources/{path.relative_to(client / 'include').as_posix()}"] = path.read_bytes()
+    return files
+
+
+def _belongs(path: Path, fmi: int) -> bool:
+    return not path.name.startswith("fmi") or path.name.startswith(f"fmi{fmi}")

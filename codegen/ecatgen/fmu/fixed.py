@@ -1,0 +1,102 @@
+"""The variables that every FMU has, whatever is on the bus: parameters and diagnostics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .ir import Category, Enumeration, Item
+
+BUS_FAILURE = Enumeration(
+    "BusFailure",
+    "What to do without a bus",
+    (
+        Item("Error", 1, "End with an error"),
+        Item("Wait", 2, "Wait, at most for the time 'patience'"),
+        Item("Continue", 3, "Go on with values that are not valid"),
+    ),
+)
+BUS_STATE = Enumeration(
+    "BusState",
+    "State of a bus",
+    (
+        Item("Missing", 1, "No daemon serves the bus"),
+        Item("StandsStill", 2, "The daemon is there, but exchanges nothing"),
+        Item("Incomplete", 3, "Not all slaves take part in the exchange"),
+        Item("NotOperational", 4, "All slaves take part, but not all of this FMU are in OP"),
+        Item("Operational", 5, "All slaves of this FMU are in OP"),
+    ),
+)
+AL_STATE = Enumeration(
+    "ALState",
+    "State of a slave (ETG.1000.6)",
+    (
+        Item("NotAvailable", 1, "The slave does not answer, or there is no bus"),
+        Item("Init", 2, "INIT: no communication but registers"),
+        Item("PreOp", 3, "PREOP: mailbox"),
+        Item("Bootstrap", 4, "BOOT: firmware update"),
+        Item("SafeOp", 5, "SAFEOP: mailbox and inputs, outputs are safe"),
+        Item("Op", 6, "OP: mailbox, inputs and outputs"),
+    ),
+)
+ENUMERATIONS = (BUS_FAILURE, BUS_STATE, AL_STATE)
+"""Those of `EtherCAT.Types`, with the same numbers."""
+
+CATEGORIES = (
+    Category("logEvents", "The bus comes and goes"),
+    Category("logStatusWarning", "The simulation goes on, but look at this"),
+    Category("logStatusDiscard", "A value was refused"),
+    Category("logStatusError", "The simulation ends"),
+    Category("logStatusFatal", "Nothing more can be done in this process"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """A variable of every FMU.
+
+    Attributes:
+        name: Name, which is also its role in the table of the binary.
+        kind: `Real`, `Boolean`, `String`, `Counter`, or the name of an enumeration.
+        description: What it is.
+        start: Start value of a parameter; None: an output.
+        unit: Unit of a Real.
+    """
+
+    name: str
+    kind: str
+    description: str
+    start: float | bool | int | None = None
+    unit: str = ""
+
+
+PARAMETERS = (
+    Fixed("bus", "String", "Name of the bus, as given to ecatd"),
+    Fixed(
+        "waitForBus",
+        "Boolean",
+        "true: each step waits for as many bus cycles as it is long; false: steps do not wait",
+        True,
+    ),
+    Fixed("lease", "Real", "Time without steps after which outputs become safe", 0.1, "s"),
+    Fixed("whenMissing", "BusFailure", "What to do when there is no bus at the start", 1),
+    Fixed("whenFailed", "BusFailure", "What to do when the bus fails later", 1),
+    Fixed("patience", "Real", "Longest time to wait for the bus, with Wait", 10.0, "s"),
+    Fixed("readOnly", "Boolean", "true: nothing is written, whatever the inputs are", False),
+)
+
+DIAGNOSTICS = (
+    Fixed("connected", "Boolean", "The last step has reached the bus"),
+    Fixed("state", "BusState", "State of the bus in the last step"),
+    Fixed("cycle", "Counter", "Bus cycle of the values, modulo 2^31"),
+    Fixed("age", "Real", "Time from the exchange of the values to the end of the step", unit="s"),
+    Fixed("missed", "Counter", "Bus cycles that went by because steps came too late"),
+    Fixed("workingCounter", "Counter", "Working counter of the last exchange, of all domains"),
+    Fixed("workingCounterExpected", "Counter", "Working counter when all slaves take part"),
+)
+
+OF_SLAVES = (
+    Fixed("valid", "Boolean", "values are of a complete exchange, and it is in OP"),
+    Fixed("alState", "ALState", "its state"),
+    Fixed("alStatusCode", "Counter", "why it has left a state (AL status code), 0: no error"),
+)
+"""What there is of each slave."""

@@ -1,0 +1,148 @@
+"""What an FMU contains, with every decision made; templates only write it down.
+
+Texts are plain here: the templates escape them for XML and HTML.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Attributes = tuple[tuple[str, str], ...]
+"""Names and values of XML attributes, in the order in which they are written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit definition.
+
+    Attributes:
+        name: Name of the unit.
+        base: Attributes of the element BaseUnit, empty where nothing is known.
+    """
+
+    name: str
+    base: Attributes
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A value of an enumeration."""
+
+    name: str
+    value: int
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class Enumeration:
+    """An enumeration."""
+
+    name: str
+    description: str
+    items: tuple[Item, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Category:
+    """A category of messages."""
+
+    name: str
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A variable.
+
+    Attributes:
+        reference: Value reference, which is its place in the list of variables.
+        name: Structured name.
+        description: What it is.
+        causality: `parameter`, `input`, `output` or `independent`, seen from the FMU.
+        element: Name of the XML element of its type.
+        attributes: Attributes of the variable.
+        type_attributes: Attributes that belong to its type.
+        start_texts: Start value of a text that is an element of its own.
+        unit: Unit, or empty.
+        kind: Type for the documentation: as FMI calls it.
+        limits: Smallest and largest value for the documentation, or empty.
+        row: What the table of the binary says of it.
+    """
+
+    reference: int
+    name: str
+    description: str
+    causality: str
+    element: str
+    attributes: Attributes
+    type_attributes: Attributes
+    start_texts: tuple[str, ...]
+    unit: str
+    kind: str
+    limits: str
+    row: str
+
+
+@dataclass(frozen=True, slots=True)
+class Slave:
+    """A slave that the bus must have."""
+
+    position: int
+    vendor: int
+    product: int
+    revision: int
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """An element of the model structure.
+
+    Attributes:
+        number: Index (FMI 2.0, 1 first) or value reference (FMI 3.0) of the variable.
+        dependencies: Those that its value depends on in the initialization.
+    """
+
+    number: int
+    dependencies: str
+
+
+@dataclass(frozen=True, slots=True)
+class Fmu:
+    """An FMU.
+
+    Attributes:
+        fmi: Major version of FMI: 2 or 3.
+        name: Name of the model and its identifier.
+        description: Description of the model.
+        token: GUID (FMI 2.0) or instantiation token (FMI 3.0).
+        tool: Program that made it, with its version.
+        bus: Name of the bus.
+        fingerprint: Fingerprint of the bus, 16 hex digits.
+        command: Command that makes the FMU again.
+        step_size: Bus cycle in seconds.
+        unit_groups: The units that variables have, as one group; none where no variable has one.
+        enumerations: Enumerations that variables have.
+        categories: Categories of messages.
+        variables: Variables by value reference.
+        slaves: Slaves by position.
+        unknowns: Outputs.
+        sources: C files to compile, relative to `sources`.
+    """
+
+    fmi: int
+    name: str
+    description: str
+    token: str
+    tool: str
+    bus: str
+    fingerprint: str
+    command: str
+    step_size: str
+    unit_groups: tuple[tuple[Unit, ...], ...]
+    enumerations: tuple[Enumeration, ...]
+    categories: tuple[Category, ...]
+    variables: tuple[Variable, ...]
+    slaves: tuple[Slave, ...]
+    unknowns: tuple[Unknown, ...]
+    sources: tuple[str, ...]

@@ -1,0 +1,193 @@
+/* The plant behind an FMU: its variables, and what a communication step does on the bus. The front
+ * ends fmi2.c and fmi3.c give it the names and types of their version of FMI.
+ *
+ *     doStep:  commit all inputs of the FMU -> wait for the bus -> take one image of all outputs
+ *
+ * Which variables there are says resources/plant.txt (table.c), so that one binary serves every bus.
+ * Nothing is shared by instances. No function here ends the process or changes the locale.
+ */
+#ifndef PLANT_H
+#define PLANT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include <ecat/ecat.h>
+
+/* fmi2Status and fmi3Status have the same numbers. */
+enum plant_status { PLANT_OK, PLANT_WARNING, PLANT_DISCARD, PLANT_ERROR, PLANT_FATAL };
+
+enum plant_state {
+  PLANT_INSTANTIATED,
+  PLANT_INITIALIZATION,
+  PLANT_STEPS,
+  PLANT_TERMINATED,
+  PLANT_FAILED /* values can be read, and the instance be reset or freed */
+};
+
+/* Types of variables. An FMU has those of its version only; enumerations are INTEGER in FMI 2 and
+ * INT64 in FMI 3. */
+enum plant_type {
+  PLANT_REAL,
+  PLANT_BOOLEAN,
+  PLANT_STRING,
+  PLANT_INTEGER,
+  PLANT_INT8,
+  PLANT_UINT8,
+  PLANT_INT16,
+  PLANT_UINT16,
+  PLANT_INT32,
+  PLANT_UINT32,
+  PLANT_INT64,
+  PLANT_UINT64,
+  PLANT_TYPES
+};
+
+/* What a variable is for. Those from BUS to READ_ONLY are parameters. */
+enum plant_role {
+  ROLE_TIME,
+  ROLE_BUS,
+  ROLE_WAIT_FOR_BUS,
+  ROLE_LEASE,
+  ROLE_WHEN_MISSING,
+  ROLE_WHEN_FAILED,
+  ROLE_PATIENCE,
+  ROLE_READ_ONLY,
+  ROLE_CONNECTED,
+  ROLE_STATE,
+  ROLE_CYCLE,
+  ROLE_AGE,
+  ROLE_MISSED,
+  ROLE_WORKING_COUNTER,
+  ROLE_WORKING_COUNTER_EXPECTED,
+  ROLE_VALID, /* this one and the next two: of a slave */
+  ROLE_AL_STATE,
+  ROLE_AL_STATUS_CODE,
+  ROLE_INPUT,  /* entry that the FMU writes to the bus */
+  ROLE_OUTPUT, /* entry that the FMU reads from the bus */
+  ROLES
+};
+
+/* EtherCAT.Types.BusFailure */
+enum plant_failure { FAILURE_ERROR = 1, FAILURE_WAIT, FAILURE_CONTINUE };
+
+/* EtherCAT.Types.BusState */
+enum plant_bus_state {
+  BUS_MISSING = 1,
+  BUS_STANDS_STILL,
+  BUS_INCOMPLETE,
+  BUS_NOT_OPERATIONAL,
+  BUS_OPERATIONAL
+};
+
+/* EtherCAT.Types.ALState */
+enum plant_al_state { AL_NOT_AVAILABLE = 1, AL_INIT, AL_PREOP, AL_BOOTSTRAP, AL_SAFEOP, AL_OP };
+
+/* A value as its type needs it: `real` for REAL, `integer` for all others but strings. */
+typedef struct plant_value {
+  double real;
+  int64_t integer; /* UINT64: its bits */
+} plant_value;
+
+/* A slave that the bus must have. */
+typedef struct plant_slave {
+  int position;
+  uint32_t vendor, product, revision;
+  char *label;
+  int wanted;  /* an input of the FMU that belongs to it was set */
+  int claimed; /* its outputs are ours */
+} plant_slave;
+
+typedef struct plant_variable {
+  enum plant_type type;
+  enum plant_role role;
+  char *name;
+  int slave; /* index in `slaves` */
+  /* Entries: */
+  unsigned index, subindex, data_type, bits;
+  double scale, offset; /* physical value = raw value * scale + offset */
+  double low, high;     /* raw values that it may have */
+  int handle;           /* of the client, while attached */
+  int set;              /* inputs: the importer has set it, so it is written */
+  plant_value start, value;
+} plant_variable;
+
+typedef void plant_log(void *context, enum plant_status status, const char *category,
+                       const char *message);
+
+typedef struct plant {
+  plant_log *log;
+  void *log_context;
+  int log_events;
+  enum plant_state state;
+
+  double time; /* simulation time at the end of the last step */
+
+  /* From the table. */
+  char *token, *command;
+  char fingerprint[20];
+  plant_slave *slaves;
+  size_t slave_count;
+  plant_variable *variables; /* by value reference */
+  size_t variable_count;
+
+  /* Parameters; the others are values of variables. */
+  char *bus_name, *bus_start;
+
+  /* The connection. */
+  ecat_t *bus;
+  int begun;            /* initialization has attached to the bus, or decided to go on without it */
+  int seen;             /* it has delivered once since then: what fails now is no missing bus */
+  int connected;        /* the last step delivered */
+  uint64_t complete;    /* domains of the last sample in whose exchange all slaves took part, as bits */
+  double owed;          /* bus cycles of steps shorter than a cycle */
+  uint64_t last_cycle;  /* bus cycle at the end of the last wait */
+  uint64_t missed;      /* bus cycles that passed beyond those that were waited for */
+  uint64_t pace_ns;     /* end of the last step that was paced by the clock, 0: none */
+  char message[1024];   /* the last sentence */
+} plant;
+
+/* table.c. All return NULL or a negative value, with the sentence in `message`, on failure. */
+int plant_load(plant *p, const char *resources);
+void plant_unload(plant *p);
+
+/* variables.c: access by value reference. */
+double plant_real(const plant *p, enum plant_role role);
+int64_t plant_integer(const plant *p, enum plant_role role);
+void plant_publish(plant *p, enum plant_role role, double real, int64_t integer);
+int plant_get(plant *p, unsigned reference, enum plant_type type, plant_value *value);
+int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value value);
+int plant_get_string(plant *p, unsigned reference, const char **value);
+int plant_set_string(plant *p, unsigned reference, const char *value);
+void plant_start_values(plant *p);
+
+/* bus.c: calls of the client. They return 0 or an ECAT_E... code with the sentence in `message`. */
+int bus_attach(plant *p);
+void bus_detach(plant *p);
+int bus_write(plant *p);
+int bus_wait(plant *p, uint64_t cycles);
+int bus_sample(plant *p);
+void bus_invalidate(plant *p, int code); /* because of an ECAT_E... code */
+
+/* plant.c: the life of an instance. */
+plant *plant_new(const char *token, const char *resources, plant_log *log, void *context,
+                 int events);
+void plant_free(plant *p);
+int plant_allow(plant *p, const char *call, unsigned states); /* bits 1 << enum plant_state */
+int plant_begin(plant *p); /* attaches to the bus, unless that was done */
+int plant_leave_initialization(plant *p);
+int plant_step(plant *p, double time, double step);
+int plant_terminate(plant *p);
+/* Whether events are logged; without categories all are meant. Errors and warnings always are. */
+int plant_log_categories(plant *p, int on, size_t count, const char *const categories[]);
+int plant_reset(plant *p);
+
+/* Logs one sentence and returns `status`. */
+__attribute__((format(printf, 3, 4))) int plant_say(plant *p, enum plant_status status,
+                                                    const char *format, ...);
+/* Logs what an importer hears only when it asks for events. */
+__attribute__((format(printf, 2, 3))) void plant_event(plant *p, const char *format, ...);
+/* Puts a sentence into `message` and returns `code`. */
+__attribute__((format(printf, 3, 4))) int plant_note(plant *p, int code, const char *format, ...);
+
+#endif

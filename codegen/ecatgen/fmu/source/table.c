@@ -1,0 +1,268 @@
+/* resources/plant.txt: which slaves and variables the FMU has. Lines of words:
+ *
+ *     ecatd-plant 1
+ *     token TOKEN                        GUID or instantiation token of the model description
+ *     fingerprint HEX                    of the bus
+ *     bus NAME                           start value of the parameter
+ *     command TEXT                       makes the FMU again
+ *     slaves COUNT
+ *     slave POSITION VENDOR PRODUCT REVISION LABEL
+ *     variables COUNT                    in the order of their value references, 0 first
+ *     variable TYPE ROLE START NAME [SLAVE [INDEX SUBINDEX DATATYPE BITS SCALE OFFSET LOW HIGH]]
+ *
+ * Floating-point numbers are the 16 hexadecimal digits of their IEEE 754 bits: exact, and the same in
+ * every locale.
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE
+#endif
+#include "plant.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+enum { MAX_BYTES = 64 << 20, MAX_ITEMS = 1 << 20 };
+
+static const char *const type_names[PLANT_TYPES] = {
+    "Real",   "Boolean", "String", "Integer", "Int8",  "UInt8",
+    "Int16",  "UInt16",  "Int32",  "UInt32",  "Int64", "UInt64"};
+
+static const char *const role_names[ROLES] = {
+    "time",           "bus",       "waitForBus", "lease",  "whenMissing",    "whenFailed",
+    "patience",       "readOnly",  "connected",  "state",  "cycle",          "age",
+    "missed",         "workingCounter", "workingCounterExpected", "valid",   "alState",
+    "alStatusCode",   "input",     "output"};
+
+/* --- words --------------------------------------------------------------------------------- */
+
+/* What is left to read, and whether all of it was as expected. */
+typedef struct reader {
+  char *line; /* rest of the line */
+  char *next; /* the lines after it */
+  int number;
+  int wrong;
+  char nothing[8]; /* the word that is not there */
+} reader;
+
+static int next_line(reader *r) {
+  char *end;
+  if (r->next == NULL || *r->next == '\0') return 0;
+  r->line = r->next;
+  end = strchr(r->line, '\n');
+  if (end != NULL) *end = '\0';
+  r->next = end == NULL ? NULL : end + 1;
+  r->number++;
+  return 1;
+}
+
+static char *word(reader *r) {
+  char *found = strsep(&r->line, " ");
+  if (found != NULL && *found != '\0') return found;
+  r->wrong = 1;
+  r->nothing[0] = '\0';
+  return r->nothing;
+}
+
+static int64_t number(reader *r, int base, int64_t low, int64_t high) {
+  char *text = word(r), *end = text;
+  int64_t value;
+  errno = 0;
+  value = strtoll(text, &end, base);
+  if (*end != '\0' || errno != 0 || value < low || value > high) {
+    r->wrong = 1;
+    return low;
+  }
+  return value;
+}
+
+static double real(reader *r) {
+  char *text = word(r), *end = text;
+  uint64_t bits = strtoull(text, &end, 16);
+  double value;
+  if (strlen(text) != 16 || *end != '\0') r->wrong = 1;
+  memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+static int name(reader *r, const char *const *names, int count) {
+  const char *text = word(r);
+  int i;
+  for (i = 0; i < count; i++)
+    if (strcmp(text, names[i]) == 0) return i;
+  r->wrong = 1;
+  return 0;
+}
+
+static char *copy(reader *r, const char *text) {
+  char *found = text == NULL ? NULL : strdup(text);
+  if (found == NULL) r->wrong = 1;
+  return found;
+}
+
+/* The rest of a line that begins with `key`. */
+static char *keyed(reader *r, const char *key) {
+  if (!next_line(r) || strcmp(word(r), key) != 0) r->wrong = 1;
+  return r->wrong ? NULL : copy(r, r->line);
+}
+
+static size_t count(reader *r, const char *key) {
+  if (!next_line(r) || strcmp(word(r), key) != 0) r->wrong = 1;
+  return r->wrong ? 0 : (size_t)number(r, 10, 0, MAX_ITEMS);
+}
+
+/* --- lines --------------------------------------------------------------------------------- */
+
+static void read_slave(reader *r, plant_slave *slave) {
+  if (!next_line(r) || strcmp(word(r), "slave") != 0) r->wrong = 1;
+  if (r->wrong) return;
+  slave->position = (int)number(r, 10, 0, 65535);
+  slave->vendor = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  slave->product = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  slave->revision = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  slave->label = copy(r, r->line);
+}
+
+static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
+  if (!next_line(r) || strcmp(word(r), "variable") != 0) r->wrong = 1;
+  if (r->wrong) return;
+  variable->type = (enum plant_type)name(r, type_names, PLANT_TYPES);
+  variable->role = (enum plant_role)name(r, role_names, ROLES);
+  if (variable->type == PLANT_REAL)
+    variable->start.real = real(r);
+  else if (variable->type == PLANT_STRING)
+    (void)word(r);
+  else
+    variable->start.integer = number(r, 10, INT64_MIN, INT64_MAX);
+  variable->name = copy(r, word(r));
+  variable->handle = -1;
+  if (variable->role < ROLE_VALID) return;
+  variable->slave = (int)number(r, 10, 0, (int64_t)slaves - 1);
+  if (variable->role < ROLE_INPUT) return;
+  variable->index = (unsigned)number(r, 16, 1, 0xFFFF);
+  variable->subindex = (unsigned)number(r, 16, 0, 0xFF);
+  variable->data_type = (unsigned)number(r, 16, 0, 0xFFFF);
+  variable->bits = (unsigned)number(r, 10, 1, 64);
+  variable->scale = real(r);
+  variable->offset = real(r);
+  variable->low = real(r);
+  variable->high = real(r);
+  if (!(variable->scale < 0 || variable->scale > 0)) r->wrong = 1;
+}
+
+/* The parameters and diagnostics that the plant asks for by role; it relies on their types. */
+static void check_roles(reader *r, const plant *p) {
+  unsigned found = 0, needed = (1u << ROLE_VALID) - 1u - (1u << ROLE_TIME);
+  size_t i;
+  for (i = 0; i < p->variable_count; i++) {
+    const plant_variable *variable = &p->variables[i];
+    if ((variable->role == ROLE_BUS) != (variable->type == PLANT_STRING)) r->wrong = 1;
+    found |= 1u << variable->role;
+  }
+  if ((found & needed) != needed) r->wrong = 1;
+}
+
+static void read_table(reader *r, plant *p) {
+  size_t i, n;
+  char *text = keyed(r, "ecatd-plant");
+  if (text == NULL || strcmp(text, "1") != 0) r->wrong = 1;
+  free(text);
+  p->token = keyed(r, "token");
+  text = keyed(r, "fingerprint");
+  if (text == NULL || strlen(text) != 16) r->wrong = 1;
+  if (!r->wrong) memcpy(p->fingerprint, text, 17);
+  free(text);
+  p->bus_start = keyed(r, "bus");
+  p->command = keyed(r, "command");
+  n = count(r, "slaves");
+  p->slaves = calloc(n + 1, sizeof *p->slaves);
+  for (i = 0; p->slaves != NULL && i < n && !r->wrong; i++) read_slave(r, &p->slaves[p->slave_count++]);
+  n = count(r, "variables");
+  p->variables = calloc(n + 1, sizeof *p->variables);
+  for (i = 0; p->variables != NULL && i < n && !r->wrong; i++)
+    read_variable(r, &p->variables[p->variable_count++], p->slave_count);
+  if (p->slaves == NULL || p->variables == NULL) r->wrong = 1;
+  if (!r->wrong) check_roles(r, p);
+}
+
+/* --- the file ------------------------------------------------------------------------------ */
+
+static int hex_digit(char c) {
+  return c >= '0' && c <= '9' ? c - '0' : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 'a' + 10 : -1;
+}
+
+/* The path in a URI (RFC 3986, file scheme), or the text itself, which FMI 3 gives. */
+static char *path_of(const char *resources, const char *file) {
+  const char *from = resources;
+  char *path = malloc(strlen(resources) + strlen(file) + 2), *to = path;
+  int uri = strncasecmp(from, "file:", 5) == 0;
+  if (path == NULL) return NULL;
+  if (uri) {
+    from += 5;
+    if (strncmp(from, "//", 2) == 0) { /* an authority follows, which is empty or this machine */
+      from += 2;
+      while (*from != '\0' && *from != '/') from++;
+    }
+  }
+  while (*from != '\0') {
+    int high = uri && from[0] == '%' ? hex_digit(from[1]) : -1;
+    int low = high >= 0 ? hex_digit(from[2]) : -1;
+    *to++ = low >= 0 ? (char)(high << 4 | low) : *from;
+    from += low >= 0 ? 3 : 1;
+  }
+  sprintf(to, "%s%s", to > path && to[-1] == '/' ? "" : "/", file);
+  return path;
+}
+
+static char *contents(plant *p, const char *path) {
+  FILE *file = fopen(path, "rb");
+  char *text = NULL;
+  long size = -1;
+  if (file != NULL && fseek(file, 0, SEEK_END) == 0) size = ftell(file);
+  if (size >= 0 && size < MAX_BYTES && (text = calloc(1, (size_t)size + 1)) != NULL) {
+    rewind(file);
+    if (fread(text, 1, (size_t)size, file) != (size_t)size) {
+      free(text);
+      text = NULL;
+    }
+  }
+  if (text == NULL)
+    plant_note(p, -1, "%s cannot be read (%s): the importer must unpack the FMU as a whole and say "
+               "where its resources are", path, strerror(errno));
+  if (file != NULL) fclose(file);
+  return text;
+}
+
+int plant_load(plant *p, const char *resources) {
+  reader r = {NULL, NULL, 0, 0, ""};
+  char *text, *path;
+  if (resources == NULL)
+    return plant_note(p, -1, "the importer does not say where the resources of the FMU are");
+  path = path_of(resources, "plant.txt");
+  if (path == NULL) return plant_note(p, -1, "out of memory");
+  text = contents(p, path);
+  if (text != NULL) {
+    r.next = text;
+    read_table(&r, p);
+    if (r.wrong)
+      plant_note(p, -1, "%s, line %d: this is not what ecatctl has written; generate the FMU again",
+                 path, r.number);
+  }
+  r.wrong |= text == NULL;
+  free(text);
+  free(path);
+  return r.wrong ? -1 : 0;
+}
+
+void plant_unload(plant *p) {
+  size_t i;
+  for (i = 0; i < p->slave_count; i++) free(p->slaves[i].label);
+  for (i = 0; i < p->variable_count; i++) free(p->variables[i].name);
+  free(p->slaves);
+  free(p->variables);
+  free(p->token);
+  free(p->command);
+  free(p->bus_start);
+}

@@ -1,0 +1,146 @@
+/* The values of variables, as importers get and set them. */
+#include "plant.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static int is_parameter(const plant_variable *v) {
+  return v->role >= ROLE_BUS && v->role <= ROLE_READ_ONLY;
+}
+
+static plant_variable *by_role(const plant *p, enum plant_role role) {
+  size_t i = 0;
+  while (p->variables[i].role != role) i++; /* plant_load() has seen each of them, near the front */
+  return &p->variables[i];
+}
+
+double plant_real(const plant *p, enum plant_role role) { return by_role(p, role)->value.real; }
+
+int64_t plant_integer(const plant *p, enum plant_role role) {
+  return by_role(p, role)->value.integer;
+}
+
+void plant_publish(plant *p, enum plant_role role, double real, int64_t integer) {
+  plant_value *value = &by_role(p, role)->value;
+  value->real = real;
+  value->integer = integer;
+}
+
+void plant_start_values(plant *p) {
+  size_t i;
+  for (i = 0; i < p->variable_count; i++) {
+    p->variables[i].value = p->variables[i].start;
+    p->variables[i].set = 0;
+  }
+  for (i = 0; i < p->slave_count; i++) p->slaves[i].wanted = 0;
+  free(p->bus_name);
+  p->bus_name = strdup(p->bus_start);
+}
+
+/* The variable, or NULL and a message. */
+static plant_variable *find(plant *p, unsigned reference, enum plant_type type, const char *call) {
+  plant_variable *v = reference < p->variable_count ? &p->variables[reference] : NULL;
+  if (v == NULL)
+    plant_say(p, PLANT_ERROR, "%s: there is no variable with value reference %u; the last one is %lu",
+              call, reference, (unsigned long)p->variable_count - 1);
+  else if (v->type != type) {
+    plant_say(p, PLANT_ERROR, "%s: the variable '%s' (value reference %u) has another type", call,
+              v->name, reference);
+    v = NULL;
+  }
+  return v;
+}
+
+/* Outputs have values from the initialization on. */
+static int ready(plant *p) {
+  return p->state == PLANT_INITIALIZATION && !p->begun ? plant_begin(p) : PLANT_OK;
+}
+
+int plant_get(plant *p, unsigned reference, enum plant_type type, plant_value *value) {
+  const plant_variable *v = find(p, reference, type, "get");
+  if (v == NULL) return PLANT_ERROR;
+  if (v->role > ROLE_READ_ONLY && v->role != ROLE_INPUT && ready(p) != PLANT_OK) return PLANT_ERROR;
+  *value = v->value;
+  if (v->role == ROLE_TIME) value->real = p->time;
+  return PLANT_OK;
+}
+
+int plant_get_string(plant *p, unsigned reference, const char **value) {
+  if (find(p, reference, PLANT_STRING, "get") == NULL) return PLANT_ERROR;
+  *value = p->bus_name;
+  return PLANT_OK;
+}
+
+/* Whether a variable may be set now. A parameter that changes takes the connection back. */
+static int settable(plant *p, const plant_variable *v) {
+  if (v->role == ROLE_INPUT) return PLANT_OK;
+  if (!is_parameter(v))
+    return plant_say(p, PLANT_ERROR, "set: '%s' cannot be set: it is no input and no parameter",
+                     v->name);
+  if (p->state != PLANT_INSTANTIATED && p->state != PLANT_INITIALIZATION)
+    return plant_say(p, PLANT_ERROR, "set: the parameter '%s' is fixed: it can be set until the "
+                     "initialization ends", v->name);
+  bus_detach(p);
+  p->begun = p->seen = 0;
+  return PLANT_OK;
+}
+
+static int refuse(plant *p, const plant_variable *v, double value) {
+  double low = v->low * v->scale + v->offset, high = v->high * v->scale + v->offset;
+  return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %.15g: %.15g to %.15g are allowed; it keeps "
+                   "its value", v->name, value, fmin(low, high), fmax(low, high));
+}
+
+/* Whether an entry, or a parameter, can have this value. */
+static int acceptable(plant *p, const plant_variable *v, plant_value value) {
+  double number = v->type == PLANT_REAL ? value.real : (double)value.integer;
+  if (v->type == PLANT_REAL && !isfinite(number))
+    return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is no finite number; it keeps its "
+                     "value", v->name, number);
+  if (is_parameter(v)) {
+    int failure = v->role == ROLE_WHEN_MISSING || v->role == ROLE_WHEN_FAILED;
+    if (failure && (number < FAILURE_ERROR || number > FAILURE_CONTINUE))
+      return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: 1 is Error, 2 Wait, 3 Continue",
+                       v->name, number);
+    if (number < 0)
+      return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is a time", v->name, number);
+    return PLANT_OK;
+  }
+  if (v->type == PLANT_REAL && (v->scale != 1 || v->offset != 0))
+    return PLANT_OK; /* held at its limits when it is written */
+  if (v->type == PLANT_INT64 || v->type == PLANT_UINT64) {
+    if (v->bits == 64) return PLANT_OK; /* the client knows the limits exactly */
+  } else if (v->type == PLANT_BOOLEAN) {
+    return PLANT_OK;
+  }
+  if (v->type == PLANT_REAL && v->data_type != 0x0008 && v->data_type != 0x0011)
+    number = nearbyint(number);
+  return number >= v->low && number <= v->high ? PLANT_OK : refuse(p, v, number);
+}
+
+int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value value) {
+  plant_variable *v = find(p, reference, type, "set");
+  int status;
+  if (v == NULL) return PLANT_ERROR;
+  if ((status = settable(p, v)) != PLANT_OK || (status = acceptable(p, v, value)) != PLANT_OK)
+    return status;
+  v->value = value;
+  if (v->role != ROLE_INPUT) return PLANT_OK;
+  v->set = 1;
+  p->slaves[v->slave].wanted = 1;
+  return PLANT_OK;
+}
+
+int plant_set_string(plant *p, unsigned reference, const char *value) {
+  const plant_variable *v = find(p, reference, PLANT_STRING, "set");
+  char *copy;
+  int status;
+  if (v == NULL) return PLANT_ERROR;
+  if (value == NULL) return plant_say(p, PLANT_ERROR, "set: '%s' is a null pointer", v->name);
+  if ((status = settable(p, v)) != PLANT_OK) return status;
+  if ((copy = strdup(value)) == NULL) return plant_say(p, PLANT_FATAL, "out of memory");
+  free(p->bus_name);
+  p->bus_name = copy;
+  return PLANT_OK;
+}

@@ -1,0 +1,168 @@
+"""FMUs as files: valid, always the same bytes, complete, and never over a file of somebody else."""
+
+import re
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
+
+from fmpy import extract, read_model_description
+from fmpy.validation import validate_fmu
+
+from conftest import one_line_error, run_module
+from ecatd.model.bus import Bus
+from ecatd.model.errors import StateError
+from ecatgen.build import build_library
+from ecatgen.checks import sample_buses
+from ecatgen.fmu import generate_fmu
+from ecatgen.profiles import load_profiles
+
+BUSES = (sample_buses.troll, sample_buses.awkward)
+VERSIONS = pytest.mark.parametrize("fmi", [2, 3])
+
+
+def headers(folder: Path, fmi: int) -> set[str]:
+    """The functions that the standard declares for co-simulation."""
+    text = (folder / "sources" / "fmi" / f"fmi{fmi}Functions.h").read_text()
+    exchange = text.find("for FMI2 for Model Exchange"), text.find("for FMI2 for Co-Simulation")
+    if fmi == 2:  # functions of another interface may be left out
+        text = text[: exchange[0]] + text[exchange[1] :]
+    return set(re.findall(rf"^#define (fmi{fmi}[A-Z]\w+) +fmi{fmi}FullName", text, re.MULTILINE))
+
+
+def symbols(library: Path) -> set[str]:
+    """What a shared library shows to others."""
+    listed = subprocess.run(
+        ["nm", "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True
+    )
+    return {line.split()[-1] for line in listed.stdout.splitlines()}
+
+
+@VERSIONS
+@pytest.mark.parametrize("bus", BUSES)
+def test_fmpy_finds_nothing_wrong(bus: Callable[[], Bus], fmi: int, tmp_path: Path) -> None:
+    """It checks the schema, names, units, start values and the model structure."""
+    report = generate_fmu(bus(), "Plant", tmp_path, fmi)
+    assert validate_fmu(str(report.fmu)) == []
+    description = read_model_description(str(report.fmu))
+    assert description.fmiVersion == f"{fmi}.0"
+    assert description.variableNamingConvention == "structured"
+    assert float(description.defaultExperiment.stepSize) == bus().cycle_time_us / 1e6
+    causes = [item.causality for item in description.modelVariables]
+    assert (causes.count("input"), causes.count("output")) == (report.inputs, report.outputs)
+
+
+@VERSIONS
+@pytest.mark.parametrize("bus", BUSES)
+def test_names_are_those_of_the_library(bus: Callable[[], Bus], fmi: int, tmp_path: Path) -> None:
+    description = read_model_description(str(generate_fmu(bus(), "Plant", tmp_path, fmi).fmu))
+    causality = {item.name: item.causality for item in description.modelVariables}
+    for block in build_library(bus(), "Plant", load_profiles()).blocks:
+        for connector in block.writes:
+            assert causality.pop(f"{block.instance}.{connector.name}") == "input"
+        for connector in block.reads:
+            assert causality.pop(f"{block.instance}.{connector.name}") == "output"
+        for name in ("valid", "alState", "alStatusCode"):
+            assert causality.pop(f"{block.instance}.{name}") == "output"
+    assert not [name for name in causality if "." in name]
+
+
+@VERSIONS
+def test_the_same_bus_gives_the_same_bytes(fmi: int, tmp_path: Path) -> None:
+    one = generate_fmu(sample_buses.troll(), "Plant", tmp_path / "one", fmi)
+    two = generate_fmu(sample_buses.troll(), "Plant", tmp_path / "two", fmi)
+    assert one.fmu.read_bytes() == two.fmu.read_bytes()
+    assert one.changed
+    assert not generate_fmu(sample_buses.troll(), "Plant", tmp_path / "one", fmi).changed
+    other = sample_buses.troll()
+    other.slaves[3].outputs[0].entries[0].name = "Lamp"
+    before = read_model_description(str(one.fmu))
+    again = generate_fmu(other, "Plant", tmp_path / "one", fmi)
+    assert again.changed
+    after = read_model_description(str(again.fmu))
+    token = "guid" if fmi == 2 else "instantiationToken"
+    assert getattr(before, token) != getattr(after, token)
+    assert [path.name for path in (tmp_path / "one").iterdir()] == ["Plant.fmu"]
+
+
+def test_files_of_others_are_kept(tmp_path: Path) -> None:
+    file = tmp_path / "Plant.fmu"
+    generate_fmu(sample_buses.troll(), "Plant", tmp_path)
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr("binaries/win64/Plant.dll", "compiled by the user")
+    changed = file.read_bytes()
+    for content in (changed, b"", b"my plant", changed[:-100]):
+        file.write_bytes(content)
+        with pytest.raises(StateError, match="was not made by this program, or was changed since"):
+            generate_fmu(sample_buses.awkward(), "Plant", tmp_path)
+        assert file.read_bytes() == content
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(StateError, match="was not made by this program"):
+        generate_fmu(sample_buses.troll(), "Plant", tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(StateError, match="no directory"):
+        generate_fmu(sample_buses.troll(), "Plant", tmp_path / "file")
+
+
+@VERSIONS
+def test_the_binary_needs_nothing_and_shows_nothing_else(fmi: int, tmp_path: Path) -> None:
+    report = generate_fmu(sample_buses.troll(), "Plant", tmp_path, fmi)
+    folder = Path(extract(str(report.fmu), str(tmp_path / "plant")))
+    (binary,) = (folder / "binaries").rglob("Plant.so")
+    assert symbols(binary) >= headers(folder, fmi)
+    assert all(name.startswith(f"fmi{fmi}") for name in symbols(binary))
+    listed = subprocess.run(["objdump", "-p", str(binary)], capture_output=True, text=True).stdout
+    assert set(re.findall(r"NEEDED +(\S+)", listed)) <= {"libc.so.6", "libm.so.6"}
+    assert "RPATH" not in listed
+    assert "RUNPATH" not in listed
+
+
+def stated(folder: Path, fmi: int) -> tuple[list[str], list[str]]:
+    """Source files, and the options that the FMU says they need."""
+    if fmi == 2:
+        root = ET.parse(folder / "modelDescription.xml").getroot()
+        return [str(item.get("name")) for item in root.iter("File")], ["-I."]
+    root = ET.parse(folder / "sources" / "buildDescription.xml").getroot()
+    (group,) = root.iter("SourceFileSet")
+    options = [f"-std={str(group.get('language')).lower()}"]
+    options += [f"-D{i.get('name')}={i.get('value')}" for i in group.iter("PreprocessorDefinition")]
+    options += [f"-I{item.get('name')}" for item in group.iter("IncludeDirectory")]
+    return [str(item.get("name")) for item in group.iter("SourceFile")], options
+
+
+@VERSIONS
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_the_sources_make_the_binary(compiler: str, fmi: int, tmp_path: Path) -> None:
+    report = generate_fmu(sample_buses.troll(), "Plant", tmp_path, fmi)
+    folder = Path(extract(str(report.fmu), str(tmp_path / "plant")))
+    sources, options = stated(folder, fmi)
+    done = subprocess.run(
+        [
+            *(compiler, "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", *options, *sources),
+            *("-lm", "-Wl,-z,defs", "-o", str(tmp_path / "plant.so")),
+        ],
+        cwd=folder / "sources",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert symbols(tmp_path / "plant.so") >= headers(folder, fmi)
+
+
+def test_wrong_options(tmp_path: Path) -> None:
+    for options in (["--fmi", "3"], ["--fmu", "--fmi", "4"]):
+        result = run_module("ecatd.cli", "generate", "Plant", str(tmp_path), *options)
+        assert result.returncode == 2
+        assert not result.stdout
+    result = run_module("ecatd.cli", "generate", "Plant", str(tmp_path), "--fmi", "3")
+    assert one_line_error(result.stderr, "ecatctl") == (
+        "--fmi is the version of an FMU: say --fmu, too"
+    )
+    assert list(tmp_path.iterdir()) == []
