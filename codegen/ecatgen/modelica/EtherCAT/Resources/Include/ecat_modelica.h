@@ -17,12 +17,13 @@
 #ifndef ECAT_MODELICA_H
 #define ECAT_MODELICA_H
 
+#include "ecatm_drive_steps.h"
+#include "ecatm_generate.h"
 #include "ecatm_master.h"
 #include "ecatm_objects.h"
 #include "ecatm_realtime.h"
 #include "ecatm_samples.h"
 #include "ecatm_sdo.h"
 #include "ecatm_sdo_list.h"
-#include "ecatm_drive_steps.h"
 
 #endif

@@ -1,0 +1,12 @@
+within EtherCAT.Functions;
+impure function generate "Run ecatctl generate, and show what it says"
+  extends Modelica.Icons.Function;
+  input String ecatctl "Program";
+  input String bus "Name of the bus";
+  input String plantName "Name of the library";
+  input String path "Folder that the library is put into";
+  external "C" ecatm_generate(ecatctl, bus, plantName, path)
+    annotation (
+      Include = "#include \"ecatm_generate.h\"",
+      IncludeDirectory = "modelica://EtherCAT/Resources/Include");
+end generate;
