@@ -1,125 +1,86 @@
-"""The library in OpenModelica, wherever it is installed."""
+"""The libraries in OpenModelica, wherever it is installed: every class is checked."""
 
-import csv
-import shutil
-import subprocess
+import shlex
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from conftest import Daemon
-from ecatgen import examples, generate
+from ecatd.model.bus import Bus
+from ecatgen import generate
 from ecatgen.checks import sample_buses
+from openmodelica import OpenModelica, needs_omc
 
-pytestmark = [
-    pytest.mark.skipif(shutil.which("omc") is None, reason="omc (OpenModelica) is not on PATH"),
-    pytest.mark.timeout(600),
-]
+pytestmark = [needs_omc, pytest.mark.timeout(900)]
 
-MODELS = (
-    "EtherCAT.Examples.ReadObject",
-    "TrollPlant.Examples.AllSlaves",
-    "TrollPlant.Examples.PointToPointMovement",
+BUSES: dict[str, Callable[[], Bus]] = {
+    "troll": sample_buses.troll,
+    "awkward": sample_buses.awkward,
+    "empty": lambda: Bus("ecat0", 1000, []),
+}
+
+
+@pytest.fixture(scope="module", params=BUSES)
+def omc(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> OpenModelica:
+    folder = tmp_path_factory.mktemp(request.param)
+    generate(BUSES[request.param](), "Plant", folder / "libraries")
+    return OpenModelica(folder, folder / "libraries", "Plant")
+
+
+def test_every_class_of_a_generated_library_is_sound(omc: OpenModelica) -> None:
+    classes = omc.classes("Plant")
+    assert "Plant.Examples.AllSlaves" in classes
+    assert list(omc.findings(classes)) == []
+
+
+def test_every_class_of_the_static_library_is_sound(tmp_path: Path) -> None:
+    generate(sample_buses.troll(), "Plant", tmp_path / "libraries")
+    omc = OpenModelica(tmp_path, tmp_path / "libraries", "Plant")
+    classes = omc.classes("EtherCAT")
+    for name in ("EtherCATMaster", "Objects.PDO", "Functions.commit", "Examples.DigitalIO"):
+        assert f"EtherCAT.{name}" in classes
+    assert list(omc.findings(classes)) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "problem"),
+    [
+        ("EL1018.mo", "readBoolean", "readBool", "readBool"),
+        ("EL1018.mo", "BooleanOutput", "RealOutput", "Type mismatch"),
+        ("Examples/AllSlaves.mo", "el2008.channel1Output", "el2008.channel9Output", "channel9"),
+    ],
 )
-
-Omc = Callable[..., str]
-
-
-@pytest.fixture
-def omc(tmp_path: Path) -> Omc:
-    """Runs OpenModelica commands with the libraries of a folder loaded; returns what it says."""
-
-    def run(libraries: Path, *commands: str) -> str:
-        script = tmp_path / "script.mos"
-        load = [
-            'loadModel(Modelica, {"4.0.0"});',
-            f'loadFile("{libraries}/EtherCAT/package.mo");',
-            f'loadFile("{libraries}/TrollPlant/package.mo");',
-        ]
-        script.write_text("\n".join([*load, *commands, "getErrorString();", ""]))
-        done = subprocess.run(
-            ["omc", str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
-        )
-        return done.stdout + done.stderr
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("out")
-    generate(sample_buses.troll(), "TrollPlant", folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def live(tmp_path_factory: pytest.TempPathFactory, troll: Daemon) -> Path:
-    folder = tmp_path_factory.mktemp("live")
-    troll.ctl("generate", "TrollPlant", str(folder))
-    return folder
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_models_have_as_many_equations_as_variables(omc: Omc, out: Path, model: str) -> None:
-    answer = omc(out, f"checkModel({model});")
-    assert f"Check of {model} completed successfully" in answer, answer
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_models_are_translated_and_compiled(
-    omc: Omc, out: Path, tmp_path: Path, model: str
-) -> None:
-    answer = omc(out, f"buildModel({model});")
-    assert "Error:" not in answer, answer
-    assert (tmp_path / model).is_file(), answer
+def test_the_check_sees(tmp_path: Path, file: str, old: str, new: str, problem: str) -> None:
+    generate(sample_buses.troll(), "Plant", tmp_path / "libraries")
+    path = tmp_path / "libraries" / "Plant" / file
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    omc = OpenModelica(tmp_path, tmp_path / "libraries", "Plant")
+    name = f"Plant.{file.removesuffix('.mo').replace('/', '.')}"
+    assert problem in "\n".join(omc.findings([name]))
 
 
 @pytest.mark.bus
-def test_the_drive_follows_the_model(omc: Omc, live: Path, tmp_path: Path) -> None:
-    answer = omc(
-        live,
-        f'simulate({MODELS[2]}, stopTime = 2.5, numberOfIntervals = 2500, outputFormat = "csv", '
-        'fileNamePrefix = "movement");',
+def test_a_library_is_generated_and_loaded_in_one_session(troll: Daemon, tmp_path: Path) -> None:
+    """The commands that the documentation of generateConfiguration has for OpenModelica."""
+    generate(sample_buses.troll(), "Plant", tmp_path / "libraries")
+    program = tmp_path / "ecatctl"
+    program.write_text(
+        "#!/bin/sh\n"
+        f"export ECATD_RUNTIME_DIR={shlex.quote(troll.env['ECATD_RUNTIME_DIR'])}\n"
+        f'exec {shlex.quote(sys.executable)} -m ecatd.cli "$@"\n'
     )
-    with (tmp_path / "movement_res.csv").open(newline="") as lines:
-        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(lines)]
-    top = sorted(row["w_m"] for row in rows if row["time"] > 2)
-    assert top, answer
-    assert top[len(top) // 2] == pytest.approx(examples.MAX_SPEED, rel=0.01)
-
-
-@pytest.mark.bus
-def test_a_model_of_another_bus_fails_with_one_sentence(
-    omc: Omc, start_daemon: Callable[..., Daemon], tmp_path: Path
-) -> None:
-    daemon = start_daemon(str(Path(__file__).parents[1] / "rigs" / "odd_names.py"))
-    bus = sample_buses.troll()
-    bus.name = daemon.bus
-    generate(bus, "TrollPlant", tmp_path / "out")
-    answer = omc(tmp_path / "out", f"simulate({MODELS[1]}, stopTime = 0.1);")
-    assert "but this library was generated for" in answer  # which slave comes first is omc's choice
-    assert "regenerate it with: ecatctl generate TrollPlant DIR" in answer
-
-
-def test_a_model_is_exported_as_fmu(omc: Omc, out: Path, tmp_path: Path) -> None:
-    answer = omc(out, f'buildModelFMU({MODELS[2]}, version = "2.0", fmuType = "cs");')
-    assert list(tmp_path.glob("*.fmu")), answer
-
-
-@pytest.mark.bus
-@pytest.mark.filterwarnings("default")  # FMPy's own
-def test_the_drive_follows_the_exported_fmu(omc: Omc, live: Path, tmp_path: Path) -> None:
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
-    answer = omc(live, f'buildModelFMU({MODELS[2]}, version = "2.0", fmuType = "cs");')
-    fmus = list(tmp_path.glob("*.fmu"))
-    assert fmus, answer
-    rows = fmpy.simulate_fmu(
-        str(fmus[0]),
-        fmi_type="CoSimulation",
-        stop_time=2.5,
-        output_interval=0.001,
-        output=["w_m"],
+    program.chmod(0o755)
+    omc = OpenModelica(tmp_path, tmp_path / "libraries", "Plant")
+    out = tmp_path / "my models"
+    answer = omc.run(
+        'setCommandLineOptions("-d=gen");',
+        f'file := EtherCAT.generateConfiguration("Live", "{out}", "{troll.bus}", "{program}");',
+        "loadFile(file);",
+        "checkModel(Live.Examples.AllSlaves);",
     )
-    top = sorted(rows["w_m"][rows["time"] > 2])
-    assert top[len(top) // 2] == pytest.approx(examples.MAX_SPEED, rel=0.01)
+    assert f'"{out}/Live/package.mo"' in answer, answer
+    assert "Check of Live.Examples.AllSlaves completed successfully" in answer, answer

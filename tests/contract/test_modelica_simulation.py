@@ -1,0 +1,210 @@
+"""Models that OpenModelica simulates on the simulated bus, wherever it is installed."""
+
+import bisect
+import math
+import signal
+import statistics
+import subprocess
+import sys
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon
+from ecatd.shm import Outputs, Reason
+from ecatgen import generate
+from ecatgen.checks import sample_buses
+from openmodelica import OpenModelica, Row, needs_omc, read_csv, simulate, start, until
+
+pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(900)]
+
+DRIVE, DIGITAL_OUTPUTS = 0, 3
+
+
+@pytest.fixture(scope="module")
+def omc(tmp_path_factory: pytest.TempPathFactory, troll: Daemon) -> OpenModelica:
+    folder = tmp_path_factory.mktemp("omc")
+    troll.ctl("generate", "TrollPlant", str(folder / "libraries"))
+    return OpenModelica(folder, folder / "libraries")
+
+
+def changes(rows: list[Row], name: str) -> list[float]:
+    """The times at which a variable changes."""
+    return [after["time"] for before, after in pairwise(rows) if before[name] != after[name]]
+
+
+def test_digital_io(omc: OpenModelica, troll: Daemon) -> None:
+    rows = simulate(omc.build("EtherCAT.Examples.DigitalIO"), 3, bus=troll.bus)
+    for channel in range(1, 5):  # are wired to the outputs
+        sent, seen = f"blink[{channel}].y", f"el1018.y[{channel}]"
+        assert abs(len(changes(rows, sent)) - len(changes(rows, seen))) <= 2
+        same = sum(row[sent] == row[seen] for row in rows)
+        assert same > 0.9 * len(rows)
+    assert len(changes(rows, "el1018.y[8]")) > len(changes(rows, "el1018.y[5]")) >= 4
+    assert len({row["word.y"] for row in rows}) > 10
+
+
+def test_analog_scaling(omc: OpenModelica, troll: Daemon) -> None:
+    rows = simulate(omc.build("EtherCAT.Examples.AnalogScaling"), 3, bus=troll.bus)
+    assert max(row["v[4]"] for row in rows) == pytest.approx(8, rel=0.01)
+    assert max(row["el3008.y[4]"] for row in rows) == pytest.approx(26214, rel=0.01)
+    for row in rows:
+        assert row["v[4]"] == pytest.approx(row["el3008.y[4]"] * 10 / 32767)
+        assert abs(row["back.y"]) <= 10
+    saturated = [row for row in rows if row["toRaw.saturated"]]
+    assert {abs(row["back.y"]) for row in saturated} == {10}
+    share = len(saturated) / len(rows)
+    assert share == pytest.approx(1 - 2 * math.asin(10 / 12) / math.pi, abs=0.02)
+    following = [row for row in rows if not row["toRaw.saturated"] and row["time"] > 0.01]
+    distances = [abs(row["back.y"] - row["wanted.y"]) for row in following]
+    assert max(distances) < 0.2  # what a sine of 12 V and 1 Hz rises in a sample, twice
+
+
+def test_two_domains(omc: OpenModelica, troll: Daemon) -> None:
+    rows = simulate(omc.build("EtherCAT.Examples.TwoDomains"), 1, bus=troll.bus)
+    slow = changes(rows, "slowValue.y") + changes(rows, "word.y")
+    assert len(slow) > 200
+    assert all(abs(time / 0.004 - round(time / 0.004)) < 1e-6 for time in slow)
+    fast = changes(rows, "fast.y[8]")
+    assert any(abs(time / 0.004 - round(time / 0.004)) > 0.1 for time in fast)
+
+
+def test_an_object_is_read(omc: OpenModelica, troll: Daemon) -> None:
+    rows = simulate(omc.build("EtherCAT.Examples.ReadObject"), 1, bus=troll.bus)
+    assert rows[-1]["deviceType.y"] == 0x20192
+    assert rows[-1]["deviceType.abortCode"] == 0
+
+
+def test_the_pace_of_a_model_without_a_bus(omc: OpenModelica) -> None:
+    rows = simulate(omc.build("EtherCAT.Examples.RealtimeWithoutBus"), 2.2)
+    available = "synchronizeRealtime.availableTime"
+    early = [row[available] for row in rows if 1 < row["time"] < 1.9]
+    late = [row[available] for row in rows if row["time"] > 2.1]
+    assert 0 < statistics.median(early) < 1.5e-3 < statistics.median(late) < 2.5e-3
+    assert rows[-1]["synchronizeRealtime.missed"] < len(rows)
+
+
+def test_all_slaves(omc: OpenModelica, troll: Daemon) -> None:
+    rows = simulate(omc.build("TrollPlant.Examples.AllSlaves"), 1)
+    assert any(len(changes(rows, name)) > 10 for name in rows[0] if name.startswith("el3008."))
+    assert all(row["el1018.valid"] for row in rows if row["time"] > 0.1)
+
+
+def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, troll: Daemon) -> None:
+    process = start(omc.build("EtherCAT.Examples.DigitalIO"), 60, bus=troll.bus)
+    with troll.client() as client:
+        output = client.bind(DIGITAL_OUTPUTS, 0x7000, 1)
+
+        def is_on() -> bool:
+            client.wait()
+            client.sample()
+            active = client.slaves()[DIGITAL_OUTPUTS].outputs == Outputs.ACTIVE
+            return active and client.read(output) == 1
+
+        until(is_on, process)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        cycles = 0
+        while client.slaves()[DIGITAL_OUTPUTS].outputs != Outputs.SAFE:
+            client.wait()
+            cycles += 1
+            assert cycles < 5000, "the outputs are not safe"
+        client.sample()
+        assert client.read(output) == 0
+        assert client.output(f"{DIGITAL_OUTPUTS}/0x7000:01").reason in (
+            Reason.LAPSED,
+            Reason.GONE,
+        )
+
+
+def test_a_model_of_another_bus_fails_with_one_sentence(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    daemon = start_daemon(str(Path(__file__).parents[1] / "rigs" / "odd_names.py"))
+    bus = sample_buses.troll()
+    bus.name = daemon.bus
+    generate(bus, "TrollPlant", tmp_path / "libraries")
+    program = OpenModelica(tmp_path, tmp_path / "libraries").build("TrollPlant.Examples.AllSlaves")
+    with start(program, 0.1) as process:
+        log, _ = process.communicate()
+    assert "but this library was generated for" in log  # which slave comes first is omc's choice
+    assert "regenerate it with: ecatctl generate TrollPlant DIR" in log
+
+
+@contextmanager
+def recorded_troll(folder: Path) -> Iterator[tuple[str, Path]]:
+    """A daemon on the rig troll, whose simulator records the motor; yields bus and record."""
+    bus, record = f"t{uuid.uuid4().hex[:10]}", folder / "record.csv"
+    config = folder / "ecat.toml"
+    config.write_text("[gateway]\nlisten = []\n")
+    daemon = [sys.executable, "-m", "ecatd.service", "--interface", "ecat-master"]
+    command = [sys.executable, "-m", "ecatsim", "run", "troll", "--trace", str(record), "--"]
+    with subprocess.Popen(
+        [*command, *daemon, "--bus", bus, "--config", str(config)],
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "is in OP" in line:
+                break
+        yield bus, record
+        process.terminate()
+        process.communicate()
+
+
+def crossing(times: list[float], values: list[float], level: float) -> float:
+    """When a curve rises through a level for the first time."""
+    for i in range(1, len(values)):
+        if values[i - 1] < level <= values[i]:
+            part = (level - values[i - 1]) / (values[i] - values[i - 1])
+            return times[i - 1] + part * (times[i] - times[i - 1])
+    raise AssertionError(f"the curve does not reach {level}")
+
+
+def at(times: list[float], values: list[float], time: float) -> float:
+    """A curve at any time, by linear interpolation."""
+    i = min(max(bisect.bisect(times, time), 1), len(times) - 1)
+    part = (time - times[i - 1]) / (times[i] - times[i - 1])
+    return values[i - 1] + part * (values[i] - values[i - 1])
+
+
+def test_figure_9_is_what_the_simulator_records(tmp_path: Path) -> None:
+    with recorded_troll(tmp_path) as (bus, record):
+        ctl = [sys.executable, "-m", "ecatd.cli", "--bus", bus]
+        out = tmp_path / "libraries"
+        subprocess.run([*ctl, "generate", "TrollPlant", str(out)], check=True)
+        program = OpenModelica(tmp_path, out).build("TrollPlant.Examples.PointToPointMovement")
+        model = simulate(program, 3)
+    motor = read_csv(record)
+    clock = [row["time_ns"] / 1e9 for row in motor]
+    speed = [row["velocity_counts_per_s"] for row in motor]
+    times, w_m = [row["time"] for row in model], [row["w_m"] for row in model]
+    top = max(speed)
+    unit = top / max(w_m)  # increments/s, or rad/s of an encoder with 16 bits
+    assert min(abs(unit - 1), abs(unit * 2 * math.pi / 65536 - 1)) < 0.01
+    # Both curves begin to rise at the same moment, and stay together from there.
+    shift = crossing(clock, speed, top / 2) - crossing(times, w_m, top / unit / 2)
+    for variable, recorded, scale in (
+        ("w_m", speed, unit),
+        ("w_ref", [row["reference_counts_per_s"] for row in motor], unit),
+    ):
+        distances = sorted(
+            abs(row[variable] * scale - at(clock, recorded, row["time"] + shift)) / top
+            for row in model
+            if row["time"] > 0.5
+        )
+        assert distances[int(0.95 * len(distances))] < 0.03, variable
+    # The current of the motor accelerates, then holds against friction; its scale is the drive's.
+    current = [row["current_A"] for row in motor]
+    ratio = statistics.median(
+        row["i_m"] / at(clock, current, row["time"] + shift) for row in model if row["time"] > 2
+    )
+    ramp = [row for row in model if 1.1 < row["time"] < 1.4]
+    assert statistics.mean(row["i_m"] for row in ramp) / ratio == pytest.approx(
+        statistics.mean(at(clock, current, row["time"] + shift) for row in ramp), rel=0.05
+    )
