@@ -26,6 +26,6 @@ When the object is requested, and what happens to a request that fails, is told 
 </p>
 </html>"),
     Icon(graphics = {
-      Text(extent = {{-40, 0}, {40, -24}}, textColor = {64, 64, 64}, textString = "read"),
-      Text(extent = {{40, 90}, {96, 70}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "y")}));
+      Text(extent = {{-80, -10}, {28, -34}}, textColor = {64, 64, 64}, textString = "read"),
+      Text(extent = {{60, 92}, {95, 68}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "y")}));
 end SDORead;

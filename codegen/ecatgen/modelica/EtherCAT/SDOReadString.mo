@@ -33,5 +33,5 @@ When the object is requested, and what happens to a request that fails, is told 
 </p>
 </html>"),
     Icon(graphics = {
-      Text(extent = {{-40, 0}, {40, -24}}, textColor = {64, 64, 64}, textString = "read String")}));
+      Text(extent = {{-80, -10}, {28, -34}}, textColor = {64, 64, 64}, textString = "read String")}));
 end SDOReadString;

@@ -24,6 +24,6 @@ When the object is requested, and what happens to a request that fails, is told 
 </p>
 </html>"),
     Icon(graphics = {
-      Text(extent = {{-40, 0}, {40, -24}}, textColor = {64, 64, 64}, textString = "write Real"),
-      Text(extent = {{-96, -50}, {-40, -70}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Left, textString = "u")}));
+      Text(extent = {{-80, -10}, {28, -34}}, textColor = {64, 64, 64}, textString = "write Real"),
+      Text(extent = {{-95, -48}, {-60, -72}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Left, textString = "u")}));
 end SDOWriteReal;

@@ -83,5 +83,5 @@ written and the simulation goes on. This is soft real-time: no deadline is guara
 of a model that comes too late become safe (see <code>lease</code> of the EtherCATMaster).
 </p>
 </html>"),
-    Icon(graphics = {Text(extent = {{-150, -105}, {150, -135}}, textColor = {64, 64, 64}, textString = "%priority")}));
+    Icon(graphics = {Text(extent = {{-150, -110}, {150, -150}}, textString = "%priority")}));
 end SynchronizeRealtime;

@@ -64,10 +64,10 @@ equation
 
   annotation (
     Icon(graphics = {
-      Text(extent = {{-96, 70}, {-40, 50}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Left, textString = "trigger", visible = request == EtherCAT.Types.Request.Triggered),
-      Text(extent = {{40, 40}, {96, 20}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "done"),
-      Text(extent = {{40, -20}, {96, -40}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "busy"),
-      Text(extent = {{20, -70}, {96, -90}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "abortCode")}),
+      Text(extent = {{-95, 72}, {-10, 48}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Left, textString = "trigger", visible = request == EtherCAT.Types.Request.Triggered),
+      Text(extent = {{20, 42}, {95, 18}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "done"),
+      Text(extent = {{30, -18}, {95, -42}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "busy"),
+      Text(extent = {{-20, -68}, {95, -92}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "abortCode")}),
     Documentation(info = "<html>
 <p>
 Parameters of a request, and what is known of it. A block that extends this one adds the value and the
