@@ -26,6 +26,7 @@ def build_library(bus: Bus, name: str, profiles: Profiles) -> Library:
         name=name,
         description=f"Slaves of the EtherCAT bus {bus.name}",
         bus=bus.name,
+        cycle_time_us=bus.cycle_time_us,
         fingerprint=f"{bus.fingerprint:016x}",
         command=f"ecatctl generate {name} DIR",
         version=STATIC_VERSION,

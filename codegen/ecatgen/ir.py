@@ -26,7 +26,12 @@ SlaveKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A point in an icon or diagram."""
+    """A point in an icon or diagram.
+
+    Attributes:
+        x: To the right.
+        y: Upwards.
+    """
 
     x: int
     y: int
@@ -37,7 +42,12 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """A rectangle in an icon or diagram, by two corners."""
+    """A rectangle in an icon or diagram, by two corners.
+
+    Attributes:
+        a: A corner.
+        b: The corner opposite.
+    """
 
     a: Point
     b: Point
@@ -67,7 +77,7 @@ class Connector:
         after: Variable whose computation must come before the access.
         direction: `output` of the bus, which the model writes, or `input`, which it reads.
         access: What the model does with it: `write` or `read`.
-        kind: Type of the value in the model.
+        kind: Type of the value in the model: `Boolean`, `Integer` or `Real`.
         class_name: Modelica class of the connector, or prefix and type of a variable.
         function: Suffix of the C functions: `boolean`, `integer`, `real`.
         index: Object index.
@@ -128,7 +138,15 @@ class Connector:
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A PDO entry that has no connector, and why."""
+    """A PDO entry that has no connector, and why.
+
+    Attributes:
+        address: Index and subindex as printed for users.
+        entry_name: Name of the entry.
+        type_name: Name of the CoE data type.
+        bit_length: Bits in the process image.
+        reason: Why it has no connector.
+    """
 
     address: str
     entry_name: str
@@ -145,7 +163,9 @@ class Block:
         name: Class name.
         instance: Usual name of a component of this class.
         position: Position on the bus.
-        kind: What kind of device it is, as far as its process data tell.
+        kind: What kind of device it is, as far as its process data tell: `drive`, `digital inputs`,
+            `digital outputs`, `digital inputs and outputs`, `analog inputs`, `analog outputs`,
+            `coupler` or `other`.
         description: Description of the class.
         title: Title in the icon.
         slave_name: What the slave calls itself.
@@ -198,7 +218,16 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """A component of an example model."""
+    """A component of an example model.
+
+    Attributes:
+        class_name: Full name of its class.
+        name: Its name.
+        modifiers: Its modifications.
+        description: Its description.
+        extent: Its place in the diagram.
+        prefix: `inner` and a space, or nothing.
+    """
 
     class_name: str
     name: str
@@ -210,7 +239,14 @@ class Component:
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """A connection of an example model."""
+    """A connection of an example model.
+
+    Attributes:
+        source: The connector that it begins at.
+        target: The connector that it ends at.
+        points: Its line in the diagram.
+        color: Colour of the line, as Modelica writes it.
+    """
 
     source: str
     target: str
@@ -220,7 +256,13 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A variable of an example model that gives a result a short name."""
+    """A variable of an example model that gives a result a short name.
+
+    Attributes:
+        name: Its name.
+        description: Its description.
+        expression: What it is equal to.
+    """
 
     name: str
     description: str
@@ -229,7 +271,19 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """A model that can be simulated."""
+    """A model that can be simulated.
+
+    Attributes:
+        name: Name of the model.
+        description: Description of the model.
+        paragraphs: Its documentation.
+        components: Its components.
+        connections: Its connections.
+        variables: Its variables.
+        diagram: Extent of the diagram.
+        stop_time: End of the simulation in s.
+        interval: Time between two results in s.
+    """
 
     name: str
     description: str
@@ -250,6 +304,7 @@ class Library:
         name: Name of the package.
         description: Description of the package.
         bus: Name of the bus.
+        cycle_time_us: Base cycle of the bus in µs.
         fingerprint: Fingerprint of the bus, 16 hex digits.
         command: Command that generates the library again.
         version: Version of the library EtherCAT that it uses.
@@ -260,6 +315,7 @@ class Library:
     name: str
     description: str
     bus: str
+    cycle_time_us: int
     fingerprint: str
     command: str
     version: str

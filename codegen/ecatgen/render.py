@@ -12,6 +12,7 @@ from jinja2 import (
     Environment,
     FileSystemLoader,
     PackageLoader,
+    PrefixLoader,
     StrictUndefined,
     TemplateSyntaxError,
 )
@@ -21,7 +22,10 @@ from ecatd.model.errors import ConfigError
 from . import text
 from .ir import Library
 
-_FILTERS = {
+OURS = "ecatgen"
+"""What a template of the user writes before the name of one of ours, to include it."""
+
+FILTERS = {
     "string": text.modelica_string,
     "html": text.modelica_html,
     "integer": text.modelica_integer,
@@ -35,7 +39,9 @@ _FILTERS = {
 def _environment(folders: tuple[Path, ...] = ()) -> Environment:
     ours = PackageLoader("ecatgen", "templates")
     environment = Environment(
-        loader=ChoiceLoader([*(FileSystemLoader(folder) for folder in folders), ours]),
+        loader=ChoiceLoader(
+            [*(FileSystemLoader(folder) for folder in folders), ours, PrefixLoader({OURS: ours})]
+        ),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -43,7 +49,7 @@ def _environment(folders: tuple[Path, ...] = ()) -> Environment:
         autoescape=False,  # the filters escape for the language of each place
         auto_reload=False,
     )
-    environment.filters |= _FILTERS
+    environment.filters |= FILTERS
     _check_names(folders, ours.list_templates())
     return environment
 

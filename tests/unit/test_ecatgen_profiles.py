@@ -1,5 +1,6 @@
 """Device profiles: which entries they are about, what they mean, and what a wrong file is told."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ from ecatd.model.errors import ConfigError
 from ecatgen.build import build_library
 from ecatgen.ir import Connector
 from ecatgen.profiles import Profiles, load_profiles
+from ecatgen.profiles.file import DEVICE, ENTRY
 from ecatgen.units import is_unit, modelica_unit
 
+DOCUMENT = Path(__file__).parents[2] / "docs" / "device-profiles.md"
 HEADER = """[[device]]
 description = "A"
 vendor = 1
@@ -203,3 +206,27 @@ def test_units_of_modelica(unit: str) -> None:
 )
 def test_other_spellings_of_units(unit: str, spelled: str) -> None:
     assert modelica_unit(unit) == spelled
+
+
+def test_the_documentation_has_every_key() -> None:
+    text = DOCUMENT.read_text()
+    for rules in (DEVICE, ENTRY):
+        assert [key for key in rules if key != "entry" and f"`{key}`" not in text] == []
+
+
+def test_the_profile_of_the_documentation(tmp_path: Path) -> None:
+    (example,) = re.findall(r"^```toml\n(.*?)^```", DOCUMENT.read_text(), re.MULTILINE | re.DOTALL)
+    entries = [entry(index, subindex) for index in (0x6000, 0x6010) for subindex in (1, 2, 3, 4)]
+    sensor = slave(*entries, product=0x13)
+    sensor.vendor = 0xF00D
+    (block,) = build_library(Bus("b", 1000, [sensor]), "P", of(tmp_path, example)).blocks
+    assert [(c.kind, c.unit) for c in block.right] == [("Real", "m"), ("Integer", "")] * 2
+    assert [value.name for value in block.right[3].values] == ["no echo", "good", "weak"]
+    assert len(block.variables) == 4
+    assert block.profiles == ("Level sensor LS-2: LS-2 manual, revision C, section 4.3",)
+
+
+def test_the_documentation_names_every_file_of_ours() -> None:
+    folder = Path(__file__).parents[2] / "codegen" / "ecatgen" / "profiles"
+    names = {file.name for file in folder.glob("*.toml")}
+    assert names == set(re.findall(r"`(\w+\.toml)`", DOCUMENT.read_text()))

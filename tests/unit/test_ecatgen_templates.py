@@ -1,15 +1,19 @@
-"""Templates of the user."""
+"""Templates of the user, and their documentation."""
 
+import re
 from pathlib import Path
 
 import pytest
+from pymoca.parser import parse
 
 from ecatd.model.errors import ConfigError
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
+from ecatgen.checks.template_reference import updated
 from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
+DOCUMENT = Path(__file__).parents[2] / "docs" / "templates.md"
 LIBRARY = build_library(sample_buses.troll(), "TrollPlant", load_profiles())
 
 
@@ -51,3 +55,27 @@ def test_a_template_that_replaces_nothing_is_told(tmp_path: Path) -> None:
 def test_a_folder_of_templates_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is no folder"):
         render(LIBRARY, [tmp_path / "nowhere"])
+
+
+def test_the_documentation_has_every_class_attribute_and_filter() -> None:
+    text = DOCUMENT.read_text("utf-8")
+    assert "### Connector" in text
+    assert updated(text) == text, "python -m ecatgen.checks.template_reference docs/templates.md"
+
+
+def test_the_documentation_has_every_template() -> None:
+    folder = Path(__file__).parents[2] / "codegen" / "ecatgen" / "templates"
+    names = {file.name for file in folder.glob("*.j2")}
+    assert len(names) > 5
+    assert names == set(re.findall(r"`([\w.]+\.j2)`", DOCUMENT.read_text()))
+
+
+def test_the_template_of_the_documentation(tmp_path: Path) -> None:
+    (template,) = re.findall(
+        r"^```jinja\n(.*?)^```", DOCUMENT.read_text(), re.MULTILINE | re.DOTALL
+    )
+    made = render(LIBRARY, written(tmp_path, "block_info.html.j2", template))["EL1018.mo"].decode()
+    ours = render(LIBRARY)["EL1018.mo"].decode()
+    added = made.replace('href=\\"https://intranet.example/EL1018\\"', "")
+    assert len(made) > len(added) > len(ours)
+    assert parse(made) is not None

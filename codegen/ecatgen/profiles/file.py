@@ -20,7 +20,7 @@ _MAX_CODE = 0xFFFFFFFF
 _MAX_SUBINDEX = 0xFF
 
 _TOP: Rules = {"device": (list, 0, 0)}
-_DEVICE: Rules = {
+DEVICE: Rules = {
     "description": (str, 0, 0),
     "source": (str, 0, 0),
     "vendor": (int, 0, _MAX_CODE),
@@ -28,7 +28,7 @@ _DEVICE: Rules = {
     "has": (list, 0, 0),
     "entry": (list, 0, 0),
 }
-_ENTRY: Rules = {
+ENTRY: Rules = {
     "index": (int, 1, 0xFFFF),
     "subindex": (object, 0, 0),
     "step": (int, 1, 0xFFFF),
@@ -95,7 +95,7 @@ class _DeviceReader:
 
     def read(self, data: dict[str, Any]) -> Iterator[DeviceProfile]:
         rows = self._reader.check(data, _TOP, "").get("device", [])
-        for row, values in self._reader.rows(rows, _DEVICE, "device"):
+        for row, values in self._reader.rows(rows, DEVICE, "device"):
             yield self._device(values, row)
 
     def _device(self, values: dict[str, Any], row: int) -> DeviceProfile:
@@ -138,7 +138,7 @@ class _DeviceReader:
             self._entry += 1
             if not isinstance(values, dict):
                 self._reader.fail("device", "entry", "must be tables: write [[device.entry]]")
-            checked = self._reader.check(values, _ENTRY, "device.entry", self._entry)
+            checked = self._reader.check(values, ENTRY, "device.entry", self._entry)
             self._reader.need(checked, "index", "device.entry", self._entry)
             scale, offset = self._scaling(checked)
             yield EntryProfile(

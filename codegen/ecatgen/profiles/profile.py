@@ -9,7 +9,12 @@ from ecatd.model.bus import Entry, Slave
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """One number of an enumeration."""
+    """One number of an enumeration.
+
+    Attributes:
+        number: The number.
+        name: What it stands for.
+    """
 
     number: int
     name: str
