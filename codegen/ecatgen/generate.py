@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
+from ecatd.model import bus_file
 from ecatd.model.bus import Bus
+from ecatd.model.errors import UsageError
 
 from . import scan, static_library
 from .build import build_library
-from .output import Report, install
+from .differences import compare
+from .ir import Library
+from .output import Report, Tree, install
 from .profiles import load_profiles
 from .render import render
 
 
 def generate(
-    bus: Bus, name: str, out: Path, profiles: Iterable[Path] = (), templates: Iterable[Path] = ()
+    bus: Bus,
+    name: str,
+    out: Path,
+    profiles: Iterable[Path] = (),
+    templates: Iterable[Path] = (),
+    *,
+    check: bool = False,
+    force: bool = False,
 ) -> Report:
     """Writes the Modelica library for a bus, and a copy of the library EtherCAT beside it.
 
-    The same bus and name give the same bytes. An earlier result in `out` is replaced.
+    The same bus and name give the same bytes. An earlier result in `out` is replaced; files that
+    were not generated stay where they are.
 
     Args:
         bus: Description of the bus.
@@ -27,18 +41,66 @@ def generate(
         out: Directory that the folders `name` and `EtherCAT` are written to.
         profiles: Folders with device profiles of the user; an earlier one wins.
         templates: Folders with templates of the user; an earlier one wins.
+        check: Write nothing, only report what would change.
+        force: Replace generated files that the user has changed, and keep those under another
+            name; without it they are an error.
 
     Raises:
         ConfigError: A device profile or a template is wrong.
         UsageError: The name cannot be that of a Modelica library.
-        StateError: The folders hold files that were not generated, or changed since.
+        StateError: Files of the user stand in the way of generated ones.
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
-    made = scan.essence(bus)
-    library = build_library(made, name, load_profiles(profiles))
-    packages = {
-        static_library.NAME: static_library.static_files(),
-        library.name: render(library, templates) | {scan.PATH: scan.scan_file(made)},
-    }
-    return install(out, packages, library.name)
+    generator = _Generator(name, profiles, templates)
+    bus = scan.essence(bus)
+    library = generator.library(bus)
+    files = generator.files(bus, library)
+    before = _before(out / library.name)
+    packages = {static_library.NAME: static_library.static_files(), library.name: files}
+    report = install(out, packages, library.name, check=check, force=force)
+    if before is None or not report.is_change:
+        return report
+    old = generator.library(before)
+    differences = compare((before, old), (bus, library))
+    again = generator.files(before, old) if differences else files
+    return replace(report, differences=differences, otherwise=_otherwise(report, files, again))
+
+
+class _Generator:
+    """All that decides what a library of a bus is."""
+
+    def __init__(self, name: str, profiles: Iterable[Path], templates: Iterable[Path]) -> None:
+        self._name = name
+        self._profiles = load_profiles(profiles)
+        self._templates = list(templates)
+
+    def library(self, bus: Bus) -> Library:
+        return build_library(bus, self._name, self._profiles)
+
+    def files(self, bus: Bus, library: Library) -> Tree:
+        return render(library, self._templates) | {scan.PATH: scan.scan_file(bus)}
+
+
+def _before(folder: Path) -> Bus | None:
+    """The bus that an earlier run has made a library of; None where that is not known."""
+    with suppress(UsageError):
+        return scan.essence(bus_file.load(folder / scan.PATH))
+    return None
+
+
+def _otherwise(report: Report, files: Tree, again: Tree) -> tuple[str, ...]:
+    """Files that are generated otherwise than before, though the bus has no part in it.
+
+    Args:
+        report: What was written.
+        files: The library.
+        again: The library of the bus before, as it is generated now.
+    """
+    prefix = f"{report.library.name}/"
+    return tuple(
+        path
+        for path in report.regenerated
+        if not path.startswith(prefix)
+        or files.get(path.removeprefix(prefix)) == again.get(path.removeprefix(prefix))
+    )

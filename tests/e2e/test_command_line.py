@@ -177,19 +177,45 @@ def test_generate_writes_a_library_and_loses_nothing(troll: Daemon, tmp_path: Pa
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     troll.ctl("generate", "TrollPlant", str(out))
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-    mine = out / "TrollPlant" / "mine.mo"
-    mine.write_text("within TrollPlant; model mine end mine;")
-    refused = troll.ctl("generate", "TrollPlant", str(out), check=False)
-    assert refused.returncode == 7
-    assert "mine.mo" in one_line_error(refused.stderr, "ecatctl")
-    assert mine.exists()
-    mine.unlink()
+    mine = out / "TrollPlant" / "Mine.mo"
+    mine.write_text("within TrollPlant; model Mine end Mine;")
+    order = out / "TrollPlant" / "package.order"
+    assert troll.ctl("generate", "TrollPlant", str(out)).returncode == 0
+    assert order.read_bytes() == before[order] + b"Mine\n"
     edited = out / "TrollPlant" / "EL1018.mo"
     edited.write_text(edited.read_text() + "\n")
     refused = troll.ctl("generate", "TrollPlant", str(out), check=False)
     assert refused.returncode == 7
-    assert "EL1018.mo" in refused.stderr
+    assert "EL1018.mo (changed)" in one_line_error(refused.stderr, "ecatctl")
     assert edited.read_bytes() == before[edited] + b"\n"
+    forced = troll.ctl("generate", "TrollPlant", str(out), "--force")
+    assert "TrollPlant/EL1018.mo is kept as TrollPlant/EL1018.mo.orig\n" in forced.stdout
+    assert edited.read_bytes() == before[edited]
+    assert edited.with_name("EL1018.mo.orig").read_bytes() == before[edited] + b"\n"
+    assert mine.exists()
+
+
+def test_check_tells_what_would_change(troll: Daemon, tmp_path: Path) -> None:
+    out = str(tmp_path / "out")
+    none = troll.ctl("generate", "Plant", out, "--check", check=False)
+    assert none.returncode == 1
+    assert "Plant would change: " in none.stdout
+    assert not Path(out).exists()
+    troll.ctl("generate", "Plant", out)
+    same = troll.ctl("generate", "Plant", out, "--check")
+    assert same.stdout == f"{out}/Plant: nothing would change\n"
+    other = ("generate", "Plant", out, "--from", "line:2", "--check")
+    text = troll.ctl(*other, check=False)
+    assert text.returncode == 1
+    first, *_ = text.stdout.splitlines()
+    assert first == "slave 0 GoldGCONDrive: is gone (Gold EtherCAT GCON Drive, revision 0x00010420)"
+    data = troll.ctl(*other, "--json", check=False)
+    assert data.returncode == 1
+    document = json.loads(data.stdout)
+    assert document["changed"] is True
+    assert document["differences"][0]["text"] == first
+    assert (document["differences"][0]["kind"], document["differences"][0]["slave"]) == ("gone", 0)
+    assert troll.ctl("generate", "Plant", out, "--check").stdout == same.stdout
 
 
 @pytest.mark.parametrize("name", ["Troll-Plant", "9Plant", "model", "EtherCAT", "Modelica", ""])

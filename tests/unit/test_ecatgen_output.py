@@ -2,15 +2,15 @@
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
-import ecatgen.output
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
 from ecatgen import generate
 from ecatgen.checks import sample_buses
-from ecatgen.output import MANIFEST, install
+from ecatgen.output import MANIFEST, Report, install
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -21,9 +21,15 @@ def contents(folder: Path) -> dict[str, bytes]:
     }
 
 
-def put(out: Path, **files: str) -> ecatgen.output.Report:
-    tree = {name.replace("_", "/"): text.encode() for name, text in files.items()}
-    return install(out, {"Plant": tree}, "Plant")
+def files(folder: Path) -> dict[str, bytes]:
+    """The same without the manifest."""
+    found = contents(folder)
+    return {path: data for path, data in found.items() if not path.endswith(MANIFEST)}
+
+
+def put(out: Path, *, check: bool = False, force: bool = False, **names: str) -> Report:
+    tree = {name.replace("_", "/"): text.encode() for name, text in names.items()}
+    return install(out, {"Plant": tree}, "Plant", check=check, force=force)
 
 
 def test_the_same_bus_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -64,7 +70,7 @@ def test_what_a_new_run_does_not_need_is_removed(tmp_path: Path) -> None:
     assert report.unchanged == ("Plant/a",)
     assert report.removed == ("Plant/sub/c",)
     assert set(contents(tmp_path)) == {"Plant/a", "Plant/b", f"Plant/{MANIFEST}"}
-    assert report.summary().startswith(f"{tmp_path / 'Plant'}: 1 files written, 1 unchanged, 1 rem")
+    assert report.summary().startswith(f"{tmp_path / 'Plant'}: 1 file written, 1 unchanged, 1 rem")
     assert json.dumps(report.to_dict())
 
 
@@ -75,61 +81,152 @@ def test_a_file_that_was_deleted_comes_back(tmp_path: Path) -> None:
     assert contents(tmp_path)["Plant/a"] == b"1"
 
 
-def refused(out: Path, **files: str) -> str:
+def refused(out: Path, **names: str) -> str:
     before = contents(out)
     with pytest.raises(StateError) as caught:
-        put(out, **files)
+        put(out, **names)
     assert contents(out) == before
     return str(caught.value)
 
 
-def test_a_foreign_file_is_not_lost(tmp_path: Path) -> None:
-    put(tmp_path, a="1")
-    (tmp_path / "Plant" / "notes").mkdir()
-    (tmp_path / "Plant" / "notes" / "mine.txt").write_text("mine")
-    message = refused(tmp_path, a="2")
-    assert "notes/mine.txt (not generated)" in message
-    assert "Move them away, or choose another directory; nothing was written" in message
-
-
 def test_an_edited_file_is_not_lost(tmp_path: Path) -> None:
-    put(tmp_path, a="1", b="2")
+    put(tmp_path, a="1", b="2", sub_c="3")
     (tmp_path / "Plant" / "a").write_text("mine")
-    assert "a (changed)" in refused(tmp_path, a="1", b="2")
+    (tmp_path / "Plant" / "sub" / "c").write_text("mine, too")
+    message = refused(tmp_path, a="1", b="2")
+    assert message.startswith(f"{tmp_path / 'Plant'} holds files of yours that stand in the way: ")
+    assert "a (changed), sub/c (changed, and not generated any more). Move them away" in message
+    assert message.endswith("or add --force, which keeps them as '….orig'; nothing was written")
+    report = put(tmp_path, force=True, a="1", b="2")
+    copies = {"Plant/a": "Plant/a.orig", "Plant/sub/c": "Plant/sub/c.orig"}
+    assert (dict(report.copies), report.kept, report.removed) == (copies, (), ())
+    assert files(tmp_path) == {
+        "Plant/a": b"1",
+        "Plant/a.orig": b"mine",
+        "Plant/b": b"2",
+        "Plant/sub/c.orig": b"mine, too",
+    }
+    (tmp_path / "Plant" / "a").write_text("again")
+    assert put(tmp_path, force=True, a="1").copies == (("Plant/a", "Plant/a.orig2"),)
+    assert files(tmp_path)["Plant/a.orig"] == b"mine"
+
+
+def test_files_of_the_user_stay_where_they_are(tmp_path: Path) -> None:
+    put(tmp_path, a="1", sub_b="2")
+    plant = tmp_path / "Plant"
+    (plant / "notes" / "deep").mkdir(parents=True)
+    (plant / "notes" / "mine.txt").write_text("mine")
+    (plant / "notes" / "empty").mkdir()
+    (plant / "sub" / ".hidden").write_text("mine")
+    (plant / "link").symlink_to("notes/mine.txt")
+    (plant / "nowhere").symlink_to("/nowhere")
+    os.mkfifo(plant / "pipe")
+    plant.chmod(0o2775)
+    (plant / "notes").chmod(0o711)
+    before = (plant / "notes" / "mine.txt").stat()
+    report = put(tmp_path, a="2")
+    assert report.kept == tuple(
+        f"Plant/{name}" for name in ("link", "notes/mine.txt", "nowhere", "pipe", "sub/.hidden")
+    )
+    assert (report.written, report.removed) == (("Plant/a",), ("Plant/sub/b",))
+    after = (plant / "notes" / "mine.txt").stat()
+    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    assert (plant / "notes" / "empty").is_dir()
+    assert (plant / "link").readlink() == Path("notes/mine.txt")
+    assert (plant / "nowhere").is_symlink()
+    assert (plant / "pipe").is_fifo()
+    assert plant.stat().st_mode & 0o7777 == 0o2775
+    assert (plant / "notes").stat().st_mode & 0o777 == 0o711
+    assert not put(tmp_path, a="2").is_change
+
+
+def test_unchanged_files_are_not_written_again(tmp_path: Path) -> None:
+    put(tmp_path, a="1", b="2")
+    before = (tmp_path / "Plant" / "a").stat()
+    put(tmp_path, a="1", b="3")
+    after = (tmp_path / "Plant" / "a").stat()
+    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+
+
+def test_a_new_file_in_the_place_of_one_of_the_user(tmp_path: Path) -> None:
+    put(tmp_path, a="1")
+    (tmp_path / "Plant" / "b").write_text("mine")
+    assert "b (not generated)" in refused(tmp_path, a="1", b="2")
+    put(tmp_path, force=True, a="1", b="2")
+    assert files(tmp_path)["Plant/b.orig"] == b"mine"
+    put(tmp_path / "same", a="1")
+    (tmp_path / "same" / "Plant" / "b").write_text("2")
+    assert put(tmp_path / "same", a="1", b="2").unchanged == ("Plant/a", "Plant/b")
+
+
+def test_a_file_in_the_place_of_a_folder_and_the_other_way_round(tmp_path: Path) -> None:
+    put(tmp_path, a="1")
+    plant = tmp_path / "Plant"
+    (plant / "sub").write_text("mine")
+    (plant / "b" / "deep").mkdir(parents=True)
+    (plant / "b" / "deep" / "x").write_text("mine, too")
+    (plant / "c").mkdir()
+    message = refused(tmp_path, a="1", sub_x="2", b="3", c="4")
+    assert "b (in the place of a file), sub (in the place of a folder)" in message
+    put(tmp_path, force=True, a="1", sub_x="2", b="3", c="4")
+    assert files(tmp_path) == {
+        "Plant/a": b"1",
+        "Plant/b": b"3",
+        "Plant/b.orig/deep/x": b"mine, too",
+        "Plant/c": b"4",
+        "Plant/sub.orig": b"mine",
+        "Plant/sub/x": b"2",
+    }
 
 
 def test_a_directory_of_someone_else_is_not_touched(tmp_path: Path) -> None:
     (tmp_path / "Plant").mkdir()
-    for n in range(12):
-        (tmp_path / "Plant" / f"{n:02}.mo").write_text("mine")
-    message = refused(tmp_path, a="1")
-    assert "07.mo (not generated) and 4 more" in message
+    (tmp_path / "Plant" / "b").write_text("mine")
+    assert "was not generated: there is no .ecatgen.json in it" in refused(tmp_path, a="1")
+    put(tmp_path, force=True, a="1", b="2")
+    assert files(tmp_path) == {"Plant/a": b"1", "Plant/b": b"2", "Plant/b.orig": b"mine"}
+
+
+def test_many_conflicts_are_counted(tmp_path: Path) -> None:
+    names = {f"f{n:02}": "1" for n in range(12)}
+    put(tmp_path, **names)
+    for name in names:
+        (tmp_path / "Plant" / name).write_text("mine")
+    assert "f07 (changed) and 4 more. Move" in refused(tmp_path, **names)
 
 
 def test_links_are_not_followed(tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    (elsewhere / "precious").write_text("mine")
+    (elsewhere / "precious").write_text("1")
     out = tmp_path / "out"
-    put(out, a="1")
-    (out / "Plant" / "link").symlink_to(elsewhere)
-    assert "link (not generated)" in refused(out, a="2")
-    (out / "Plant" / "link").unlink()
+    put(out, a="1", sub_b="2")
     (out / "Plant" / "a").unlink()
     (out / "Plant" / "a").symlink_to(elsewhere / "precious")
-    assert "a (changed)" in refused(out, a="2")
+    assert "a (changed)" in refused(out, a="1", sub_b="2")
+    put(out, force=True, a="3", sub_b="2")
+    assert (out / "Plant" / "a.orig").is_symlink()
+    shutil.rmtree(out / "Plant" / "sub")
+    (out / "Plant" / "sub").symlink_to(elsewhere)
+    assert "sub (in the place of a folder)" in refused(out, a="3", sub_b="2")
+    put(out, force=True, a="3", sub_b="2")
+    assert (out / "Plant" / "sub.orig").is_symlink()
+    assert files(out)["Plant/sub/b"] == b"2"
     other = tmp_path / "other"
     other.mkdir()
     (other / "Plant").symlink_to(elsewhere)
-    assert "is not a directory that this program has made" in refused(other, a="1")
-    assert (elsewhere / "precious").read_text() == "mine"
+    assert f"Plant is a link to {elsewhere}: give the directory" in refused(other, a="1")
+    assert contents(elsewhere) == {"precious": b"1"}
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 2, "files": {}}', '{"schema": 1}'])
 def test_a_damaged_manifest_is_no_licence_to_overwrite(tmp_path: Path, text: str) -> None:
-    put(tmp_path, a="1")
+    put(tmp_path, a="1", b="2")
     (tmp_path / "Plant" / MANIFEST).write_text(text)
-    assert "is damaged" in refused(tmp_path, a="2")
+    assert "has a damaged .ecatgen.json, so nobody knows" in refused(tmp_path, a="2", b="2")
+    put(tmp_path, force=True, a="2", b="2")
+    assert files(tmp_path) == {"Plant/a": b"2", "Plant/a.orig": b"1", "Plant/b": b"2"}
+    assert not put(tmp_path, a="2", b="2").is_change
 
 
 def test_an_empty_directory_is_taken(tmp_path: Path) -> None:
@@ -138,38 +235,77 @@ def test_an_empty_directory_is_taken(tmp_path: Path) -> None:
     assert contents(tmp_path)["Plant/a"] == b"1"
 
 
-def test_a_file_that_comes_in_the_middle_is_not_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    put(tmp_path, a="1")
-    write = ecatgen.output._write
+def test_classes_of_the_user_come_behind_the_generated_ones(tmp_path: Path) -> None:
+    tree = {
+        "package.mo": b"",
+        "package.order": b"Examples\nEL1018\nfingerprint\n",
+        "EL1018.mo": b"",
+        "Examples/package.mo": b"",
+        "Examples/package.order": b"AllSlaves\n",
+        "Examples/AllSlaves.mo": b"",
+    }
 
-    def write_and_edit(*arguments: object) -> None:
-        write(*arguments)  # type: ignore[arg-type]
-        (tmp_path / "Plant" / "mine").write_text("mine")
+    def write(**options: bool) -> Report:
+        return install(tmp_path, {"Plant": tree}, "Plant", **options)
 
-    monkeypatch.setattr(ecatgen.output, "_write", write_and_edit)
-    with pytest.raises(StateError, match=r"mine \(not generated\)"):
-        put(tmp_path, a="2")
-    assert contents(tmp_path)["Plant/mine"] == b"mine"
-    assert contents(tmp_path)["Plant/a"] == b"1"
-    assert [path.name for path in tmp_path.iterdir()] == ["Plant"]
+    write()
+    plant = tmp_path / "Plant"
+    (plant / "Mine").mkdir()
+    for name in ("Mine/package.mo", "Mine/Inner.mo", "Zebra.mo", "Ape.mo", "no-class.mo", "x.txt"):
+        (plant / name).write_text("mine")
+    (plant / "Examples" / "Own.mo").write_text("mine")
+    (plant / "package.order").write_text("Zebra\nEL1018\nExamples\nfingerprint\nGone\n")
+    assert write().written == ("Plant/Examples/package.order", "Plant/package.order")
+    assert (plant / "package.order").read_text().split() == [
+        *("Examples", "EL1018", "fingerprint", "Zebra", "Ape", "Mine")
+    ]
+    assert (plant / "Examples" / "package.order").read_text().split() == ["AllSlaves", "Own"]
+    assert not (plant / "Mine" / "package.order").exists()
+    assert not write(check=True).is_change
+    (plant / "fingerprint.mo").write_text("mine")
+    (plant / "EL1018").mkdir()
+    (plant / "EL1018" / "package.mo").write_text("mine")
+    with pytest.raises(StateError) as caught:
+        write()
+    assert "EL1018 (has the name of a generated class), fingerprint.mo (has" in str(caught.value)
+    write(force=True)
+    assert (plant / "EL1018.orig" / "package.mo").read_text() == "mine"
+    assert "EL1018.orig" not in (plant / "package.order").read_text()
+    (plant / "Ape.mo").unlink()
+    write()
+    assert "Ape" not in (plant / "package.order").read_text()
 
 
-def test_a_run_that_fails_leaves_everything_as_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    put(tmp_path, a="1")
-    before = contents(tmp_path)
+def test_check_says_what_would_change_and_writes_nothing(tmp_path: Path) -> None:
+    def checked(**names: str) -> Report:
+        before = contents(tmp_path)
+        report = put(tmp_path, check=True, **names)
+        assert contents(tmp_path) == before
+        return report
 
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(ecatgen.output, "_write", fail)
-    with pytest.raises(StateError, match="No space"):
-        put(tmp_path, a="2")
-    assert contents(tmp_path) == before
-    assert [path.name for path in tmp_path.iterdir()] == ["Plant"]
+    assert checked(a="1").written == ("Plant/a",)
+    assert not (tmp_path / "Plant").exists()
+    put(tmp_path, a="1", b="2")
+    assert checked(a="1", b="2").would() == f"{tmp_path / 'Plant'}: nothing would change"
+    (tmp_path / "Plant" / "mine").write_text("mine")
+    report = checked(a="3")
+    assert (report.written, report.removed, report.kept) == (
+        *(("Plant/a",), ("Plant/b",), ("Plant/mine",)),
+    )
+    assert report.would() == (
+        f"{tmp_path / 'Plant'} would change: 1 file written, 0 unchanged, 1 removed, "
+        "1 of yours kept"
+    )
+    (tmp_path / "Plant" / "a").write_text("changed")
+    report = checked(a="1", b="2")
+    assert report.conflicts == (("Plant/a", "changed"),)
+    assert report.is_change
+    assert "would be refused without --force because of Plant/a (changed)" in report.would()
+    assert report.to_dict()["conflicts"] == {"Plant/a": "changed"}
+    (tmp_path / "Plant" / MANIFEST).unlink()
+    assert ("Plant", "was not generated: there is no .ecatgen.json in it") in checked().conflicts
+    assert put(tmp_path / "none" / "there", check=True, a="1").is_change
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_file_in_the_place_of_the_directory(tmp_path: Path) -> None:
@@ -179,7 +315,7 @@ def test_a_file_in_the_place_of_the_directory(tmp_path: Path) -> None:
     with pytest.raises(StateError, match="it is no directory"):
         put(tmp_path / "out" / "deeper", a="1")
     (tmp_path / "Plant").write_text("mine")
-    with pytest.raises(StateError, match="is not a directory that this program has made"):
+    with pytest.raises(StateError, match="is in the way: it is no directory"):
         put(tmp_path, a="1")
 
 

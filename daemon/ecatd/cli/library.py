@@ -6,7 +6,7 @@ import argparse
 import shlex
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, UsageError
@@ -14,29 +14,39 @@ from ecatd.model.errors import EcatError, UsageError
 from .bus_source import get_bus
 from .output import print_json
 
-if TYPE_CHECKING:
-    from ecatgen import Report
-    from ecatgen.fmu import FmuReport
+CHANGES = 1
+"""Exit status of `generate --check` where something would change."""
 
 
-def generate(options: argparse.Namespace) -> None:
-    """Writes a Modelica library, or an FMU, for the bus."""
+def generate(options: argparse.Namespace) -> int:
+    """Writes a Modelica library, or an FMU, for the bus, or says what that would change."""
     if options.fmi and not options.fmu:
         raise UsageError("--fmi is the version of an FMU: say --fmu, too")
+    if options.fmu and (options.check or options.force):
+        raise UsageError("--check and --force are about libraries: leave them out with --fmu")
     bus = get_bus(options)
-    report = _write(bus, options)
-    if options.json:
-        print_json({"bus": bus.name, **report.to_dict()})
-        return
-    print(report.summary())
-
-
-def _write(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
-    from ecatgen import fmu, generate  # only this command needs the templates
-
+    # Only this command needs the templates.
     if options.fmu:
-        return fmu.generate_fmu(bus, options.name, options.out, options.fmi or 2)
-    return generate(bus, options.name, options.out)
+        from ecatgen.fmu import generate_fmu
+
+        made = generate_fmu(bus, options.name, options.out, options.fmi or 2)
+        _tell(options, bus, made.to_dict(), [made.summary()])
+        return 0
+    from ecatgen import generate as generate_library
+
+    report = generate_library(
+        bus, options.name, options.out, check=options.check, force=options.force
+    )
+    last = report.would() if options.check else report.summary()
+    _tell(options, bus, report.to_dict(), [*report.details(), last])
+    return CHANGES if options.check and report.is_change else 0
+
+
+def _tell(options: argparse.Namespace, bus: Bus, data: dict[str, Any], lines: list[str]) -> None:
+    if options.json:
+        print_json({"bus": bus.name, **data})
+    else:
+        print("\n".join(lines))
 
 
 def client_flags(options: argparse.Namespace) -> None:

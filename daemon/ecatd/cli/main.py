@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
@@ -25,6 +26,7 @@ _EPILOG = """\
 exit status:
   0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
   6 not permitted   7 wrong state or no such slave   70 a defect of ours
+  1 only by generate --check: something would change
 
 The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another host.
 """
@@ -231,6 +233,17 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--fmi", type=int, choices=(2, 3), help="with --fmu: version of FMI (default: 2)"
     )
+    how = command.add_mutually_exclusive_group()
+    how.add_argument(
+        "--check",
+        action="store_true",
+        help="write nothing, say what would change; then the exit status is 1",
+    )
+    how.add_argument(
+        "--force",
+        action="store_true",
+        help="also replace generated files that were changed by hand, and keep those as FILE.orig",
+    )
     command = commands.add_parser(
         "client-flags",
         help="Print compiler flags for C and C++ programs.",
@@ -269,6 +282,9 @@ def main() -> int:
         return _main()
     except KeyboardInterrupt:
         return 130
+    except Exception:  # Python would end with 1, which is no defect but an answer of --check
+        traceback.print_exc()
+        return EcatError.exit_code
 
 
 def _main() -> int:

@@ -1,0 +1,225 @@
+"""What is different between two buses, as their libraries show it: by slave and connector."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import groupby
+
+from ecatd.model.bus import Bus, Domain, Slave
+
+from .ir import Block, Connector, Library
+from .profiles import Value
+
+_ASPECTS = (
+    ("type_name", ""),
+    ("bit_length", "bits"),
+    ("kind", "type in Modelica"),
+    ("unit_name", "unit"),
+    ("scale", "scale"),
+    ("offset", "offset"),
+    ("modifiers", "modifiers"),
+    ("values", "named values"),
+    ("pdo_name", "PDO"),
+    ("entry_name", "name on the slave"),
+)
+"""Attributes of a connector, and how they are called."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One thing that is different.
+
+    Attributes:
+        slave: Position of the slave on the new bus, or on the old one if it is gone; None where
+            it is about the whole bus.
+        block: Class of its block.
+        connector: The connector, or empty.
+        kind: `new`, `gone`, `renamed`, `moved` or `changed`.
+        text: What it is, without the slave.
+        before: What it was, or empty.
+        after: What it is now, or empty.
+    """
+
+    slave: int | None
+    block: str
+    connector: str
+    kind: str
+    text: str
+    before: str = ""
+    after: str = ""
+
+    @property
+    def label(self) -> str:
+        """The slave as messages begin."""
+        return "bus" if self.slave is None else f"slave {self.slave} {self.block}"
+
+    def to_dict(self) -> dict[str, str | int | None]:
+        """The difference as data, for JSON."""
+        return asdict(self) | {"text": f"{self.label}: {self.text}"}
+
+
+def lines(differences: Iterable[Difference]) -> list[str]:
+    """The differences as text; slaves in a row that were moved by the same way share a line."""
+
+    def row(numbered: tuple[int, Difference]) -> tuple[int, int] | None:
+        number, item = numbered
+        if item.kind != "moved":
+            return None
+        return int(item.before) - number, int(item.after) - number
+
+    result = []
+    for places, group in groupby(enumerate(differences), row):
+        items = [item for _, item in group]
+        if places is None or len(items) == 1:
+            result += [f"{item.label}: {item.text}" for item in items]
+            continue
+        first, last = items[0], items[-1]
+        result.append(
+            f"slaves {first.slave} to {last.slave}: moved, were slaves {first.before} to "
+            f"{last.before}"
+        )
+    return result
+
+
+def compare(old: tuple[Bus, Library], new: tuple[Bus, Library]) -> tuple[Difference, ...]:
+    """The differences between two buses.
+
+    Args:
+        old: The bus before, and its library as this generator makes it.
+        new: The same of now.
+    """
+    pairs = _pairs(old[0].slaves, new[0].slaves)
+    found = list(_of_bus(old[0], new[0]))
+    gone = {n for n, _ in enumerate(old[1].blocks)} - {before for before, _ in pairs}
+    found += [
+        Difference(n, old[1].blocks[n].name, "", "gone", f"is gone ({_label(old[1].blocks[n])})")
+        for n in sorted(gone)
+    ]
+    before_of = {after: before for before, after in pairs}
+    moved = []
+    for n, block in enumerate(new[1].blocks):
+        if n not in before_of:
+            found.append(
+                Difference(n, block.name, "", "new", f"is new ({_label(block)})", "", block.name)
+            )
+            continue
+        m = before_of[n]
+        if m != n:
+            moved.append(
+                Difference(n, block.name, "", "moved", f"moved, was slave {m}", str(m), str(n))
+            )
+        in_block = list(_of_block(old[1].blocks[m], block))
+        if not in_block and not _alike(old[0].slaves[m], new[0].slaves[n]):
+            text = "has other PDOs, padding, domain or safe values"
+            in_block.append(Difference(n, block.name, "", "changed", text))
+        found += in_block
+    return (*found, *moved)
+
+
+def _label(block: Block) -> str:
+    return f"{block.slave_label}, revision 0x{block.revision:08X}"
+
+
+def _alike(one: Slave, other: Slave) -> bool:
+    return replace(one, position=0) == replace(other, position=0)
+
+
+# --- which slave is which ------------------------------------------------------------------------
+
+
+def _pairs(old: Sequence[Slave], new: Sequence[Slave]) -> list[tuple[int, int]]:
+    """Positions of the same slave before and now: in a row as long as possible, else by type."""
+    one, other = ([(slave.vendor, slave.product) for slave in slaves] for slaves in (old, new))
+    start = 0
+    while start < min(len(one), len(other)) and one[start] == other[start]:
+        start += 1
+    matcher = difflib.SequenceMatcher(None, one[start:], other[start:], autojunk=False)
+    pairs = [(n, n) for n in range(start)]
+    for block in matcher.get_matching_blocks():
+        pairs += [(start + block.a + n, start + block.b + n) for n in range(block.size)]
+    left = [n for n in range(len(one)) if n not in {a for a, _ in pairs}]
+    for n in sorted(set(range(len(other))) - {b for _, b in pairs}):
+        m = next((m for m in left if one[m] == other[n]), None)
+        if m is not None:
+            left.remove(m)
+            pairs.append((m, n))
+    return pairs
+
+
+# --- what is different ---------------------------------------------------------------------------
+
+
+def _of_bus(old: Bus, new: Bus) -> Iterator[Difference]:
+    facts = (
+        ("name", old.name, new.name),
+        ("cycle", f"{old.cycle_time_us} µs", f"{new.cycle_time_us} µs"),
+        ("domains:", _domains(old), _domains(new)),
+    )
+    for what, before, after in facts:
+        if before != after:
+            text = f"{what} was {before}, is {after}"
+            yield Difference(None, "", "", "changed", text, before, after)
+
+
+def _domains(bus: Bus) -> str:
+    return ", ".join(
+        f"{domain.name or number} (every {domain.divider}, phase {domain.phase})"
+        for number, domain in enumerate(bus.domains or [Domain()])
+    )
+
+
+def _of_block(old: Block, new: Block) -> Iterator[Difference]:
+    def told(
+        kind: str, text: str, before: str = "", after: str = "", connector: str = ""
+    ) -> Difference:
+        return Difference(new.position, new.name, connector, kind, text, before, after)
+
+    if old.name != new.name:
+        text = f"its class was {old.name}, is {new.name}: models that use it must follow"
+        yield told("renamed", text, old.name, new.name)
+    if old.slave_name != new.slave_name:
+        text = f"calls itself '{new.slave_name}', was '{old.slave_name}'"
+        yield told("changed", text, old.slave_name, new.slave_name)
+    if old.revision != new.revision:
+        before, after = f"0x{old.revision:08X}", f"0x{new.revision:08X}"
+        yield told("changed", f"revision was {before}, is {after}", before, after)
+    ours, theirs = _connectors(old), _connectors(new)
+    for place in [*ours, *(place for place in theirs if place not in ours)]:
+        direction, address = place
+        one, other = ours.get(place), theirs.get(place)
+        if other is None and one is not None:
+            text = f"connector {one.name} is gone ({direction} {address})"
+            yield told("gone", text, one.name, "", one.name)
+        elif one is None and other is not None:
+            text = f"connector {other.name} is new ({direction} {address}, {other.type_name})"
+            yield told("new", text, "", other.name, other.name)
+        elif one is not None and other is not None:
+            if one.name != other.name:
+                text = f"connector {one.name} is now called {other.name} ({direction} {address})"
+                yield told("renamed", text, one.name, other.name, other.name)
+            for what, before, after in _aspects(one, other):
+                text = f"connector {other.name}: {what}was {before}, is {after}"
+                yield told("changed", text, before, after, other.name)
+
+
+def _connectors(block: Block) -> dict[tuple[str, str], Connector]:
+    found = {("output", item.address): item for item in block.writes}
+    return found | {("input", item.address): item for item in block.reads}
+
+
+def _aspects(old: Connector, new: Connector) -> Iterator[tuple[str, str, str]]:
+    for attribute, word in _ASPECTS:
+        before, after = (_text(getattr(item, attribute)) for item in (old, new))
+        implied = attribute == "bit_length" and old.type_name != new.type_name
+        if before != after and not implied:
+            yield f"{word} " if word else "", before, after
+
+
+def _text(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(_text, value)) or "nothing"
+    if isinstance(value, Value):
+        return f"{value.number} {value.name}"
+    return str(value) if value != "" else "nothing"

@@ -1,0 +1,15 @@
+"""Puts generated packages into a directory: whole, and without losing a file of the user.
+
+```
+folder   what is in the folder of a package now, and which of it is ours (the manifest)
+order    package.order with the classes of the user behind the generated ones
+plan     what is written, removed and kept; what stands in the way
+swap     the new folder is made beside the old one, and then takes its place
+```
+"""
+
+from .folder import MANIFEST, Tree
+from .install import install
+from .report import Report
+
+__all__ = ["MANIFEST", "Report", "Tree", "install"]

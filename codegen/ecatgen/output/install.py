@@ -1,0 +1,102 @@
+"""Packages into a directory, all of it or nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from ecatd.model.errors import NotPermittedError, StateError
+
+from . import swap
+from .folder import MANIFEST, Tree, read_folder
+from .plan import Plan, make_plan, refuse
+from .report import Report
+
+
+def install(
+    out: Path,
+    packages: Mapping[str, Tree],
+    library: str,
+    *,
+    check: bool = False,
+    force: bool = False,
+) -> Report:
+    """Writes packages into a directory, each of them in one step.
+
+    Files that were not generated stay where they are, and `package.order` names them.
+
+    Args:
+        out: The directory, made if it does not exist.
+        packages: Files of each package by name, in the order in which a tool loads them.
+        library: Name of the package that the report is about.
+        check: Write nothing, only say what would change.
+        force: Where the user has changed generated files, or has files in the places of new ones,
+            keep them under another name; without it, this is an error.
+
+    Raises:
+        StateError: Files of the user stand in the way, or the disk is full; what was there is
+            still there.
+        NotPermittedError: The directory cannot be written.
+    """
+    try:
+        if not check:
+            out.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            if out.is_dir():
+                stack.enter_context(swap.locked(out, shared=check))
+            if not check:
+                swap.clean_up(out)
+            plans = {name: make_plan(read_folder(out / name), packages[name]) for name in packages}
+            copies = {} if check else _carry_out(plans, force=force)
+    except PermissionError as error:
+        what = "read" if check else "written"
+        raise NotPermittedError(
+            f"{error.filename or out} cannot be {what}: {error.strerror}"
+        ) from error
+    except (FileExistsError, NotADirectoryError) as error:
+        raise StateError(f"{error.filename or out} is in the way: it is no directory") from error
+    except OSError as error:
+        raise StateError(f"{error.filename or out} cannot be made: {error.strerror}") from error
+    return _report(out, library, plans, copies)
+
+
+def _carry_out(plans: Mapping[str, Plan], *, force: bool) -> dict[str, str]:
+    """Replaces the folders; returns what the user's files in the way are called now."""
+    if not force:
+        for plan in plans.values():
+            refuse(plan)
+    copies: dict[str, str] = {}
+    for name, plan in plans.items():
+        if plan.is_needed:
+            found = plan.copies | swap.replace(plan)
+            copies |= {f"{name}/{path}": f"{name}/{copy}" for path, copy in found.items()}
+    return copies
+
+
+def _report(
+    out: Path, library: str, plans: Mapping[str, Plan], copies: Mapping[str, str]
+) -> Report:
+    def all_of(attribute: str) -> tuple[str, ...]:
+        paths = {
+            f"{name}/{path}"
+            for name, plan in plans.items()
+            for path in getattr(plan, attribute)
+            if path != MANIFEST
+        }
+        return tuple(sorted(paths - set(copies.values())))
+
+    conflicts = {name: plan.folder.problem for name, plan in plans.items() if plan.folder.problem}
+    for name, plan in plans.items():
+        conflicts |= {f"{name}/{path}": why for path, why in plan.conflicts.items()}
+    return Report(
+        library=out / library,
+        packages=tuple(plans),
+        written=all_of("written"),
+        unchanged=all_of("unchanged"),
+        removed=all_of("removed"),
+        kept=all_of("kept"),
+        copies=tuple(sorted(copies.items())),
+        regenerated=all_of("regenerated"),
+        conflicts=tuple(sorted(conflicts.items())),
+    )

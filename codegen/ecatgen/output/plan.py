@@ -1,0 +1,159 @@
+"""What has to be done to a folder so that it holds the generated files and those of the user."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from ecatd.model.errors import StateError
+
+from . import order
+from .folder import MANIFEST, Folder, Tree, digest, manifest_of, parents
+
+_COPY = ".orig"
+_NAMED = 8  # files that a message names
+
+
+@dataclass(slots=True)
+class Plan:
+    """What is about to be done; paths are relative to the folder.
+
+    Attributes:
+        folder: What is there now.
+        tree: What was generated, by path.
+        files: The same with the manifest, and with the user's classes in every `package.order`.
+        written: Generated files that are new or differ.
+        unchanged: Generated files that are there already.
+        removed: Files of an earlier run that are not generated any more.
+        kept: Places of the user's files in the new folder, with those in the old one.
+        conflicts: What of the user stands in the way, and why.
+        copies: Names under which these are kept, if they have to be.
+        empty: Empty folders of the user.
+    """
+
+    folder: Folder
+    tree: Tree
+    files: dict[str, bytes] = field(default_factory=dict)
+    written: list[str] = field(default_factory=list)
+    unchanged: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
+    kept: dict[str, str] = field(default_factory=dict)
+    conflicts: dict[str, str] = field(default_factory=dict)
+    copies: dict[str, str] = field(default_factory=dict)
+    empty: list[str] = field(default_factory=list)
+
+    @property
+    def regenerated(self) -> list[str]:
+        """Files that are generated otherwise than in the run before, or by one of both only."""
+        before = self.folder.manifest
+        return [
+            path
+            for path in {**before, **self.tree}
+            if path not in before
+            or path not in self.tree
+            or before[path] != digest(self.tree[path])
+        ]
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether the folder will be another one."""
+        return bool(self.written or self.removed or self.conflicts)
+
+    def place(self, path: str) -> str:
+        """Where a file of the user is in the new folder."""
+        for item in (path, *parents(path)):
+            if item in self.copies:
+                return self.copies[item] + path[len(item) :]
+        return path
+
+    def copy_name(self, path: str) -> str:
+        """A free name for a file that has to make room."""
+        name, number = path + _COPY, 1
+        taken = {*self.folder.files, *self.folder.folders, *self.files, *self.copies.values()}
+        while name in taken:
+            number += 1
+            name = f"{path}{_COPY}{number}"
+        return name
+
+
+def make_plan(folder: Folder, tree: Tree) -> Plan:
+    """Compares what is there with what was generated."""
+    plan = Plan(folder, tree)
+    ours = folder.manifest
+    foreign = [
+        path for path in folder.files if path not in ours and path not in tree and path != MANIFEST
+    ]
+    files, clashes = order.merge(tree, folder, foreign)
+    plan.files = files | {MANIFEST: manifest_of(tree)}
+    plan.conflicts |= dict.fromkeys(clashes, "has the name of a generated class")
+    for path in sorted(plan.files):
+        _compare(plan, path)
+    for path in sorted(ours.keys() & folder.files.keys() - plan.files.keys()):
+        if _is_ours(folder, path) or path.rpartition("/")[2] == order.NAME:
+            plan.removed.append(path)
+        else:
+            plan.conflicts[path] = "changed, and not generated any more"
+    _find_blocked(plan, foreign)
+    for path in sorted(plan.conflicts):
+        plan.copies[path] = plan.copy_name(path)
+    moved = plan.conflicts.keys() & folder.files.keys()
+    plan.kept = {plan.place(path): path for path in sorted({*foreign, *moved})}
+    used = {"", *plan.files, *(parent for path in folder.files for parent in parents(path))}
+    plan.empty = sorted(folder.folders.keys() - used)
+    return plan
+
+
+def _compare(plan: Plan, path: str) -> None:
+    """Whether a generated file is there already, and whether it may be overwritten."""
+    folder = plan.folder
+    data = folder.data(path)
+    if data == plan.files[path]:
+        plan.unchanged.append(path)
+        return
+    plan.written.append(path)
+    if path not in folder.files or path == MANIFEST:
+        return
+    if path not in folder.manifest:
+        plan.conflicts[path] = "not generated"
+    elif path.rpartition("/")[2] != order.NAME and not _is_ours(folder, path):
+        plan.conflicts[path] = "changed"
+
+
+def _is_ours(folder: Folder, path: str) -> bool:
+    """Whether a file is as an earlier run has written it."""
+    data = folder.data(path)
+    return data is not None and digest(data) == folder.manifest[path]
+
+
+def _find_blocked(plan: Plan, foreign: Iterable[str]) -> None:
+    """Files where folders have to be, and folders where files have to be."""
+    for path in plan.files:
+        for parent in parents(path):
+            if parent in plan.folder.files and parent not in plan.removed:
+                plan.conflicts[parent] = "in the place of a folder"
+    for path in foreign:
+        for parent in parents(path):
+            if parent in plan.files:
+                plan.conflicts[parent] = "in the place of a file"
+
+
+def refuse(plan: Plan) -> None:
+    """Ends the run if it needed `force`.
+
+    Raises:
+        StateError: Files of the user would have to make room.
+    """
+    path = plan.folder.path
+    if plan.folder.problem:
+        raise StateError(
+            f"{path} {plan.folder.problem}: move it away, choose another directory, or add "
+            f"--force, which keeps what is in the way as '…{_COPY}'; nothing was written"
+        )
+    if plan.conflicts:
+        named = [f"{item} ({why})" for item, why in sorted(plan.conflicts.items())]
+        text = ", ".join(named[:_NAMED])
+        text += f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
+        raise StateError(
+            f"{path} holds files of yours that stand in the way: {text}. Move them away, or add "
+            f"--force, which keeps them as '…{_COPY}'; nothing was written"
+        )

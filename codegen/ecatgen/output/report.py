@@ -1,0 +1,100 @@
+"""What a run has done, or would do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..differences import Difference, lines
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What `generate` has done, or would do; paths are relative to the output directory.
+
+    Attributes:
+        library: Folder of the generated library.
+        packages: Names of all packages that were written, in the order in which a tool loads them.
+        written: Files that are new or have changed.
+        unchanged: Files that were there already.
+        removed: Files of an earlier run that are not needed any more.
+        kept: Files of the user.
+        copies: Files that the user has changed or that were in the way, with their new names.
+        conflicts: The same where they were not moved, with the reason.
+        regenerated: Files that are generated otherwise than in the run before.
+        differences: What is different on the bus, by slave and connector.
+        otherwise: Those of `regenerated` that would be so for the same bus, too.
+    """
+
+    library: Path
+    packages: tuple[str, ...]
+    written: tuple[str, ...]
+    unchanged: tuple[str, ...]
+    removed: tuple[str, ...]
+    kept: tuple[str, ...] = ()
+    copies: tuple[tuple[str, str], ...] = ()
+    conflicts: tuple[tuple[str, str], ...] = ()
+    regenerated: tuple[str, ...] = ()
+    differences: tuple[Difference, ...] = ()
+    otherwise: tuple[str, ...] = ()
+
+    @property
+    def is_change(self) -> bool:
+        """Whether anything is, or would be, another."""
+        return bool(self.written or self.removed or self.conflicts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report as data, for JSON."""
+        return {
+            "library": str(self.library),
+            "changed": self.is_change,
+            "written": list(self.written),
+            "unchanged": list(self.unchanged),
+            "removed": list(self.removed),
+            "kept": list(self.kept),
+            "copies": dict(self.copies),
+            "conflicts": dict(self.conflicts),
+            "differences": [item.to_dict() for item in self.differences],
+            "generator": list(self.otherwise),
+        }
+
+    def details(self) -> list[str]:
+        """What is different, a sentence a line."""
+        text = lines(self.differences)
+        if self.otherwise:
+            text.append(
+                f"{_files(len(self.otherwise))} would differ for the same bus, too: ecatd, a "
+                "profile or a template is not what it was"
+            )
+        text += [f"{path} is kept as {copy}" for path, copy in self.copies]
+        return text
+
+    def summary(self) -> str:
+        """The report as one sentence."""
+        names = [str(self.library.parent / name / "package.mo") for name in self.packages]
+        return (
+            f"{self.library}: {self._counts()}; open {' and then '.join(names)} in a Modelica tool"
+        )
+
+    def would(self) -> str:
+        """What a run would do, as one sentence."""
+        if not self.is_change:
+            return f"{self.library}: nothing would change"
+        text = f"{self.library} would change: {self._counts()}"
+        if self.conflicts:
+            named = ", ".join(f"{path} ({why})" for path, why in self.conflicts)
+            text += f"; it would be refused without --force because of {named}"
+        return text
+
+    def _counts(self) -> str:
+        counts = f"{_files(len(self.written))} written, {len(self.unchanged)} unchanged"
+        if self.removed:
+            counts += f", {len(self.removed)} removed"
+        if self.kept:
+            counts += f", {len(self.kept)} of yours kept"
+        return counts
+
+
+def _files(count: int) -> str:
+    return f"{count} file{'s' * (count != 1)}"

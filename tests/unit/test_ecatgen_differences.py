@@ -1,0 +1,214 @@
+"""What is different between two buses is told by slave and connector."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import ecatgen.build
+from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
+from ecatd.model.datatypes import DataType
+from ecatgen import generate
+from ecatgen.build import build_library
+from ecatgen.checks import sample_buses
+from ecatgen.differences import Difference, compare, lines
+from ecatgen.profiles import load_profiles
+
+PROFILES = load_profiles(())
+
+
+def compared(old: Bus, new: Bus) -> tuple[Difference, ...]:
+    first, second = ((bus, build_library(bus, "Plant", PROFILES)) for bus in (old, new))
+    return compare(first, second)
+
+
+def in_order(slaves: Sequence[Slave]) -> Bus:
+    return Bus("ecat0", 1000, [replace(slave, position=n) for n, slave in enumerate(slaves)])
+
+
+def told(change: Callable[[Bus], None]) -> list[str]:
+    """The lines for a change of `troll`."""
+    new = sample_buses.troll()
+    change(new)
+    return lines(compared(sample_buses.troll(), new))
+
+
+def entry_of(bus: Bus, slave: int, index: int) -> Entry:
+    both = [*bus.slaves[slave].entries(outputs=True), *bus.slaves[slave].entries(outputs=False)]
+    return next(entry for _, entry, _ in both if entry.index == index)
+
+
+def test_nothing_is_different() -> None:
+    assert told(lambda bus: None) == []
+
+
+def test_connectors_come_and_go() -> None:
+    def shorten(bus: Bus) -> None:
+        bus.slaves[3].outputs.pop()
+
+    assert told(shorten) == ["slave 3 EL2008: connector channel8Output is gone (output 0x7070:01)"]
+    new = sample_buses.troll()
+    shorten(new)
+    assert lines(compared(new, sample_buses.troll())) == [
+        "slave 3 EL2008: connector channel8Output is new (output 0x7070:01, BOOLEAN)"
+    ]
+
+
+def test_connectors_change() -> None:
+    def change(bus: Bus) -> None:
+        entry = entry_of(bus, 0, 0x6071)
+        entry.data_type, entry.bit_length = DataType.INTEGER32, 32
+        entry_of(bus, 0, 0x607A).name = "Goal"
+        entry_of(bus, 2, 0x6000).bit_length = 2
+        entry_of(bus, 4, 0x6000).name = "Under range"
+
+    assert told(change) == [
+        "slave 0 GoldGCONDrive: connector targetPosition is now called goal (output 0x607A:00)",
+        "slave 0 GoldGCONDrive: connector goal: name on the slave was Target Position, is Goal",
+        "slave 0 GoldGCONDrive: connector targetTorque: was INTEGER16, is INTEGER32",
+        "slave 2 EL1018: connector channel1Input: bits was 1, is 2",
+        "slave 4 EL3008: connector aiStandardChannel1StatusUnderrange is now called "
+        "underRange (input 0x6000:01)",
+        "slave 4 EL3008: connector underRange: name on the slave was Status__Underrange, is Under "
+        "range",
+    ]
+
+
+def test_units_and_scales() -> None:
+    def scale(bus: Bus) -> None:
+        entry = entry_of(bus, 0, 0x6071)
+        entry.unit, entry.scale = "N.m", 0.5
+
+    text = told(scale)
+    assert "slave 0 GoldGCONDrive: connector targetTorque: unit was nothing, is N.m" in text
+    assert "slave 0 GoldGCONDrive: connector targetTorque: scale was 1.0, is 0.5" in text
+    assert all(line.startswith("slave 0 GoldGCONDrive: connector targetTorque: ") for line in text)
+
+
+def test_slaves_come_go_and_move() -> None:
+    slaves = sample_buses.troll().slaves
+    old = in_order(slaves)
+    assert lines(compared(old, in_order([slaves[0], *slaves]))) == [
+        "slave 1 GoldGCONDrive_2: is new (Gold EtherCAT GCON Drive, revision 0x00010420)",
+        "slaves 2 to 8: moved, were slaves 1 to 7",
+    ]
+    assert lines(compared(old, in_order(slaves[:-1]))) == [
+        "slave 7 EL6751_2: is gone (EL6751, revision 0x00140000)"
+    ]
+    swapped = [*slaves[:2], slaves[3], slaves[2], *slaves[4:]]
+    assert lines(compared(old, in_order(swapped))) == [
+        "slave 2 EL2008: moved, was slave 3",
+        "slave 3 EL1018: moved, was slave 2",
+    ]
+    other = replace(slaves[2], name="EL1008", product=0x03F03052)
+    assert lines(compared(old, in_order([*slaves[:2], other, *slaves[3:]]))) == [
+        "slave 2 EL1018: is gone (EL1018, revision 0x00100000)",
+        "slave 2 EL1008: is new (EL1008, revision 0x00100000)",
+    ]
+
+
+def test_classes_that_other_slaves_have_now_are_told() -> None:
+    slaves = sample_buses.troll().slaves
+    assert lines(compared(in_order(slaves), in_order([slaves[0], slaves[4], *slaves[1:]]))) == [
+        "slave 1 EL3008: is new (EL3008, revision 0x00140000)",
+        "slave 5 EL3008_2: its class was EL3008, is EL3008_2: models that use it must follow",
+        "slave 6 EL3008_3: its class was EL3008_2, is EL3008_3: models that use it must follow",
+        "slaves 2 to 8: moved, were slaves 1 to 7",
+    ]
+
+
+def test_what_no_connector_shows_is_told_all_the_same() -> None:
+    def pad(bus: Bus) -> None:
+        bus.slaves[2].inputs.append(Pdo(0x1A10, "", 0, [Entry(0, 0, "", DataType.PADDING, 8)]))
+
+    assert told(pad) == ["slave 2 EL1018: has other PDOs, padding, domain or safe values"]
+
+    def configure(bus: Bus) -> None:
+        bus.name, bus.cycle_time_us = "other", 500
+        bus.domains = [Domain(), Domain("slow", 4, 1)]
+        bus.slaves[1].revision = 1
+
+    assert told(configure) == [
+        "bus: name was ecat0, is other",
+        "bus: cycle was 1000 µs, is 500 µs",
+        "bus: domains: was 0 (every 1, phase 0), is 0 (every 1, phase 0), slow (every 4, phase 1)",
+        "slave 1 EK1100: revision was 0x00120000, is 0x00000001",
+    ]
+
+
+KINDS = [Slave(0, name, 2, product, 1) for name, product in (("A1", 1), ("B1", 2), ("C1", 3))]
+rows = st.lists(st.sampled_from(KINDS), max_size=8)
+
+
+@given(rows, rows)
+def test_every_slave_is_accounted_for(before: list[Slave], after: list[Slave]) -> None:
+    found = compared(in_order(before), in_order(after))
+    count = {kind: sum(item.kind == kind for item in found) for kind in ("gone", "new", "moved")}
+    assert len(after) - len(before) == count["new"] - count["gone"]
+    assert (found == ()) == (before == after)
+    for slave in KINDS:
+        assert sum(item.kind in ("gone", "new") for item in found) >= abs(
+            before.count(slave) - after.count(slave)
+        )
+
+
+def test_a_large_bus_is_compared_quickly() -> None:
+    slaves = 150 * KINDS
+    *_, moved = lines(compared(in_order(slaves), in_order(slaves[1:])))
+    assert moved == "slaves 0 to 448: moved, were slaves 1 to 449"
+
+
+def test_a_report_has_the_differences(tmp_path: Path) -> None:
+    assert generate(sample_buses.troll(), "Plant", tmp_path).differences == ()
+    new = sample_buses.troll()
+    new.slaves[3].outputs.pop()
+    for check in (True, False):
+        report = generate(new, "Plant", tmp_path, check=check)
+        (difference,) = report.differences
+        assert difference.to_dict() == {
+            "slave": 3,
+            "block": "EL2008",
+            "connector": "channel8Output",
+            "kind": "gone",
+            "text": "slave 3 EL2008: connector channel8Output is gone (output 0x7070:01)",
+            "before": "channel8Output",
+            "after": "",
+        }
+        assert report.details() == [difference.to_dict()["text"]]
+        assert not report.otherwise
+    assert not generate(new, "Plant", tmp_path, check=True).is_change
+
+
+def test_another_generator_is_told_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    templates = tmp_path / "templates"
+    templates.mkdir()
+    own = Path(ecatgen.build.__file__).parent / "templates" / "users_guide.mo.j2"
+    (templates / own.name).write_text(own.read_text() + "// mine\n")
+    out = tmp_path / "out"
+    generate(sample_buses.troll(), "Plant", out)
+    (out / "Plant" / "Mine.mo").write_text("mine")  # changes package.order: not the generator
+    (out / "Plant" / "EL1018.mo").unlink()
+    report = generate(sample_buses.troll(), "Plant", out, templates=[templates], check=True)
+    assert report.written == ("Plant/EL1018.mo", "Plant/UsersGuide.mo", "Plant/package.order")
+    assert report.otherwise == ("Plant/UsersGuide.mo",)
+    (line,) = report.details()
+    assert line.startswith("1 file would differ for the same bus, too: ecatd, a profile or a templ")
+    new = sample_buses.troll()
+    new.slaves[3].outputs.pop()
+    report = generate(new, "Plant", out, templates=[templates])
+    assert "Plant/EL2008.mo" in report.written
+    assert report.otherwise == ("Plant/UsersGuide.mo",)
+    assert len(report.differences) == 1
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"schema": 1, "slaves": 5}'])
+def test_a_scan_that_cannot_be_read_is_no_hindrance(tmp_path: Path, text: str) -> None:
+    generate(sample_buses.troll(), "Plant", tmp_path)
+    scan = tmp_path / "Plant" / "Resources" / "bus.json"
+    scan.write_text(text)
+    report = generate(sample_buses.troll(), "Plant", tmp_path, force=True)
+    assert report.differences == ()
+    assert (tmp_path / "Plant" / "Resources" / "bus.json.orig").read_text() == text
