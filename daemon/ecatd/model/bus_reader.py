@@ -233,15 +233,16 @@ class _Reader:
         if type(data) is not dict:
             raise _WrongError(f"is {_shown(data)}, but must be a map")
         result = {}
-        key: Any = ""
-        try:
-            for key, value in data.items():
-                if key in checks:
-                    result[key] = checks[key](value)
-                elif self._strict:
-                    raise _WrongError(f"is no key that is known here: {', '.join(checks)}")
-        except _WrongError as error:
-            raise _at(error, key if type(key) is str else _shown(key)) from None
+        for key, value in data.items():
+            if key not in checks:
+                if self._strict:
+                    known = ", ".join(checks)
+                    raise _WrongError(f"has the key {_shown(key)}, but only {known} are known")
+                continue
+            try:
+                result[key] = checks[key](value)
+            except _WrongError as error:
+                raise _at(error, key) from None
         for key in needed:
             if key not in result:
                 raise _WrongError(f"has no key '{key}'")
