@@ -1,0 +1,15 @@
+within EtherCAT.UsersGuide;
+class Contact "Contact"
+  extends Modelica.Icons.Contact;
+
+  annotation (Documentation(info = "<html>
+<p>
+The library is a part of the project ecatd and has its licence (MIT). Report what is wrong or missing where you
+have got ecatd from, with the sentence of the error and the output of <code>ecatctl info</code>.
+</p>
+<p>
+It re-implements and extends the library that is described in: <em>The DLR EtherCAT Library: A template based
+code-generation scheme for accessing real-time hardware from Modelica</em>.
+</p>
+</html>"));
+end Contact;

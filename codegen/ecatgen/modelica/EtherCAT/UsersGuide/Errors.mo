@@ -1,0 +1,47 @@
+within EtherCAT.UsersGuide;
+class Errors "Errors"
+  extends Modelica.Icons.Information;
+
+  annotation (Documentation(info = "<html>
+<p>
+Every error is one sentence that begins with <code>EtherCAT:</code> and ends the simulation. What happens
+without a bus can be chosen by <code>whenMissing</code> and <code>whenFailed</code> of the
+<a href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a>.
+</p>
+<table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
+<tr><th>message</th><th>what to do</th></tr>
+<tr><td>no ecatd serves bus ...</td><td>Start the daemon; check the parameter <code>bus</code> of the
+EtherCATMaster.</td></tr>
+<tr><td>no right to read bus ...</td><td>Become a member of the group of the daemon
+(<code>sudo usermod -aG ecat $USER</code>), and log in again.</td></tr>
+<tr><td>slave ... is ..., but this library was generated for ...</td><td>The bus has changed. Generate
+the library again with the command in the message, or put the right slave back.
+<code>slaveData.revisionNumber = 0</code> accepts any revision.</td></tr>
+<tr><td>slave ... has no input ..., but this library uses it</td><td>Its process data are mapped otherwise.
+Generate the library again.</td></tr>
+<tr><td>entry ... has ... bits ..., but this library was generated for ...</td><td>The same.</td></tr>
+<tr><td>the outputs of slave ... belong to ...</td><td>Another program writes them. End it
+first.</td></tr>
+<tr><td>two blocks of this model write the outputs of slave ...</td><td>Remove one of them.</td></tr>
+<tr><td>... did not sample in time and lost its outputs ...</td><td>The simulation was slower than the
+<code>lease</code> of the EtherCATMaster, or paused. The outputs are safe. Start again; make the model
+faster, or the lease longer.</td></tr>
+<tr><td>... is out of range for ...</td><td>Limit the signal before it reaches the block.</td></tr>
+<tr><td>its sample time of ... is no multiple of the bus cycle</td><td>Change <code>sampleTime[1]</code>,
+or do not wait for the bus.</td></tr>
+<tr><td>there is no domain ...</td><td><code>domainID</code> of a block is larger than the number of
+sample times of the master.</td></tr>
+<tr><td>the daemon of bus ... has ended</td><td>Start it again, then the simulation; or choose
+<code>whenFailed</code>.</td></tr>
+<tr><td>the cycle of bus ... stands still</td><td>The daemon hangs, or its machine sleeps: look at
+<code>ecatctl stats</code> and the log of the daemon.</td></tr>
+<tr><td>no library was generated: ...</td><td>What follows is the sentence of <code>ecatctl</code>.</td></tr>
+<tr><td>the program ... cannot be started</td><td>Give <code>generateConfiguration</code> the path of
+<code>ecatctl</code>.</td></tr>
+</table>
+<p>
+A message that begins with <code>EtherCAT:</code> and does not end the simulation is a note: an SDO that a slave
+has refused, or a priority that the system does not permit.
+</p>
+</html>"));
+end Errors;

@@ -1,0 +1,41 @@
+within EtherCAT.UsersGuide;
+class OwnBlocks "Blocks of your own"
+  extends Modelica.Icons.Information;
+
+  annotation (Documentation(info = "<html>
+<p>
+Generated blocks are made of external objects that you can use as well: to give a slave other connectors,
+to compute where its values are, or to write a library for a family of slaves. Read
+<a href=\"modelica://EtherCAT.Examples.Utilities.EL1018\">EL1018</a> (reads) and
+<a href=\"modelica://EtherCAT.Examples.Utilities.EL2008\">EL2008</a> (writes): they are short.
+</p>
+<table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
+<tr><th>object</th><th>is</th><th>made of</th></tr>
+<tr><td><a href=\"modelica://EtherCAT.Objects.Master\">Master</a></td><td>the connection to a bus</td>
+<td>the EtherCATMaster has it</td></tr>
+<tr><td><a href=\"modelica://EtherCAT.Objects.Domain\">Domain</a></td><td>what is sampled together</td>
+<td>PartialSlave has it</td></tr>
+<tr><td><a href=\"modelica://EtherCAT.Objects.SlaveConfiguration\">SlaveConfiguration</a></td>
+<td>the slave that is expected at a position</td><td>PartialSlave has it</td></tr>
+<tr><td><a href=\"modelica://EtherCAT.Objects.PDO\">PDO</a></td><td>one entry of its process data</td>
+<td>your block has one for each entry</td></tr>
+</table>
+<ol>
+<li>Extend <a href=\"modelica://EtherCAT.Interfaces.PartialSlave\">PartialSlave</a> and set
+<code>slaveData</code>: position, vendor ID and product code as <code>ecatctl slaves</code> shows them,
+revision number 0 for any.</li>
+<li>Declare a <code>parameter EtherCAT.Objects.PDO</code> for each entry: index, subindex, direction, data type
+and bits as <code>ecatctl pdos</code> shows them. With a <code>scale</code> and an <code>offset</code> its
+values are physical.</li>
+<li>Read in one <code>when etherCATMaster.sampled[domainID]</code>, with <code>etherCATMaster.cycle</code>
+as the last argument, so that reads come after the sample was taken.</li>
+<li>Write and commit in a second one, each write with the result of the one before: this makes the order of the
+calls. In one when-equation with the reads the outputs would depend on the inputs, and a controller between
+them would close a loop.</li>
+</ol>
+<p>
+Give the block a <code>generateCommand</code> if there is one; error messages have it. Arrays of external
+objects do not work in all tools: use one component for each, or arrays of blocks that hold one.
+</p>
+</html>"));
+end OwnBlocks;

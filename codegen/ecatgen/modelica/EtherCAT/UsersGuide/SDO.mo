@@ -1,0 +1,33 @@
+within EtherCAT.UsersGuide;
+class SDO "Objects of slaves (SDO)"
+  extends Modelica.Icons.Information;
+
+  annotation (Documentation(info = "<html>
+<p>
+What is not in the process data is in the object dictionary of a slave: settings, limits, serial numbers,
+temperatures. The SDO blocks read and write one object through the mailbox of the slave, while the
+exchange of process data goes on. They never delay the simulation: an answer takes some cycles of the bus, or
+some seconds if the slave is slow, and the outputs <code>busy</code>, <code>done</code>,
+<code>abortCode</code> and <code>abortText</code> tell what became of the request.
+</p>
+<table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
+<tr><th>value</th><th>read</th><th>write</th></tr>
+<tr><td>Integer</td><td><a href=\"modelica://EtherCAT.SDORead\">SDORead</a></td>
+<td><a href=\"modelica://EtherCAT.SDOWrite\">SDOWrite</a></td></tr>
+<tr><td>Real, also integers of 64 bits and scaled ones</td>
+<td><a href=\"modelica://EtherCAT.SDOReadReal\">SDOReadReal</a></td>
+<td><a href=\"modelica://EtherCAT.SDOWriteReal\">SDOWriteReal</a></td></tr>
+<tr><td>String</td><td><a href=\"modelica://EtherCAT.SDOReadString\">SDOReadString</a></td>
+<td><a href=\"modelica://EtherCAT.SDOWriteString\">SDOWriteString</a></td></tr>
+</table>
+<p>
+<code>request</code> says when: by a trigger, periodically, or once at the start.
+<a href=\"modelica://EtherCAT.Examples.ReadObject\">ReadObject</a> shows it. Which objects a slave has is in its
+manual; <code>ecatctl sdo-read 0 0x1000</code> tries one.
+</p>
+<p>
+Write to objects that the slave keeps in its flash memory only now and then: it bears a limited number of
+writes.
+</p>
+</html>"));
+end SDO;
