@@ -1,11 +1,13 @@
 """How the libraries look in an editor: nothing overlaps, and lines end where they should."""
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.drawing.checks import check_diagram, check_icon
@@ -14,6 +16,7 @@ from ecatgen.drawing.pictures import GENERATED, STATIC, libraries, models
 from ecatgen.drawing.scene import diagram, icon
 from ecatgen.profiles import load_profiles
 from ecatgen.render import render
+from openmodelica import OpenModelica, needs_omc
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +75,25 @@ def test_the_stand_in_has_its_connectors_where_the_standard_library_has_them(
             for libraries in (ours, real)
         ]
         assert places[0] == places[1], path
+
+
+PRIMITIVES = re.compile(r"\b(?:Line|Polygon|Rectangle|Ellipse|Text|Bitmap)\(")
+
+
+@needs_omc
+def test_openmodelica_reads_the_same_icons(found: Libraries, tmp_path: Path) -> None:
+    generate(sample_buses.troll(), GENERATED, tmp_path / "libraries")
+    omc = OpenModelica(tmp_path, tmp_path / "libraries", GENERATED)
+    paths = [path for library in (STATIC, GENERATED) for path in models(found, library)]
+    commands = [
+        f'print("@@ {path} " + OpenModelica.Scripting.getErrorString() + "\\n"); '
+        f"getIconAnnotation({path});"
+        for path in paths
+    ]
+    answer = omc.run(*commands, 'print("@@ end " + getErrorString() + "\\n");')
+    assert "Error" not in answer
+    for path, part in re.findall(r"@@ (\S+)(.*?)(?=@@)", answer, re.DOTALL):
+        own = found.get(path).definition.annotation.part("Icon").named.get("graphics")
+        ours = [] if own is None else own.binding.elements
+        assert len(PRIMITIVES.findall(part)) == len(ours), path
+    assert f"@@ {STATIC}.EtherCATMaster" in answer

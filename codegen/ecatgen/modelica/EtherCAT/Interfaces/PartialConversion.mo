@@ -18,7 +18,9 @@ partial block PartialConversion "Base of the blocks that convert the values of a
 protected
   parameter Real k = (range.max - range.min)/(range.rawMax - range.rawMin)
     "Physical value of one digit";
-  annotation (Documentation(info = "<html>
+  annotation (
+    Icon(graphics = {Text(extent = {{-30, -68}, {95, -92}}, textColor = {64, 64, 64}, textString = "saturated", horizontalAlignment = TextAlignment.Right)}),
+    Documentation(info = "<html>
 <p>
 Has the range of the entry and the output that tells when it is left. The ends of
 <code>range</code> must have different raw values.
