@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 import shutil
 import subprocess
@@ -53,12 +54,17 @@ class OpenModelica:
         ]
         return self.script(*load, *commands, "getErrorString();")
 
-    def script(self, *commands: str) -> str:
-        """Runs commands; returns what it says."""
+    def script(self, *commands: str, home: Path | None = None) -> str:
+        """Runs commands, in the home of another user if wanted; returns what it says."""
         file = self.folder / "script.mos"
         file.write_text("\n".join([*commands, ""]))
         done = subprocess.run(
-            ["omc", file.name], cwd=self.folder, capture_output=True, text=True, check=False
+            ["omc", file.name],
+            cwd=self.folder,
+            env={**os.environ, "HOME": str(home)} if home else None,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         return done.stdout + done.stderr
 

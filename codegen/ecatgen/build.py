@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from ecatd.model.bus import Bus
 
-from . import names
+from . import names, static_library
 from .blocks import build_blocks
 from .examples import build_examples
 from .ir import Library
 from .profiles import Profiles
-
-STATIC_VERSION = "0.1.0"
-"""Version of the library EtherCAT."""
 
 
 def build_library(bus: Bus, name: str, profiles: Profiles) -> Library:
@@ -29,7 +26,7 @@ def build_library(bus: Bus, name: str, profiles: Profiles) -> Library:
         cycle_time_us=bus.cycle_time_us,
         fingerprint=f"{bus.fingerprint:016x}",
         command=f"ecatctl generate {name} DIR",
-        version=STATIC_VERSION,
+        version=static_library.VERSION,
         blocks=blocks,
         examples=build_examples(bus, name, blocks),
     )

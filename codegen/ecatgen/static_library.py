@@ -9,7 +9,10 @@ from pathlib import Path
 
 from ecatd.model.errors import EcatError
 
+from .output import Report, install
+
 NAME = "EtherCAT"
+VERSION = "0.1.0"
 
 # Folders that Modelica tools search: the standard names, and what OpenModelica derives on ARM.
 _PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux"}
@@ -28,6 +31,24 @@ def static_files() -> dict[str, bytes]:
     archive = client / "lib" / "libecat.a"
     files[f"Resources/Library/{_platform()}/libecat.a"] = archive.read_bytes()
     return files
+
+
+def install_library(out: Path) -> Report:
+    """Puts the library alone into a directory, in a folder with its version.
+
+    A tool that looks for libraries in the directory finds it by this name (Modelica 3.6, 13.2.4),
+    and so when it loads a generated library that uses this version.
+
+    Args:
+        out: The directory, made if it does not exist.
+
+    Raises:
+        StateError: Files of the user stand in the way.
+        NotPermittedError: The directory cannot be written.
+        EcatError: The C client is not installed, or there is none for this platform.
+    """
+    folder = f"{NAME} {VERSION}"
+    return install(out, {folder: static_files()}, folder)
 
 
 def _platform() -> str:

@@ -159,6 +159,7 @@ def test_help_and_version(program: str) -> None:
         "sdo-read",
         "sdo-write",
         "generate",
+        "library",
         "client-flags",
     ],
 )

@@ -1,4 +1,4 @@
-"""Commands `generate` and `client-flags`: what programs and models are built from."""
+"""Commands `generate`, `library`, `client-flags`: what models and programs are built from."""
 
 from __future__ import annotations
 
@@ -47,6 +47,19 @@ def _tell(options: argparse.Namespace, bus: Bus, data: dict[str, Any], lines: li
         print_json({"bus": bus.name, **data})
     else:
         print("\n".join(lines))
+
+
+def library(options: argparse.Namespace) -> None:
+    """Installs the Modelica library EtherCAT, where `loadModel(EtherCAT)` finds it or elsewhere."""
+    from ecatgen.static_library import install_library
+
+    if (options.out is None) != options.openmodelica:
+        raise UsageError("say where to put the library: DIR, or --openmodelica, and not both")
+    report = install_library(options.out or Path.home() / ".openmodelica" / "libraries")
+    if options.json:
+        print_json(report.to_dict())
+    else:
+        print(report.summary())
 
 
 def client_flags(options: argparse.Namespace) -> None:

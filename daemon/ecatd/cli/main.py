@@ -245,6 +245,21 @@ def _parser() -> argparse.ArgumentParser:
         help="also replace generated files that were changed by hand, and keep those as FILE.orig",
     )
     command = commands.add_parser(
+        "library",
+        help="Install the Modelica library EtherCAT.",
+        description="Installs the part of the Modelica libraries that is the same for every bus.",
+    )
+    command.add_argument(
+        "out", metavar="DIR", type=Path, nargs="?", help="folder that the library is put into"
+    )
+    command.add_argument(
+        "--openmodelica",
+        action="store_true",
+        help="put it where OpenModelica finds it: ~/.openmodelica/libraries",
+    )
+    command.add_argument("--json", action="store_true", help="print JSON for programs")
+    command.set_defaults(alone=library.library)
+    command = commands.add_parser(
         "client-flags",
         help="Print compiler flags for C and C++ programs.",
         description="Prints the flags with which a compiler builds a program with the client.",

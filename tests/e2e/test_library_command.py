@@ -1,0 +1,82 @@
+"""`ecatctl library`: the static library alone, for people who write their own blocks."""
+
+import json
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from conftest import one_line_error, run_module
+from ecatgen.static_library import VERSION
+from openmodelica import OpenModelica, needs_omc
+
+FOLDER = f"EtherCAT {VERSION}"
+
+
+def test_the_library_is_complete_and_has_its_version(tmp_path: Path) -> None:
+    result = run_module("ecatd.cli", "library", str(tmp_path / "new" / "folder"))
+    assert result.returncode == 0, result.stderr
+    library = tmp_path / "new" / "folder" / FOLDER
+    assert f"open {library / 'package.mo'} in a Modelica tool" in result.stdout
+    (version,) = re.findall(r'\bversion = "([\d.]+)",\n', (library / "package.mo").read_text())
+    assert version == VERSION
+    assert (library / "Resources" / "Include" / "ecat" / "ecat.h").is_file()
+    assert list((library / "Resources" / "Library").rglob("libecat.a"))
+
+
+def test_a_second_run_changes_nothing_and_loses_nothing(tmp_path: Path) -> None:
+    run_module("ecatd.cli", "library", str(tmp_path))
+    mine = tmp_path / FOLDER / "UsersGuide" / "package.mo"
+    again = json.loads(run_module("ecatd.cli", "library", str(tmp_path), "--json").stdout)
+    assert again["written"] == again["removed"] == []
+    mine.write_text("mine")
+    refused = run_module("ecatd.cli", "library", str(tmp_path))
+    assert refused.returncode == 7
+    assert "UsersGuide/package.mo" in one_line_error(refused.stderr, "ecatctl")
+    assert mine.read_text() == "mine"
+
+
+@pytest.mark.parametrize("arguments", [(), ("folder", "--openmodelica")])
+def test_one_place_must_be_said(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    result = run_module(
+        "ecatd.cli", "library", *arguments, env={**os.environ, "HOME": str(tmp_path)}
+    )
+    assert result.returncode == 2
+    assert "DIR, or --openmodelica, and not both" in one_line_error(result.stderr, "ecatctl")
+    assert not list(tmp_path.iterdir())
+
+
+def test_for_openmodelica(tmp_path: Path) -> None:
+    env = {**os.environ, "HOME": str(tmp_path)}
+    result = run_module("ecatd.cli", "library", "--openmodelica", env=env)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / ".openmodelica" / "libraries" / FOLDER / "package.mo").is_file()
+
+
+@needs_omc
+def test_openmodelica_finds_it(tmp_path: Path) -> None:
+    """Also when it loads a library that uses it."""
+    found = Path.home() / ".openmodelica" / "libraries"
+    folder = tmp_path / "home" / ".openmodelica" / "libraries"
+    folder.mkdir(parents=True)
+    for library in found.iterdir():
+        if not library.name.startswith("EtherCAT"):
+            (folder / library.name).symlink_to(library)
+    env = {**os.environ, "HOME": str(tmp_path / "home")}
+    assert run_module("ecatd.cli", "library", "--openmodelica", env=env).returncode == 0
+    user = tmp_path / "User.mo"
+    user.write_text(
+        "package User\n"
+        "  model M\n"
+        "    extends EtherCAT.Examples.DigitalIO;\n"
+        "  end M;\n"
+        f'  annotation (uses(EtherCAT(version = "{VERSION}")));\n'
+        "end User;\n"
+    )
+    omc = OpenModelica(tmp_path, tmp_path)
+    load = "loadModel(EtherCAT); checkModel(EtherCAT.Examples.DigitalIO);"
+    answer = omc.script(load, "getErrorString();", home=tmp_path / "home")
+    assert "Check of EtherCAT.Examples.DigitalIO completed successfully" in answer, answer
+    answer = omc.script(f'loadFile("{user}");', "checkModel(User.M);", home=tmp_path / "home")
+    assert "Check of User.M completed successfully" in answer, answer
