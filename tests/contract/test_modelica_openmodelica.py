@@ -44,6 +44,21 @@ def test_every_class_of_the_static_library_is_sound(tmp_path: Path) -> None:
     assert list(omc.findings(classes)) == []
 
 
+def test_classes_of_the_user_are_part_of_the_library(tmp_path: Path) -> None:
+    plant = tmp_path / "libraries" / "Plant"
+    generate(sample_buses.troll(), "Plant", plant.parent)
+    (plant / "Own").mkdir()
+    (plant / "Own" / "package.mo").write_text('within Plant;\npackage Own "mine"\nend Own;\n')
+    for folder, name in ((plant, "Mine"), (plant / "Examples", "Test")):
+        within = "Plant" if folder == plant else "Plant.Examples"
+        text = f'within {within};\nmodel {name} "mine"\n  Real x = time;\nend {name};\n'
+        (folder / f"{name}.mo").write_text(text)
+    generate(sample_buses.troll(), "Plant", plant.parent)
+    omc = OpenModelica(tmp_path, plant.parent, "Plant")
+    assert "EL6751_2, Mine, Own}" in omc.run("getClassNames(Plant);")
+    assert list(omc.findings(["Plant.Mine", "Plant.Examples.Test"])) == []
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "problem"),
     [

@@ -154,6 +154,15 @@ def test_only_mappings_that_are_not_fixed_may_change(tmp_path: Path) -> None:
     assert device.dictionary[0x1601, 1].access & Access.WRITE_PREOP
 
 
+def test_devices_of_one_file_are_independent_and_the_file_may_change(tmp_path: Path) -> None:
+    first, second = axis(tmp_path), axis(tmp_path)
+    assign(first, 0x1600)
+    first.dictionary[0x2000, 1].value = 7
+    assert second.dictionary[0x1C12, 0].value == 2
+    assert second.dictionary[0x2000, 1].value != 7
+    assert axis(tmp_path, ("Axis 2", "Axis 3")).dictionary[0x1008, 0].value == "Axis 3"
+
+
 def test_without_permission_nothing_may_change(tmp_path: Path) -> None:
     device = axis(tmp_path, ('PdoAssign="1" PdoConfig="1"', ""))
     assert device.dictionary[0x1C12, 0].access == Access.RO

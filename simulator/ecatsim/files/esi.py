@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import STRINGS, DataType
 from ecatd.model.errors import ConfigError, SdoAbortError, UsageError
-from ecatd.model.esi import EsiDevice, EsiPdo
+from ecatd.model.esi import EsiChoice, EsiDevice, EsiPdo
 from ecatd.model.esi_dictionary import EsiEntry, EsiObject
 from ecatd.model.esi_reader import choose, list_devices, read_device
 from ecatd.model.sii_check import check_sii, in_memory, is_description
@@ -44,9 +45,10 @@ def device_from_esi(
         ConfigError: The file makes no sense, or not exactly one of its devices fits.
     """
     path = Path(path)
-    choices = list_devices(path)
+    state = _state(path)
+    choices = _devices(path, state)
     chosen = choose(choices, path, type=type, product=product, revision=revision)
-    esi = read_device(path, chosen)
+    esi = _device(path, state, chosen)
     where = f"{path}:{esi.line}"
     if esi.slots:
         raise ConfigError(
@@ -59,6 +61,26 @@ def device_from_esi(
         raise
     except UsageError as error:
         raise ConfigError(f"{where}: {error}") from error
+
+
+def _state(path: Path) -> tuple[int, int]:
+    """What changes with every write to a file."""
+    try:
+        info = path.stat()
+    except (OSError, ValueError):  # the reader says what is wrong
+        return 0, 0
+    return info.st_mtime_ns, info.st_size
+
+
+# Files have tens of megabytes, and a rig has many devices of each.
+@lru_cache(maxsize=16)
+def _devices(path: Path, _state: tuple[int, int]) -> list[EsiChoice]:
+    return list_devices(path)
+
+
+@lru_cache(maxsize=64)
+def _device(path: Path, _state: tuple[int, int], choice: EsiChoice) -> EsiDevice:
+    return read_device(path, choice)
 
 
 def image_from_esi(esi: EsiDevice) -> bytes:
