@@ -94,7 +94,7 @@ def main() -> None:
         plant.step()
         if round(plant.time / STEP) % 200 == 0:
             print(f"{plant.time - begin:.1f} {reference:.0f} {measured:.0f}")
-    print(f"{int(plant['missed'])} bus cycles were missed")
+    print(f"{int(plant['missed'])} steps came too late")
     plant.close()
 
 

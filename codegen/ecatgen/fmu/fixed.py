@@ -80,7 +80,7 @@ PARAMETERS = (
     Fixed("lease", "Real", "Time without steps after which outputs become safe", 0.1, "s"),
     Fixed("whenMissing", "BusFailure", "What to do when there is no bus at the start", 1),
     Fixed("whenFailed", "BusFailure", "What to do when the bus fails later", 1),
-    Fixed("patience", "Real", "Longest time to wait for the bus, with Wait", 10.0, "s"),
+    Fixed("patience", "Real", "Longest time to wait for the bus, with Wait; 0: for ever", 0.0, "s"),
     Fixed("readOnly", "Boolean", "true: nothing is written, whatever the inputs are", False),
 )
 
@@ -89,7 +89,7 @@ DIAGNOSTICS = (
     Fixed("state", "BusState", "State of the bus in the last step"),
     Fixed("cycle", "Counter", "Bus cycle of the values, modulo 2^31"),
     Fixed("age", "Real", "Time from the exchange of the values to the end of the step", unit="s"),
-    Fixed("missed", "Counter", "Bus cycles that went by because steps came too late"),
+    Fixed("missed", "Counter", "Steps that came too late for the bus cycle they waited for"),
     Fixed("workingCounter", "Counter", "Working counter of the last exchange, of all domains"),
     Fixed("workingCounterExpected", "Counter", "Working counter when all slaves take part"),
 )

@@ -68,8 +68,7 @@ int bus_attach(plant *p) {
     bus_detach(p);
     return code;
   }
-  p->last_cycle = ecat_cycle(p->bus);
-  p->owed = 0;
+  p->in_step = 0;
   return 0;
 }
 
@@ -135,19 +134,29 @@ int bus_write(plant *p) {
 /* --- waiting and sampling ------------------------------------------------------------------ */
 
 int bus_wait(plant *p, uint64_t cycles) {
-  uint64_t goal = p->last_cycle + cycles, now = ecat_cycle(p->bus);
+  uint64_t goal, now = ecat_cycle(p->bus);
   double timeout = PATIENCE + 10 * ecat_cycle_time(p->bus);
   int code;
   if (cycles == 0) return 0;
-  while (now < goal) {
+  if (ecat_instance(p->bus) != p->instance) p->in_step = 0; /* it counts anew */
+  goal = (p->in_step ? p->last_cycle : now) + cycles;
+  p->missed += now > goal;
+  p->instance = ecat_instance(p->bus);
+  while (now < goal && ecat_instance(p->bus) == p->instance) {
     if ((code = ecat_wait(p->bus, 1, timeout)) != 0) return failed(p, code);
     now = ecat_cycle(p->bus);
     /* Keeps the lease: who waits is alive, however long the step is. */
     if (now < goal && (code = ecat_sample(p->bus)) != 0) return failed(p, code);
   }
-  p->missed += now - goal;
   p->last_cycle = now;
+  p->in_step = 1;
   return 0;
+}
+
+static void publish_age(plant *p) {
+  uint64_t now = plant_now();
+  if (p->exchanged_ns == 0) return;
+  plant_publish(p, ROLE_AGE, now > p->exchanged_ns ? (double)(now - p->exchanged_ns) * 1e-9 : 0, 0);
 }
 
 /* Fills in what is known about the exchange: cycle and age are those of the newest domain. */
@@ -155,12 +164,11 @@ static int publish_domains(plant *p) {
   ecat_domain_info info;
   uint64_t newest = 0;
   unsigned found = 0, expected = 0;
-  double age = 0;
   int i, code, all = 1;
   p->complete = 0;
   for (i = 0; i < ecat_domain_count(p->bus); i++) {
     if ((code = ecat_domain(p->bus, i, &info)) != 0) return failed(p, code);
-    if (info.cycle >= newest) newest = info.cycle, age = info.age;
+    if (info.cycle >= newest) newest = info.cycle, p->exchanged_ns = info.time_ns;
     found += info.wkc;
     expected += info.wkc_expected;
     if (info.wkc_state == ECAT_WKC_COMPLETE)
@@ -169,7 +177,7 @@ static int publish_domains(plant *p) {
       all = 0;
   }
   plant_publish(p, ROLE_CYCLE, 0, (int64_t)(newest & 0x7FFFFFFF));
-  plant_publish(p, ROLE_AGE, age, 0);
+  publish_age(p);
   plant_publish(p, ROLE_WORKING_COUNTER, 0, found);
   plant_publish(p, ROLE_WORKING_COUNTER_EXPECTED, 0, expected);
   plant_publish(p, ROLE_STATE, 0, all ? BUS_OPERATIONAL : BUS_INCOMPLETE);
@@ -228,13 +236,14 @@ int bus_sample(plant *p) {
   return code;
 }
 
-/* Entries keep their last values, or their start values; all else says that nothing is delivered. */
+/* Entries keep their last values, or their start values; all else tells that nothing is delivered. */
 void bus_invalidate(plant *p, int code) {
   size_t i;
   plant_publish(p, ROLE_CONNECTED, 0, 0);
   plant_publish(p, ROLE_STATE, 0, code == ECAT_ESTALE || code == ECAT_ETIMEOUT ? BUS_STANDS_STILL
                                                                               : BUS_MISSING);
   plant_publish(p, ROLE_WORKING_COUNTER, 0, 0);
+  publish_age(p);
   for (i = 0; i < p->variable_count; i++) {
     plant_variable *v = &p->variables[i];
     if (v->role == ROLE_VALID) v->value.integer = 0;

@@ -11,7 +11,9 @@
 #include <string.h>
 #include <time.h>
 
-#define LOOK_AGAIN 0.02 /* seconds between two looks whether the bus is there */
+#define LOOK_AGAIN_NS 20000000u /* between two looks whether the bus is there */
+#define RECLAIM_NS 100000000u /* between two tries to own outputs again */
+#define QUIET_NS 1000000000u  /* in which the same is not told twice */
 #define ROUNDING 1e-6   /* of a bus cycle, by which a step may be shorter */
 
 /* --- messages ------------------------------------------------------------------------------ */
@@ -74,7 +76,7 @@ static int fail(plant *p, int code) {
 
 /* --- time ---------------------------------------------------------------------------------- */
 
-static uint64_t now_ns(void) {
+uint64_t plant_now(void) {
   struct timespec now;
   clock_gettime(CLOCK_MONOTONIC, &now);
   return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
@@ -89,7 +91,7 @@ static void sleep_until(uint64_t ns) {
 
 /* Takes the place of the bus cycle while there is none. */
 static void pace(plant *p, double step) {
-  uint64_t now = now_ns(), length = step < 1e6 ? (uint64_t)(step * 1e9) : (uint64_t)1e15;
+  uint64_t now = plant_now(), length = step < 1e6 ? (uint64_t)(step * 1e9) : (uint64_t)1e15;
   if (!plant_integer(p, ROLE_WAIT_FOR_BUS)) return;
   if (p->pace_ns == 0 || p->pace_ns + length < now) p->pace_ns = now;
   p->pace_ns += length;
@@ -143,7 +145,9 @@ int plant_terminate(plant *p) {
 int plant_reset(plant *p) {
   bus_detach(p);
   p->begun = p->seen = 0;
-  p->missed = p->pace_ns = 0;
+  p->missed = p->pace_ns = p->exchanged_ns = p->reclaimed_ns = 0;
+  p->owed = 0;
+  p->lost = 0;
   p->state = PLANT_INSTANTIATED;
   plant_start_values(p);
   return PLANT_OK;
@@ -162,36 +166,56 @@ static int connect(plant *p) {
   int code;
   if (p->bus != NULL) {
     code = ecat_sample(p->bus);
-    if (code != ECAT_EBUS) {
-      if (code == 0) p->last_cycle = ecat_cycle(p->bus);
-      return code == 0 ? 0 : plant_note(p, code, "%s", ecat_error(p->bus));
-    }
+    if (code == 0) return 0;
+    if (code != ECAT_EBUS) return plant_note(p, code, "%s", ecat_error(p->bus));
     bus_detach(p); /* it came back otherwise: perhaps what this FMU uses is still the same */
   }
   return bus_attach(p);
 }
 
+/* Hands the inputs over. Outputs that were lost are claimed again, but not too often: what is written
+ * until then goes nowhere. */
+static int write_inputs(plant *p) {
+  uint64_t now = plant_now(), since = now - p->reclaimed_ns;
+  int code;
+  if (p->lost && since < RECLAIM_NS) return 0;
+  code = bus_write(p);
+  if (code == ECAT_ELEASE && plant_integer(p, ROLE_WHEN_FAILED) != FAILURE_ERROR) {
+    p->lost = 1;
+    if (since < RECLAIM_NS) return 0;
+    if (since > QUIET_NS) plant_say(p, PLANT_WARNING, "%s; this FMU does so", p->message);
+    p->reclaimed_ns = now;
+    code = bus_write(p);
+    if (code == ECAT_ELEASE) return 0;
+  }
+  if (code == 0) p->lost = 0;
+  return code;
+}
+
 /* What a step does with the bus. */
 static int exchange(plant *p, uint64_t cycles) {
   int code = p->connected ? 0 : connect(p);
-  if (code == 0) code = bus_write(p);
-  if (code == ECAT_ELEASE && plant_integer(p, ROLE_WHEN_FAILED) != FAILURE_ERROR) {
-    plant_say(p, PLANT_WARNING, "%s; this FMU does so", p->message);
-    code = bus_write(p);
-  }
+  if (code == 0) code = write_inputs(p);
   if (code == 0) code = bus_wait(p, cycles);
   return code == 0 ? bus_sample(p) : code;
 }
 
 /* Tries until it succeeds or the patience is at its end. */
 static int wait_for_bus(plant *p, int code) {
-  uint64_t end = now_ns() + (uint64_t)(fmin(plant_real(p, ROLE_PATIENCE), 1e9) * 1e9);
+  double patience = plant_real(p, ROLE_PATIENCE), waited = 0;
+  uint64_t since = plant_now();
   plant_say(p, PLANT_WARNING, "%s; waiting for it", p->message);
-  while (passes(code) && now_ns() < end) {
-    sleep_until(now_ns() + (uint64_t)(LOOK_AGAIN * 1e9));
+  while (passes(code) && (patience <= 0 || waited < patience)) {
+    sleep_until(plant_now() + LOOK_AGAIN_NS);
     p->connected = 0;
     code = p->begun ? exchange(p, 0) : connect(p);
     if (code == 0 && !p->begun) code = bus_sample(p);
+    waited = (double)(plant_now() - since) * 1e-9;
+  }
+  if (passes(code)) {
+    char why[sizeof p->message / 2];
+    snprintf(why, sizeof why, "%.*s", (int)sizeof why - 1, p->message);
+    plant_note(p, code, "%s; it was waited for %.1f s, as long as 'patience' allows", why, waited);
   }
   return code;
 }

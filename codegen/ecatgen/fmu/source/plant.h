@@ -139,11 +139,16 @@ typedef struct plant {
   int begun;            /* initialization has attached to the bus, or decided to go on without it */
   int seen;             /* it has delivered once since then: what fails now is no missing bus */
   int connected;        /* the last step delivered */
-  uint64_t complete;    /* domains of the last sample in whose exchange all slaves took part, as bits */
+  uint64_t complete; /* domains of the last sample in whose exchange all slaves took part, as bits */
+  uint64_t exchanged_ns; /* time stamp of the newest domain of the last sample */
+  uint64_t instance; /* of the daemon at the last wait */
+  int in_step;          /* `last_cycle` is of this instance */
+  uint64_t last_cycle; /* bus cycle at the end of the last wait */
   double owed;          /* bus cycles of steps shorter than a cycle */
-  uint64_t last_cycle;  /* bus cycle at the end of the last wait */
-  uint64_t missed;      /* bus cycles that passed beyond those that were waited for */
-  uint64_t pace_ns;     /* end of the last step that was paced by the clock, 0: none */
+  uint64_t missed; /* waits that came too late for their cycle */
+  int lost;             /* outputs were lost, and are not claimed again yet */
+  uint64_t reclaimed_ns; /* when they were claimed again, or it was tried */
+  uint64_t pace_ns; /* end of the last step that was paced by the clock, 0: none */
   char message[1024];   /* the last sentence */
 } plant;
 
@@ -160,6 +165,8 @@ int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value va
 int plant_get_string(plant *p, unsigned reference, const char **value);
 int plant_set_string(plant *p, unsigned reference, const char *value);
 void plant_start_values(plant *p);
+
+uint64_t plant_now(void); /* CLOCK_MONOTONIC in ns */
 
 /* bus.c: calls of the client. They return 0 or an ECAT_E... code with the sentence in `message`. */
 int bus_attach(plant *p);
