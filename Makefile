@@ -23,7 +23,8 @@ help:
 	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"
 	@echo "             Modelica_DeviceDrivers: its shared memory is measured as well"
 	@echo "make check   lint, types, formatting"
-	@echo "make pictures  draw the icons and diagrams of the libraries into docs/pictures"
+	@echo "make pictures"
+	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
 	@echo "make clean   remove what the other commands made"
 
 $(BIN)/python:

@@ -54,6 +54,10 @@ def test_jinja2_is_known_to_the_generator_only() -> None:
     assert all(m.startswith("ecatgen") for m in importers("jinja2"))
 
 
+def test_nothing_needs_the_drawing() -> None:
+    assert all(m.startswith("ecatgen.drawing") for m in importers("ecatgen.drawing"))
+
+
 def test_the_bus_server_never_sees_the_network() -> None:
     wrong = {
         (module, name)

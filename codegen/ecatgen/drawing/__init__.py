@@ -8,8 +8,8 @@ The modules, each of which knows those above it only:
 
 - `tokens`, `expressions`, `syntax`: from text to classes, their elements and annotations
 - `library`: finds classes by name
-- `values`: the value of an expression in an annotation
-- `geometry`, `font`: boxes, transformations, curves; widths of texts
+- `instances`: components with all their modifiers, and values of expressions
+- `geometry`: boxes, transformations, curves
 - `shapes`: from one graphical primitive to outlines and labels
 - `scene`: everything that an icon or a diagram shows
 - `svg`, `sheet`: writes scenes; several icons on one sheet

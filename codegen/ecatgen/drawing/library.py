@@ -41,7 +41,7 @@ class Libraries:
         Raises:
             NoSuchClassError: There is none.
         """
-        found = self._inside("", path.lstrip("."), inherit=True)
+        found = self._inside("", path.lstrip("."))
         if found is None:
             raise NoSuchClassError(f"there is no class {path}")
         return found
@@ -64,7 +64,7 @@ class Libraries:
         while True:
             start = self._visible(scope, first)
             if start is not None:
-                found = self._inside(start, rest, inherit=True)
+                found = self._inside(start, rest)
                 if found is not None:
                     return found
             if not scope:
@@ -91,15 +91,15 @@ class Libraries:
             here = self._class(scope)
             if here is not None and first in here.imports:
                 return here.imports[first]
-        found = self._inside(scope, first, inherit=True)
+        found = self._inside(scope, first)
         return None if found is None else found.path
 
-    def _inside(self, scope: str, name: str, *, inherit: bool) -> Found | None:
+    def _inside(self, scope: str, name: str) -> Found | None:
         path = scope
         for part in filter(None, name.split(".")):
             inner = f"{path}.{part}" if path else part
             if self._class(inner) is None:
-                inherited = self._inherited(path, part) if inherit and path else None
+                inherited = self._inherited(path, part) if path else None
                 if inherited is None:
                     return None
                 inner = inherited.path
@@ -117,7 +117,7 @@ class Libraries:
                 parent = self._base(base.class_name, path)
             except NoSuchClassError:
                 continue
-            found = self._inside(parent, name, inherit=True)
+            found = self._inside(parent, name)
             if found is not None:
                 return found
         return None
