@@ -144,6 +144,7 @@ def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) ->
         ("--from troll --config {rig}", "rig.toml:1: name: is no key", 2),
         ("--from {scan} --config {rig}", "--config goes with a rig or ESI files", 2),
         ("--from {scan}", "bus.json: slaves[0] has no key 'vendor'", 2),
+        ("--from {good} --bus a/b", "'a/b' is no bus name: use 1 to 31 letters", 2),
         ("--from troll --connect tcp/localhost:1", "leave one of them out", 2),
     ],
 )
@@ -157,7 +158,9 @@ def test_wrong_sources(tmp_path: Path, arguments: str, message: str, status: int
         '"slaves": [{"position": 0, "name": "x", "product": 1, "revision": 1}]}'
     )
     esi, rig, scan, readme = map(str, files.values())
-    filled = arguments.format(esi=esi, rig=rig, scan=scan, readme=readme)
+    good = tmp_path / "good.json"
+    good.write_text('{"schema": 1, "name": "x", "cycle_time_us": 1000, "slaves": []}')
+    filled = arguments.format(esi=esi, rig=rig, scan=scan, readme=readme, good=good)
     result = run_module("ecatd.cli", "generate", "P", str(tmp_path / "out"), *filled.split())
     assert message in one_line_error(result.stderr, "ecatctl")
     assert result.returncode == status

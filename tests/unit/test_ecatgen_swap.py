@@ -101,6 +101,14 @@ def test_a_second_run_waits_for_the_first(tmp_path: Path) -> None:
     assert (tmp_path / "Plant" / "a").read_text() == "2"
 
 
+def test_folders_with_a_similar_name_are_not_ours(tmp_path: Path) -> None:
+    (tmp_path / ".ecatgen-mine" / "notes").mkdir(parents=True)
+    (tmp_path / ".ecatgen-file").write_text("mine")
+    (tmp_path / ".ecatgen-left" / "new" / "Plant").mkdir(parents=True)
+    put(tmp_path, "1")
+    assert names_in(tmp_path) == [".ecatgen-file", ".ecatgen-mine", "Plant"]
+
+
 def test_a_run_that_does_not_end_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(swap, "_PATIENCE", 0.0)
     with swap.locked(tmp_path), pytest.raises(StateError, match="another run writes into"):

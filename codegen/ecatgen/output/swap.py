@@ -76,6 +76,8 @@ def clean_up(out: Path) -> None:
     back.
     """
     for stage in sorted(out.glob(f"{_PREFIX}*")):
+        if not stage.is_dir() or not {path.name for path in stage.iterdir()} <= {_NEW, _OLD}:
+            continue  # not one of ours
         for old in (stage / _OLD).glob("*"):
             if not os.path.lexists(out / old.name):
                 old.rename(out / old.name)

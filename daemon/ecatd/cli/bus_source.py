@@ -14,12 +14,10 @@ import tempfile
 from pathlib import Path
 from typing import Literal
 
-from ecatd.client.remote import Remote
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus
+from ecatd.model.config import check_bus_name
 from ecatd.model.errors import EcatError, UsageError, error_class
-
-from . import esi_devices
 
 Kind = Literal["scan", "rig", "esi"]
 
@@ -63,14 +61,18 @@ def get_bus(options: argparse.Namespace) -> Bus:
     kinds = [_kind(source) for source in sources]
     _check(options, kinds)
     if not sources:
+        from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
         with Remote(options.bus, options.connect, options.timeout) as remote:
             return remote.describe()
     if kinds[0] == "scan":
         bus = bus_file.load(Path(sources[0]))
-        bus.name = options.given_bus or bus.name
+        bus.name = check_bus_name(options.given_bus or bus.name)
         return bus
     if kinds[0] == "rig":
         return _described(sources[0], options)
+    from . import esi_devices
+
     text = esi_devices.rig(sources, options.devices)
     with tempfile.TemporaryDirectory(prefix="ecatctl-") as folder:
         rig = Path(folder) / "rig.toml"

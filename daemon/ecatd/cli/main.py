@@ -10,9 +10,8 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-from ecatd.client.remote import Remote
 from ecatd.model.datatypes import TYPE_NAMES
 from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.segment import raw
@@ -31,7 +30,10 @@ exit status:
 The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another host.
 """
 
-Command = Callable[[Remote, argparse.Namespace], None]
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+    Command = Callable[[Remote, argparse.Namespace], None]
 
 
 class _Parser(argparse.ArgumentParser):
@@ -281,6 +283,8 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     if alone := getattr(options, "alone", None):  # finds its own way to the bus, if it needs one
         return alone(options) or 0
+    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
     with Remote(options.bus, options.connect, options.timeout) as remote:
         options.run(remote, options)
     return 0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
-from ecatd.client.remote import Remote
 from ecatd.model import abort_codes
 from ecatd.model.bus import Slave
 from ecatd.model.datatypes import (
@@ -21,6 +21,9 @@ from ecatd.model.objects import standard_object
 
 from .output import print_json
 from .show import pick_slaves
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
 
 _BY_SIZE = {
     1: DataType.UNSIGNED8,

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ecatd.client.remote import Remote
 from ecatd.model.al import al_state_text
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import type_name
 from ecatd.model.errors import StateError
 
 from .output import print_json, print_table
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
 
 
 def pick_slaves(bus: Bus, position: int | None) -> list[Slave]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from ecatd import shm
-from ecatd.client.remote import Remote
 from ecatd.model.errors import EcatError
 from ecatd.stats import Snapshot, read
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
 
 
 class Source:
@@ -40,6 +42,8 @@ class Source:
     def remote(self) -> Remote:
         """The session with the gateway, opened when it is first needed."""
         if self._remote is None:
+            from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
             options = self._options
             self._remote = Remote(options.bus, options.connect, options.timeout)
         return self._remote

@@ -15,7 +15,7 @@ from ecatd import shm
 from ecatd.gateway.keys import bus_key, object_key, session_config
 from ecatd.model.bus import Bus
 from ecatd.model.bus_reader import read_bus
-from ecatd.model.config import BUS_NAME
+from ecatd.model.config import check_bus_name
 from ecatd.model.errors import (
     JOIN,
     START,
@@ -85,9 +85,7 @@ class Remote:
     def __init__(
         self, bus: str = "ecat0", connect: str | None = None, timeout: float = 10.0
     ) -> None:
-        if not BUS_NAME.fullmatch(bus):
-            raise UsageError(f"'{bus}' is no bus name: use 1 to 31 letters, digits, '_' or '-'")
-        self.bus = bus
+        self.bus = check_bus_name(bus)
         self._timeout = timeout
         self._is_local = connect is None or connect.startswith("unixsock-stream/")
         endpoint = connect or _local_endpoint(bus)

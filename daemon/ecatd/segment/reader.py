@@ -17,7 +17,7 @@ from typing import Any
 
 from ecatd import shm
 from ecatd.file_locks import held
-from ecatd.model.config import BUS_NAME
+from ecatd.model.config import check_bus_name
 from ecatd.model.errors import (
     JOIN,
     START,
@@ -25,7 +25,6 @@ from ecatd.model.errors import (
     NotPermittedError,
     StateError,
     UnreachableError,
-    UsageError,
 )
 
 _TRIES = 1000  # until a page is copied in which the engine did not write
@@ -62,9 +61,7 @@ def opened(bus: str) -> Iterator[Reader]:
         NotPermittedError: This user may not read it.
         EcatError: It cannot be opened for another reason.
     """
-    if not BUS_NAME.fullmatch(bus):
-        raise UsageError(f"'{bus}' is no bus name: use 1 to 31 letters, digits, '_' or '-'")
-    path = shm.FOLDER / f"ecat.{bus}"
+    path = shm.FOLDER / f"ecat.{check_bus_name(bus)}"
     try:
         fd = _open(path)
     except FileNotFoundError:

@@ -3,7 +3,7 @@
 Unknown keys are refused with the nearest valid one, and every message starts with file and line.
 """
 
-from .file import BUS_NAME, load_config, read_config
+from .file import BUS_NAME, check_bus_name, load_config, read_config
 from .slaves import DOMAINS_MAX, POSITION_MAX
 from .tables import (
     STOPS,
@@ -36,6 +36,7 @@ __all__ = [
     "RecoveryConfig",
     "SafeConfig",
     "SignalConfig",
+    "check_bus_name",
     "load_config",
     "read_config",
 ]

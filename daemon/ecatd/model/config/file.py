@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from ..errors import ConfigError
+from ..errors import ConfigError, UsageError
 from .outputs import read_outputs, read_signals
 from .reader import Reader, Rules
 from .slaves import POSITION_MAX, SYNC_MAX_US, check_clocks, read_domains
@@ -96,6 +96,17 @@ def load_config(file: Path) -> Config:
         raise ConfigError(f"{file}: is no valid TOML: {error}") from error
     except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
         raise ConfigError(f"{file}: has a value beyond all measure: {error}") from error
+
+
+def check_bus_name(name: str) -> str:
+    """The name, if a bus can have it.
+
+    Raises:
+        UsageError: It cannot.
+    """
+    if not BUS_NAME.fullmatch(name):
+        raise UsageError(f"'{name}' is no bus name: use 1 to 31 letters, digits, '_' or '-'")
+    return name
 
 
 def _read(reader: Reader, data: dict[str, Any]) -> Config:
