@@ -155,6 +155,19 @@ def test_names_stay_when_other_slaves_are_added(troll: Library) -> None:
         assert names[before.name] == [c.name for c in before.reads + before.writes]
 
 
+def test_names_of_equal_slaves_follow_from_those_before_them() -> None:
+    def names(*kinds: str) -> list[str]:
+        slaves = [Slave(n, name, 2, 1, 1) for n, name in enumerate(kinds)]
+        return [block.name for block in build_library(bus(*slaves), "P", PROFILES).blocks]
+
+    assert names("EL1018", "EL3008", "EL3008") == ["EL1018", "EL3008", "EL3008_2"]
+    # One more behind them changes nothing, nor does any other before them.
+    assert names("EL1018", "EL3008", "EL3008", "EL3008")[:3] == ["EL1018", "EL3008", "EL3008_2"]
+    assert names("EK1100", "EL3008", "EL2008", "EL3008")[1::2] == ["EL3008", "EL3008_2"]
+    # One less before them does: on the bus nothing tells which of them is gone.
+    assert names("EL1018", "EL3008") == ["EL1018", "EL3008"]
+
+
 def test_all_slaves_is_an_example_of_every_bus(troll: Library) -> None:
     made = example(troll, "AllSlaves")
     assert {c.class_name for c in made.components if c.class_name.startswith("TrollPlant.")} == {

@@ -3,7 +3,7 @@
 Format of the files: `docs/device-profiles.md`. Users add files of their own, which win over ours.
 """
 
-from .file import load_profiles
+from .file import load_profiles, user_devices
 from .profile import Meaning, Profiles, Value
 
-__all__ = ["Meaning", "Profiles", "Value", "load_profiles"]
+__all__ = ["Meaning", "Profiles", "Value", "load_profiles", "user_devices"]

@@ -7,6 +7,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -55,14 +56,20 @@ def load_profiles(folders: Iterable[Path] = ()) -> Profiles:
     Raises:
         ConfigError: A folder or a file cannot be read, or has a wrong key or value.
     """
-    devices: list[DeviceProfile] = []
+    ours = (_folder(Path(place)) for place in import_module(__package__).__path__)
+    return Profiles((*user_devices(folders), *chain.from_iterable(ours)))
+
+
+def user_devices(folders: Iterable[Path]) -> Iterator[DeviceProfile]:
+    """The devices in folders of the user alone.
+
+    Raises:
+        ConfigError: See `load_profiles`.
+    """
     for folder in folders:
         if not folder.is_dir():
             raise ConfigError(f"{folder}: is no folder; device profiles are *.toml files in one")
-        devices += _folder(folder)
-    for place in import_module(__package__).__path__:
-        devices += _folder(Path(place))
-    return Profiles(tuple(devices))
+        yield from _folder(folder)
 
 
 def _folder(folder: Path) -> Iterator[DeviceProfile]:
@@ -82,7 +89,7 @@ def _file(file: Path) -> Iterator[DeviceProfile]:
         raise ConfigError(f"{file}: is no valid TOML: {error}") from error
     except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
         raise ConfigError(f"{file}: has a value beyond all measure: {error}") from error
-    return _DeviceReader(Reader(str(file), text, _TOP), file.name).read(data)
+    return _DeviceReader(Reader(str(file), text, _TOP), str(file)).read(data)
 
 
 class _DeviceReader:

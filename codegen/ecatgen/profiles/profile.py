@@ -97,6 +97,17 @@ class DeviceProfile:
             return False
         return all(_has(slave, *address) for address in self.has)
 
+    @property
+    def wanted(self) -> str:
+        """What a slave must be to be such a device, for messages."""
+        parts = [f"vendor 0x{self.vendor:08X}"] if self.vendor != -1 else []
+        if self.products:
+            parts.append(
+                f"product {' or '.join(f'0x{code:08X}' for code in sorted(self.products))}"
+            )
+        parts += [f"with entry 0x{index:04X}:{subindex:02X}" for index, subindex in self.has]
+        return ", ".join(parts)
+
 
 def _has(slave: Slave, index: int, subindex: int) -> bool:
     return any(

@@ -11,6 +11,7 @@ from typing import Any
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, UsageError
 
+from . import user_folders
 from .bus_source import get_bus
 from .output import print_json
 
@@ -22,20 +23,29 @@ def generate(options: argparse.Namespace) -> int:
     """Writes a Modelica library, or an FMU, for the bus, or says what that would change."""
     if options.fmi and not options.fmu:
         raise UsageError("--fmi is the version of an FMU: say --fmu, too")
-    if options.fmu and (options.check or options.force):
-        raise UsageError("--check and --force are about libraries: leave them out with --fmu")
+    if options.fmu and (options.check or options.force or options.templates):
+        raise UsageError(
+            "--check, --force and --templates are about libraries: leave them out with --fmu"
+        )
+    profiles = user_folders.folders(options.profiles, "profiles")
     bus = get_bus(options)
     # Only this command needs the templates.
     if options.fmu:
         from ecatgen.fmu import generate_fmu
 
-        made = generate_fmu(bus, options.name, options.out, options.fmi or 2)
+        made = generate_fmu(bus, options.name, options.out, options.fmi or 2, profiles)
         _tell(options, bus, made.to_dict(), [made.summary()])
         return 0
     from ecatgen import generate as generate_library
 
     report = generate_library(
-        bus, options.name, options.out, check=options.check, force=options.force
+        bus,
+        options.name,
+        options.out,
+        profiles,
+        user_folders.folders(options.templates, "templates"),
+        check=options.check,
+        force=options.force,
     )
     last = report.would() if options.check else report.summary()
     _tell(options, bus, report.to_dict(), [*report.details(), last])
@@ -43,10 +53,11 @@ def generate(options: argparse.Namespace) -> int:
 
 
 def _tell(options: argparse.Namespace, bus: Bus, data: dict[str, Any], lines: list[str]) -> None:
+    unused = user_folders.unused_profiles(options.profiles, bus)
     if options.json:
-        print_json({"bus": bus.name, **data})
+        print_json({"bus": bus.name, **data, "unused_profiles": unused})
     else:
-        print("\n".join(lines))
+        print("\n".join([*unused, *lines]))
 
 
 def library(options: argparse.Namespace) -> None:

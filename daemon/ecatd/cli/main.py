@@ -18,7 +18,7 @@ from ecatd.segment import raw
 from ecatd.stats import TIMES
 from ecatd.version import VERSION
 
-from . import bus_source, dc, info, library, scan, sdo, segment, show, stats
+from . import bus_source, dc, info, library, scan, sdo, segment, show, stats, user_folders
 from .output import SCHEMA
 
 _EPILOG = """\
@@ -229,6 +229,7 @@ def _parser() -> argparse.ArgumentParser:
         "out", metavar="DIR", type=Path, help="folder that the library is put into"
     )
     bus_source.add_options(command)
+    user_folders.add_options(command)
     command.add_argument(
         "--fmu", action="store_true", help="write an FMU for co-simulation instead: DIR/NAME.fmu"
     )
