@@ -12,7 +12,7 @@ block RealToInteger "Sample, scale and round a signal for an integer entry"
   Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true) "Rounded value of k*u"
     annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
 protected
-  outer EtherCAT.EtherCATMaster etherCATMaster;
+  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
 equation
   when etherCATMaster.sampled[domainID] then
     y = integer(floor(max(yMin, min(yMax, k * u)) + 0.5));

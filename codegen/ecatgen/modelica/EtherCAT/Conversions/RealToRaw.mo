@@ -10,7 +10,7 @@ block RealToRaw "Raw value of an entry for a physical value"
     "Raw value, rounded and held in the range"
     annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
 protected
-  outer EtherCAT.EtherCATMaster etherCATMaster;
+  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   discrete Real raw(start = 0, fixed = true) "Raw value before it is rounded";
 equation
   when etherCATMaster.sampled[domainID] then

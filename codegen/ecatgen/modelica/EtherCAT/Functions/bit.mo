@@ -6,4 +6,10 @@ function bit "Whether a bit of a word is set"
   output Boolean set "= true, if the bit is set";
 algorithm
   set := mod(div(word, integer(2 ^ number)), 2) == 1;
+
+  annotation (Documentation(info = "<html>
+<p>
+<code>set = mod(div(word, 2^number), 2) == 1</code>.
+</p>
+</html>"));
 end bit;

@@ -11,4 +11,15 @@ impure function commit "Hand the written values of a slave over to the bus, all 
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Makes the model the owner of the outputs of the slave when it is called for the first time. All values leave
+together with the next cycle of the bus. Pass the result of the last write as <code>order</code>. Committing
+twice at one time does no harm.
+</p>
+<p>
+It is an error if another program owns one of the outputs, or if a value is out of the range of its entry.
+</p>
+</html>"));
 end commit;

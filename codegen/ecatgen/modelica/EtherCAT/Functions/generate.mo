@@ -9,4 +9,11 @@ impure function generate "Run ecatctl generate, and show what it says"
     annotation (
       Include = "#include \"ecatm_generate.h\"",
       IncludeDirectory = "modelica://EtherCAT/Resources/Include");
+
+  annotation (Documentation(info = "<html>
+<p>
+A part of <a href=\"modelica://EtherCAT.generateConfiguration\">generateConfiguration</a>. No shell reads
+the arguments, so names and folders may have any characters.
+</p>
+</html>"));
 end generate;

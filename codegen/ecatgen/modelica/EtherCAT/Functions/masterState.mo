@@ -16,4 +16,11 @@ impure function masterState "How the bus is in the sample of this time"
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Takes no sample itself: pass the <code>cycle</code> of this time as <code>order</code>. The <a
+href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> has the results as outputs.
+</p>
+</html>"));
 end masterState;

@@ -11,4 +11,12 @@ impure function readInteger "Value of an entry in the sample of this time"
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+For entries with at most 32 bits and a sign, or 31 bits without. Reads from the image of all inputs that the
+sample of this time has taken, whichever block asked first; pass the <code>cycle</code> of the
+EtherCATMaster as <code>order</code>. Call it in <code>when etherCATMaster.sampled[domainID]</code>.
+</p>
+</html>"));
 end readInteger;

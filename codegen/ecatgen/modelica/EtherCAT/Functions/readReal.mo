@@ -11,4 +11,13 @@ impure function readReal "Value of an entry in the sample of this time"
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Raw value times <code>scale</code> plus <code>offset</code> of the <a
+href=\"modelica://EtherCAT.Objects.PDO\">PDO</a>; exact for integers up to 2^53. Reads from the image of all
+inputs that the sample of this time has taken, whichever block asked first; pass the <code>cycle</code> of
+the EtherCATMaster as <code>order</code>. Call it in <code>when etherCATMaster.sampled[domainID]</code>.
+</p>
+</html>"));
 end readReal;

@@ -10,4 +10,11 @@ impure function sdoAbortCode "Code of the reason why the last request has failed
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Changes nothing and may be called at any time; pass the <code>state</code> as <code>order</code>. The values
+are explained in <a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
+</p>
+</html>"));
 end sdoAbortCode;

@@ -12,4 +12,11 @@ impure function sdoRead "Read an object: send a request when it is time to, or a
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Never waits. Call it in <code>when etherCATMaster.sampled[domainID]</code>. <a
+href=\"modelica://EtherCAT.SDORead\">SDORead</a> shows how.
+</p>
+</html>"));
 end sdoRead;

@@ -10,4 +10,10 @@ impure function sdoString "Value of the last successful read"
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Changes nothing and may be called at any time; pass the <code>state</code> as <code>order</code>.
+</p>
+</html>"));
 end sdoString;

@@ -13,4 +13,11 @@ impure function sdoWriteString "Write an object: send a request when it is time 
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Never waits. The value is the one at the time of the trigger. Call it in <code>when
+etherCATMaster.sampled[domainID]</code>.
+</p>
+</html>"));
 end sdoWriteString;

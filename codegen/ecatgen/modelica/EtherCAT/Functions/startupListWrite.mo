@@ -12,4 +12,11 @@ impure function startupListWrite "Write the objects of a list one after the othe
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Never waits; the next object is written when the one before was accepted, and the list ends with the first
+one that is refused. Call it in <code>when etherCATMaster.sampled[domainID]</code>.
+</p>
+</html>"));
 end startupListWrite;

@@ -13,4 +13,11 @@ impure function synchronize "Wait until the clock of the machine has reached the
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+The <a href=\"modelica://EtherCAT.SynchronizeRealtime\">SynchronizeRealtime</a> block explains the rule. A
+second call at the same time has the same results and does not wait.
+</p>
+</html>"));
 end synchronize;

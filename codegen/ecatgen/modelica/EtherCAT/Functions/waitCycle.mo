@@ -10,4 +10,12 @@ impure function waitCycle "Take a sample, after waiting for the bus where the ma
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Waits for the bus if the master was told to, then takes one image of all inputs. The <a
+href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> calls it at each sample of domain 1. A second
+call at the same time returns the same cycle.
+</p>
+</html>"));
 end waitCycle;

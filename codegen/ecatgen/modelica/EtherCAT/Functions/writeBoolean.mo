@@ -12,4 +12,12 @@ impure function writeBoolean "Note the value of an entry for the commit of its s
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Writes 0 or 1. The value leaves with the <a href=\"modelica://EtherCAT.Functions.commit\">commit</a> of the
+slave. Pass the result of the write before, or the <code>cycle</code> of the EtherCATMaster, as
+<code>order</code>: so the calls have an order.
+</p>
+</html>"));
 end writeBoolean;

@@ -12,4 +12,15 @@ impure function writeInteger "Note the value of an entry for the commit of its s
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+The value leaves with the <a href=\"modelica://EtherCAT.Functions.commit\">commit</a> of the slave. Pass the
+result of the write before, or the <code>cycle</code> of the EtherCATMaster, as <code>order</code>: so the
+calls have an order.
+</p>
+<p>
+A value that the entry cannot hold is an error of the commit.
+</p>
+</html>"));
 end writeInteger;

@@ -12,4 +12,17 @@ impure function writeReal "Note the value of an entry for the commit of its slav
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Writes the value less <code>offset</code> over <code>scale</code> of the <a
+href=\"modelica://EtherCAT.Objects.PDO\">PDO</a>, rounded for integer entries. The value leaves with the <a
+href=\"modelica://EtherCAT.Functions.commit\">commit</a> of the slave. Pass the result of the write before,
+or the <code>cycle</code> of the EtherCATMaster, as <code>order</code>: so the calls have an order.
+</p>
+<p>
+With a scale, a value out of range is held at the end of the range. Without one it is an error of the
+commit.
+</p>
+</html>"));
 end writeReal;

@@ -42,10 +42,10 @@ partial block PartialSDO "Base of the blocks that access one object of a slave"
   output String abortText(start = "", fixed = true) "Why the last request failed, else empty";
   output Integer count(start = 0, fixed = true) "Number of requests that succeeded";
 protected
-  outer EtherCAT.EtherCATMaster etherCATMaster;
+  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   parameter EtherCAT.Objects.SDO sdo = EtherCAT.Objects.SDO(
     etherCATMaster.master, position, index, subindex, typeNumber, valueType, Integer(request),
-    period, scale, offset, object);
+    period, scale, offset, object) "Object";
   Modelica.Blocks.Interfaces.BooleanInput triggered
     "Needed to connect to the conditional connector";
   Integer state(start = 0, fixed = true) "0: no request yet, 1: busy, 2: done, 3: failed";

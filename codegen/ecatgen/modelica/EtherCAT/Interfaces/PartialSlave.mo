@@ -20,13 +20,13 @@ partial block PartialSlave "Base of every block that stands for a slave"
   Integer alStatusCode(start = 0, fixed = true)
     "Why the slave has left a state: AL status code (ETG.1000.6), 0: no error";
 protected
-  outer EtherCAT.EtherCATMaster etherCATMaster;
+  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   parameter EtherCAT.Objects.Domain domain = EtherCAT.Objects.Domain(
-    etherCATMaster.master, domainID);
+    etherCATMaster.master, domainID) "Domain";
   parameter EtherCAT.Objects.SlaveConfiguration slaveConfiguration =
     EtherCAT.Objects.SlaveConfiguration(
       domain, slaveData.position, slaveData.vendorID, slaveData.productCode,
-      slaveData.revisionNumber, hwName, fingerprint, generateCommand);
+      slaveData.revisionNumber, hwName, fingerprint, generateCommand) "Slave";
 equation
   when etherCATMaster.sampled[domainID] then
     (valid, alState, alStatusCode) = EtherCAT.Functions.slaveState(

@@ -5,7 +5,7 @@ class Domain "Slaves of a model that are sampled together"
   function constructor "Register a domain"
     input EtherCAT.Objects.Master master "Connection";
     input Integer domainID "Number of the domain, 1 first";
-    output Domain domain;
+    output Domain domain "Domain";
     external "C" domain = ecatm_domain_open(master, domainID)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -15,7 +15,7 @@ class Domain "Slaves of a model that are sampled together"
   end constructor;
 
   function destructor "Release it"
-    input Domain domain;
+    input Domain domain "Domain";
     external "C" ecatm_domain_close(domain)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -23,4 +23,11 @@ class Domain "Slaves of a model that are sampled together"
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
+
+  annotation (Documentation(info = "<html>
+<p>
+Slaves whose blocks are sampled at the same instants. It is an error if <code>domainID</code> is larger than
+the number of sample times of the master.
+</p>
+</html>"));
 end Domain;

@@ -11,7 +11,7 @@ class Master "Connection to a bus"
     input Integer whenMissing "Number of the EtherCAT.Types.BusFailure: before there was a bus";
     input Integer whenFailed "Number of the EtherCAT.Types.BusFailure: after that";
     input Real patience "Longest time that is waited for the bus in s, 0: for ever";
-    output Master master;
+    output Master master "Connection";
     external "C" master = ecatm_master_open(bus, waitForBus, sampleTime, domains, lease, whenMissing, whenFailed, patience)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -21,7 +21,7 @@ class Master "Connection to a bus"
   end constructor;
 
   function destructor "Release it"
-    input Master master;
+    input Master master "Connection";
     external "C" ecatm_master_close(master)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -29,4 +29,11 @@ class Master "Connection to a bus"
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
+
+  annotation (Documentation(info = "<html>
+<p>
+The connection to a bus; the <a href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> holds it. Its
+end releases all outputs that the model owns: they become safe.
+</p>
+</html>"));
 end Master;

@@ -11,7 +11,7 @@ class PDO "One entry of the process data of a slave"
     input Integer bitLength "Expected number of bits";
     input Real scale = 1 "Physical value = raw value * scale + offset";
     input Real offset = 0 "See scale, in the unit of the physical value";
-    output PDO pdo;
+    output PDO pdo "Entry";
     external "C" pdo = ecatm_pdo_open(slaveConfiguration, index, subindex, isOutput, dataType, bitLength, scale, offset)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -21,7 +21,7 @@ class PDO "One entry of the process data of a slave"
   end constructor;
 
   function destructor "Release it"
-    input PDO pdo;
+    input PDO pdo "Entry";
     external "C" ecatm_pdo_close(pdo)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -29,4 +29,17 @@ class PDO "One entry of the process data of a slave"
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
+
+  annotation (Documentation(info = "<html>
+<p>
+One entry of the process data, by index and subindex. When there is a bus, the entry must be there; if the
+fingerprint of the slave is not that of the bus, its data type and number of bits must be the expected ones,
+too.
+</p>
+<p>
+<code>dataType</code> is the number of a CoE data type (ETG.1000.6): 1 BOOLEAN, 2 INTEGER8, 3 INTEGER16, 4
+INTEGER32, 5 UNSIGNED8, 6 UNSIGNED16, 7 UNSIGNED32, 8 REAL32, 17 REAL64, and others. A physical value is the
+raw value times <code>scale</code> plus <code>offset</code>.
+</p>
+</html>"));
 end PDO;

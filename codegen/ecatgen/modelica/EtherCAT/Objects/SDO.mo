@@ -14,7 +14,7 @@ class SDO "One object of a slave, accessed through its mailbox"
     input Real scale = 1 "Real value = value of the object * scale + offset";
     input Real offset = 0 "See scale";
     input String object = "" "Index and subindex as \"0x6060:00\", instead of the numbers";
-    output SDO sdo;
+    output SDO sdo "Object";
     external "C" sdo = ecatm_sdo_open(master, position, index, subindex, dataType, valueType, request, period, scale, offset, object)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -24,7 +24,7 @@ class SDO "One object of a slave, accessed through its mailbox"
   end constructor;
 
   function destructor "Release it"
-    input SDO sdo;
+    input SDO sdo "Object";
     external "C" ecatm_sdo_close(sdo)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -32,4 +32,10 @@ class SDO "One object of a slave, accessed through its mailbox"
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
+
+  annotation (Documentation(info = "<html>
+<p>
+What the SDO blocks use to access one object. It may have one request at a time.
+</p>
+</html>"));
 end SDO;

@@ -11,7 +11,7 @@ class SlaveConfiguration "Registration of one slave"
     input String name "Expected name, for error messages";
     input String fingerprint "Fingerprint of the bus that the block was generated for";
     input String generateCommand "Command that generates the block again";
-    output SlaveConfiguration slaveConfiguration;
+    output SlaveConfiguration slaveConfiguration "Slave";
     external "C" slaveConfiguration = ecatm_slave_open(domain, position, vendorID, productCode, revisionNumber, name, fingerprint, generateCommand)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -21,7 +21,7 @@ class SlaveConfiguration "Registration of one slave"
   end constructor;
 
   function destructor "Release it"
-    input SlaveConfiguration slaveConfiguration;
+    input SlaveConfiguration slaveConfiguration "Slave";
     external "C" ecatm_slave_close(slaveConfiguration)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -29,4 +29,16 @@ class SlaveConfiguration "Registration of one slave"
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
+
+  annotation (Documentation(info = "<html>
+<p>
+Which slave the model expects at a position. When there is a bus, its identity is compared: another vendor
+or product, or another revision unless this is 0, is one sentence with both slaves and the
+<code>generateCommand</code>.
+</p>
+<p>
+Identity numbers have 32 bits without a sign; a Modelica Integer holds them with one, such as -1 for
+0xFFFFFFFF.
+</p>
+</html>"));
 end SlaveConfiguration;

@@ -5,4 +5,11 @@ record SlaveData "Place and identity of a slave"
   Integer vendorID = 0 "Vendor ID (32 unsigned bits, read as signed)";
   Integer productCode = 0 "Product code (32 unsigned bits, read as signed)";
   Integer revisionNumber = 0 "Revision number (32 unsigned bits, read as signed), 0: any";
+
+  annotation (Documentation(info = "<html>
+<p>
+The paper on the DLR EtherCAT library calls it so, too. Numbers with 32 bits without a sign are held with
+one: 0xFFFFFFFF is -1.
+</p>
+</html>"));
 end SlaveData;

@@ -7,7 +7,7 @@ class StartupList "Objects of a slave that are written one after the other"
     input Integer position "Position of the slave on the bus, 0 first";
     input Integer table[:, 4]
       "Index, subindex, CoE data type (number of the EtherCAT.Types.DataType) and value of each object";
-    output StartupList list;
+    output StartupList list "Objects and values";
     external "C" list = ecatm_sdo_list_open(master, position, table, size(table, 1), size(table, 2))
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -17,7 +17,7 @@ class StartupList "Objects of a slave that are written one after the other"
   end constructor;
 
   function destructor "Release it"
-    input StartupList list;
+    input StartupList list "Objects and values";
     external "C" ecatm_sdo_list_close(list)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -25,4 +25,10 @@ class StartupList "Objects of a slave that are written one after the other"
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
+
+  annotation (Documentation(info = "<html>
+<p>
+Objects that are set by SDO before something starts, such as the settings of a drive.
+</p>
+</html>"));
 end StartupList;
