@@ -2,6 +2,7 @@
 
 import bisect
 import math
+import re
 import signal
 import statistics
 import subprocess
@@ -86,6 +87,15 @@ def test_the_pace_of_a_model_without_a_bus(omc: OpenModelica) -> None:
     late = [row[available] for row in rows if row["time"] > 2.1]
     assert 0 < statistics.median(early) < 1.5e-3 < statistics.median(late) < 2.5e-3
     assert rows[-1]["synchronizeRealtime.missed"] < len(rows)
+
+
+def test_the_script_of_the_documentation(omc: OpenModelica) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "modelica.md").read_text("utf-8")
+    (commands,) = re.findall(r"```\n(loadModel.*?)```", text, re.DOTALL)
+    assert "/home/me/models" in commands
+    answer = omc.script(commands.replace("/home/me/models", str(omc.libraries)))
+    assert "The simulation finished successfully" in answer, answer
+    assert "Error" not in answer, answer
 
 
 def test_all_slaves(omc: OpenModelica, troll: Daemon) -> None:
