@@ -33,7 +33,7 @@ def static_files() -> dict[str, bytes]:
     return files
 
 
-def install_library(out: Path) -> Report:
+def install_library(out: Path, *, check: bool = False, force: bool = False) -> Report:
     """Puts the library alone into a directory, in a folder with its version.
 
     A tool that looks for libraries in the directory finds it by this name (Modelica 3.6, 13.2.4),
@@ -41,6 +41,8 @@ def install_library(out: Path) -> Report:
 
     Args:
         out: The directory, made if it does not exist.
+        check: As `install`.
+        force: As `install`.
 
     Raises:
         StateError: Files of the user stand in the way.
@@ -48,7 +50,7 @@ def install_library(out: Path) -> Report:
         EcatError: The C client is not installed, or there is none for this platform.
     """
     folder = f"{NAME} {VERSION}"
-    return install(out, {folder: static_files()}, folder)
+    return install(out, {folder: static_files()}, folder, check=check, force=force)
 
 
 def _platform() -> str:

@@ -35,6 +35,11 @@ def test_a_second_run_changes_nothing_and_loses_nothing(tmp_path: Path) -> None:
     assert refused.returncode == 7
     assert "UsersGuide/package.mo" in one_line_error(refused.stderr, "ecatctl")
     assert mine.read_text() == "mine"
+    assert run_module("ecatd.cli", "library", str(tmp_path), "--check").returncode == 1
+    forced = run_module("ecatd.cli", "library", str(tmp_path), "--force")
+    assert forced.returncode == 0, forced.stderr
+    assert mine.with_name("package.mo.orig").read_text() == "mine"
+    assert run_module("ecatd.cli", "library", str(tmp_path), "--check").returncode == 0
 
 
 @pytest.mark.parametrize("arguments", [(), ("folder", "--openmodelica")])

@@ -6,17 +6,19 @@ import argparse
 import shlex
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, UsageError
 
 from . import user_folders
 from .bus_source import get_bus
 from .output import print_json
 
+if TYPE_CHECKING:
+    from ecatgen import Report
+
 CHANGES = 1
-"""Exit status of `generate --check` where something would change."""
+"""Exit status of `--check` where something would change."""
 
 
 def generate(options: argparse.Namespace) -> int:
@@ -29,12 +31,14 @@ def generate(options: argparse.Namespace) -> int:
         )
     profiles = user_folders.folders(options.profiles, "profiles")
     bus = get_bus(options)
+    unused = user_folders.unused_profiles(options.profiles, bus)
+    more = {"bus": bus.name, "unused_profiles": unused}
     # Only this command needs the templates.
     if options.fmu:
         from ecatgen.fmu import generate_fmu
 
         made = generate_fmu(bus, options.name, options.out, options.fmi or 2, profiles)
-        _tell(options, bus, made.to_dict(), [made.summary()])
+        _tell(options, {**more, **made.to_dict()}, *unused, made.summary())
         return 0
     from ecatgen import generate as generate_library
 
@@ -47,30 +51,33 @@ def generate(options: argparse.Namespace) -> int:
         check=options.check,
         force=options.force,
     )
-    last = report.would() if options.check else report.summary()
-    _tell(options, bus, report.to_dict(), [*report.details(), last])
-    return CHANGES if options.check and report.is_change else 0
+    return _tell_report(options, report, more, *unused)
 
 
-def _tell(options: argparse.Namespace, bus: Bus, data: dict[str, Any], lines: list[str]) -> None:
-    unused = user_folders.unused_profiles(options.profiles, bus)
-    if options.json:
-        print_json({"bus": bus.name, **data, "unused_profiles": unused})
-    else:
-        print("\n".join([*unused, *lines]))
-
-
-def library(options: argparse.Namespace) -> None:
+def library(options: argparse.Namespace) -> int:
     """Installs the Modelica library EtherCAT, where `loadModel(EtherCAT)` finds it or elsewhere."""
     from ecatgen.static_library import install_library
 
     if (options.out is None) != options.openmodelica:
         raise UsageError("say where to put the library: DIR, or --openmodelica, and not both")
-    report = install_library(options.out or Path.home() / ".openmodelica" / "libraries")
+    out = options.out or Path.home() / ".openmodelica" / "libraries"
+    report = install_library(out, check=options.check, force=options.force)
+    return _tell_report(options, report, {})
+
+
+def _tell_report(
+    options: argparse.Namespace, report: Report, more: dict[str, Any], *lines: str
+) -> int:
+    last = report.would() if options.check else report.summary()
+    _tell(options, {**more, **report.to_dict()}, *lines, *report.details(), last)
+    return CHANGES if options.check and report.is_change else 0
+
+
+def _tell(options: argparse.Namespace, data: dict[str, Any], *lines: str) -> None:
     if options.json:
-        print_json(report.to_dict())
+        print_json(data)
     else:
-        print(report.summary())
+        print("\n".join(lines))
 
 
 def client_flags(options: argparse.Namespace) -> None:

@@ -25,7 +25,7 @@ _EPILOG = """\
 exit status:
   0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
   6 not permitted   7 wrong state or no such slave   70 a defect of ours
-  1 only by generate --check: something would change
+  1 only by --check of generate and library: something would change
 
 The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another host.
 """
@@ -141,6 +141,21 @@ def _add_watch(command: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_rewrite(command: argparse.ArgumentParser) -> None:
+    """What becomes of a library that is there already."""
+    how = command.add_mutually_exclusive_group()
+    how.add_argument(
+        "--check",
+        action="store_true",
+        help="write nothing, say what would change; then the exit status is 1",
+    )
+    how.add_argument(
+        "--force",
+        action="store_true",
+        help="also replace generated files that were changed by hand, and keep those as FILE.orig",
+    )
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="ecatctl",
@@ -236,17 +251,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--fmi", type=int, choices=(2, 3), help="with --fmu: version of FMI (default: 2)"
     )
-    how = command.add_mutually_exclusive_group()
-    how.add_argument(
-        "--check",
-        action="store_true",
-        help="write nothing, say what would change; then the exit status is 1",
-    )
-    how.add_argument(
-        "--force",
-        action="store_true",
-        help="also replace generated files that were changed by hand, and keep those as FILE.orig",
-    )
+    _add_rewrite(command)
     command = commands.add_parser(
         "library",
         help="Install the Modelica library EtherCAT.",
@@ -260,6 +265,7 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="put it where OpenModelica finds it: ~/.openmodelica/libraries",
     )
+    _add_rewrite(command)
     command.add_argument("--json", action="store_true", help="print JSON for programs")
     command.set_defaults(alone=library.library)
     command = commands.add_parser(
