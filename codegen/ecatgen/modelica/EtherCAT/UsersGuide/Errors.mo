@@ -29,6 +29,14 @@ faster, or the lease longer.</td></tr>
 <tr><td>... is out of range for ...</td><td>Limit the signal before it reaches the block.</td></tr>
 <tr><td>its sample time of ... is no multiple of the bus cycle</td><td>Change <code>sampleTime[1]</code>,
 or do not wait for the bus.</td></tr>
+<tr><td>entry ... is ..., which no Modelica Integer can hold</td><td>Read it by
+<a href=\"modelica://EtherCAT.Functions.readReal\">readReal</a>.</td></tr>
+<tr><td>object ... cannot be written, or requested ...</td><td>What follows says what is wrong with the data type, the
+value or the period of an SDO block.</td></tr>
+<tr><td>the drive of slave ... cannot work: ...</td><td>A parameter of the drive makes no sense; what follows says
+which.</td></tr>
+<tr><td>the reference of the drive of slave ... is not a finite number</td><td>Look for a division by zero in the
+model. The drive has kept its last reference.</td></tr>
 <tr><td>there is no domain ...</td><td><code>domainID</code> of a block is larger than the number of
 sample times of the master.</td></tr>
 <tr><td>the daemon of bus ... has ended</td><td>Start it again, then the simulation; or choose
