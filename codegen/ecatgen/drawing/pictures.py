@@ -58,7 +58,8 @@ def pictures(standard_library: Path | None = None) -> dict[str, str]:
         for name in (STATIC, GENERATED):
             for path in models(found, name):
                 scene = diagram(found, path)
-                if any(wire.points for wire in scene.wires):
+                partial = "partial" in found.get(path).definition.prefixes
+                if not partial and any(wire.points for wire in scene.wires):
                     result[f"{path}.svg"] = draw_diagram(scene)
         return result
 
