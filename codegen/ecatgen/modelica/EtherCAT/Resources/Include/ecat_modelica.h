@@ -21,6 +21,7 @@
 #include "ecatm_generate.h"
 #include "ecatm_master.h"
 #include "ecatm_objects.h"
+#include "ecatm_outputs.h"
 #include "ecatm_realtime.h"
 #include "ecatm_samples.h"
 #include "ecatm_sdo.h"

@@ -15,6 +15,7 @@
 
 #define ECATM_TEXT 720           /* longest sentence, with its end */
 #define ECATM_RETRY 0.02         /* seconds between two looks for a bus that is not there */
+#define ECATM_SAME_TIME 1e-9     /* seconds; periodic events drift by rounding */
 
 /* Numbers of EtherCAT.Types.BusFailure. */
 enum ecatm_failure { ECATM_ERROR = 1, ECATM_WAIT = 2, ECATM_CONTINUE = 3 };
@@ -27,6 +28,13 @@ enum ecatm_bus_state {
   ECATM_NOT_OPERATIONAL = 4,
   ECATM_OPERATIONAL = 5
 };
+
+/* The slaves of one domain of the model: what is written to them leaves together. */
+typedef struct ecatm_group {
+  double time;                   /* of the last commit of a slave */
+  int writers;                   /* slaves that commit whenever the domain is sampled */
+  int staged;                    /* how many of them have done so at `time` */
+} ecatm_group;
 
 /* What every object of a model begins with. */
 typedef struct ecatm_node {
@@ -45,6 +53,7 @@ typedef struct ecatm_master {
   struct ecatm_slave *slaves;
   int users;                     /* this object and all of `objects` that still live */
   int domains;                   /* sample times of the model */
+  ecatm_group *groups;           /* as many */
   int wait_for_bus;
   double period, lease;          /* sample time of domain 1; see ecat_claim() */
   int when_missing, when_failed; /* enum ecatm_failure: before the first connection, and after it */
@@ -74,6 +83,8 @@ typedef struct ecatm_master {
   double lost;                   /* ecatm_now() when outputs were lost that had been claimed */
   int requests;                  /* to mailboxes that the client has not answered yet */
 } ecatm_master;
+
+ECATM_FUNCTION int ecatm_same_time(double a, double b) { return fabs(a - b) <= ECATM_SAME_TIME; }
 
 /* --- Errors -------------------------------------------------------------------------------- */
 
@@ -143,6 +154,7 @@ ECATM_FUNCTION void ecatm_drop(ecatm_master *master) {
     master->objects = node->next;
     free(node);
   }
+  free(master->groups);
   free(master);
 }
 
@@ -283,15 +295,19 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
                                        int domains, double lease, int when_missing, int when_failed,
                                        double patience) {
   ecatm_master *master = (ecatm_master *)calloc(1, sizeof *master);
+  ecatm_group *groups = (ecatm_group *)calloc((size_t)(domains > 0 ? domains : 1), sizeof *groups);
   char text[ECATM_TEXT];
   int code;
-  if (master == NULL) {
+  if (master == NULL || groups == NULL) {
+    free(master);
+    free(groups);
     ModelicaError("EtherCAT: out of memory");
     return NULL;
   }
   sprintf(master->name, "%.*s", (int)sizeof master->name - 1, name);
   master->users = 1;
   master->domains = domains;
+  master->groups = groups;
   master->wait_for_bus = wait_for_bus;
   master->period = sample_time;
   master->lease = lease;
@@ -305,7 +321,7 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
     ecatm_begin_outage(master, code, "the model goes on without it");
   else if (code != 0) { /* nobody would destroy it: a constructor that fails has no object */
     strcpy(text, master->problem);
-    free(master);
+    ecatm_drop(master);
     ModelicaFormatError("EtherCAT: %s", text);
     return NULL;
   }

@@ -18,8 +18,11 @@ typedef struct ecatm_slave {
   char name[96], command[192];   /* of the slave; command that generates the library again */
   char fingerprint[24];          /* of the bus that the library was generated for */
   int same_bus;                  /* it is that of this bus, too */
+  ecatm_group *group;
   int writer;                    /* this model writes its outputs */
   int claimed;                   /* and owns them */
+  double time;                   /* of the last commit */
+  int alone;                     /* it does not commit whenever its domain is sampled */
   unsigned al_state, al_code;    /* at the last sample: enum ecat_al_state, + 0x10 with an error */
   int domain;                    /* of the bus */
 } ecatm_slave;
@@ -30,6 +33,7 @@ typedef struct ecatm_pdo {
   int pending;                   /* value was written by the model */
   double value;                  /* raw: to be written, or last one read */
   double scale, offset;          /* physical value = raw value * scale + offset */
+  int scaled;                    /* it is another than the raw one */
   double low, high;              /* raw values that the entry may have */
   int integer;                   /* the entry holds a whole number */
   int index, subindex, output, type, bits;
@@ -96,10 +100,12 @@ ECATM_FUNCTION int ecatm_slave_resolve(ecatm_node *node) {
 ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, int vendor, int product,
                                       int revision, const char *name, const char *fingerprint,
                                       const char *command) {
-  ecatm_master *master = ((ecatm_domain *)object)->node.master;
+  const ecatm_domain *domain = (const ecatm_domain *)object;
+  ecatm_master *master = domain->node.master;
   ecatm_slave draft, *slave;
   memset(&draft, 0, sizeof draft);
   draft.node.resolve = ecatm_slave_resolve;
+  draft.group = &master->groups[domain->id - 1];
   draft.position = position;
   draft.vendor = (uint32_t)vendor;
   draft.product = (uint32_t)product;
@@ -178,6 +184,7 @@ ECATM_FUNCTION void *ecatm_pdo_open(void *object, int index, int subindex, int o
   draft.integer = type != 0x0008 && type != 0x0011; /* REAL32, REAL64 */
   draft.scale = scale;
   draft.offset = offset;
+  draft.scaled = scale != 1 || offset != 0;
   if (!ecatm_is_scale(scale, offset)) {
     ModelicaFormatError("EtherCAT: entry 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
                         "of %g: the scale must be a finite number other than 0",

@@ -1,15 +1,11 @@
-/* What happens in a sample: wait, reads, writes, commits. */
+/* What a model takes from the bus: waits, samples, reads. */
 #ifndef ECATM_SAMPLES_H
 #define ECATM_SAMPLES_H
 
-#include "ecatm_objects.h"
+#include "ecatm_outputs.h"
 
 #define ECATM_PATIENCE 1.0       /* seconds without a bus cycle until waiting fails */
-#define ECATM_SAME_TIME 1e-9     /* seconds; periodic events drift by rounding */
 #define ECATM_BEHIND 0.1         /* seconds that a model without a bus may catch up */
-#define ECATM_RECLAIM 0.1        /* seconds between two tries to own outputs again */
-
-ECATM_FUNCTION int ecatm_same_time(double a, double b) { return fabs(a - b) <= ECATM_SAME_TIME; }
 
 /* --- Samples ------------------------------------------------------------------------------- */
 
@@ -58,7 +54,9 @@ ECATM_FUNCTION void ecatm_observe_nothing(ecatm_master *master) {
 
 /* Takes a new image of all domains and remembers its time. */
 ECATM_FUNCTION void ecatm_take_sample(ecatm_master *master, double time) {
-  int code = ecatm_refresh(master);
+  int code;
+  ecatm_settle(master);
+  code = ecatm_refresh(master);
   if (code != 0)
     code = ecatm_endure(master, code);
   else
@@ -177,116 +175,6 @@ ECATM_FUNCTION int ecatm_slave_state(void *object, double time, int order, int *
   *al_state = ecatm_al_state(slave->al_state);
   *al_status_code = (int)slave->al_code;
   return slave->al_state == ECAT_AL_OP && (master->complete >> slave->domain & 1) != 0;
-}
-
-/* --- Writes -------------------------------------------------------------------------------- */
-
-/* Whether this model writes the slave at a position. */
-ECATM_FUNCTION const ecatm_slave *ecatm_writer(const ecatm_master *master, int position) {
-  const ecatm_slave *slave = master->slaves;
-  while (slave != NULL && !(slave->writer && slave->position == position)) slave = slave->next;
-  return slave;
-}
-
-/* Makes this model the owner of the outputs of all slaves that it writes, in one go. Returns 0 or a code
- * of the client. */
-ECATM_FUNCTION int ecatm_claim(ecatm_master *master) {
-  int i, code, last = -1, wanted = 0, count = ecat_signal_count(master->bus);
-  int *signals = (int *)malloc(((size_t)count + 1) * sizeof *signals);
-  size_t found = 0;
-  ecat_signal_info info;
-  ecatm_slave *slave;
-  if (signals == NULL) return ecatm_fail(master, ECAT_ESYS, "out of memory");
-  for (i = 0; i < count && ecat_signal(master->bus, i, &info) == 0; i++) {
-    if (info.slave != last) wanted = ecatm_writer(master, info.slave) != NULL;
-    last = info.slave;
-    if (info.output && wanted) signals[found++] = i;
-  }
-  code = ecatm_client(master, ecat_claim_entries(master->bus, signals, found, master->lease));
-  free(signals);
-  for (slave = master->slaves; code == 0 && slave != NULL; slave = slave->next)
-    slave->claimed = slave->writer;
-  return code;
-}
-
-/* Hands the written values of a slave to the daemon. Returns 0 or a code of the client. */
-ECATM_FUNCTION int ecatm_publish(ecatm_slave *slave) {
-  ecatm_master *master = slave->node.master;
-  const ecatm_pdo *pdo;
-  int code = slave->claimed ? 0 : ecatm_claim(master);
-  for (pdo = slave->outputs; pdo != NULL && code == 0; pdo = pdo->next_output) {
-    double value = pdo->value;
-    if (!pdo->pending) continue;
-    if (pdo->scale != 1 || pdo->offset != 0) {
-      if (value < pdo->low) value = pdo->low;
-      if (value > pdo->high) value = pdo->high;
-    }
-    code = ecatm_client(master, ecat_write(master->bus, pdo->signal, value));
-  }
-  return code != 0 ? code : ecatm_client(master, ecat_commit(master->bus));
-}
-
-/* After outputs were lost that the model had claimed: claims them again, but not too often. Returns 0 or a
- * code of the client. */
-ECATM_FUNCTION int ecatm_reclaim(ecatm_slave *slave) {
-  ecatm_master *master = slave->node.master;
-  double before = master->lost;
-  ecatm_slave *each;
-  int code;
-  for (each = master->slaves; each != NULL; each = each->next) each->claimed = 0;
-  if (ecatm_now() - before < ECATM_RECLAIM) return ECAT_ELEASE;
-  master->lost = ecatm_now();
-  code = ecatm_publish(slave);
-  if (code == 0 && master->lost - before > 1)
-    ModelicaFormatMessage("EtherCAT: %s; the model has done so\n", master->problem);
-  return code;
-}
-
-/* What was written is lost; the next sample of a model that waits will wait. */
-ECATM_FUNCTION void ecatm_dropped(ecatm_master *master, int code) {
-  if (code == ECAT_ELEASE && master->when_failed != ECATM_ERROR) return; /* until the next try */
-  if (ecatm_wish(master, code) == ECATM_ERROR) ecatm_stop(master);
-  if (ecatm_wish(master, code) == ECATM_CONTINUE) ecatm_endure(master, code);
-}
-
-/* Hands the written values of this slave over, all at once; drops them while there is no bus. `order` is
- * only there to be returned: it makes the tool call this after the writes that it came from. */
-ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
-  ecatm_slave *slave = (ecatm_slave *)object;
-  ecatm_master *master = slave->node.master;
-  int code;
-  (void)time;
-  if (master->bus == NULL || master->outage != 0) return order;
-  if (!slave->writer && ecatm_writer(master, slave->position) != NULL) {
-    ModelicaFormatError("EtherCAT: two blocks of this model write the outputs of slave %d of bus '%s'; "
-                        "remove one of them", slave->position, master->name);
-    return order;
-  }
-  slave->writer = 1;
-  code = ecatm_publish(slave);
-  if (code == ECAT_ELEASE && master->when_failed != ECATM_ERROR) code = ecatm_reclaim(slave);
-  if (code != 0) ecatm_dropped(master, code);
-  return order;
-}
-
-/* Remembers a value for the commit. Values of integer entries are rounded. An entry with a scale is
- * held at its limits, as an analog output does; raw values out of range are an error of the commit. */
-ECATM_FUNCTION int ecatm_write_real(void *object, double time, int order, double value) {
-  ecatm_pdo *pdo = (ecatm_pdo *)object;
-  (void)time;
-  value = (value - pdo->offset) / pdo->scale;
-  if (pdo->integer && fabs(value) < 4503599627370496.0) value = floor(value + 0.5);
-  pdo->value = value;
-  pdo->pending = 1;
-  return order;
-}
-
-ECATM_FUNCTION int ecatm_write_integer(void *object, double time, int order, int value) {
-  return ecatm_write_real(object, time, order, (double)value);
-}
-
-ECATM_FUNCTION int ecatm_write_boolean(void *object, double time, int order, int value) {
-  return ecatm_write_real(object, time, order, value ? 1.0 : 0.0);
 }
 
 /* --- Reads --------------------------------------------------------------------------------- */
