@@ -3,7 +3,6 @@
 `<library>.h` has for each block functions with the same calls, in the same order, as the block.
 """
 
-import subprocess
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from plant_calls import compile_program, run, sentence
 
 from conftest import Daemon
 from ecatd.bus.layout import lay_out
@@ -57,25 +57,7 @@ def build(tmp_path: Path, compiler: str) -> Callable[..., Path]:
     """Compiles a C program against the files of a generated library."""
 
     def compile_(source: str, out: Path, *flags: str) -> Path:
-        program = tmp_path / f"program{len(list(tmp_path.iterdir()))}"
-        file = program.with_suffix(".c")
-        file.write_text(source)
-        resources = out / "EtherCAT" / "Resources"
-        (archive,) = (resources / "Library").rglob("libecat.a")
-        done = subprocess.run(
-            [
-                *(compiler, "-Wall", "-Wextra", "-Werror", "-O1", *flags),
-                f"-I{resources / 'Include'}",
-                f"-I{resources / 'Source' / 'standalone'}",
-                f"-I{out / 'Plant' / 'Resources' / 'Source'}",
-                *(str(file), str(archive), "-lm", "-o", str(program)),
-            ],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        return program
+        return compile_program(compiler, source, out, tmp_path, *flags)
 
     return compile_
 
@@ -99,20 +81,6 @@ def served(bus: Bus) -> Iterator[str]:
         yield bus.name
     finally:
         segment.close()
-
-
-def run(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [str(program), *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
-
-
-def sentence(result: subprocess.CompletedProcess[str]) -> str:
-    assert result.returncode == 1
-    assert result.stdout == ""
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("EtherCAT: ")
-    return line
 
 
 def test_the_bus_that_the_library_was_generated_for(opener: Path) -> None:
