@@ -11,8 +11,10 @@ import pytest
 
 pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
 
+import fmpy
 from fmpy import extract, read_model_description
 from fmpy.validation import validate_fmu
+from lxml import etree
 
 from conftest import one_line_error, run_module
 from ecatd.model.bus import Bus
@@ -57,6 +59,22 @@ def test_fmpy_finds_nothing_wrong(bus: Callable[[], Bus], fmi: int, tmp_path: Pa
     assert (causes.count("input"), causes.count("output")) == (report.inputs, report.outputs)
 
 
+def test_terminals_and_build_description_fit_their_schemas(tmp_path: Path) -> None:
+    """Each slave is a terminal of an FMU for FMI 3.0."""
+    folder = Path(
+        extract(
+            str(generate_fmu(sample_buses.awkward(), "Plant", tmp_path, 3).fmu),
+            str(tmp_path / "plant"),
+        )
+    )
+    schemas = Path(fmpy.__file__).parent / "schema" / "fmi3"
+    build = etree.parse(folder / "sources" / "buildDescription.xml")
+    etree.XMLSchema(etree.parse(schemas / "fmi3BuildDescription.xsd")).assertValid(build)
+    terminals = etree.parse(folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
+    etree.XMLSchema(etree.parse(schemas / "fmi3TerminalsAndIcons.xsd")).assertValid(terminals)
+    assert len(list(terminals.iter("Terminal"))) == len(sample_buses.awkward().slaves)
+
+
 @VERSIONS
 @pytest.mark.parametrize("bus", BUSES)
 def test_names_are_those_of_the_library(bus: Callable[[], Bus], fmi: int, tmp_path: Path) -> None:
@@ -77,13 +95,18 @@ def test_the_same_bus_gives_the_same_bytes(fmi: int, tmp_path: Path) -> None:
     one = generate_fmu(sample_buses.troll(), "Plant", tmp_path / "one", fmi)
     two = generate_fmu(sample_buses.troll(), "Plant", tmp_path / "two", fmi)
     assert one.fmu.read_bytes() == two.fmu.read_bytes()
-    assert one.changed
-    assert not generate_fmu(sample_buses.troll(), "Plant", tmp_path / "one", fmi).changed
+    assert one.is_change
+    assert not generate_fmu(sample_buses.troll(), "Plant", tmp_path / "one", fmi).is_change
     other = sample_buses.troll()
     other.slaves[3].outputs[0].entries[0].name = "Lamp"
-    before = read_model_description(str(one.fmu))
+    before, content = read_model_description(str(one.fmu)), one.fmu.read_bytes()
+    would = generate_fmu(other, "Plant", tmp_path / "one", fmi, check=True)
+    assert (would.is_change, one.fmu.read_bytes()) == (True, content)
     again = generate_fmu(other, "Plant", tmp_path / "one", fmi)
-    assert again.changed
+    assert again.differences == would.differences
+    assert again.details()[0] == (
+        "slave 3 EL2008: connector channel1Output is now called lamp (output 0x7000:01)"
+    )
     after = read_model_description(str(again.fmu))
     token = "guid" if fmi == 2 else "instantiationToken"
     assert getattr(before, token) != getattr(after, token)
@@ -157,7 +180,7 @@ def test_the_sources_make_the_binary(compiler: str, fmi: int, tmp_path: Path) ->
 
 
 def test_wrong_options(tmp_path: Path) -> None:
-    for options in (["--fmi", "3"], ["--fmu", "--fmi", "4"]):
+    for options in (["--fmi", "3"], ["--fmu", "--fmi", "4"], ["--fmu", "--force"]):
         result = run_module("ecatd.cli", "generate", "Plant", str(tmp_path), *options)
         assert result.returncode == 2
         assert not result.stdout

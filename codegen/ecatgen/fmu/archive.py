@@ -7,6 +7,7 @@ import io
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from ecatd.model.errors import NotPermittedError, StateError
 
 _TIME = (1980, 1, 1, 0, 0, 0)  # the first one that a ZIP file can have
 _MARK = b"ecatgen "
+_DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError)
 
 
 def pack(files: Mapping[str, bytes]) -> bytes:
@@ -30,8 +32,13 @@ def pack(files: Mapping[str, bytes]) -> bytes:
     return buffer.getvalue()
 
 
-def write(path: Path, data: bytes) -> bool:
+def write(path: Path, data: bytes, *, check: bool = False) -> bool:
     """Puts an archive into its place; returns whether it was another one, or none, before.
+
+    Args:
+        path: Its place.
+        data: The archive.
+        check: Write nothing.
 
     Raises:
         StateError: There is a file that this program has not written, or that was changed since;
@@ -43,6 +50,8 @@ def write(path: Path, data: bytes) -> bool:
             if path.is_file() and path.read_bytes() == data:
                 return False
             _check_ours(path)
+        if check:
+            return True
         path.parent.mkdir(parents=True, exist_ok=True)
         _replace(path, data)
     except PermissionError as error:
@@ -54,6 +63,15 @@ def write(path: Path, data: bytes) -> bool:
     except OSError as error:
         raise StateError(f"{error.filename or path} cannot be made: {error.strerror}") from error
     return True
+
+
+def member(path: Path, name: str) -> bytes | None:
+    """One file in an archive; None where there is none."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.read(name)
+    except (OSError, KeyError, *_DAMAGED):
+        return None
 
 
 def _digest(files: Mapping[str, bytes]) -> str:
@@ -72,7 +90,7 @@ def _check_ours(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             files = {info.filename: archive.read(info) for info in archive.infolist()}
             ours = archive.comment == _MARK + _digest(files).encode()
-    except (ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError):
+    except (ValueError, *_DAMAGED):
         ours = False
     if not ours:
         raise StateError(

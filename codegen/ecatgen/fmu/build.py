@@ -12,9 +12,7 @@ from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
 from ecatd.version import VERSION
 
 from .. import names
-from ..build import build_library
-from ..ir import Block, Connector
-from ..profiles import Profiles
+from ..ir import Block, Connector, Library
 from . import fixed
 from .ir import Attributes, Fmu, Slave, Unknown, Variable
 from .units import units
@@ -27,24 +25,18 @@ _KNOWN_AT_START = ("bus", "whenMissing", "patience")
 """Parameters that decide which values there are at the start."""
 
 
-def build_fmu(
-    bus: Bus, name: str, fmi: int, profiles: Profiles, sources: Sequence[str], token: str
-) -> Fmu:
+def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str], token: str) -> Fmu:
     """The FMU for a bus.
 
     Args:
         bus: Description of the bus.
-        name: Name of the model, a Modelica identifier.
+        library: Its library, whose names the variables have.
         fmi: Major version of FMI: 2 or 3.
-        profiles: What is known about devices.
         sources: C files to compile.
         token: GUID or instantiation token.
-
-    Raises:
-        UsageError: The name cannot be that of a model.
     """
-    library = build_library(bus, name, profiles)
-    variables = tuple(_Builder(fmi, bus).all(library.blocks))
+    instances = _instances(library.blocks)
+    variables = tuple(_Builder(fmi, bus).all(library.blocks, instances))
     references = {item.name: item.reference for item in variables}
     first = 1 if fmi == 2 else 0
     known = " ".join(str(references[item] + first) for item in _KNOWN_AT_START)
@@ -63,8 +55,8 @@ def build_fmu(
         categories=fixed.CATEGORIES,
         variables=variables,
         slaves=tuple(
-            Slave(block.position, block.vendor, block.product, block.revision, block.slave_label)
-            for block in library.blocks
+            _slave(block, instance, variables)
+            for block, instance in zip(library.blocks, instances, strict=True)
         ),
         unknowns=tuple(
             Unknown(item.reference + first, known)
@@ -72,6 +64,29 @@ def build_fmu(
             if item.causality == "output"
         ),
         sources=tuple(sources),
+    )
+
+
+def _instances(blocks: Sequence[Block]) -> list[str]:
+    """What the names of each slave's variables begin with: the usual name of its block."""
+    own = [item.name for item in fixed.PARAMETERS + fixed.DIAGNOSTICS]
+    namespace = names.Namespace([*own, "time"], suffix="Slave")
+    return [namespace.take(block.instance) for block in blocks]
+
+
+def _slave(block: Block, instance: str, variables: Sequence[Variable]) -> Slave:
+    return Slave(
+        instance=instance,
+        position=block.position,
+        vendor=block.vendor,
+        product=block.product,
+        revision=block.revision,
+        label=block.slave_label,
+        variables=tuple(
+            (item.name, item.name.partition(".")[2])
+            for item in variables
+            if item.name.startswith(f"{instance}.")
+        ),
     )
 
 
@@ -119,7 +134,7 @@ class _Builder:
         self._bus = bus
         self._count = 0
 
-    def all(self, blocks: Sequence[Block]) -> Iterator[Variable]:
+    def all(self, blocks: Sequence[Block], instances: Sequence[str]) -> Iterator[Variable]:
         """All variables in the order of their value references."""
         if self._fmi == 3:
             yield self._variable(
@@ -133,10 +148,8 @@ class _Builder:
             yield self._variable(
                 (item.name, item.description), "output", item.name, self._fixed(item)
             )
-        own = [item.name for item in fixed.PARAMETERS + fixed.DIAGNOSTICS]
-        instances = names.Namespace([*own, "time"], suffix="Slave")
-        for number, block in enumerate(blocks):
-            yield from self._slave(number, block, instances.take(block.instance))
+        for number, (block, instance) in enumerate(zip(blocks, instances, strict=True)):
+            yield from self._slave(number, block, instance)
 
     def _slave(self, number: int, block: Block, instance: str) -> Iterator[Variable]:
         entries = {

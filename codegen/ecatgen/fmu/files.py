@@ -13,8 +13,11 @@ _PLATFORMS = {
     2: {"x86_64": "linux64", "aarch64": "aarch64-linux"},
     3: {"x86_64": "x86_64-linux", "aarch64": "aarch64-linux"},
 }
+_ICONS = {
+    2: {"model.png": "icon.png"},
+    3: {f"terminalsAndIcons/{name}": name for name in ("icon.png", "icon.svg")},
+}
 _SOURCES = Path(__file__).parent / "source"
-_SHARED = ("plant", "bus", "table", "variables")
 _CLIENT_ONLY = ("layout.c",)  # for Python
 
 
@@ -40,6 +43,9 @@ def fixed_files(fmi: int, name: str) -> dict[str, bytes]:
     for path in sorted((client / "include").rglob("*")):
         if path.suffix in (".h", ".def"):
             files[f"sources/{path.relative_to(client / 'include').as_posix()}"] = path.read_bytes()
+    for place, icon in _ICONS[fmi].items():
+        files[place] = (_SOURCES.with_name("icon") / icon).read_bytes()
+    files["documentation/licenses/license.txt"] = _SOURCES.with_name("license.txt").read_bytes()
     return files
 
 

@@ -4,22 +4,30 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from ecatd.model import bus_file
 from ecatd.model.bus import Bus
+from ecatd.model.errors import UsageError
 
 from .. import scan
+from ..build import build_library
+from ..differences import Difference, compare, lines
 from ..profiles import load_profiles
-from .archive import pack, write
+from .archive import member, pack, write
 from .build import build_fmu
 from .files import fixed_files
 from .render import render
 
+_SCAN = "resources/bus.json"
+
 
 @dataclass(frozen=True, slots=True)
 class FmuReport:
-    """What `generate_fmu` has done.
+    """What `generate_fmu` has done, or would do.
 
     Attributes:
         fmu: The file.
@@ -27,7 +35,8 @@ class FmuReport:
         slaves: Number of slaves.
         inputs: Number of inputs of the FMU, which it writes to the bus.
         outputs: Number of outputs of the FMU.
-        changed: Whether the file is new or another one than before.
+        is_change: Whether the file is new or another one than before.
+        differences: What is different on the bus since the file was made, by slave and connector.
     """
 
     fmu: Path
@@ -35,9 +44,10 @@ class FmuReport:
     slaves: int
     inputs: int
     outputs: int
-    changed: bool
+    is_change: bool
+    differences: tuple[Difference, ...] = ()
 
-    def to_dict(self) -> dict[str, str | int | bool]:
+    def to_dict(self) -> dict[str, Any]:
         """The report as data, for JSON."""
         return {
             "fmu": str(self.fmu),
@@ -45,20 +55,35 @@ class FmuReport:
             "slaves": self.slaves,
             "inputs": self.inputs,
             "outputs": self.outputs,
-            "changed": self.changed,
+            "changed": self.is_change,
+            "differences": [item.to_dict() for item in self.differences],
         }
+
+    def details(self) -> list[str]:
+        """What is different, a sentence a line."""
+        return lines(self.differences)
 
     def summary(self) -> str:
         """The report as one sentence."""
         return (
             f"{self.fmu}: FMI {self.fmi}.0, {self.slaves} slaves, {self.inputs} inputs, "
-            f"{self.outputs} outputs, {'written' if self.changed else 'unchanged'}; import it into "
-            f"a tool for co-simulation"
+            f"{self.outputs} outputs, {'written' if self.is_change else 'unchanged'}; import it "
+            f"into a tool for co-simulation"
         )
+
+    def would(self) -> str:
+        """What a run would do, as one sentence."""
+        return f"{self.fmu} would change" if self.is_change else f"{self.fmu}: nothing would change"
 
 
 def generate_fmu(
-    bus: Bus, name: str, out: Path, fmi: int = 2, profiles: Iterable[Path] = ()
+    bus: Bus,
+    name: str,
+    out: Path,
+    fmi: int = 2,
+    profiles: Iterable[Path] = (),
+    *,
+    check: bool = False,
 ) -> FmuReport:
     """Writes a co-simulation FMU for a bus.
 
@@ -70,6 +95,7 @@ def generate_fmu(
         out: Directory that the file `name`.fmu is written to.
         fmi: Major version of FMI: 2 or 3.
         profiles: Folders with device profiles of the user; an earlier one wins.
+        check: Write nothing, only report what would change.
 
     Raises:
         ConfigError: A device profile is wrong.
@@ -78,22 +104,35 @@ def generate_fmu(
         NotPermittedError: The directory cannot be written.
         EcatError: The binary is not built, or there is none for this platform.
     """
-    fixed = fixed_files(fmi, name)
+    known, bus = load_profiles(profiles), scan.essence(bus)
+    library = build_library(bus, name, known)
+    fixed = fixed_files(fmi, library.name) | {_SCAN: scan.scan_file(bus)}
     sources = [path.removeprefix("sources/") for path in fixed if path.endswith(".c")]
-    made, known = scan.essence(bus), load_profiles(profiles)
-    fixed[f"resources/{Path(scan.PATH).name}"] = scan.scan_file(made)
-    token = _token(render(build_fmu(made, name, fmi, known, sources, "")) | fixed)
-    fmu = build_fmu(made, name, fmi, known, sources, token)
+    token = _token(render(build_fmu(bus, library, fmi, sources, "")) | fixed)
+    fmu = build_fmu(bus, library, fmi, sources, token)
     path = out / f"{fmu.name}.fmu"
-    changed = write(path, pack(render(fmu) | fixed))
+    before = _before(path)
+    changed = write(path, pack(render(fmu) | fixed), check=check)
+    differences: tuple[Difference, ...] = ()
+    if changed and before is not None:
+        differences = compare((before, build_library(before, name, known)), (bus, library))
     return FmuReport(
         fmu=path,
         fmi=fmi,
         slaves=len(fmu.slaves),
         inputs=sum(item.causality == "input" for item in fmu.variables),
         outputs=sum(item.causality == "output" for item in fmu.variables),
-        changed=changed,
+        is_change=changed,
+        differences=differences,
     )
+
+
+def _before(path: Path) -> Bus | None:
+    """The bus that the file was made of; None where that is not known."""
+    data = member(path, _SCAN)
+    with suppress(UsageError, UnicodeDecodeError):
+        return None if data is None else scan.essence(bus_file.parse(data.decode(), str(path)))
+    return None
 
 
 def _token(files: dict[str, bytes]) -> str:

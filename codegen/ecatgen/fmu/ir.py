@@ -85,13 +85,25 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Slave:
-    """A slave that the bus must have."""
+    """A slave that the bus must have.
 
+    Attributes:
+        instance: What the names of its variables begin with.
+        position: Position on the bus.
+        vendor: Vendor ID.
+        product: Product code.
+        revision: Revision number.
+        label: How messages name it.
+        variables: Names of its variables, and of the same without the instance.
+    """
+
+    instance: str
     position: int
     vendor: int
     product: int
     revision: int
     label: str
+    variables: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)

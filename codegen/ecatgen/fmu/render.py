@@ -41,6 +41,7 @@ def render(fmu: Fmu) -> dict[str, bytes]:
     }
     if fmu.fmi == 3:
         files["sources/buildDescription.xml"] = "build.xml.j2"
+        files["terminalsAndIcons/terminalsAndIcons.xml"] = "terminals.xml.j2"
     return {
         path: environment.get_template(template).render(fmu=fmu).encode()
         for path, template in files.items()

@@ -15,7 +15,9 @@ from .bus_source import get_bus
 from .output import print_json
 
 if TYPE_CHECKING:
+    from ecatd.model.bus import Bus
     from ecatgen import Report
+    from ecatgen.fmu import FmuReport
 
 CHANGES = 1
 """Exit status of `--check` where something would change."""
@@ -25,33 +27,23 @@ def generate(options: argparse.Namespace) -> int:
     """Writes a Modelica library, or an FMU, for the bus, or says what that would change."""
     if options.fmi and not options.fmu:
         raise UsageError("--fmi is the version of an FMU: say --fmu, too")
-    if options.fmu and (options.check or options.force or options.templates):
-        raise UsageError(
-            "--check, --force and --templates are about libraries: leave them out with --fmu"
-        )
+    if options.fmu and (options.force or options.templates):
+        raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
     profiles = user_folders.folders(options.profiles, "profiles")
     bus = get_bus(options)
     unused = user_folders.unused_profiles(options.profiles, bus)
-    more = {"bus": bus.name, "unused_profiles": unused}
-    # Only this command needs the templates.
+    report = _generate(bus, profiles, options)
+    return _tell_report(options, report, {"bus": bus.name, "unused_profiles": unused}, *unused)
+
+
+def _generate(bus: Bus, profiles: list[Path], options: argparse.Namespace) -> Report | FmuReport:
+    from ecatgen import fmu, generate  # only this command needs the templates
+
+    name, out, check = options.name, options.out, options.check
     if options.fmu:
-        from ecatgen.fmu import generate_fmu
-
-        made = generate_fmu(bus, options.name, options.out, options.fmi or 2, profiles)
-        _tell(options, {**more, **made.to_dict()}, *unused, made.summary())
-        return 0
-    from ecatgen import generate as generate_library
-
-    report = generate_library(
-        bus,
-        options.name,
-        options.out,
-        profiles,
-        user_folders.folders(options.templates, "templates"),
-        check=options.check,
-        force=options.force,
-    )
-    return _tell_report(options, report, more, *unused)
+        return fmu.generate_fmu(bus, name, out, options.fmi or 2, profiles, check=check)
+    templates = user_folders.folders(options.templates, "templates")
+    return generate(bus, name, out, profiles, templates, check=check, force=options.force)
 
 
 def library(options: argparse.Namespace) -> int:
@@ -66,7 +58,7 @@ def library(options: argparse.Namespace) -> int:
 
 
 def _tell_report(
-    options: argparse.Namespace, report: Report, more: dict[str, Any], *lines: str
+    options: argparse.Namespace, report: Report | FmuReport, more: dict[str, Any], *lines: str
 ) -> int:
     last = report.would() if options.check else report.summary()
     _tell(options, {**more, **report.to_dict()}, *lines, *report.details(), last)
