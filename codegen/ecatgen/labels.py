@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from .font import width
 
@@ -14,6 +15,7 @@ _SHORTEST = 3  # letters that stay of a word
 _WORD = re.compile(r"[A-Z]+(?![a-z])[0-9_]*|[A-Za-z][a-z]*[0-9_]*|[0-9_]+")
 
 
+@lru_cache(maxsize=4096)  # equal slaves have equal names
 def label(name: str) -> str:
     """The name, with its longest words cut where it is too long for a label.
 

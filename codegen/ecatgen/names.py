@@ -11,6 +11,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 
 from ecatd.model.errors import UsageError
 
@@ -71,6 +72,7 @@ def class_name(text: str, fallback: str) -> str:
     return name if name[0].isalpha() else "Slave" + name
 
 
+@lru_cache(maxsize=4096)  # equal slaves have equal texts
 def component_name(text: str, fallback: str = "") -> str:
     """A component name; empty if neither the text nor the fallback has a letter or digit."""
     words = _even_case(_words(text)) or _words(fallback)
