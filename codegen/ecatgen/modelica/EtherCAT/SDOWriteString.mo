@@ -2,7 +2,7 @@ within EtherCAT;
 block SDOWriteString "Write a String to an object of a slave"
   extends EtherCAT.Interfaces.PartialSDOString;
 
-  input String u "Value to write" annotation (Dialog(group = "Object"));
+  parameter String u = "" "Value to write" annotation (Dialog(group = "Object"));
 equation
   when etherCATMaster.sampled[1] then
     state = EtherCAT.Functions.sdoWriteString(
@@ -13,8 +13,7 @@ equation
     defaultComponentName = "sdoWriteString",
     Documentation(info = "<html>
 <p>
-Downloads the text that <code>u</code> has at the request to an object of the slave at
-<code>position</code> through its mailbox. <code>done</code> becomes true when the slave has accepted
+Downloads the text <code>u</code> to an object of the slave at <code>position</code> through its mailbox. <code>done</code> becomes true when the slave has accepted
 it. A text that the data type cannot hold, or of more than 512 bytes, ends the simulation.
 </p>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
@@ -25,7 +24,9 @@ it. A text that the data type cannot hold, or of more than 512 bytes, ends the s
 <tr><td>UNICODE_STRING</td><td>UTF-16</td></tr>
 </table>
 <p>
-An empty text is written as one zero.
+An empty text is written as one zero. A text that changes during the simulation is written by a block of
+your own with <a href=\"modelica://EtherCAT.Functions.sdoWriteString\">sdoWriteString</a>: here it is a
+parameter because tools describe String inputs of an FMU as continuous, which FMI does not allow.
 </p>
 <p>
 When the object is requested, and what happens to a request that fails, is told in

@@ -85,7 +85,8 @@ start</td></tr>
 The slave is asked while the model runs on; nothing delays the simulation, not even a request at the start. Each
 sample of domain 1 looks whether the answer has come. Until then <code>busy</code> is true and a further
 trigger, or a period that ends, is ignored. Any number of blocks may ask at the same time: requests of one
-model wait for each other.
+model wait for each other. Outputs follow <code>trigger</code> within a sample: where a trigger is made of
+<code>done</code> of the same block, a <code>Modelica.Blocks.Logical.Pre</code> belongs between them.
 </p>
 <h4>Requests that fail</h4>
 <p>
