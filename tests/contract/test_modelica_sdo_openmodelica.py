@@ -1,0 +1,131 @@
+"""The SDO blocks in OpenModelica: all six in one model, as a program and as FMU."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon
+from ecatgen import generate
+from ecatgen.checks import sample_buses
+from openmodelica import OpenModelica, needs_omc, read_csv, result_of, start
+from rigs import objects
+
+pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(600)]
+
+MODEL = """
+model Requests "All SDO blocks on the rig of the tests"
+  inner EtherCAT.EtherCATMaster etherCATMaster(waitForBus = true);
+  EtherCAT.SDOWrite writeInteger(
+    object = "0x2004:00",
+    dataType = EtherCAT.Types.DataType.INTEGER32,
+    request = EtherCAT.Types.Request.Initial,
+    u = -42);
+  EtherCAT.SDORead readInteger(index = 8196, dataType = EtherCAT.Types.DataType.INTEGER32);
+  EtherCAT.SDOWriteReal writeReal(
+    object = "0x201B",
+    dataType = EtherCAT.Types.DataType.UNSIGNED64,
+    scale = 0.5,
+    unit = "V",
+    u = 3e15);
+  Modelica.Blocks.Sources.BooleanConstant trigger;
+  EtherCAT.SDOReadReal readReal(
+    object = "0x201B",
+    dataType = EtherCAT.Types.DataType.UNSIGNED64,
+    scale = 0.5,
+    unit = "V",
+    request = EtherCAT.Types.Request.Sampled,
+    period = 0.05);
+  EtherCAT.SDOWriteString writeString(
+    object = "0x2200",
+    dataType = EtherCAT.Types.DataType.OCTET_STRING,
+    request = EtherCAT.Types.Request.Initial,
+    u = "caf\\\\xE9");
+  EtherCAT.SDOReadString readString(
+    object = "0x2200",
+    request = EtherCAT.Types.Request.Sampled,
+    period = 0.05);
+  EtherCAT.SDOReadString refused(object = "0x5FFF", request = EtherCAT.Types.Request.Initial);
+equation
+  connect(writeInteger.done, readInteger.trigger);
+  connect(trigger.y, writeReal.trigger);
+  when {readString.count >= 10, refused.abortCode > 0} then
+    Modelica.Utilities.Streams.print("text '" + readString.y + "'");
+    Modelica.Utilities.Streams.print("refused '" + refused.abortText + "'");
+  end when;
+end Requests;
+"""
+NUMBERS = {"readInteger.y": -42, "readReal.y": 3e15, "refused.abortCode": 0x06020000}
+REFUSED = "slave 0, 0x5FFF:00: SDO abort 0x06020000: The object does not exist"
+
+
+@pytest.fixture(scope="module")
+def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    """A daemon whose first slave has objects of all types."""
+    folder = tmp_path_factory.mktemp("objects")
+    daemon = Daemon(folder, str(Path(objects.__file__))).wait_ready()
+    yield daemon
+    assert daemon.stop() == 0
+    daemon.close()
+
+
+@pytest.fixture
+def omc(tmp_path: Path) -> OpenModelica:
+    generate(sample_buses.troll(), "TrollPlant", tmp_path / "libraries")
+    (tmp_path / "Requests.mo").write_text(MODEL)
+    return OpenModelica(tmp_path, tmp_path / "libraries")
+
+
+def test_the_check_says_nothing(omc: OpenModelica) -> None:
+    answer = omc.run('loadFile("Requests.mo");', "getErrorString();", "checkModel(Requests);")
+    assert "Check of Requests completed successfully" in answer, answer
+    assert "Warning" not in answer, answer
+
+
+def test_values_of_all_kinds_go_both_ways(omc: OpenModelica, tmp_path: Path, bus: Daemon) -> None:
+    answer = omc.run('loadFile("Requests.mo");', 'buildModel(Requests, outputFormat = "csv");')
+    program = tmp_path / "Requests"
+    assert program.is_file(), answer
+    with start(program, 2, bus=bus.bus) as process:
+        log, _ = process.communicate()
+    assert process.returncode == 0, log
+    last = read_csv(result_of(program))[-1]
+    assert {name: last[name] for name in NUMBERS} == NUMBERS
+    assert "text 'café'" in log
+    assert f"refused '{REFUSED}" in log
+
+
+@pytest.mark.filterwarnings("default")  # FMPy's own
+def test_the_same_as_fmu(omc: OpenModelica, tmp_path: Path, bus: Daemon) -> None:
+    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
+    from fmpy.fmi2 import FMU2Slave
+
+    answer = omc.run(
+        'loadFile("Requests.mo");', 'buildModelFMU(Requests, version = "2.0", fmuType = "cs");'
+    )
+    (file,) = tmp_path.glob("*.fmu")
+    description = fmpy.read_model_description(str(file))  # valid, or an error
+    variables = {variable.name: variable for variable in description.modelVariables}
+    assert variables["readReal.y"].unit == "V", answer
+    references = {name: variable.valueReference for name, variable in variables.items()}
+    fmu = FMU2Slave(
+        guid=description.guid,
+        unzipDirectory=fmpy.extract(str(file), str(tmp_path / "fmu")),
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="requests",
+    )
+    fmu.instantiate()
+    fmu.setString([references["etherCATMaster.bus"]], [bus.bus])
+    fmu.setupExperiment(startTime=0)
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    for step in range(2000):
+        fmu.doStep(step * 0.001, 0.001)
+    strings = fmu.getString([references["readString.y"], references["refused.abortText"]])
+    reals = fmu.getReal([references["readReal.y"]])
+    integers = fmu.getInteger([references["readInteger.y"], references["refused.abortCode"]])
+    fmu.terminate()
+    fmu.freeInstance()
+    assert strings[0].decode() == "café"
+    assert strings[1].decode().startswith(REFUSED)
+    assert [*integers, *reals] == [-42, 0x06020000, 3e15]
