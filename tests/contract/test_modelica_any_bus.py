@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymoca.parser import parse
 
+import ecatgen
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
 from ecatgen import generate
@@ -155,6 +157,18 @@ def test_a_constant_of_an_example_has_one_unit(name: str) -> None:
     for example in library.examples:
         fed = {(c.source, unit[c.target]) for c in example.connections if c.target in unit}
         assert len(fed) == len({source for source, _ in fed})
+
+
+def test_no_connector_is_called_like_something_of_the_base_class() -> None:
+    base = Path(ecatgen.__file__).parent / "modelica/EtherCAT/Interfaces/PartialSlave.mo"
+    library = parse(base.read_text()).classes["EtherCAT"]
+    made = library.classes["Interfaces"].classes["PartialSlave"].symbols
+    assert {"domainID", "valid", "etherCATMaster"} <= made.keys()
+    entries = [Entry(0x6000 + n, 1, name, U8, 8) for n, name in enumerate(made)]
+    slave = Slave(0, "S", 1, 2, 3, inputs=inputs(*entries))
+    (block,) = build_library(Bus("b", 1000, [slave]), LIBRARY, PROFILES).blocks
+    assert len(block.reads) == len(made)
+    assert not {connector.name for connector in block.reads} & made.keys()
 
 
 TEXTS = st.text(max_size=70) | st.sampled_from([*NAMES, "", "Input", "Value"])
