@@ -1,8 +1,19 @@
 """The generator: bus description to Modelica library.
 
 ```
-bus description -> build (blocks, examples) -> ir -> render (templates) -> output
+bus description -> build -> ir -> render (templates) -> output (files)
 ```
+
+- `scan`: what of a bus description counts
+- `profiles`: what the entries of known devices mean
+- `names`, `words`: identifiers from the names of slaves, PDOs and entries
+- `connectors`, `blocks`: from entries and slaves to connectors and blocks
+- `layout`, `labels`, `symbols`, `font`: how blocks look; `examples`, `diagram`: models of them
+- `build`: all of it together, as the `ir`, which templates write down (`render`, `text`)
+- `static_library`: the library EtherCAT; `output`: puts both into a folder; `differences`: and says
+  what is another than before
+- `fmu`: the same bus as an FMU
+- `checks`, `drawing`: for developers: what is wrong with libraries, and pictures of them
 """
 
 from .generate import generate
