@@ -11,6 +11,7 @@ from ecatd.model.bus import Bus, Domain, Slave
 
 from .ir import Block, Connector, Library
 from .profiles import Value
+from .text import one_line
 
 _ASPECTS = (
     ("type_name", ""),
@@ -51,13 +52,14 @@ class Difference:
     after: str = ""
 
     @property
-    def label(self) -> str:
-        """The slave as messages begin."""
-        return "bus" if self.slave is None else f"slave {self.slave} {self.block}"
+    def sentence(self) -> str:
+        """The difference in one line."""
+        label = "bus" if self.slave is None else f"slave {self.slave} {self.block}"
+        return one_line(f"{label}: {self.text}")
 
     def to_dict(self) -> dict[str, str | int | None]:
         """The difference as data, for JSON."""
-        return asdict(self) | {"text": f"{self.label}: {self.text}"}
+        return asdict(self) | {"text": self.sentence}
 
 
 def lines(differences: Iterable[Difference]) -> list[str]:
@@ -73,7 +75,7 @@ def lines(differences: Iterable[Difference]) -> list[str]:
     for places, group in groupby(enumerate(differences), row):
         items = [item for _, item in group]
         if places is None or len(items) == 1:
-            result += [f"{item.label}: {item.text}" for item in items]
+            result += [item.sentence for item in items]
             continue
         first, last = items[0], items[-1]
         result.append(

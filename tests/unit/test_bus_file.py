@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bus_strategies import buses
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Domain
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
@@ -223,37 +224,7 @@ def test_damaged_files(data: bytes, at: int, cut: int) -> None:
     taken(damaged)
 
 
-names = st.text(max_size=8)
-entries = st.builds(
-    Entry,
-    index=st.integers(0, 0xFFFF),
-    subindex=st.integers(0, 0xFF),
-    name=names,
-    data_type=st.sampled_from([0, 1, 3, 4, 5, 0x0800]),
-    bit_length=st.integers(0, 255),
-    unit=names,
-    scale=st.floats(0.001, 1e9),
-    offset=st.floats(-1e300, 1e300),
-    minimum=st.none() | st.floats(-1e9, 0),
-    maximum=st.none() | st.floats(0, 1e9),
-    safe=st.none() | st.integers(0, 5) | st.just("hold"),
-)
-pdos = st.lists(
-    st.builds(Pdo, st.integers(0, 0xFFFF), names, st.integers(0, 255), st.lists(entries)),
-    max_size=3,
-)
-slaves = st.builds(
-    Slave,
-    *(st.just(0), names, *3 * (st.integers(0, 0xFFFF_FFFF),)),
-    coe=st.booleans(),
-    outputs=pdos,
-    inputs=pdos,
-    sync_shift_ns=st.integers(-(10**9), 10**9),
-)
-
-
-@given(st.lists(slaves, max_size=4))
-def test_every_bus_survives(made: list[Slave]) -> None:
-    bus = Bus("x", 1000, [replace(slave, position=n) for n, slave in enumerate(made)])
+@given(buses)
+def test_every_bus_survives(bus: Bus) -> None:
     assert bus_file.parse(bus_file.dump(bus), "x") == bus
     assert read_bus(wired(bus), "x") == bus

@@ -5,17 +5,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from bus_strategies import buses
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ecatgen.build
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
-from ecatgen import generate
+from ecatgen import generate, scan
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.differences import Difference, compare, lines
 from ecatgen.profiles import load_profiles
+from ecatgen.render import render
 
 PROFILES = load_profiles(())
 
@@ -153,6 +155,18 @@ def test_every_slave_is_accounted_for(before: list[Slave], after: list[Slave]) -
         assert sum(item.kind in ("gone", "new") for item in found) >= abs(
             before.count(slave) - after.count(slave)
         )
+
+
+@settings(max_examples=25)
+@given(buses, buses)
+def test_whatever_is_different_is_told(before: Bus, after: Bus) -> None:
+    """And every bus makes a library."""
+    old, new = scan.essence(before), scan.essence(after)
+    for bus in (old, new):
+        assert render(build_library(bus, "Plant", PROFILES))
+    found = compared(old, new)
+    assert (found == ()) == (old == new)
+    assert all("\n" not in line for line in lines(found))
 
 
 def test_a_large_bus_is_compared_quickly() -> None:

@@ -279,7 +279,7 @@ class _Reader:
         low, high = entry.minimum, entry.maximum
         if low is not None and high is not None and low > high:
             raise _at(_WrongError(f"is {low:g}, more than the maximum, {high:g}"), "minimum")
-        if self._strict and is_real(entry.data_type):
+        if self._strict and is_real(entry.data_type) and not entry.is_gap:
             bits = bit_length(entry.data_type)
             if entry.bit_length != bits:
                 text = f"is {entry.bit_length}, but {type_name(entry.data_type)} has {bits} bits"
