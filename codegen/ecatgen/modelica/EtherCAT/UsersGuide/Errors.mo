@@ -36,7 +36,7 @@ value or the period of an SDO block.</td></tr>
 <tr><td>the drive of slave ... cannot work: ...</td><td>A parameter of the drive makes no sense; what follows says
 which.</td></tr>
 <tr><td>the reference of the drive of slave ... is not a finite number</td><td>Look for a division by zero in the
-model. The drive has kept its last reference.</td></tr>
+model.</td></tr>
 <tr><td>there is no domain ...</td><td><code>domainID</code> of a block is larger than the number of
 sample times of the master.</td></tr>
 <tr><td>the daemon of bus ... has ended</td><td>Start it again, then the simulation; or choose
