@@ -23,7 +23,7 @@ At each sample instant of a domain, in this order:
 <li>one image of all inputs is taken; all blocks of this instant read from it, also those of other
 domains, in whatever order the tool evaluates them;</li>
 <li>the model computes;</li>
-<li>the blocks write, and the outputs of each slave are handed over together. They leave with the next cycle of
+<li>the blocks write, and the outputs of all slaves of the domain are handed over together. They leave with the next cycle of
 the bus.</li>
 </ol>
 <p>
