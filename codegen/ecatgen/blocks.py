@@ -20,8 +20,8 @@ _MAX_BITS = 64  # of one entry in the shared memory
 NO_PROFILES = Profiles()
 
 EXAMPLE_COMPONENTS = (
-    *("etherCATMaster", "enable", "startUp", "reference", "standstill", "target", "toInteger"),
-    *("ratedTorque", "off", "zero", "zeroReal", "w_ref", "w_m", "i_m"),
+    *("etherCATMaster", "enable", "reference", "angle", "off", "zero", "zeroReal"),
+    *("w_ref", "w_m", "i_m", "phi_ref", "phi_m"),
 )
 """Names that the example models use beside those of the blocks."""
 

@@ -6,6 +6,7 @@ from ecatd.model.bus import Bus
 
 from . import names, static_library
 from .blocks import build_blocks
+from .drives import build_drives
 from .examples import build_examples
 from .ir import Library
 from .profiles import Profiles
@@ -19,6 +20,7 @@ def build_library(bus: Bus, name: str, profiles: Profiles) -> Library:
     """
     name = names.library_name(name)
     blocks = build_blocks(bus.slaves, name, profiles)
+    drives = build_drives(blocks)
     return Library(
         name=name,
         description=f"Slaves of the EtherCAT bus {bus.name}",
@@ -28,5 +30,6 @@ def build_library(bus: Bus, name: str, profiles: Profiles) -> Library:
         command=f"ecatctl generate {name} DIR",
         version=static_library.VERSION,
         blocks=blocks,
-        examples=build_examples(bus, name, blocks),
+        drives=drives,
+        examples=build_examples(bus, name, blocks, drives),
     )

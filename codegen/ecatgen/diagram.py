@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from . import layout
-from .ir import Block, Component, Connection, Extent, Kind, Point, Variable
+from .ir import Block, Component, Connection, Drive, Extent, Kind, Point, Variable
 
 _COLORS: dict[Kind, str] = {
     "Boolean": "{255, 0, 255}",
@@ -13,23 +13,17 @@ _COLORS: dict[Kind, str] = {
     "Real": "{0, 0, 127}",
 }
 _SOURCE_PORTS = {"y": Point(11, 0)}
+# A drive (EtherCAT.Interfaces.PartialDrive) is drawn larger, so that all is on the grid.
+_DRIVE_HALF = 25
+_DRIVE_PORTS = {
+    "enable": Point(-28, 15),
+    "phi_ref": Point(-28, -6),
+    "w_ref": Point(-28, -13),
+}
 # Where the connectors of the library blocks are, from the centre, in units of a diagram.
 _PORTS = {
-    "EtherCAT.Drives.StartUp": {
-        "enable": Point(-12, 6),
-        "statusWord": Point(-12, -6),
-        "controlWord": Point(11, 8),
-        "modeOfOperation": Point(11, 3),
-        "enabled": Point(11, -3),
-    },
     "EtherCAT.Sources.PointToPoint": _SOURCE_PORTS,
-    "EtherCAT.Conversions.RealToInteger": {"u": Point(-12, 0), "y": Point(11, 0)},
-    "Modelica.Blocks.Logical.Switch": {
-        "u1": Point(-12, 8),
-        "u2": Point(-12, 0),
-        "u3": Point(-12, -8),
-        "y": Point(11, 0),
-    },
+    "Modelica.Blocks.Continuous.Integrator": {"u": Point(-12, 0), "y": Point(11, 0)},
     "Modelica.Blocks.Sources.Constant": _SOURCE_PORTS,
     "Modelica.Blocks.Sources.IntegerConstant": _SOURCE_PORTS,
     "Modelica.Blocks.Sources.BooleanConstant": _SOURCE_PORTS,
@@ -80,6 +74,18 @@ class Diagram:
         )
         return block.instance
 
+    def add_drive(self, library: str, drive: Drive, centre: Point, *modifiers: str) -> str:
+        """Adds the block of a drive in SI units, and returns the name of the component."""
+        for port, offset in _DRIVE_PORTS.items():
+            self._ports[f"{drive.instance}.{port}"] = Point(
+                centre.x + offset.x, centre.y + offset.y
+            )
+        half = _DRIVE_HALF
+        place = layout.extent(centre.x - half, centre.y - half, centre.x + half, centre.y + half)
+        name = f"{library}.Drives.{drive.name}"
+        self.components.append(Component(name, drive.instance, modifiers, drive.description, place))
+        return drive.instance
+
     def connect(self, source: str, target: str, kind: Kind, x: int | None = None) -> None:
         """Connects two connectors by a line whose vertical part is at `x`."""
         points = layout.route(self._ports[source], self._ports[target], x)
@@ -102,9 +108,9 @@ class Diagram:
         """Where lines to a connector end."""
         return self._ports[connector]
 
-    def result(self, name: str, description: str, expression: str) -> None:
+    def result(self, name: str, unit: str, description: str, expression: str) -> None:
         """Gives a result a name of its own."""
-        self.variables.append(Variable(name, description, expression))
+        self.variables.append(Variable(name, unit, description, expression))
 
     @property
     def box(self) -> Extent:

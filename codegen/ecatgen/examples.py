@@ -10,38 +10,34 @@ from ecatd.model.bus import Bus
 
 from . import layout
 from .diagram import Diagram
-from .ir import Block, Connector, Example, Kind, Point
+from .ir import Block, Connector, Drive, Example, Kind, Point
 from .text import modelica_string
 
-CONTROL_WORD, MODE, TARGET_VELOCITY = 0x6040, 0x6060, 0x60FF
-MAX_TORQUE = 0x6072
-STATUS_WORD, VELOCITY, TORQUE, CURRENT = 0x6041, 0x606C, 0x6077, 0x6078
-
-# The movement of the example, in increments of the encoder: with an encoder of 16 bits, 75
-# revolutions, at most 10 in a second, reached in half a second.
-DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 4_915_200, 655_360, 1_310_720, 1
-
+# The movement of the example: 75 revolutions of the motor, at most 10 in a second, reached in half
+# a second. The motor is that of the simulated rig `troll`.
+DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 471.24, 62.832, 125.66, 1
+_MOTOR = ("encoderResolution = 65536", "ratedTorque = 0.4", "ratedCurrent = 5")
 _BETWEEN = 16  # between blocks that stand below each other
+_CAUTION = (
+    "Before you simulate with real hardware, set encoderResolution, ratedTorque and ratedCurrent "
+    "of the drive to what the motor has, and distance, maxSpeed and maxAcceleration of the "
+    "reference to what suits the motor and what is attached to it."
+)
 
 
-def build_examples(bus: Bus, library: str, blocks: Sequence[Block]) -> tuple[Example, ...]:
+def build_examples(
+    bus: Bus, library: str, blocks: Sequence[Block], drives: Sequence[Drive]
+) -> tuple[Example, ...]:
     """The example models that make sense for the bus."""
     examples = [_all_slaves(bus, library, blocks)]
-    drive = next(filter(is_velocity_drive, blocks), None)
-    if drive is not None:
-        examples.append(_point_to_point(bus, library, drive, blocks))
+    for mode, example in (
+        ("CyclicVelocity", _point_to_point),
+        ("CyclicPosition", _relative_position),
+    ):
+        drive = next((drive for drive in drives if mode in drive.modes), None)
+        if drive is not None:
+            examples.append(example(bus, library, drive))
     return tuple(examples)
-
-
-def is_velocity_drive(block: Block) -> bool:
-    """Whether the process data are enough to run a CiA 402 drive in a velocity mode."""
-    return all(_find(block.writes, index) for index in (CONTROL_WORD, TARGET_VELOCITY)) and all(
-        _find(block.reads, index) for index in (STATUS_WORD, VELOCITY)
-    )
-
-
-def _find(connectors: Sequence[Connector], index: int) -> Connector | None:
-    return next((c for c in connectors if (c.index, c.subindex) == (index, 0)), None)
 
 
 def _master(diagram: Diagram, bus: Bus, centre: Point) -> None:
@@ -145,104 +141,74 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
     )
 
 
-def _point_to_point(bus: Bus, library: str, drive: Block, blocks: Sequence[Block]) -> Example:
+def _drive_parts(bus: Bus, library: str, drive: Drive, mode: str) -> Diagram:
+    """A drive that is enabled, and a speed from which its reference follows."""
     diagram = Diagram()
-    _master(diagram, bus, Point(-110, 90))
-    name = diagram.add_block(library, drive, Point(90, 0))
+    _master(diagram, bus, Point(-80, 70))
+    diagram.add_drive(
+        library, drive, Point(50, 0), f"mode = EtherCAT.Types.DriveMode.{mode}", *_MOTOR
+    )
     diagram.add(
         "Modelica.Blocks.Sources.BooleanConstant",
         "enable",
-        Point(-110, 46),
+        Point(-80, 15),
         "The drive shall be in operation",
         "k = true",
     )
     diagram.add(
-        "EtherCAT.Drives.StartUp",
-        "startUp",
-        Point(-50, 40),
-        "Sets the mode of the drive and enables it",
-        f"position = {drive.position}",
-        "mode = EtherCAT.Types.DriveMode.CyclicVelocity",
-        "resetFault = true",
-    )
-    diagram.add(
         "EtherCAT.Sources.PointToPoint",
         "reference",
-        Point(-110, -12),
-        "Reference speed in increments per second",
+        Point(-80, -30),
+        "Reference speed",
         f"distance = {DISTANCE}",
         f"maxSpeed = {MAX_SPEED}",
         f"maxAcceleration = {MAX_ACCELERATION}",
         f"startTime = {START}",
     )
-    diagram.add(
-        "Modelica.Blocks.Sources.Constant",
-        "standstill",
-        Point(-110, -50),
-        "Speed while the drive is not in operation",
-        "k = 0",
+    diagram.connect("enable.y", f"{drive.instance}.enable", "Boolean")
+    return diagram
+
+
+def _point_to_point(bus: Bus, library: str, drive: Drive) -> Example:
+    diagram = _drive_parts(bus, library, drive, "CyclicVelocity")
+    diagram.connect("reference.y", f"{drive.instance}.w_ref", "Real", x=0)
+    diagram.result("w_ref", "rad/s", "Reference speed", "reference.y")
+    diagram.result("w_m", "rad/s", "Measured speed", f"{drive.instance}.w")
+    diagram.result("i_m", "A", "Measured current", f"{drive.instance}.i")
+    return _drive_example(
+        diagram,
+        "PointToPointMovement",
+        f"Move the drive {drive.block.slave_label} over a distance and back to rest",
+        "A point-to-point reference gives the speed of the drive, as in Figures 8 and 9 of the "
+        "paper on the DLR EtherCAT library. The drive is enabled by itself, in the mode cyclic "
+        "synchronous velocity. Plot w_ref, w_m and i_m.",
     )
+
+
+def _relative_position(bus: Bus, library: str, drive: Drive) -> Example:
+    diagram = _drive_parts(bus, library, drive, "CyclicPosition")
     diagram.add(
-        "Modelica.Blocks.Logical.Switch", "target", Point(-50, -20), "Reference once enabled"
+        "Modelica.Blocks.Continuous.Integrator", "angle", Point(-30, -30), "Angle to turn by"
     )
-    diagram.add(
-        "EtherCAT.Conversions.RealToInteger",
-        "toInteger",
-        Point(-14, -20),
-        "Value for the process data",
+    diagram.connect("reference.y", "angle.u", "Real")
+    diagram.connect("angle.y", f"{drive.instance}.phi_ref", "Real", x=0)
+    diagram.result("phi_ref", "rad", "Angle to turn by", "angle.y")
+    diagram.result("phi_m", "rad", "Measured angle", f"{drive.instance}.phi")
+    return _drive_example(
+        diagram,
+        "RelativePosition",
+        f"Turn the drive {drive.block.slave_label} by an angle from wherever it is",
+        "The reference is an angle. Wherever the drive is at the start, it does not jump: its "
+        "target follows the actual angle until it is enabled, and the reference counts from there. "
+        "Plot phi_ref and phi_m.",
     )
-    diagram.connect("enable.y", "startUp.enable", "Boolean")
-    diagram.connect("reference.y", "target.u1", "Real")
-    diagram.connect_around("startUp.enabled", "target.u2", "Boolean", y=12)
-    diagram.connect("standstill.y", "target.u3", "Real")
-    diagram.connect("target.y", "toInteger.u", "Real")
-    sources = {
-        CONTROL_WORD: ("startUp.controlWord", 30),
-        MODE: ("startUp.modeOfOperation", 20),
-        TARGET_VELOCITY: ("toInteger.y", 10),
-        MAX_TORQUE: ("ratedTorque.y", 40),
-    }
-    if _find(drive.writes, MAX_TORQUE):
-        diagram.add(
-            "Modelica.Blocks.Sources.IntegerConstant",
-            "ratedTorque",
-            Point(-14, 80),
-            "Largest torque in 1/1000 of the rated one",
-            "k = 1000",
-        )
-    constants = _Constants(diagram, -14, -60, lane=24)
-    for connector in drive.writes:
-        target = f"{name}.{connector.name}"
-        if connector.subindex == 0 and connector.index in sources and connector.kind == "Integer":
-            source, x = sources[connector.index]
-            diagram.connect(source, target, "Integer", x)
-        else:
-            constants.feed(target, connector)
-    status, velocity = _find(drive.reads, STATUS_WORD), _find(drive.reads, VELOCITY)
-    current = _find(drive.reads, CURRENT) or _find(drive.reads, TORQUE)
-    assert status is not None  # is_velocity_drive() has found them
-    assert velocity is not None
-    diagram.connect_around(f"{name}.{status.name}", "startUp.statusWord", "Integer", y=66)
-    for n, block in enumerate(block for block in blocks if block.reads and not block.writes):
-        diagram.add_block(library, block, Point(190 + 100 * n, 90 - layout.half_height(block.icon)))
-    diagram.result("w_ref", "Reference speed in increments/s", "target.y")
-    diagram.result("w_m", "Measured speed in increments/s", f"{name}.{velocity.name}")
-    if current is not None:
-        what = "current" if current.index == CURRENT else "torque"
-        diagram.result(
-            "i_m", f"Measured {what} in 1/1000 of the rated one", f"{name}.{current.name}"
-        )
+
+
+def _drive_example(diagram: Diagram, name: str, description: str, text: str) -> Example:
     return Example(
-        name="PointToPointMovement",
-        description=f"Move the drive {drive.slave_label} over a distance and back to rest",
-        paragraphs=(
-            "A point-to-point reference gives the speed of the drive, as in Figures 8 and 9 of the "
-            "paper on the DLR EtherCAT library. The start-up state machine sets the mode of "
-            "operation (cyclic synchronous velocity) by SDO and enables the drive first.",
-            "Plot w_ref, w_m and i_m. Speeds are in increments of the encoder per second: set "
-            "distance, maxSpeed and maxAcceleration of the component reference to what suits your "
-            "motor before you simulate with real hardware.",
-        ),
+        name=name,
+        description=description,
+        paragraphs=(text, _CAUTION),
         components=tuple(diagram.components),
         connections=tuple(diagram.connections),
         variables=tuple(diagram.variables),

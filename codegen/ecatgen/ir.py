@@ -260,11 +260,13 @@ class Variable:
 
     Attributes:
         name: Its name.
+        unit: Its unit.
         description: Its description.
         expression: What it is equal to.
     """
 
     name: str
+    unit: str
     description: str
     expression: str
 
@@ -297,6 +299,62 @@ class Example:
 
 
 @dataclass(frozen=True, slots=True)
+class DriveLine:
+    """A connector of EtherCAT.Drives.CiA402 with that of the slave that it belongs to.
+
+    Attributes:
+        drive: Name in CiA402.
+        slave: Name in the block of the slave.
+    """
+
+    drive: str
+    slave: str
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A block in SI units around the block of a CiA 402 drive.
+
+    Attributes:
+        name: Class name, that of the slave.
+        instance: Usual name of a component.
+        title: Text in the icon.
+        description: Description of the class.
+        block: The block of the slave.
+        mode: Its usual mode, an element of EtherCAT.Types.DriveMode.
+        modes: The modes that the process data are enough for.
+        modifiers: Modifications of the state machine.
+        mode_by_sdo: 1 if the mode is not in the process data, else 0.
+        entries: What is mapped, as C has it (enum ecatm_drive_entries).
+        missing: For each quantity that is not mapped a condition on the mode, and its name.
+        writes: Values that go to the slave.
+        reads: Values that come from it.
+        unused: Outputs of the slave that the state machine does not know: they have parameters.
+        slave_extent: Place of the slave in the diagram.
+        connections: Lines between state machine and slave.
+        diagram: Extent of the diagram.
+    """
+
+    name: str
+    instance: str
+    title: str
+    description: str
+    block: Block
+    mode: str
+    modes: tuple[str, ...]
+    modifiers: tuple[str, ...]
+    mode_by_sdo: int
+    entries: str
+    missing: tuple[tuple[str, str], ...]
+    writes: tuple[DriveLine, ...]
+    reads: tuple[DriveLine, ...]
+    unused: tuple[Connector, ...]
+    slave_extent: Extent
+    connections: tuple[Connection, ...]
+    diagram: Extent
+
+
+@dataclass(frozen=True, slots=True)
 class Library:
     """A generated library.
 
@@ -309,6 +367,7 @@ class Library:
         command: Command that generates the library again.
         version: Version of the library EtherCAT that it uses.
         blocks: Blocks by position.
+        drives: Blocks in SI units around those of drives.
         examples: Example models.
     """
 
@@ -320,4 +379,5 @@ class Library:
     command: str
     version: str
     blocks: tuple[Block, ...]
+    drives: tuple[Drive, ...]
     examples: tuple[Example, ...]

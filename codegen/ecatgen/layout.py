@@ -107,26 +107,43 @@ def port_label(icon: Extent, row: int, name: str, *, left: bool) -> Extent:
     return _text(x - width, x, _row_y(row), _LABEL)
 
 
-def port_point(icon: Extent, row: int, centre: Point, *, left: bool) -> Point:
-    """Where a line ends at a connector of a block that is drawn around `centre` in a diagram."""
+def port_point(icon: Extent, row: int, centre: Point, *, left: bool, scale: int = _SCALE) -> Point:
+    """Where a line ends at a connector of a block that is drawn around `centre` in a diagram.
+
+    Args:
+        icon: The icon of the block.
+        row: Row of the connector.
+        centre: Centre of the block.
+        left: Whether the connector is on the left side.
+        scale: Units of the icon in one of the diagram.
+    """
+    return _at(icon, _row_y(row), centre, left=left, scale=scale)
+
+
+def valid_point(icon: Extent, centre: Point, scale: int = _SCALE) -> Point:
+    """The same for the connector `valid`."""
+    return _at(icon, _TOP - _HEADER // 2, centre, left=False, scale=scale)
+
+
+def _at(icon: Extent, icon_y: int, centre: Point, *, left: bool, scale: int) -> Point:
     x = (_RIGHT - icon.a.x) // 2 + _PORT // 2
-    y = _row_y(row) - (icon.a.y + _TOP) // 2
-    return Point(centre.x + (-x if left else x) // _SCALE, centre.y + y // _SCALE)
+    y = icon_y - (icon.a.y + _TOP) // 2
+    return Point(centre.x + (-x if left else x) // scale, centre.y + y // scale)
 
 
-def half_width(icon: Extent) -> int:
+def half_width(icon: Extent, scale: int = _SCALE) -> int:
     """Half of the width of a block in a diagram."""
-    return (icon.b.x - icon.a.x) // 2 // _SCALE
+    return (icon.b.x - icon.a.x) // 2 // scale
 
 
-def half_height(icon: Extent) -> int:
+def half_height(icon: Extent, scale: int = _SCALE) -> int:
     """Half of the height of a block in a diagram."""
-    return (icon.b.y - icon.a.y) // 2 // _SCALE
+    return (icon.b.y - icon.a.y) // 2 // scale
 
 
-def in_diagram(icon: Extent, centre: Point) -> Extent:
+def in_diagram(icon: Extent, centre: Point, scale: int = _SCALE) -> Extent:
     """The place of a block in a diagram."""
-    x, y = half_width(icon), half_height(icon)
+    x, y = half_width(icon, scale), half_height(icon, scale)
     return extent(centre.x - x, centre.y - y, centre.x + x, centre.y + y)
 
 

@@ -100,6 +100,12 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
         f"Examples/{example.name}.mo": write("example.mo.j2", example=example)
         for example in library.examples
     }
+    if library.drives:
+        files["Drives/package.mo"] = write("drives.mo.j2")
+        files["Drives/package.order"] = write("drives.order.j2")
+    files |= {
+        f"Drives/{drive.name}.mo": write("drive.mo.j2", drive=drive) for drive in library.drives
+    }
     return files
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import csv
-import re
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,31 +19,26 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-RATED = 1000  # what the drive reports at its rated current
+_RPM = 30 / math.pi  # revolutions per minute at 1 rad/s
 
 
 @dataclass(frozen=True)
 class Result:
-    """The curves, in physical units where the file tells the data of the drive."""
+    """The curves: seconds, revolutions per minute, ampere."""
 
     time: list[float]
     reference: list[float]
     speed: list[float]
     current: list[float]
-    speed_unit: str
-    current_unit: str
 
 
 def read(file: Path) -> Result:
-    """Reads a result file.
+    """Reads a result file, whose values are in SI units.
 
     Raises:
         SystemExit: The file has no such columns.
     """
     with file.open(newline="") as lines:
-        first = lines.readline()
-        if not first.startswith("#"):
-            lines.seek(0)
         rows = list(csv.DictReader(lines))
     try:
         time, reference, speed, current = (
@@ -53,22 +48,8 @@ def read(file: Path) -> Result:
         raise SystemExit(
             f"{file} has no column {missing}: is it a result of this experiment?"
         ) from None
-    facts = (
-        dict(re.findall(r"([a-z ]+?)(?: in mA)?: (\d+)", first)) if first.startswith("#") else {}
-    )
-    encoder = int(facts.get(" encoder increments", 0)) / (
-        int(facts.get(" per revolutions", 0)) or 1
-    )
-    rated = int(facts.get(" rated current", 0))
-    per_minute = 60 / encoder if encoder else 1
-    ampere = rated / 1000 / RATED if rated else 1
     return Result(
-        time,
-        [value * per_minute for value in reference],
-        [value * per_minute for value in speed],
-        [value * ampere for value in current],
-        "rpm" if encoder else "increments/s",
-        "A" if rated else "‰ of rated",
+        time, [value * _RPM for value in reference], [value * _RPM for value in speed], current
     )
 
 
@@ -81,10 +62,10 @@ def plot(result: Result, picture: Path) -> None:
     speeds.plot(
         result.time, result.reference, color="black", ls="--", lw=1, label="reference speed w_ref"
     )
-    speeds.set_ylabel(f"speed of the motor in {result.speed_unit}")
+    speeds.set_ylabel("speed of the motor in rpm")
     speeds.legend(loc="lower center")
     current.plot(result.time, result.current, color="tab:red", lw=0.8, label="measured current i_m")
-    current.set_ylabel(f"current in {result.current_unit}")
+    current.set_ylabel("current in A")
     current.set_xlabel("time in s")
     current.legend(loc="lower center")
     for axes in (speeds, current):

@@ -14,13 +14,13 @@ typedef struct axis {
   void *master, *domain, *slave, *drive;
   void *outputs[6], *inputs[6];
   /* Of the last step. */
-  int cycle, raw[6], state, enabled, command[6];
+  int cycle, raw[6], state, enabled, command[6], start_up;
   double phi, w, tau, i;
 } axis;
 
 /* The entries 0x6072 and 0x6078 are mapped in the Elmo Gold only. */
 axis *axis_open(const char *bus, double sample_time, int position, int vendor, int product,
-                const ecatm_drive_settings *settings) {
+                const ecatm_drive_settings *settings, const int *start_up, int rows) {
   axis *a = calloc(1, sizeof *a);
   int n, count = settings->entries & ECATM_HAS_CURRENT ? 6 : 5;
   a->master = ecatm_master_open(bus, 1, sample_time, 1, 0.5, ECATM_ERROR, ECATM_ERROR, 0);
@@ -30,7 +30,7 @@ axis *axis_open(const char *bus, double sample_time, int position, int vendor, i
     a->outputs[n] = ecatm_pdo_open(a->slave, writes[n].index, 0, 1, writes[n].type, writes[n].bits, 1, 0);
     a->inputs[n] = ecatm_pdo_open(a->slave, reads[n].index, 0, 0, reads[n].type, reads[n].bits, 1, 0);
   }
-  a->drive = ecatm_drive_new(a->master, position, settings);
+  a->drive = ecatm_drive_new(a->master, position, settings, start_up, (size_t)rows);
   return a;
 }
 
@@ -44,12 +44,11 @@ void axis_measure(axis *a, double time, int valid) {
                                  &a->enabled);
 }
 
-void axis_command(axis *a, double time, int ready, int enable, int quick_stop, int fault_reset,
-                  double reference) {
+void axis_command(axis *a, double time, int enable, int quick_stop, int fault_reset, double reference) {
   int n, order = a->cycle;
-  a->command[0] = ecatm_drive_command(a->drive, time, a->state, ready, enable, quick_stop, fault_reset,
-                                      reference, &a->command[1], &a->command[2], &a->command[3],
-                                      &a->command[4], &a->command[5]);
+  a->command[0] = ecatm_drive_command(a->drive, time, a->state, enable, quick_stop, fault_reset, reference,
+                                      &a->command[1], &a->command[2], &a->command[3], &a->command[4],
+                                      &a->command[5], &a->start_up);
   for (n = 0; n < 6; n++)
     if (a->outputs[n]) order = ecatm_write_integer(a->outputs[n], time, order, a->command[n]);
   ecatm_commit(a->slave, time, order);
@@ -64,5 +63,15 @@ void axis_close(axis *a) {
 /* The logic alone: a drive of no bus. */
 void *logic_open(const ecatm_drive_settings *settings) {
   ecatm_master *master = calloc(1, sizeof *master);
-  return ecatm_drive_new(master, 0, settings);
+  return ecatm_drive_new(master, 0, settings, NULL, 0);
+}
+
+/* One evaluation of the logic; `in`: valid, status, display, position, velocity, torque, current,
+ * enable, quick stop, fault reset; `out`: control word, mode, targets, max torque, state, enabled. */
+void logic_step(void *drive, double time, const int *in, double reference, int *out, double *values) {
+  int start_up;
+  out[6] = ecatm_drive_measure(drive, time, 0, in[0], in[1], in[2], in[3], in[4], in[5], in[6],
+                               &values[0], &values[1], &values[2], &values[3], &out[7]);
+  out[0] = ecatm_drive_command(drive, time, out[6], in[7], in[8], in[9], reference, &out[1], &out[2],
+                               &out[3], &out[4], &out[5], &start_up);
 }

@@ -1,8 +1,9 @@
 """The C calls of EtherCAT.Drives.CiA402 from Python, and the simulator's record of the motors."""
 
 import ctypes
+import itertools
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum, IntFlag
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ class Settings(ctypes.Structure):
         ("mode", ctypes.c_int),
         ("reference", ctypes.c_int),
         ("entries", ctypes.c_int),
+        ("mode_by_sdo", ctypes.c_int),
         ("encoder", ctypes.c_double),
         ("gear", ctypes.c_double),
         ("velocity_scale", ctypes.c_double),
@@ -72,6 +74,7 @@ def settings(mode: Mode, **values: float) -> Settings:
         mode=mode,
         reference=RELATIVE,
         entries=31,
+        mode_by_sdo=0,
         encoder=65536,
         gear=1,
         velocity_scale=65536,
@@ -99,6 +102,7 @@ class Axis(ctypes.Structure):
         ("state", ctypes.c_int),
         ("enabled", ctypes.c_int),
         ("command", ctypes.c_int * 6),
+        ("start_up", ctypes.c_int),
         *((name, ctypes.c_double) for name in ("phi", "w", "tau", "i")),
     )
 
@@ -145,24 +149,40 @@ class Player:
 
     Attributes:
         a: What the last sample has read and written.
-        inputs: What the block is given: enable, quick_stop, fault_reset, valid, ready.
+        inputs: What the block is given: enable, quick_stop, fault_reset, valid.
         reference: The reference, a function of the time.
         twice: Whether each sample is evaluated twice, with wrong inputs at first.
-        history: (time, state, enabled, control word, target position, position) of all samples.
+        history: (time, state, enabled, control word, target position, position, start-up list) of
+            all samples.
     """
 
-    def __init__(self, calls: ctypes.CDLL, bus: str, slave: int, drive: Settings) -> None:
+    def __init__(
+        self,
+        calls: ctypes.CDLL,
+        bus: str,
+        slave: int,
+        drive: Settings,
+        start_up: Sequence[tuple[int, int, int, int]] = (),
+    ) -> None:
         vendor, product = ((0x9A, 0x30924), (0xFFFF, 0x402))[slave]
         self._calls = calls
+        table = (ctypes.c_int * (4 * len(start_up)))(*itertools.chain(*start_up))
         self._axis = calls.axis_open(
-            bus.encode(), ctypes.c_double(0.001), slave, vendor, product, ctypes.byref(drive)
+            bus.encode(),
+            ctypes.c_double(0.001),
+            slave,
+            vendor,
+            product,
+            ctypes.byref(drive),
+            table,
+            len(start_up),
         )
         self.a: Any = self._axis.contents
         self.time = 0.0
-        self.inputs = {"enable": 0, "quick_stop": 0, "fault_reset": 0, "valid": 1, "ready": 1}
+        self.inputs = {"enable": 0, "quick_stop": 0, "fault_reset": 0, "valid": 1}
         self.reference: Callable[[float], float] = lambda time: 0.0
         self.twice = False
-        self.history: list[tuple[float, int, int, int, int, int]] = []
+        self.history: list[tuple[float, int, int, int, int, int, int]] = []
 
     def __enter__(self) -> "Player":
         return self
@@ -177,17 +197,18 @@ class Player:
     def step(self) -> None:
         """One sample."""
         if self.twice:
-            self._evaluate(valid=1, enable=0, quick_stop=0, fault_reset=1, ready=1, reference=1e6)
+            self._evaluate(valid=1, enable=0, quick_stop=0, fault_reset=1, reference=1e6)
         self._evaluate(**self.inputs, reference=self.reference(self.time))
         a = self.a
-        self.history.append((self.time, a.state, a.enabled, a.command[0], a.command[2], a.raw[2]))
+        self.history.append(
+            (self.time, a.state, a.enabled, a.command[0], a.command[2], a.raw[2], a.start_up)
+        )
         self.time += 0.001
 
     def _evaluate(
         self,
         *,
         valid: int,
-        ready: int,
         enable: int,
         quick_stop: int,
         fault_reset: int,
@@ -196,7 +217,7 @@ class Player:
         time = ctypes.c_double(self.time)
         self._calls.axis_measure(self._axis, time, valid)
         self._calls.axis_command(
-            *(self._axis, time, ready, enable, quick_stop, fault_reset),
+            *(self._axis, time, enable, quick_stop, fault_reset),
             ctypes.c_double(reference),
         )
 

@@ -54,9 +54,6 @@ def figure9(
 
 def read(file: Path) -> list[dict[str, float]]:
     with file.open(newline="") as lines:
-        assert lines.readline() == (
-            "# encoder increments: 65536, per revolutions: 1, rated current in mA: 5000\n"
-        )
         return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(lines)]
 
 
@@ -110,9 +107,7 @@ def test_the_motor_follows_the_reference(
     assert speeds[len(speeds) // 2] == pytest.approx(examples.MAX_SPEED, rel=0.01)
     rising = [row["i_m"] for row in rows if 1.1 < row["time"] < 1.4]
     steady = [row["i_m"] for row in top]
-    assert sum(rising) / len(rising) > 1.3 * sum(steady) / len(steady) > 50
-    assert {row["di8"] for row in rows} == {0, 1}
-    assert len({row["ai1"] for row in rows}) > 100
+    assert sum(rising) / len(rising) > 1.3 * sum(steady) / len(steady) > 0.25  # ampere
     wait_until_it_is_safe(troll, 1)
 
 
@@ -188,13 +183,10 @@ def plot(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "text",
     [
-        "# encoder increments: 65536, per revolutions: 1, rated current in mA: 5000\n"
-        "time,w_ref,w_m,i_m,di1\n0,0,0,0,1\n1,655360,655000,115,0\n",
-        "# encoder increments: 0, per revolutions: 0, rated current in mA: 0\n"
-        "time,w_ref,w_m,i_m,di1\n0,0,0,0,1\n1,655360,655000,115,0\n",
-        '"time","keepAlive","i_m","w_m","w_ref"\n0,0,0,0,0\n1,0,115,655000,655360\n',
+        "time,w_ref,w_m,i_m\n0,0,0,0\n1,62.8,62.7,0.57\n",
+        '"time","keepAlive","i_m","w_m","w_ref"\n0,0,0,0,0\n1,0,0.57,62.7,62.8\n',
     ],
-    ids=["c", "unknown drive", "openmodelica"],
+    ids=["c", "openmodelica"],
 )
 def test_the_plot_reads_both_kinds_of_results(tmp_path: Path, text: str) -> None:
     (tmp_path / "result.csv").write_text(text)

@@ -51,7 +51,7 @@ def test_the_motor_follows_the_reference(figure9: Path, troll: Daemon, tmp_path:
     )
     assert result.returncode == 0, result.stderr
     with record.open() as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+        rows = list(csv.DictReader(file))
     assert len(rows) == 3001
     reference = [float(row["w_ref"]) for row in rows]
     speed = [float(row["w_m"]) for row in rows]
@@ -66,8 +66,6 @@ def test_the_motor_follows_the_reference(figure9: Path, troll: Daemon, tmp_path:
     ramp = current[1050:1200]
     cruise = current[-200:]
     assert sum(ramp) / len(ramp) > 1.2 * sum(cruise) / len(cruise) > 0
-    assert {row["di5"] for row in rows} == {"0", "1"}  # a signal that blinks
-    assert len({row["ai1"] for row in rows}) > 100  # a sine
     # The outputs are given back at the end.
     with troll.client() as client:
         for _ in range(100):

@@ -179,25 +179,31 @@ def test_all_slaves_is_an_example_of_every_bus(troll: Library) -> None:
     assert [c.name for c in empty.components] == ["etherCATMaster"]
 
 
-def test_the_drive_example_feeds_every_output_of_the_drive_once(troll: Library) -> None:
-    made = example(troll, "PointToPointMovement")
-    sources = {c.target: c.source for c in made.connections}
-    assert len(sources) == len(made.connections)
-    assert sources == {
-        "goldGCONDrive.controlWord": "startUp.controlWord",
-        "goldGCONDrive.modeOfOperation": "startUp.modeOfOperation",
-        "goldGCONDrive.targetVelocity": "toInteger.y",
-        "goldGCONDrive.maxTorque": "ratedTorque.y",
-        "goldGCONDrive.targetPosition": "zero.y",
-        "goldGCONDrive.targetTorque": "zero.y",
-        "startUp.enable": "enable.y",
-        "startUp.statusWord": "goldGCONDrive.statusWord",
-        "target.u1": "reference.y",
-        "target.u2": "startUp.enabled",
-        "target.u3": "standstill.y",
-        "toInteger.u": "target.y",
-    }
-    assert [v.name for v in made.variables] == ["w_ref", "w_m", "i_m"]
+@pytest.mark.parametrize(
+    ("name", "connections", "results"),
+    [
+        (
+            "PointToPointMovement",
+            {"goldGCONDrive.enable": "enable.y", "goldGCONDrive.w_ref": "reference.y"},
+            ["w_ref", "w_m", "i_m"],
+        ),
+        (
+            "RelativePosition",
+            {
+                "goldGCONDrive.enable": "enable.y",
+                "goldGCONDrive.phi_ref": "angle.y",
+                "angle.u": "reference.y",
+            },
+            ["phi_ref", "phi_m"],
+        ),
+    ],
+)
+def test_examples_of_a_drive(
+    troll: Library, name: str, connections: dict[str, str], results: list[str]
+) -> None:
+    made = example(troll, name)
+    assert {c.target: c.source for c in made.connections} == connections
+    assert [v.name for v in made.variables] == results
     names = {c.name for c in made.components} | {v.name for v in made.variables}
     blocks = {block.instance for block in troll.blocks}
     assert names - blocks <= set(EXAMPLE_COMPONENTS)

@@ -19,6 +19,7 @@ from ..render import FILTERS
 
 CLASSES = (
     *(ir.Library, ir.Block, ir.Connector, Value, ir.Skipped),
+    *(ir.Drive, ir.DriveLine),
     *(ir.Example, ir.Component, ir.Connection, ir.Variable, ir.Extent, ir.Point),
 )
 """What templates see, from the whole to its parts."""

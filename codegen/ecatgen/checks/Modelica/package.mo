@@ -3,6 +3,10 @@ package Modelica "What our libraries use of the Modelica Standard Library 4.0.0,
   package Units
     package SI
       type Time = Real(final quantity = "Time", final unit = "s");
+      type Angle = Real(final quantity = "Angle", final unit = "rad", displayUnit = "deg");
+      type AngularVelocity = Real(final quantity = "AngularVelocity", final unit = "rad/s");
+      type Torque = Real(final quantity = "Torque", final unit = "N.m");
+      type Current = Real(final quantity = "ElectricCurrent", final unit = "A");
       type Period = Real(final quantity = "Time", final unit = "s");
     end SI;
   end Units;

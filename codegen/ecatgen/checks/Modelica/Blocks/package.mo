@@ -59,6 +59,22 @@ package Blocks
         Text(extent = {{-20, 10}, {80, -50}}, textColor = {180, 180, 180}, textString = "PT1"),
         Text(extent = {{-150, -150}, {150, -110}}, textString = "T=%T")}));
     end FirstOrder;
+    block Integrator
+      extends Icons.Block;
+      parameter Real k = 1;
+      parameter Types.Init initType = Types.Init.InitialState;
+      parameter Real y_start = 0;
+      Interfaces.RealInput u annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
+      Interfaces.RealOutput y(start = y_start) annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+    equation
+      der(y) = k * u;
+      annotation (Icon(graphics = {
+        Line(points = {{-80, 84}, {-80, -82}}, color = {180, 180, 180}),
+        Line(points = {{-88, -76}, {84, -76}}, color = {180, 180, 180}),
+        Text(extent = {{0, -8}, {60, -62}}, textColor = {180, 180, 180}, textString = "I"),
+        Line(points = {{-80, -76}, {76, 76}}, color = {0, 0, 127}),
+        Text(extent = {{-150, -150}, {150, -110}}, textString = "k=%k")}));
+    end Integrator;
   end Continuous;
 
   package Logical

@@ -2,9 +2,9 @@
 #ifndef ECATM_DRIVE_H
 #define ECATM_DRIVE_H
 
-#include "ecatm_samples.h"
+#include "ecatm_sdo_list.h"
 
-/* EtherCAT.Types.DriveState */
+/* Numbers of EtherCAT.Types.DriveState. */
 enum ecatm_drive_state {
   ECATM_NOT_READY_TO_SWITCH_ON = 1,
   ECATM_SWITCH_ON_DISABLED,
@@ -26,7 +26,7 @@ enum ecatm_drive_mode {
   ECATM_CYCLIC_TORQUE = 10
 };
 
-/* EtherCAT.Types.DriveReference */
+/* Numbers of EtherCAT.Types.DriveReference. */
 enum ecatm_drive_reference { ECATM_RELATIVE = 1, ECATM_ABSOLUTE };
 
 /* What is mapped to the process data, beside control and status word. */
@@ -43,6 +43,7 @@ typedef struct ecatm_drive_settings {
   int mode;                      /* enum ecatm_drive_mode */
   int reference;                 /* enum ecatm_drive_reference, of positions */
   int entries;                   /* enum ecatm_drive_entries, added up */
+  int mode_by_sdo;               /* the mode 0x6060 is not in the process data */
   double encoder;                /* increments per revolution of the motor */
   double gear;                   /* revolutions of the motor per revolution of the output */
   double velocity_scale;         /* raw velocity at one revolution of the motor per second */
@@ -85,6 +86,7 @@ typedef struct ecatm_drive {
   ecatm_node node;
   int position;                  /* of the slave on the bus */
   ecatm_drive_settings settings;
+  void *list;                    /* objects to write before the drive is enabled */
   int stepped;                   /* `time` is valid */
   double time, elapsed;          /* simulation time of this sample, since the one before */
   ecatm_drive_view view, view_before;
@@ -100,6 +102,7 @@ ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mod
   settings->reference = ECATM_RELATIVE;
   settings->entries = ECATM_HAS_MODE_DISPLAY | ECATM_HAS_POSITION | ECATM_HAS_VELOCITY |
                       ECATM_HAS_TORQUE | ECATM_HAS_CURRENT;
+  settings->mode_by_sdo = 0;
   settings->encoder = settings->velocity_scale = encoder;
   settings->gear = 1;
   settings->rated_torque = settings->rated_current = settings->max_torque = 1;
@@ -137,38 +140,69 @@ ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
     return "ratedTorque must be positive";
   if (!(s->rated_current > 0) || !ecatm_finite(s->rated_current))
     return "ratedCurrent must be positive";
-  if (!(s->max_torque >= 0)) return "maxTorque must not be negative";
+  if (!(s->max_torque >= 0)) return "tau_max must not be negative";
   if (!(s->approach_speed > 0)) return "approachSpeed must be positive";
   return NULL;
 }
 
+/* The list of objects to write before the drive is enabled: the mode, unless the process data have it,
+ * then `table`, whose rows are index, subindex, data type and value. */
+ECATM_FUNCTION void *ecatm_drive_list(void *master, int position,
+                                      const ecatm_drive_settings *settings, const int *table,
+                                      size_t rows) {
+  int mode[ECATM_LIST_COLUMNS] = {0x6060, 0, 2 /* INTEGER8 */, 0};
+  size_t row = sizeof mode, first = settings->mode_by_sdo ? ECATM_LIST_COLUMNS : 0;
+  int *all = (int *)malloc((rows + 1) * row);
+  void *list;
+  if (all == NULL) {
+    ModelicaError("EtherCAT: out of memory");
+    return NULL;
+  }
+  mode[3] = settings->mode;
+  memcpy(all, mode, row);
+  if (rows > 0) memcpy(all + first, table, rows * row);
+  list = ecatm_sdo_list_open(master, position, all, rows + (first > 0), ECATM_LIST_COLUMNS);
+  free(all);
+  return list;
+}
+
+/* A drive with a start-up list of `rows` rows: index, subindex, data type, value. */
 ECATM_FUNCTION void *ecatm_drive_new(void *object, int position,
-                                     const ecatm_drive_settings *settings) {
+                                     const ecatm_drive_settings *settings, const int *table,
+                                     size_t rows) {
   const char *wrong = ecatm_drive_wrong(settings);
   ecatm_drive *drive;
+  void *list;
   if (wrong != NULL) {
     ModelicaFormatError("EtherCAT: the drive of slave %d cannot work: %s", position, wrong);
     return NULL;
   }
+  list = ecatm_drive_list(object, position, settings, table, rows);
   drive = (ecatm_drive *)ecatm_new((ecatm_master *)object, sizeof *drive);
   if (drive == NULL) return NULL;
+  drive->list = list;
   drive->position = position;
   drive->settings = *settings;
   drive->view.state = ECATM_NOT_READY_TO_SWITCH_ON;
   return drive;
 }
 
-/* The constructor in Modelica; see ecatm_drive_settings. */
+/* The constructor in Modelica; see ecatm_drive_settings. `mode` is the number of an
+ * EtherCAT.Types.DriveMode. */
 ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int reference,
-                                      int entries, double encoder, double gear,
+                                      int entries, int mode_by_sdo, double encoder, double gear,
                                       double velocity_scale, double rated_torque,
                                       double rated_current, double max_torque,
                                       double approach_speed, double standstill_speed,
-                                      double max_dropout) {
+                                      double max_dropout, const int *table, size_t rows,
+                                      size_t columns) {
+  static const int modes[] = {ECATM_PROFILE_POSITION, ECATM_PROFILE_VELOCITY, ECATM_PROFILE_TORQUE,
+                              ECATM_CYCLIC_POSITION, ECATM_CYCLIC_VELOCITY, ECATM_CYCLIC_TORQUE};
   ecatm_drive_settings settings;
-  settings.mode = mode;
+  settings.mode = mode >= 1 && mode <= 6 ? modes[mode - 1] : 0;
   settings.reference = reference;
   settings.entries = entries;
+  settings.mode_by_sdo = mode_by_sdo;
   settings.encoder = encoder;
   settings.gear = gear;
   settings.velocity_scale = velocity_scale;
@@ -178,9 +212,15 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int 
   settings.approach_speed = approach_speed;
   settings.standstill_speed = standstill_speed;
   settings.max_dropout = max_dropout;
-  return ecatm_drive_new(master, position, &settings);
+  (void)columns; /* 4, as declared */
+  return ecatm_drive_new(master, position, &settings, table, rows);
 }
 
-ECATM_FUNCTION void ecatm_drive_close(void *object) { ecatm_close(object); }
+ECATM_FUNCTION void ecatm_drive_close(void *object) {
+  ecatm_drive *drive = (ecatm_drive *)object;
+  if (drive == NULL || drive->node.closed) return;
+  ecatm_close(drive->list);
+  ecatm_close(drive);
+}
 
 #endif

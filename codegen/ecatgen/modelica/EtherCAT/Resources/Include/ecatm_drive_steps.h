@@ -190,23 +190,24 @@ ECATM_FUNCTION int ecatm_drive_hold(double value, double low, double high) {
 
 /* Control word (returned), mode and targets for a reference in SI units at the output of the gear: the
  * angle in position modes, the speed in velocity modes, the torque in torque modes. Until the drive is
- * enabled the targets follow its actual values. `order` is a result of measure(). */
-ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int ready, int enable,
+ * enabled the targets follow its actual values. `start_up` is the enum ecatm_sdo_state of the start-up
+ * list, which is written whenever the drive is there (again); `order` is a result of measure(). */
+ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int enable,
                                        int quick_stop, int fault_reset, double reference, int *mode,
-                                       int *position, int *velocity, int *torque,
-                                       int *max_torque) {
+                                       int *position, int *velocity, int *torque, int *max_torque,
+                                       int *start_up) {
   ecatm_drive *drive = (ecatm_drive *)object;
   const ecatm_drive_settings *s = &drive->settings;
   ecatm_drive_order *now = &drive->order;
   double speed, force = 0;
-  (void)order;
   ecatm_drive_step(drive, time);
   *now = drive->order_before;
   now->reset_input = fault_reset;
   if (fault_reset && !drive->order_before.reset_input) now->reset_pending = 1;
   if (drive->view.connected && drive->view.state < ECATM_FAULT_REACTION_ACTIVE)
     now->reset_pending = 0;
-  now->word = ecatm_drive_word(drive, enable && ready, quick_stop);
+  *start_up = ecatm_sdo_list_write(drive->list, time, order, drive->view.connected);
+  now->word = ecatm_drive_word(drive, enable && *start_up == ECATM_SDO_DONE, quick_stop);
   now->following = drive->view.enabled && now->word == 0x0F;
   if (now->following && !ecatm_finite(reference)) {
     ModelicaFormatError("EtherCAT: the reference of the drive of slave %d is not a finite number",

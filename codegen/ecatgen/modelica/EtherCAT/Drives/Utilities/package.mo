@@ -1,0 +1,4 @@
+within EtherCAT.Drives;
+package Utilities "Parts of drives"
+  extends Modelica.Icons.UtilitiesPackage;
+end Utilities;

@@ -1,0 +1,42 @@
+within EtherCAT.Objects;
+class Drive "State machine, conversions and memory of a drive with the device profile CiA 402"
+  extends ExternalObject;
+
+  function constructor "Make the state machine of a drive"
+    input EtherCAT.Objects.Master master "Connection";
+    input Integer position "Position of the slave on the bus, for messages";
+    input EtherCAT.Types.DriveMode mode "Mode of operation";
+    input EtherCAT.Types.DriveReference reference "What the reference of a position means";
+    input Integer entries
+      "What is mapped: 1 mode display + 2 position + 4 velocity + 8 torque + 16 current";
+    input Boolean modeBySDO "= true, if the mode is written by SDO, not with the process data";
+    input Real encoderResolution "Increments per revolution of the motor";
+    input Real gearRatio "Revolutions of the motor per revolution of the output";
+    input Real velocityScale "Raw velocity at one revolution of the motor per second";
+    input Real ratedTorque "Rated torque of the motor in N.m";
+    input Real ratedCurrent "Rated current of the motor in A";
+    input Real maxTorque "Largest torque of the motor in N.m";
+    input Real approachSpeed "Largest speed towards an absolute reference in rad/s";
+    input Real standstillSpeed "Speed in rad/s below which a quick stop is over";
+    input Real maxDropout "Time without valid data that is bridged, in s";
+    input Integer startUp[:, 4]
+      "Objects to write before the drive is enabled: index, subindex, data type, value";
+    output Drive drive;
+    external "C" drive = ecatm_drive_open(master, position, mode, reference, entries, modeBySDO, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2))
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end constructor;
+
+  function destructor "Release it"
+    input Drive drive;
+    external "C" ecatm_drive_close(drive)
+      annotation (
+        Include = "#include \"ecat_modelica.h\"",
+        IncludeDirectory = "modelica://EtherCAT/Resources/Include",
+        Library = "ecat",
+        LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+  end destructor;
+end Drive;
