@@ -328,6 +328,13 @@ def restart(start_daemon: Callable[..., Daemon], before: Daemon) -> Daemon:
     return again
 
 
+def is_gone(error: str, daemon: Daemon) -> bool:
+    """A daemon that is killed slowly, on a busy machine, stands still first."""
+    bus = f"bus '{daemon.bus}'"
+    ways = (f"the daemon of {bus} has ended; start it", f"the cycle of {bus} stands still")
+    return error.startswith((*ways, f"no ecatd serves {bus}"))
+
+
 def test_a_bus_that_ends_is_an_error(model: Model, start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     with model.play(bus=daemon.bus) as player:
@@ -336,7 +343,7 @@ def test_a_bus_that_ends_is_an_error(model: Model, start_daemon: Callable[..., D
         with pytest.raises(Exception, match="DoStep"):
             player.steps(30)
         (error,) = player.errors()
-        assert error.startswith(f"the daemon of bus '{daemon.bus}' has ended; start it again")
+        assert is_gone(error, daemon)
         assert not player.get("connected")
         assert not player.get("el2008.valid")
         with pytest.raises(Exception, match="DoStep"):
@@ -355,7 +362,7 @@ def test_goes_on_while_the_bus_is_away(model: Model, start_daemon: Callable[...,
         until(player, lambda: outputs(daemon)[1] == 1)
         daemon.kill_all()
         until(player, lambda: not player.get("connected"))
-        assert player.get("state") == MISSING
+        until(player, lambda: player.get("state") == MISSING)
         assert not player.get("el2008.valid")
         assert player.get("el2008.channel2Output")  # what the model wants
         assert player.warnings()[-1].endswith("; going on without it")
@@ -388,7 +395,7 @@ def test_patience_has_an_end(model: Model, start_daemon: Callable[..., Daemon]) 
         with pytest.raises(Exception, match="DoStep"):
             player.steps(30)
         (error,) = player.errors()
-        assert error.startswith((f"the daemon of bus '{daemon.bus}' has", "no ecatd serves bus"))
+        assert is_gone(error, daemon)
         assert " s, as long as 'patience' allows" in error
 
 

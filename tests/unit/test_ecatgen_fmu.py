@@ -17,7 +17,7 @@ from ecatgen.profiles import load_profiles
 
 
 def make(bus: Bus, fmi: int) -> Fmu:
-    return build_fmu(bus, build_library(bus, "Plant", load_profiles()), fmi, ["plant.c"], "{0}")
+    return build_fmu(bus, build_library(bus, "Plant", load_profiles()), fmi, ["plant.c"])
 
 
 def variable(entry: Entry, fmi: int, *, output: bool = True) -> Variable:

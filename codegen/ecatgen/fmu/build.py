@@ -25,15 +25,14 @@ _KNOWN_AT_START = ("bus", "whenMissing", "patience")
 """Parameters that decide which values there are at the start."""
 
 
-def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str], token: str) -> Fmu:
-    """The FMU for a bus.
+def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> Fmu:
+    """The FMU for a bus, without its token.
 
     Args:
         bus: Description of the bus.
         library: Its library, whose names the variables have.
         fmi: Major version of FMI: 2 or 3.
         sources: C files to compile.
-        token: GUID or instantiation token.
     """
     instances = _instances(library.blocks)
     variables = tuple(_Builder(fmi, bus).all(library.blocks, instances))
@@ -44,7 +43,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str], toke
         fmi=fmi,
         name=library.name,
         description=library.description,
-        token=token,
+        token="",
         tool=f"ecatd {VERSION}",
         bus=bus.name,
         fingerprint=library.fingerprint,
@@ -54,10 +53,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str], toke
         enumerations=fixed.ENUMERATIONS,
         categories=fixed.CATEGORIES,
         variables=variables,
-        slaves=tuple(
-            _slave(block, instance, variables)
-            for block, instance in zip(library.blocks, instances, strict=True)
-        ),
+        slaves=tuple(_slaves(library.blocks, instances, variables)),
         unknowns=tuple(
             Unknown(item.reference + first, known)
             for item in variables
@@ -74,20 +70,24 @@ def _instances(blocks: Sequence[Block]) -> list[str]:
     return [namespace.take(block.instance) for block in blocks]
 
 
-def _slave(block: Block, instance: str, variables: Sequence[Variable]) -> Slave:
-    return Slave(
-        instance=instance,
-        position=block.position,
-        vendor=block.vendor,
-        product=block.product,
-        revision=block.revision,
-        label=block.slave_label,
-        variables=tuple(
-            (item.name, item.name.partition(".")[2])
-            for item in variables
-            if item.name.startswith(f"{instance}.")
-        ),
-    )
+def _slaves(
+    blocks: Sequence[Block], instances: Sequence[str], variables: Sequence[Variable]
+) -> Iterator[Slave]:
+    members: dict[str, list[tuple[str, str]]] = {instance: [] for instance in instances}
+    for item in variables:
+        instance, dot, member = item.name.partition(".")
+        if dot:
+            members[instance].append((item.name, member))
+    for block, instance in zip(blocks, instances, strict=True):
+        yield Slave(
+            instance=instance,
+            position=block.position,
+            vendor=block.vendor,
+            product=block.product,
+            revision=block.revision,
+            label=block.slave_label,
+            variables=tuple(members[instance]),
+        )
 
 
 @dataclass(frozen=True, slots=True)

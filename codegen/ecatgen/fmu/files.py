@@ -9,9 +9,10 @@ from ecatd.model.errors import EcatError
 
 from ..static_library import built_folder
 
-_PLATFORMS = {
-    2: {"x86_64": "linux64", "aarch64": "aarch64-linux"},
-    3: {"x86_64": "x86_64-linux", "aarch64": "aarch64-linux"},
+# FMI 2.0 has no name for ARM: importers look in one of these.
+_PLATFORMS: dict[int, dict[str, tuple[str, ...]]] = {
+    2: {"x86_64": ("linux64",), "aarch64": ("aarch64-linux", "linux64")},
+    3: {"x86_64": ("x86_64-linux",), "aarch64": ("aarch64-linux",)},
 }
 _ICONS = {
     2: {"model.png": "icon.png"},
@@ -31,9 +32,9 @@ def fixed_files(fmi: int, name: str) -> dict[str, bytes]:
     if machine not in _PLATFORMS[fmi]:
         supported = " and ".join(_PLATFORMS[fmi])
         raise EcatError(f"no FMU can be made on a {machine} machine: {supported} are supported")
-    binary = built_folder("_fmu", "the binary of FMUs") / f"fmi{fmi}.so"
+    binary = (built_folder("_fmu", "the binary of FMUs") / f"fmi{fmi}.so").read_bytes()
     client = built_folder("_client", "the C client for FMUs")
-    files = {f"binaries/{_PLATFORMS[fmi][machine]}/{name}.so": binary.read_bytes()}
+    files = {f"binaries/{place}/{name}.so": binary for place in _PLATFORMS[fmi][machine]}
     for path in sorted(_SOURCES.rglob("*")):
         if path.suffix in (".c", ".h") and _belongs(path, fmi):
             files[f"sources/{path.relative_to(_SOURCES).as_posix()}"] = path.read_bytes()

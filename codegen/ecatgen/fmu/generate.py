@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -108,8 +108,8 @@ def generate_fmu(
     library = build_library(bus, name, known)
     fixed = fixed_files(fmi, library.name) | {_SCAN: scan.scan_file(bus)}
     sources = [path.removeprefix("sources/") for path in fixed if path.endswith(".c")]
-    token = _token(render(build_fmu(bus, library, fmi, sources, "")) | fixed)
-    fmu = build_fmu(bus, library, fmi, sources, token)
+    fmu = build_fmu(bus, library, fmi, sources)
+    fmu = replace(fmu, token=_token(render(fmu) | fixed))
     path = out / f"{fmu.name}.fmu"
     before = _before(path)
     changed = write(path, pack(render(fmu) | fixed), check=check)

@@ -127,7 +127,7 @@ class Fmu:
         fmi: Major version of FMI: 2 or 3.
         name: Name of the model and its identifier.
         description: Description of the model.
-        token: GUID (FMI 2.0) or instantiation token (FMI 3.0).
+        token: GUID (FMI 2.0) or instantiation token (FMI 3.0); empty until all else is known.
         tool: Program that made it, with its version.
         bus: Name of the bus.
         fingerprint: Fingerprint of the bus, 16 hex digits.

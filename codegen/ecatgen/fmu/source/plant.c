@@ -19,10 +19,11 @@
 /* --- messages ------------------------------------------------------------------------------ */
 
 /* Named in the model description; by status, OK is for events. */
-static const char *const log_categories[] = {"logEvents", "logStatusWarning", "logStatusDiscard",
+enum { CATEGORIES = PLANT_FATAL + 1 };
+static const char *const log_categories[CATEGORIES] = {"logEvents", "logStatusWarning", "logStatusDiscard",
                                              "logStatusError", "logStatusFatal"};
 
-static void send(plant *p, enum plant_status status, const char *format, va_list arguments) {
+static void log_text(plant *p, enum plant_status status, const char *format, va_list arguments) {
   char text[sizeof p->message];
   vsnprintf(text, sizeof text, format, arguments);
   if (p->log != NULL) p->log(p->log_context, status, log_categories[status], text);
@@ -31,7 +32,7 @@ static void send(plant *p, enum plant_status status, const char *format, va_list
 int plant_say(plant *p, enum plant_status status, const char *format, ...) {
   va_list arguments;
   va_start(arguments, format);
-  send(p, status, format, arguments);
+  log_text(p, status, format, arguments);
   va_end(arguments);
   return (int)status;
 }
@@ -39,7 +40,7 @@ int plant_say(plant *p, enum plant_status status, const char *format, ...) {
 void plant_event(plant *p, const char *format, ...) {
   va_list arguments;
   va_start(arguments, format);
-  if (p->log_events) send(p, PLANT_OK, format, arguments);
+  if (p->log_events) log_text(p, PLANT_OK, format, arguments);
   va_end(arguments);
 }
 
@@ -55,9 +56,9 @@ int plant_log_categories(plant *p, int on, size_t count, const char *const categ
   int events = count == 0;
   size_t i, known;
   for (i = 0; i < count; i++) {
-    for (known = 0; known < 5; known++)
+    for (known = 0; known < CATEGORIES; known++)
       if (categories[i] != NULL && strcmp(categories[i], log_categories[known]) == 0) break;
-    if (known == 5)
+    if (known == CATEGORIES)
       return plant_say(p, PLANT_ERROR, "'%s' is no log category of this FMU",
                        categories[i] == NULL ? "" : categories[i]);
     events |= known == 0;
@@ -162,7 +163,7 @@ static int passes(int code) {
 }
 
 /* Connects again. The client itself goes on with a bus that came back as it was. */
-static int connect(plant *p) {
+static int reconnect(plant *p) {
   int code;
   if (p->bus != NULL) {
     code = ecat_sample(p->bus);
@@ -194,7 +195,7 @@ static int write_inputs(plant *p) {
 
 /* What a step does with the bus. */
 static int exchange(plant *p, uint64_t cycles) {
-  int code = p->connected ? 0 : connect(p);
+  int code = p->connected ? 0 : reconnect(p);
   if (code == 0) code = write_inputs(p);
   if (code == 0) code = bus_wait(p, cycles);
   return code == 0 ? bus_sample(p) : code;
@@ -208,7 +209,7 @@ static int wait_for_bus(plant *p, int code) {
   while (passes(code) && (patience <= 0 || waited < patience)) {
     sleep_until(plant_now() + LOOK_AGAIN_NS);
     p->connected = 0;
-    code = p->begun ? exchange(p, 0) : connect(p);
+    code = p->begun ? exchange(p, 0) : reconnect(p);
     if (code == 0 && !p->begun) code = bus_sample(p);
     waited = (double)(plant_now() - since) * 1e-9;
   }
