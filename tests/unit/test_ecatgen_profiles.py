@@ -137,6 +137,9 @@ def test_a_drive_is_known_by_its_entries() -> None:
     (block,) = build_library(Bus("b", 1000, [drive]), "P", load_profiles()).blocks
     modes = next(c for c in block.reads if c.index == 0x6061)
     assert {v.number: v.name for v in modes.values}[8] == "cyclic synchronous position"
+    drive.inputs[0].entries.append(entry(0x6861, 0))  # the second axis
+    (block,) = build_library(Bus("b", 1000, [drive]), "P", load_profiles()).blocks
+    assert block.reads[-1].values == modes.values
 
 
 @pytest.mark.parametrize(
