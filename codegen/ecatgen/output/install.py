@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -57,6 +58,11 @@ def install(
     except (FileExistsError, NotADirectoryError) as error:
         raise StateError(f"{error.filename or out} is in the way: it is no directory") from error
     except OSError as error:
+        if error.errno in (errno.EXDEV, errno.EBUSY):
+            raise StateError(
+                f"{error.filename or out} cannot be replaced, for it is a mount point or comes "
+                "with the image of a container: choose another directory"
+            ) from error
         raise StateError(f"{error.filename or out} cannot be made: {error.strerror}") from error
     return _report(out, library, plans, copies)
 
