@@ -109,12 +109,12 @@ block CiA402 "State machine and conversions of a drive with the device profile C
   Integer startUpState(start = 0, fixed = true)
     "Start-up list; 0: not begun yet, 1: busy, 2: done, 3: refused";
 protected
-  outer EtherCAT.EtherCATMaster etherCATMaster;
+  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   parameter EtherCAT.Objects.Drive drive = EtherCAT.Objects.Drive(
     etherCATMaster.master, position, mode, reference,
     (if useModeDisplay then 1 else 0) + (if usePosition then 2 else 0) + (if useVelocity then 4 else 0) + (if useTorque then 8 else 0) + (if useCurrent then 16 else 0),
     not modeInProcessData, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent,
-    tau_max, approachSpeed, standstillSpeed, maxDropout, startUp);
+    tau_max, approachSpeed, standstillSpeed, maxDropout, startUp) "State machine";
   Modelica.Blocks.Interfaces.RealInput reference_internal
     "Needed to connect to conditional connectors";
   Modelica.Blocks.Interfaces.BooleanInput quickStop_internal

@@ -5,7 +5,7 @@ model ReadObject "Read and write objects of a drive through its mailbox"
   inner EtherCAT.EtherCATMaster etherCATMaster(waitForBus = true)
     "Connection to the bus, which paces the model"
     annotation (Placement(transformation(extent = {{-80, 40}, {-60, 60}})));
-  Modelica.Blocks.Sources.BooleanPulse twiceInASecond(period = 0.5)
+  Modelica.Blocks.Sources.BooleanPulse twiceInASecond(period = 0.5) "Asks for the device type"
     annotation (Placement(transformation(extent = {{-80, -4}, {-60, 16}})));
   EtherCAT.SDORead deviceType(
     object = "0x1000:00",

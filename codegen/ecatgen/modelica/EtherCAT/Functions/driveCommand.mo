@@ -21,4 +21,12 @@ impure function driveCommand "Control word, mode and targets of a drive for a re
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Call it after <a href=\"modelica://EtherCAT.Functions.driveMeasure\">driveMeasure</a> in a when-equation of
+its own: pass the <code>state</code> of that. <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a>
+explains what comes when.
+</p>
+</html>"));
 end driveCommand;

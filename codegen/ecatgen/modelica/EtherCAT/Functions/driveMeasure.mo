@@ -23,4 +23,11 @@ impure function driveMeasure "State and actual values of a drive in SI units"
       IncludeDirectory = "modelica://EtherCAT/Resources/Include",
       Library = "ecat",
       LibraryDirectory = "modelica://EtherCAT/Resources/Library");
+
+  annotation (Documentation(info = "<html>
+<p>
+Call it in each sample, after the reads of the slave. While <code>valid</code> is false the results stay as
+they are.
+</p>
+</html>"));
 end driveMeasure;

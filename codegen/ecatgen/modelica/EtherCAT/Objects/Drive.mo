@@ -21,7 +21,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input Real maxDropout "Time without valid data that is bridged, in s";
     input Integer startUp[:, 4]
       "Objects to write before the drive is enabled: index, subindex, data type, value";
-    output Drive drive;
+    output Drive drive "Drive";
     external "C" drive = ecatm_drive_open(master, position, mode, reference, entries, modeBySDO, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2))
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -31,7 +31,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
   end constructor;
 
   function destructor "Release it"
-    input Drive drive;
+    input Drive drive "Drive";
     external "C" ecatm_drive_close(drive)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
@@ -39,4 +39,11 @@ class Drive "State machine, conversions and memory of a drive with the device pr
         Library = "ecat",
         LibraryDirectory = "modelica://EtherCAT/Resources/Library");
   end destructor;
+
+  annotation (Documentation(info = "<html>
+<p>
+What <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a> is made of. It remembers where the drive was
+when it was enabled, and which objects were written.
+</p>
+</html>"));
 end Drive;

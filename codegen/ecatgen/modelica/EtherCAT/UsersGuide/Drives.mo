@@ -5,9 +5,21 @@ class Drives "Drives"
   annotation (Documentation(info = "<html>
 <p>
 A drive with the device profile CiA&nbsp;402 needs more than its process data: it is led through states by its
-control word, has a mode of operation, and its own units. The blocks in
-<a href=\"modelica://EtherCAT.Drives\">Drives</a> do that. For each drive of a bus the generated library has a
-block that joins one of them with the block of the slave: SI units outside, raw values inside.
+control word, has a mode of operation, and its own units.
+</p>
+<table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
+<tr><th>block</th><th>is for</th></tr>
+<tr><td><code>Drives</code> in a generated library</td><td>each drive of your bus: SI units outside, state machine and
+slave inside</td></tr>
+<tr><td><a href=\"modelica://EtherCAT.Drives.Elmo\">Elmo</a></td><td>an Elmo Gold drive without a generated library, as in
+Figure&nbsp;7 of the paper; <a href=\"modelica://EtherCAT.Examples.Drive\">Examples.Drive</a> has one</td></tr>
+<tr><td><a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a></td><td>a drive block of your own: the state machine and the
+conversions. Its documentation explains connectors, parameters and states</td></tr>
+</table>
+<p>
+Nothing jumps: until the drive is <code>enabled</code>, and again after a quick stop, a fault or a loss of the bus, its
+targets follow the actual values. In position modes the reference then counts from where the drive is, or is
+approached with a limited speed; see <a href=\"modelica://EtherCAT.Types.DriveReference\">DriveReference</a>.
 </p>
 <h4>Before the motor turns</h4>
 <ol>

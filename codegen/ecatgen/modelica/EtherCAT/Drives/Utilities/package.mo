@@ -1,4 +1,10 @@
 within EtherCAT.Drives;
 package Utilities "Parts of drives"
   extends Modelica.Icons.UtilitiesPackage;
+
+  annotation (Documentation(info = "<html>
+<p>
+Slaves that drive blocks of this library contain.
+</p>
+</html>"));
 end Utilities;
