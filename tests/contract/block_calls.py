@@ -38,6 +38,11 @@ _H_BLOCK = re.compile(
 _H_INSTANCE = re.compile(rf"^  {LIBRARY}_(\w+) (\w+);$", re.MULTILINE)
 
 
+def _instances(header: str) -> dict[str, str]:
+    """Names of the components of all blocks, by class."""
+    return dict(_H_INSTANCE.findall(header.split("/* All blocks of the library. */")[1]))
+
+
 @dataclass(frozen=True)
 class Entry:
     """A PDO entry, as its constructor has it."""
@@ -149,7 +154,7 @@ class Connector:
 
 def connectors(header: str, *, outputs: bool) -> list[Connector]:
     """All connectors that a program writes, or reads, in the order of its calls."""
-    instances = dict(_H_INSTANCE.findall(header))
+    instances = _instances(header)
     result = []
     for name, calls in of_header(header).items():
         entries = dict(calls.opened)
@@ -165,7 +170,7 @@ def program(header: str, sample_time: str = "0.001") -> str:
     Each line of its input has the simulation time and all values to write; it answers with the bus
     cycle, whether each slave is valid and in OP, and all values that were read.
     """
-    instances = [instance for _, instance in _H_INSTANCE.findall(header)]
+    instances = _instances(header).values()
     write = "".join(
         f'    if (scanf("%lf", &value) != 1) return 9;\n    plant.{c.field} = '
         f"{'' if c.kind == 'real' else '(int)'}value;\n"
@@ -217,7 +222,7 @@ class Executor:
     def __init__(self, executable: Path, header: str, bus: str) -> None:
         self.writes = connectors(header, outputs=True)
         self.reads = connectors(header, outputs=False)
-        self._blocks = len(_H_INSTANCE.findall(header))
+        self._blocks = len(_instances(header))
         self._time = 0.0
         self._process = subprocess.Popen(
             [str(executable), bus],
