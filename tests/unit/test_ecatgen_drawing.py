@@ -208,6 +208,7 @@ def test_elements_of_an_array_have_the_place_of_the_array(tmp_path: Path) -> Non
         ("connect(a.y", "connect(a.z", "a.z has no place"),
         ("annotation (Line(points = {{-32, 11}", "annotation (Dot(points = {{1, 1}", "no line"),
         ("{-32, 30}, {0, 30}, {0, 0}", "{-32, 5}, {0, 5}, {0, 0}", "crosses a"),
+        ("{-32, 30}, {0, 30}", "{-46, 30}, {-46, 13}, {0, 13}", "crosses the text 'a' of a"),
         ("origin = {60, 40}", "origin = {40, 10}", "b and turned overlap"),
     ],
 )

@@ -93,6 +93,9 @@ def _wires_cross(scene: Scene) -> Iterator[str]:
                 inside = min(segment.overlap(part.box.grown(-_EDGE))) >= 0
                 if inside and not part.connector:
                     yield f"{_name(wire)} crosses {part.name}"
+                for label in part.items:
+                    if isinstance(label, Label) and min(segment.overlap(_ink(label))) >= 0:
+                        yield f"{_name(wire)} crosses the text {label.text!r} of {part.name}"
 
 
 def _wires_coincide(scene: Scene) -> Iterator[str]:
