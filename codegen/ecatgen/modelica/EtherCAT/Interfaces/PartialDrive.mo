@@ -6,67 +6,67 @@ partial block PartialDrive "Base of drives: SI units outside, state machine and 
   Modelica.Blocks.Interfaces.BooleanInput enable
     "= true, if the drive shall be in operation"
     annotation (Placement(
-      transformation(extent = {{-213, 95}, {-203, 105}}),
+      transformation(extent = {{-215, 93}, {-201, 107}}),
       iconTransformation(extent = {{-124, 48}, {-100, 72}})));
   Modelica.Blocks.Interfaces.BooleanInput quickStop
     if useQuickStop
     "= true, if the drive shall stop quickly"
     annotation (Placement(
-      transformation(extent = {{-213, 80}, {-203, 90}}),
+      transformation(extent = {{-215, 78}, {-201, 92}}),
       iconTransformation(extent = {{-124, 20}, {-100, 44}})));
   Modelica.Blocks.Interfaces.BooleanInput faultReset
     if useFaultReset
     "A rising edge resets a fault"
     annotation (Placement(
-      transformation(extent = {{-213, 65}, {-203, 75}}),
+      transformation(extent = {{-215, 63}, {-201, 77}}),
       iconTransformation(extent = {{-124, -8}, {-100, 16}})));
   Modelica.Blocks.Interfaces.RealInput phi_ref(quantity = "Angle", unit = "rad", displayUnit = "deg")
     if positionMode
     "Reference angle of the output"
     annotation (Placement(
-      transformation(extent = {{-213, 50}, {-203, 60}}),
+      transformation(extent = {{-215, 48}, {-201, 62}}),
       iconTransformation(extent = {{-124, -36}, {-100, -12}})));
   Modelica.Blocks.Interfaces.RealInput w_ref(quantity = "AngularVelocity", unit = "rad/s")
     if velocityMode
     "Reference speed of the output"
     annotation (Placement(
-      transformation(extent = {{-213, 35}, {-203, 45}}),
+      transformation(extent = {{-215, 33}, {-201, 47}}),
       iconTransformation(extent = {{-124, -64}, {-100, -40}})));
   Modelica.Blocks.Interfaces.RealInput tau_ref(quantity = "Torque", unit = "N.m")
     if torqueMode
     "Reference torque at the output"
     annotation (Placement(
-      transformation(extent = {{-213, 20}, {-203, 30}}),
+      transformation(extent = {{-215, 18}, {-201, 32}}),
       iconTransformation(extent = {{-124, -92}, {-100, -68}})));
   Modelica.Blocks.Interfaces.RealOutput phi(quantity = "Angle", unit = "rad", displayUnit = "deg")
     "Angle of the output"
     annotation (Placement(
-      transformation(extent = {{203, 95}, {213, 105}}),
+      transformation(extent = {{201, 93}, {215, 107}}),
       iconTransformation(extent = {{100, 50}, {120, 70}})));
   Modelica.Blocks.Interfaces.RealOutput w(quantity = "AngularVelocity", unit = "rad/s")
     "Speed of the output"
     annotation (Placement(
-      transformation(extent = {{203, 80}, {213, 90}}),
+      transformation(extent = {{201, 78}, {215, 92}}),
       iconTransformation(extent = {{100, 22}, {120, 42}})));
   Modelica.Blocks.Interfaces.RealOutput tau(quantity = "Torque", unit = "N.m")
     "Torque at the output"
     annotation (Placement(
-      transformation(extent = {{203, 65}, {213, 75}}),
+      transformation(extent = {{201, 63}, {215, 77}}),
       iconTransformation(extent = {{100, -6}, {120, 14}})));
   Modelica.Blocks.Interfaces.RealOutput i(quantity = "ElectricCurrent", unit = "A")
     "Current of the motor"
     annotation (Placement(
-      transformation(extent = {{203, 50}, {213, 60}}),
+      transformation(extent = {{201, 48}, {215, 62}}),
       iconTransformation(extent = {{100, -34}, {120, -14}})));
   Modelica.Blocks.Interfaces.BooleanOutput enabled
     "= true, if the drive follows its reference"
     annotation (Placement(
-      transformation(extent = {{203, 35}, {213, 45}}),
+      transformation(extent = {{201, 33}, {215, 47}}),
       iconTransformation(extent = {{100, -62}, {120, -42}})));
   Modelica.Blocks.Interfaces.BooleanOutput fault
     "= true, if the drive has a fault, or reacts to one"
     annotation (Placement(
-      transformation(extent = {{203, 20}, {213, 30}}),
+      transformation(extent = {{201, 18}, {215, 32}}),
       iconTransformation(extent = {{100, -90}, {120, -70}})));
   EtherCAT.Drives.CiA402 cia402(
     final mode = mode,
