@@ -10,7 +10,10 @@ from typing import Any, Self
 
 import fmpy
 import fmpy.logging
+import pytest
 from fmpy import fmi2, fmi3
+
+from conftest import Daemon
 
 OK, WARNING, DISCARD, ERROR = range(4)
 STEP = 0.001
@@ -126,3 +129,23 @@ class Player:
         trace: TracebackType | None,
     ) -> None:
         self.free()
+
+
+def outputs(daemon: Daemon) -> list[float]:
+    """What the bus of the rig `troll` sends to the eight digital outputs of slave 3."""
+    with daemon.client() as client:
+        client.sample()
+        return [float(entry.raw) for entry in client.signals(3)]
+
+
+def until(player: Player, condition: Callable[[], bool], seconds: float = 30) -> None:
+    """Makes steps until something has come about."""
+    for _ in range(round(seconds / STEP)):
+        if condition():
+            return
+        player.step()
+    pytest.fail(f"it does not come about; the FMU has said {player.said}")
+
+
+BEAR: dict[str, Any] = {"lease": 0.5, "whenFailed": 3}
+"""Parameters with which a busy machine, on which a step comes too late, does no harm."""

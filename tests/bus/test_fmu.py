@@ -5,11 +5,8 @@ import signal
 import statistics
 import subprocess
 import sys
-import threading
-import uuid
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,20 +16,18 @@ import fmpy
 import numpy as np
 
 from conftest import Daemon, wait_for
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Slave
 from ecatd.shm import Outputs, Reason
-from ecatgen.fmu import generate_fmu
-from player import STEP, Model, Player
+from player import BEAR, STEP, Model, outputs, until
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 DRIVE = "goldGCONDrive"
 CYCLIC_VELOCITY = 9
+RIGS = Path(__file__).parents[1] / "rigs"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "fmu" / "speed_loop.py"
-ERROR, WAIT, CONTINUE = 1, 2, 3  # EtherCAT.Types.BusFailure
-MISSING, OPERATIONAL = 1, 5  # EtherCAT.Types.BusState
-NOT_AVAILABLE, OP = 1, 6  # EtherCAT.Types.ALState
+ERROR, CONTINUE = 1, 3  # EtherCAT.Types.BusFailure
+OPERATIONAL = 5  # EtherCAT.Types.BusState
+OP = 6  # EtherCAT.Types.ALState
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["FMI 2", "FMI 3"])
@@ -64,26 +59,6 @@ def control_word(status: int) -> int:
     if status & 0x4F == 0x40:
         return 0x06  # shutdown
     return 0x07 if status & 0x6F == 0x21 else 0x0F
-
-
-def outputs(daemon: Daemon) -> list[float]:
-    """What the bus sends to the eight digital outputs of slave 3."""
-    with daemon.client() as client:
-        client.sample()
-        return [float(entry.raw) for entry in client.signals(3)]
-
-
-def until(player: Player, condition: Callable[[], bool], seconds: float = 30) -> None:
-    """Makes steps until something has come about."""
-    for _ in range(round(seconds / STEP)):
-        if condition():
-            return
-        player.step()
-    pytest.fail(f"it does not come about; the FMU has said {player.said}")
-
-
-BEAR: dict[str, Any] = {"lease": 0.5, "whenFailed": CONTINUE}
-"""Parameters with which a busy machine, on which a step comes too late, does no harm."""
 
 
 def test_a_closed_speed_loop(model: Model, troll: Daemon) -> None:
@@ -240,180 +215,6 @@ def test_many_read_and_one_writes(model: Model, troll: Daemon) -> None:
         reader.step()
 
 
-# --- another bus, no bus, a bus that comes and goes -----------------------------------------------
-
-
-def described(model: Model) -> Bus:
-    """The bus that an FMU was made of."""
-    return bus_file.load(model.folder / "resources" / "bus.json")
-
-
-def test_another_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
-    bus = described(model)
-    bus.slaves[2].name, bus.slaves[2].product = "EL1008", 0x03F03052
-    other = Model(generate_fmu(bus, "Other", tmp_path, model.fmi).fmu)
-    for mode in (ERROR, WAIT, CONTINUE):
-        with pytest.raises(Exception, match="InitializationMode"):
-            other.play(bus=troll.bus, whenMissing=mode, whenFailed=mode)
-    fmi = " --fmi 3" if model.fmi == 3 else ""
-    (error,) = refused(other, bus=troll.bus)
-    assert error == (
-        f"slave 2 of bus '{troll.bus}' is EL1018 (vendor 0x00000002, product 0x03FA3052, revision "
-        "0x00110000), but this FMU was generated for EL1008 (vendor 0x00000002, product "
-        "0x03F03052, revision 0x00110000); regenerate it with: ecatctl generate Other DIR --fmu"
-        f"{fmi}"
-    )
-
-
-def test_a_longer_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
-    bus = described(model)
-    bus.slaves.append(Slave(8, "EL1018", 2, 0x03FA3052, 0x00110000))
-    other = Model(generate_fmu(bus, "Other", tmp_path, model.fmi).fmu)
-    (error,) = refused(other, bus=troll.bus)
-    assert error.startswith(f"bus '{troll.bus}' has no slave 8 (it has 8 slaves), but this FMU was")
-
-
-def refused(model: Model, **start: object) -> list[str]:
-    """What an instance says that cannot start."""
-    with Player(model) as player:
-        for name, value in start.items():
-            player.set(name, value)
-        with pytest.raises(Exception, match="InitializationMode"):
-            player.start()
-        return player.errors()
-
-
-def test_no_bus(model: Model) -> None:
-    (error,) = refused(model, bus="nobody")
-    assert error.startswith("no ecatd serves bus 'nobody'")
-    (error,) = refused(model, bus="nobody", whenMissing=WAIT, patience=0.1)
-    assert " s, as long as 'patience' allows" in error
-    assert error.startswith("no ecatd serves bus 'nobody'")
-
-
-def test_waits_for_a_bus_that_is_missing(model: Model, start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", ready=False)
-    with model.play(bus=daemon.bus, whenMissing=WAIT, patience=60.0) as player:
-        player.step()
-        assert player.get("connected")
-        assert player.errors() == []
-    daemon.wait_ready()
-
-
-def test_goes_on_without_a_bus_until_it_is_there(
-    model: Model, start_daemon: Callable[..., Daemon]
-) -> None:
-    bus = f"t{uuid.uuid4().hex[:10]}"
-    with model.play(bus=bus, whenMissing=CONTINUE, **BEAR) as player:
-        player.set("el2008.channel1Output", True)
-        for _ in range(5):
-            player.step()
-        assert not player.get("connected")
-        assert not player.get("el2008.valid")
-        assert player.get("el2008.alState") == NOT_AVAILABLE
-        assert player.get("state") == MISSING
-        (warning,) = player.warnings()
-        assert warning.startswith(f"no ecatd serves bus '{bus}'")
-        daemon = start_daemon("troll", "--bus", bus)
-        daemon.bus = bus
-        until(player, lambda: player.get("el2008.valid") and outputs(daemon)[0] == 1)
-        assert player.get("state") == OPERATIONAL
-        assert player.errors() == []
-
-
-def restart(start_daemon: Callable[..., Daemon], before: Daemon) -> Daemon:
-    again: Daemon = start_daemon("troll", "--bus", before.bus)
-    again.bus = before.bus
-    again.env["ECATD_BUS"] = before.bus
-    return again
-
-
-def is_gone(error: str, daemon: Daemon) -> bool:
-    """A daemon that is killed slowly, on a busy machine, stands still first."""
-    bus = f"bus '{daemon.bus}'"
-    ways = (f"the daemon of {bus} has ended; start it", f"the cycle of {bus} stands still")
-    return error.startswith((*ways, f"no ecatd serves {bus}"))
-
-
-def test_a_bus_that_ends_is_an_error(model: Model, start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll")
-    with model.play(bus=daemon.bus) as player:
-        player.step()
-        daemon.kill_all()
-        with pytest.raises(Exception, match="DoStep"):
-            player.steps(30)
-        (error,) = player.errors()
-        assert is_gone(error, daemon)
-        assert not player.get("connected")
-        assert not player.get("el2008.valid")
-        with pytest.raises(Exception, match="DoStep"):
-            player.step()
-        assert player.errors()[-1].endswith("DoStep is not allowed after an error")
-        player.fmu.reset()
-        player.set("bus", "nobody")
-        with pytest.raises(Exception, match="InitializationMode"):
-            player.start()
-
-
-def test_goes_on_while_the_bus_is_away(model: Model, start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll")
-    with model.play(bus=daemon.bus, **BEAR) as player:
-        player.set("el2008.channel2Output", True)
-        until(player, lambda: outputs(daemon)[1] == 1)
-        daemon.kill_all()
-        until(player, lambda: not player.get("connected"))
-        until(player, lambda: player.get("state") == MISSING)
-        assert not player.get("el2008.valid")
-        assert player.get("el2008.channel2Output")  # what the model wants
-        assert player.warnings()[-1].endswith("; going on without it")
-        again = restart(start_daemon, daemon)
-        until(player, lambda: player.get("el2008.valid") and outputs(again)[1] == 1)
-        assert player.errors() == []
-
-
-def test_waits_while_the_bus_is_away(model: Model, start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll")
-    with model.play(bus=daemon.bus, whenFailed=WAIT, patience=60.0, lease=0.5) as player:
-        player.set("el2008.channel2Output", True)
-        player.step()
-        daemon.kill_all()
-        stepped = threading.Thread(target=player.steps, args=(0.5,))
-        stepped.start()
-        again = restart(start_daemon, daemon)
-        stepped.join(60)
-        assert not stepped.is_alive()
-        until(player, lambda: player.get("connected") and outputs(again)[1] == 1)
-        assert player.errors() == []
-        assert any(text.endswith("; waiting for it") for text in player.warnings())
-
-
-def test_patience_has_an_end(model: Model, start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll")
-    with model.play(bus=daemon.bus, whenFailed=WAIT, patience=0.1) as player:
-        player.step()
-        daemon.kill_all()
-        with pytest.raises(Exception, match="DoStep"):
-            player.steps(30)
-        (error,) = player.errors()
-        assert is_gone(error, daemon)
-        assert " s, as long as 'patience' allows" in error
-
-
-def test_another_bus_that_comes_back_is_an_error(
-    model: Model, start_daemon: Callable[..., Daemon]
-) -> None:
-    daemon = start_daemon("troll")
-    with model.play(bus=daemon.bus, **BEAR) as player:
-        player.step()
-        daemon.kill_all()
-        until(player, lambda: not player.get("connected"))
-        start_daemon("line:4", "--bus", daemon.bus).bus = daemon.bus
-        with pytest.raises(Exception, match="DoStep"):
-            player.steps(60)
-        (error,) = player.errors()
-        assert "but this FMU was generated for Gold EtherCAT GCON Drive" in error
-
-
 def test_a_paused_simulation_loses_its_outputs(model: Model, troll: Daemon) -> None:
     for mode in (ERROR, CONTINUE):
         with model.play(bus=troll.bus, whenFailed=mode) as player:
@@ -467,3 +268,45 @@ def test_a_killed_fmu_leaves_safe_outputs(model: Model, troll: Daemon, tmp_path:
     with model.play(bus=troll.bus, **BEAR) as player:  # the next one goes on at once
         player.set("el2008.channel6Output", True)
         until(player, lambda: outputs(troll) == [0, 0, 0, 0, 0, 1, 0, 0])
+
+
+DOMAINS = """[gateway]
+listen = []
+[[domain]]
+name = "fast"
+[[domain]]
+name = "slow"
+divider = 4
+slaves = ["20-39"]
+"""
+
+
+def test_inputs_of_a_step_go_together(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    """The bus never gets a mixture of two steps; 40 slaves in two domains return what they got."""
+    daemon = start_daemon(str(RIGS / "domains.py"), config=DOMAINS)
+    daemon.ctl("generate", "Plant", str(tmp_path), "--fmu")
+    model = Model(tmp_path / "Plant.fmu")
+    slaves = list(dict.fromkeys(name.split(".")[0] for name in model.variables if "." in name))
+    assert len(slaves) == 40
+
+    def entries(slave: str, word: str) -> list[int]:
+        return [model.variables[f"{slave}.{word}{n}"].valueReference for n in range(1, 33)]
+
+    written = [reference for slave in slaves for reference in entries(slave, "output")]
+    read = [entries(slave, "input") for slave in slaves]
+    seen: set[int] = set()
+    with model.play(**BEAR) as player, daemon.client() as client:
+        sent = client.group([s for n in range(20) for s in client.signals(n) if s.index == 0x7000])
+        until(player, lambda: all(player.get(f"{slave}.valid") for slave in slaves))
+        for n in range(1, 200):
+            player.fmu.setInteger(written, [n] * len(written))
+            player.step()
+            for references in read:  # slaves are on their own: each has its own moment
+                assert len(set(player.fmu.getInteger(references))) == 1
+            client.sample()
+            (value,) = set(sent.raw)
+            seen.add(value)
+        until(player, lambda: player.get(f"{slaves[-1]}.input32") == 199)
+        assert player.get("workingCounter") == player.get("workingCounterExpected")
+        assert player.errors() == []
+    assert len(seen) > 10

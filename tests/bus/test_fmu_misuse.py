@@ -18,7 +18,7 @@ from ecatd.model import bus_file
 from ecatgen.fmu import generate_fmu
 from player import DISCARD, ERROR, OK, Model, Player
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 NUMBER = "goldGCONDrive.controlWord"
 BOOLEAN = "el2008.channel1Output"

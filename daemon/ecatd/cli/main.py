@@ -238,7 +238,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("-o", dest="out", metavar="FILE", type=Path, help="save it to this file")
     bus_source.add_options(command)
-    command = add_local("generate", library.generate, "Write a Modelica library for the bus.")
+    command = add_local(
+        "generate", library.generate, "Write a Modelica library, or an FMU, of the bus."
+    )
     command.add_argument("name", metavar="NAME", help="name of the library, as TrollPlant")
     command.add_argument(
         "out", metavar="DIR", type=Path, help="folder that the library is put into"
