@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Callable
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from ecatd.bus.layout import lay_out
+from ecatd.bus.segment import Segment
+from ecatd.model.bus import Bus
 
 ERROR, WAIT, CONTINUE = 1, 2, 3
 """EtherCAT.Types.BusFailure."""
@@ -85,6 +91,21 @@ def sentence(result: subprocess.CompletedProcess[str]) -> str:
     (line,) = result.stderr.splitlines()
     assert line.startswith("EtherCAT: ")
     return line
+
+
+@contextmanager
+def served(bus: Bus) -> Iterator[str]:
+    """The shared memory of a bus, without anything that exchanges it; yields its name."""
+    bus.name = f"m{uuid.uuid4().hex[:8]}"
+    image = lay_out(bus, set())
+    segment = Segment(bus.name)
+    segment.fill(bus, image, 5_000_000, 500_000_000)
+    segment.header.cycle_end_ns = 1 << 62  # "just now" for ever
+    segment.publish()
+    try:
+        yield bus.name
+    finally:
+        segment.close()
 
 
 @dataclass(frozen=True)

@@ -4,20 +4,15 @@
 """
 
 import time
-import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from plant_calls import compile_program, run, sentence
+from plant_calls import compile_program, run, sentence, served
 
 from conftest import Daemon
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
-from ecatd.model.bus import Bus
 from ecatgen import generate
 from ecatgen.checks import sample_buses
 
@@ -66,21 +61,6 @@ def build(tmp_path: Path, compiler: str) -> Callable[..., Path]:
 def opener(build: Callable[..., Path], out: Path) -> Path:
     """A program that opens and closes all blocks: arguments bus, domain, sample time."""
     return build(OPEN, out, "-std=c89", "-pedantic-errors")
-
-
-@contextmanager
-def served(bus: Bus) -> Iterator[str]:
-    """The shared memory of a bus, without anything that exchanges it; yields its name."""
-    bus.name = f"m{uuid.uuid4().hex[:8]}"
-    image = lay_out(bus, set())
-    segment = Segment(bus.name)
-    segment.fill(bus, image, 5_000_000, 500_000_000)
-    segment.header.cycle_end_ns = 1 << 62  # "just now" for ever
-    segment.publish()
-    try:
-        yield bus.name
-    finally:
-        segment.close()
 
 
 def test_the_bus_that_the_library_was_generated_for(opener: Path) -> None:
