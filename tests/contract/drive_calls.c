@@ -34,9 +34,11 @@ axis *axis_open(const char *bus, double sample_time, int position, int vendor, i
   return a;
 }
 
+/* `valid`: whether to believe the slave that its values are valid. */
 void axis_measure(axis *a, double time, int valid) {
-  int n;
+  int n, state, code;
   a->cycle = ecatm_wait(a->master, time);
+  valid = ecatm_slave_state(a->slave, time, a->cycle, &state, &code) && valid;
   for (n = 0; n < 6; n++)
     a->raw[n] = a->inputs[n] ? ecatm_read_integer(a->inputs[n], time, a->cycle) : 0;
   a->state = ecatm_drive_measure(a->drive, time, a->cycle, valid, a->raw[0], a->raw[1], a->raw[2],

@@ -10,6 +10,7 @@ import pytest
 from drive_calls import ABSOLUTE, Has, Mode, Player, Settings, State, build, records, settings
 
 from conftest import Daemon
+from ecatsim.control.client import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -274,6 +275,13 @@ def test_an_object_that_is_refused_keeps_the_drive_off(
         player.run(0.3)
         assert player.a.state == State.READY_TO_SWITCH_ON
         assert player.a.start_up == FAILED
+        player.set(enable=False)
+        player.run(0.01)
+        assert player.a.start_up == FAILED
+        player.set(enable=True)
+        player.step()
+        assert player.a.start_up == BUSY  # once more
+        player.until(lambda: player.a.start_up == FAILED)
     said = capfd.readouterr().err
     assert "object 0x605A:00 of slave 1" in said
     assert "0x06090030" in said
@@ -383,6 +391,29 @@ def test_short_dropouts_are_bridged_and_long_ones_switch_off(play: Play, record:
     rows = [row for row in record(ELMO) if row["mode"] == Mode.CYCLIC_POSITION]
     assert max(abs(row["w"]) for row in rows) < 0.1
     assert any(row["control"] == 0 for row in rows)
+
+
+def test_a_drive_that_lost_its_power_comes_back_without_a_jump(
+    play: Play, drives: Daemon, record: Record
+) -> None:
+    rows = [(0x6083, 0, UNSIGNED32, 75_000)]
+    with (
+        play(generic(Mode.CYCLIC_POSITION), GENERIC, rows) as player,
+        Simulator(str(drives.child_pid("ecatsim"))) as simulator,
+    ):
+        player.enable()
+        before = player.a.phi
+        player.reference = lambda time: -500.0  # would be a jump, if it counted from before
+        simulator.faults.power_off(GENERIC)
+        player.until(lambda: player.a.state == State.NOT_READY_TO_SWITCH_ON)
+        assert (player.a.enabled, player.a.command[0]) == (0, 0)
+        simulator.faults.power_on(GENERIC)
+        player.until(lambda: player.a.enabled, 60)
+        player.run(0.2)
+        assert player.a.phi == pytest.approx(before, abs=0.1)
+        player.disable()
+    assert drives.ctl_json("sdo-read", str(GENERIC), "0x6083", "0")["value"] == 75_000
+    assert max(abs(row["w"]) for row in record(GENERIC)[-2000:]) < 0.1
 
 
 def test_a_model_that_dies_leaves_the_drive_without_power(play: Play, drives: Daemon) -> None:

@@ -27,6 +27,7 @@ LIBRARY = "Plant"
 BUSES: dict[str, Callable[[], Bus]] = {
     "troll": sample_buses.troll,
     "awkward": sample_buses.awkward,
+    "axes": sample_buses.axes,
     "empty": lambda: Bus("ecat0", 1000, []),
 }
 

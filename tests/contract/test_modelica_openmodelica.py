@@ -18,6 +18,7 @@ pytestmark = [needs_omc, pytest.mark.timeout(900)]
 BUSES: dict[str, Callable[[], Bus]] = {
     "troll": sample_buses.troll,
     "awkward": sample_buses.awkward,
+    "axes": sample_buses.axes,
     "empty": lambda: Bus("ecat0", 1000, []),
 }
 

@@ -61,6 +61,49 @@ def awkward() -> Bus:
     )
 
 
+def axes() -> Bus:
+    """Drives that lack this and that, and one with more than the state machine knows."""
+    i16, i32, u8 = DataType.INTEGER16, DataType.INTEGER32, DataType.UNSIGNED8
+    u16, u32 = DataType.UNSIGNED16, DataType.UNSIGNED32
+    control = Entry(0x6040, 0, "Controlword", u16, 16)
+    status = Entry(0x6041, 0, "Statusword", u16, 16)
+    position = [
+        [control, Entry(0x607A, 0, "Target position", i32, 32)],
+        [status, Entry(0x6064, 0, "Position actual value", i32, 32)],
+    ]
+    torque = [
+        [control, Entry(0x6071, 0, "Target torque", i16, 16)],
+        [status, Entry(0x6078, 0, "Current actual value", i16, 16)],
+    ]
+    rich = [
+        [
+            *(control, Entry(0x60FF, 0, "Target velocity", i32, 32)),
+            *(Entry(0x6081, 0, "Profile velocity", u32, 32), Entry(0x7000, 1, "Brake", u8, 1)),
+            Entry(0x6060, 0, "Modes of operation", DataType.INTEGER8, 8),
+        ],
+        [status, Entry(0x606C, 0, "Velocity actual value", i32, 32)],
+    ]
+    return Bus(
+        "axes",
+        1000,
+        [
+            Slave(
+                n,
+                name,
+                0x0000FFFF,
+                0x402 + n,
+                1,
+                coe=True,
+                outputs=[Pdo(0x1600, "Outputs", 2, outputs)],
+                inputs=[Pdo(0x1A00, "Inputs", 3, inputs)],
+            )
+            for n, (name, (outputs, inputs)) in enumerate(
+                {"Position axis": position, "Torque axis": torque, "Rich axis": rich}.items()
+            )
+        ],
+    )
+
+
 def _drive(position: int) -> Slave:
     i8, i16, i32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
     u16 = DataType.UNSIGNED16

@@ -227,7 +227,8 @@ immediately) and 12.
 While <code>valid</code> is false the outputs keep their values. After <code>maxDropout</code> the control
 word is 0 and the state <code>NotReadyToSwitchOn</code>. Whenever the drive is there (again), the objects of
 <code>startUp</code> are written one after the other, and the drive is not enabled before all are. An object that is
-refused keeps the drive off: <code>startUpState</code> is 3, and a message says which and why. A row
+refused keeps the drive off: <code>startUpState</code> is 3, and a message says which and why; the list
+is tried again when <code>enable</code> is switched off and on. A row
 of <code>startUp</code> is <code>{index, subindex, Integer(DataType), value}</code>; 0x605A is
 <code>24666</code>.
 </p>

@@ -79,6 +79,7 @@ typedef struct ecatm_drive_order {
   double target;                 /* position in increments */
   int set_point;                 /* 0x607A */
   int strobe;                    /* profile position: bit 4, new set-point */
+  int start_up;                  /* enum ecatm_sdo_state of the start-up list */
   double waiting;                /* seconds that the drive has not taken the mode */
 } ecatm_drive_order;
 

@@ -188,10 +188,16 @@ ECATM_FUNCTION int ecatm_drive_hold(double value, double low, double high) {
   return (int)(value < low ? low : value > high ? high : value);
 }
 
+/* The start-up list is written on a rising edge of this: when the drive is there (again), and after a
+ * refusal when it is enabled again. */
+ECATM_FUNCTION int ecatm_drive_asks(const ecatm_drive *drive, int enable) {
+  return drive->view.connected && (enable || drive->order_before.start_up != ECATM_SDO_FAILED);
+}
+
 /* Control word (returned), mode and targets for a reference in SI units at the output of the gear: the
  * angle in position modes, the speed in velocity modes, the torque in torque modes. Until the drive is
  * enabled the targets follow its actual values. `start_up` is the enum ecatm_sdo_state of the start-up
- * list, which is written whenever the drive is there (again); `order` is a result of measure(). */
+ * list; `order` is a result of measure(). */
 ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int enable,
                                        int quick_stop, int fault_reset, double reference, int *mode,
                                        int *position, int *velocity, int *torque, int *max_torque,
@@ -206,8 +212,8 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   if (fault_reset && !drive->order_before.reset_input) now->reset_pending = 1;
   if (drive->view.connected && drive->view.state < ECATM_FAULT_REACTION_ACTIVE)
     now->reset_pending = 0;
-  *start_up = ecatm_sdo_list_write(drive->list, time, order, drive->view.connected);
-  now->word = ecatm_drive_word(drive, enable && *start_up == ECATM_SDO_DONE, quick_stop);
+  now->start_up = ecatm_sdo_list_write(drive->list, time, order, ecatm_drive_asks(drive, enable));
+  now->word = ecatm_drive_word(drive, enable && now->start_up == ECATM_SDO_DONE, quick_stop);
   now->following = drive->view.enabled && now->word == 0x0F;
   if (now->following && !ecatm_finite(reference)) {
     ModelicaFormatError("EtherCAT: the reference of the drive of slave %d is not a finite number",
@@ -231,6 +237,7 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   *position = now->set_point;
   *velocity = ecatm_drive_hold(speed, -2147483647.0, 2147483647.0);
   *torque = ecatm_drive_hold(force, -32767, 32767);
+  *start_up = now->start_up;
   *max_torque = ecatm_drive_hold(s->max_torque / s->rated_torque * 1000, 0, 65535);
   return now->word;
 }
