@@ -172,7 +172,7 @@ def test_a_value_that_no_integer_can_hold_fails_the_request(call: Run, bus: Daem
     bus.ctl("sdo-write", "0", "0x2007", "0", "0x80000000", "--type", "UNSIGNED32")
     first, second = answers(call(read(0x2007, T.UNSIGNED32) + read(0x2007, T.UNSIGNED32, Has.REAL)))
     assert (first.state, first.value, first.code) == (State.FAILED, "0", -10)
-    assert first.text == "2147483648 is too large for a Modelica Integer; use SDOReadReal"
+    assert first.text == "2147483648 is too large for a Modelica Integer: read it as Real"
     assert (second.state, second.value) == (State.DONE, "2147483648")
 
 
@@ -229,10 +229,10 @@ BAD = [
     (read(0, T.UNSIGNED32, text="0x6060.00"), '"0x6060.00" is no object: write it as'),
     (read(0, T.UNSIGNED32, text="0x6060:"), "is no object: write it as"),
     (read(0, T.UNSIGNED32, text="0x16060:00"), "is no object: write it as"),
-    (read(0x2008, T.REAL32), "cannot be data type 0x0008: it has an Integer, so an integer type"),
-    (read(0x1008, T.VISIBLE_STRING, Has.REAL), "it has a Real, so the type of a number is needed"),
-    (read(0x2007, T.UNSIGNED32, Has.STRING), "it has a String, so a string type is needed"),
-    (read(0x2007, 0x0E), "cannot be data type 0x000E"),
+    (read(0x2008, T.REAL32), "the dataType cannot be 0x0008: an Integer needs an integer type"),
+    (read(0x1008, T.VISIBLE_STRING, Has.REAL), "a Real needs the type of a number"),
+    (read(0x2007, T.UNSIGNED32, Has.STRING), "a String needs a string type"),
+    (read(0x2007, 0x0E), "the dataType cannot be 0x000E"),
     (read(0x2007, T.UNSIGNED32, Has.REAL, scale=0), "the scale must be a finite number other"),
     (read(0x1000, T.UNSIGNED32, when=2), "cannot be requested every 0 s: the period must be"),
 ]
@@ -243,6 +243,61 @@ def test_what_can_only_be_a_mistake_ends_the_simulation(
     call: Run, statements: str, sentence: str
 ) -> None:
     result = call(statements)
+    assert result.returncode == 1
+    assert result.stderr.startswith("EtherCAT: ")
+    assert sentence in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+# --- Functions for scripts, which wait -------------------------------------------------------
+
+ONCE = f"""
+  ecatm_once_write_integer(argv[1], 0, "0x2003:00", {int(T.INTEGER16)}, -7);
+  printf("%d\\n", ecatm_once_read_integer(argv[1], 0, "0x2003:00", {int(T.INTEGER16)}));
+  ecatm_once_write_real(argv[1], 0, "0x2011", {int(T.REAL64)}, 0.1);
+  printf("%.17g\\n", ecatm_once_read_real(argv[1], 0, "0x2011", {int(T.REAL64)}));
+  ecatm_once_write_string(argv[1], 0, "0x2200", {int(T.VISIBLE_STRING)}, "text");
+  printf("%s\\n", ecatm_once_read_string(argv[1], 0, "0x2200", {int(T.VISIBLE_STRING)}));
+"""
+
+
+def test_functions_read_and_write_at_once(call: Run) -> None:
+    result = call(ONCE)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.split() == ["-7", "0.10000000000000001", "text"]
+
+
+@pytest.mark.parametrize(
+    ("statement", "sentence"),
+    [
+        (
+            'ecatm_once_read_integer(argv[1], 0, "0x5FFF:00", 5);',
+            "reading object 0x5FFF:00 of slave 0 of bus",
+        ),
+        (
+            'ecatm_once_write_integer(argv[1], 0, "0x1000:00", 7, 1);',
+            "writing object 0x1000:00 of slave 0 of bus",
+        ),
+        (
+            'ecatm_once_write_integer(argv[1], 0, "0x2005:00", 5, 256);',
+            "object 0x2005:00: 256 is out of range: 0 to 255 are allowed",
+        ),
+        (
+            'ecatm_once_read_integer(argv[1], 0, "0x1000:00", 5);',
+            "object 0x1000:00: the object has 4 bytes, but the dataType has 1",
+        ),
+        ('ecatm_once_read_integer(argv[1], 9, "0x1000:00", 7);', "has no slave 9: it has 3"),
+        ('ecatm_once_read_integer(argv[1], 0, "", 7);', "is no object"),
+        (
+            'ecatm_once_read_integer(argv[1], 0, "0x2008:00", 8);',
+            "an Integer needs an integer type",
+        ),
+        ('ecatm_once_read_string(argv[1], 0, "0x2008:00", 8);', "a String needs a string type"),
+        ('ecatm_once_read_real("no_such_bus", 0, "0x1000:00", 7);', "no ecatd serves bus"),
+    ],
+)
+def test_functions_end_with_one_sentence(call: Run, statement: str, sentence: str) -> None:
+    result = call(statement)
     assert result.returncode == 1
     assert result.stderr.startswith("EtherCAT: ")
     assert sentence in result.stderr

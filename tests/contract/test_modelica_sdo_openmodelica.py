@@ -46,16 +46,28 @@ model Requests "All SDO blocks on the rig of the tests"
     request = EtherCAT.Types.Request.Sampled,
     period = 0.05);
   EtherCAT.SDOReadString refused(object = "0x5FFF", request = EtherCAT.Types.Request.Initial);
+  parameter EtherCAT.Objects.StartupList list = EtherCAT.Objects.StartupList(
+    etherCATMaster.master, 0,
+    [8194, 0, 2, -5; 8195, 0, Integer(EtherCAT.Types.DataType.INTEGER16), 6]);
+  Integer listState(start = 0, fixed = true);
 equation
   connect(writeInteger.done, readInteger.trigger);
   connect(trigger.y, writeReal.trigger);
+  when etherCATMaster.sampled[1] then
+    listState = EtherCAT.Functions.startupListWrite(list, time, etherCATMaster.cycle, true);
+  end when;
   when {readString.count >= 10, refused.abortCode > 0} then
     Modelica.Utilities.Streams.print("text '" + readString.y + "'");
     Modelica.Utilities.Streams.print("refused '" + refused.abortText + "'");
   end when;
 end Requests;
 """
-NUMBERS = {"readInteger.y": -42, "readReal.y": 3e15, "refused.abortCode": 0x06020000}
+NUMBERS = {
+    "readInteger.y": -42,
+    "readReal.y": 3e15,
+    "refused.abortCode": 0x06020000,
+    "listState": 2,
+}
 REFUSED = "slave 0, 0x5FFF:00: SDO abort 0x06020000: The object does not exist"
 
 
@@ -129,3 +141,18 @@ def test_the_same_as_fmu(omc: OpenModelica, tmp_path: Path, bus: Daemon) -> None
     assert strings[0].decode() == "café"
     assert strings[1].decode().startswith(REFUSED)
     assert [*integers, *reals] == [-42, 0x06020000, 3e15]
+
+
+def test_functions_work_in_a_session(omc: OpenModelica, bus: Daemon) -> None:
+    arguments = f'"{bus.bus}", 0, "0x2006:00", EtherCAT.Types.DataType.UNSIGNED16'
+    answer = omc.run(
+        'setCommandLineOptions("-d=gen");',
+        f"EtherCAT.Functions.writeObjectInteger({arguments}, 4711);",
+        f"EtherCAT.Functions.readObjectInteger({arguments});",
+        f'EtherCAT.Functions.readObjectString("{bus.bus}", 0, "0x1008", '
+        "EtherCAT.Types.DataType.VISIBLE_STRING);",
+        f"EtherCAT.Functions.writeObjectReal({arguments}, 70000);",
+    )
+    assert "\n4711\n" in answer
+    assert '"Objects"' in answer
+    assert "object 0x2006:00: 70000 is out of range: 0 to 65535 are allowed" in answer

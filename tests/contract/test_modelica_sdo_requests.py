@@ -2,13 +2,16 @@
 
 import subprocess
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from sdo_calls import Answer, Run, State, When, answers, build, opened, read, run, write
 
 from conftest import Daemon
+from ecatd import shm
 from ecatd.model.datatypes import DataType as T
+from handle import Handle
 from rigs import objects
 
 pytestmark = pytest.mark.bus
@@ -266,6 +269,18 @@ def test_requests_that_never_pause_leave_none_out(call: Run) -> None:
 """
     )
     assert numbers(result) == [12]
+
+
+def test_without_a_place_for_another_client_a_request_fails_instead_of_waiting(
+    call: Run, bus: Daemon
+) -> None:
+    with ExitStack() as stack:
+        for _ in range(shm.SLOTS):
+            other = stack.enter_context(Handle(bus.bus))
+            assert other.sdo_start(0, 0x1000, 0, None, 0) >= 0
+        (answer,) = answers(call(read(0x1000, T.UNSIGNED32)))
+    assert (answer.state, answer.code) == (State.FAILED, -13)
+    assert f"all {shm.SLOTS} client slots" in answer.text
 
 
 # --- The bus goes and comes ------------------------------------------------------------------

@@ -26,6 +26,13 @@ some seconds if the slave is slow, and the outputs <code>busy</code>, <code>done
 manual; <code>ecatctl sdo-read 0 0x1000</code> tries one.
 </p>
 <p>
+A request that fails does not end the simulation; <a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>
+has what <code>abortCode</code> means. Objects that must be written one after the other, before a drive is
+enabled for instance, are a <a href=\"modelica://EtherCAT.Objects.StartupList\">StartupList</a>. For scripts
+there are functions that wait for the answer, such as
+<a href=\"modelica://EtherCAT.Functions.readObjectInteger\">readObjectInteger</a>.
+</p>
+<p>
 Write to objects that the slave keeps in its flash memory only now and then: it bears a limited number of
 writes.
 </p>

@@ -26,5 +26,6 @@
 #include "ecatm_samples.h"
 #include "ecatm_sdo.h"
 #include "ecatm_sdo_list.h"
+#include "ecatm_sdo_once.h"
 
 #endif

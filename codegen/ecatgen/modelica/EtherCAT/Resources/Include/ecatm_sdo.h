@@ -86,24 +86,29 @@ ECATM_FUNCTION void ecatm_transfer_open(ecatm_transfer *transfer, int position, 
   transfer->handle = -1;
 }
 
-/* Stops the simulation if no slave can have such an object, or, while there is a bus, if it has no
- * such slave. */
-ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, int position, int index, int subindex) {
-  ecat_slave_info info;
+/* Stops the simulation if no slave can have such an object. */
+ECATM_FUNCTION void ecatm_check_range(int position, int index, int subindex) {
   if (position < 0 || index < 0 || index > 0xFFFF || subindex < 0 || subindex > 0xFF) {
     ModelicaFormatError("EtherCAT: slave %d, index %d, subindex %d is no object: positions begin with "
                         "0, indices end with 65535 (0xFFFF), subindices with 255", position, index,
                         subindex);
-    return;
   }
+}
+
+/* The same, or if there is a bus that has no such slave. */
+ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, int position, int index, int subindex) {
+  ecat_slave_info info;
+  ecatm_check_range(position, index, subindex);
   if (master->bus != NULL) ecatm_check(master, ecat_slave(master->bus, position, &info));
 }
 
-/* The end of a transfer that did not succeed. It does not end the simulation; the log says so once. */
+/* The end of a transfer that did not succeed. It does not end the simulation; the log says so once,
+ * where the master has not said it for all. */
 ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const char *why) {
   char text[ECATM_TEXT];
   sprintf(text, "%.*s", ECATM_TEXT - 1, why);
-  if (!transfer->told || strcmp(text, transfer->text) != 0)
+  if (ecatm_sdo_connected(transfer->node.master) &&
+      (!transfer->told || strcmp(text, transfer->text) != 0))
     ModelicaFormatMessage("EtherCAT: %s object 0x%04X:%02X of slave %d failed: %s\n",
                           transfer->download ? "writing" : "reading", (unsigned)transfer->index,
                           (unsigned)transfer->subindex, transfer->position, text);
@@ -197,10 +202,10 @@ ECATM_FUNCTION void ecatm_sdo_check_type(int type, int value) {
              : value == ECATM_REAL_VALUE ? ecatm_type_bytes(type) > 0
                                          : ecatm_type_bytes(type) > 0 && !ecatm_type_is_real(type);
   if (!fits)
-    ModelicaFormatError("EtherCAT: the dataType of an SDO block cannot be data type 0x%04X: %s", (unsigned)type,
-                        value == ECATM_STRING_VALUE ? "it has a String, so a string type is needed"
-                        : value == ECATM_REAL_VALUE ? "it has a Real, so the type of a number is needed"
-                                                    : "it has an Integer, so an integer type is needed");
+    ModelicaFormatError("EtherCAT: the dataType cannot be 0x%04X: %s", (unsigned)type,
+                        value == ECATM_STRING_VALUE ? "a String needs a string type"
+                        : value == ECATM_REAL_VALUE ? "a Real needs the type of a number"
+                                                    : "an Integer needs an integer type");
 }
 
 /* Index and subindex of a text such as "0x6060:00", both hexadecimal; an empty text changes nothing. */
@@ -266,10 +271,8 @@ ECATM_FUNCTION int ecatm_sdo_decode(ecatm_sdo *sdo) {
   }
   if (ecatm_decode_number(sdo->type, transfer->data, transfer->length, &number, text) != 0)
     return ecatm_transfer_fail(transfer, ECAT_EARG, text);
-  if (sdo->value == ECATM_INTEGER_VALUE && fabs(number + 0.5) > 2147483648.0) {
-    sprintf(text, "%.0f is too large for a Modelica Integer; use SDOReadReal", number);
+  if (sdo->value == ECATM_INTEGER_VALUE && ecatm_check_integer(number, text) != 0)
     return ecatm_transfer_fail(transfer, ECAT_ERANGE, text);
-  }
   sdo->number = sdo->value == ECATM_REAL_VALUE ? number * sdo->scale + sdo->offset : number;
   return ECATM_SDO_DONE;
 }

@@ -104,6 +104,13 @@ ECATM_FUNCTION int ecatm_decode_number(int type, const unsigned char *data, size
   return 0;
 }
 
+/* Whether a Modelica Integer can hold a number: 0, or ECAT_ERANGE and a text. */
+ECATM_FUNCTION int ecatm_check_integer(double number, char *text) {
+  if (number >= -2147483648.0 && number <= 2147483647.0) return 0;
+  sprintf(text, "%.0f is too large for a Modelica Integer: read it as Real", number);
+  return ECAT_ERANGE;
+}
+
 /* --- Texts --------------------------------------------------------------------------------- */
 
 /* Bytes of the UTF-8 character at `data`, 0 if there is none (overlong, surrogate, cut). */
