@@ -22,12 +22,17 @@ from ecatd.model.datatypes import DataType
 from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.checks import check_structure, sample_buses
+from ecatgen.drawing.checks import check_diagram, check_icon
+from ecatgen.drawing.library import Libraries
+from ecatgen.drawing.pictures import models
+from ecatgen.drawing.scene import diagram, icon
 from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 LIBRARY = "Plant"
 PROFILES = load_profiles()
-I16, I32, U8, REAL = DataType.INTEGER16, DataType.INTEGER32, DataType.UNSIGNED8, DataType.REAL32
+I16, I32, REAL = DataType.INTEGER16, DataType.INTEGER32, DataType.REAL32
+U8, U16 = DataType.UNSIGNED8, DataType.UNSIGNED16
 
 
 def outputs(*entries: Entry, mapping: int = 0x1600) -> list[Pdo]:
@@ -97,6 +102,28 @@ def mapped_twice() -> Slave:
     )
 
 
+def drives() -> Iterator[Slave]:
+    """Drives with what one of the modes needs, or less, or more, or not raw."""
+    control, status = Entry(0x6040, 0, "Control", U16, 16), Entry(0x6041, 0, "Status", U16, 16)
+    velocity, speed = Entry(0x60FF, 0, "Target", I32, 32), Entry(0x606C, 0, "Speed", I32, 32)
+    position, place = Entry(0x607A, 0, "Target", I32, 32), Entry(0x6064, 0, "Place", I32, 32)
+    current = Entry(0x6078, 0, "Value", I16, 16)
+    physical = replace(velocity, unit="rad/s", scale=1e-4)
+    more = Entry(0x2000, 1, "mode", I16, 16), Entry(0x2000, 2, "limit", I16, 16, "V", 0.1)
+    kinds: list[tuple[list[Entry], list[Entry]]] = [
+        ([control], [status]),
+        ([control, velocity], [status, speed]),
+        ([control, position, velocity], [status, place]),
+        ([control, Entry(0x6071, 0, "", I16, 16)], [status, current]),
+        ([control, physical], [status, speed]),
+        ([control, velocity, *more, replace(control, index=0x6840)], [status, speed]),
+        ([velocity, *more], [status, replace(speed, bit_length=64, data_type=DataType.INTEGER64)]),
+    ]
+    for n, (written, read) in enumerate(kinds):
+        mapped = {"outputs": outputs(*written), "inputs": inputs(*read)}
+        yield Slave(n, "Axis", 1, 2, 3, coe=True, **mapped)
+
+
 NAMES = (
     *("Привод", "日本語", "Ångström", "é" * 60, "🚀 rocket", "a\u0300", "ﬁ", "²³", "CON", "COM1"),
     *("Package", "Resources", "Drives", "Examples", "EtherCATMaster", "valid", "end", "der"),
@@ -125,6 +152,7 @@ BUSES = {
         )
         for n, name in enumerate(NAMES)
     ],
+    "drives": list(drives()),
     "no slaves": [],
     "troll": sample_buses.troll().slaves,
 }
@@ -148,6 +176,19 @@ def problems(made: dict[str, bytes]) -> list[str]:
 @pytest.mark.parametrize("name", BUSES)
 def test_files_names_and_texts(name: str) -> None:
     assert problems(files(Bus("ecat0", 1000, BUSES[name]))) == []
+
+
+@pytest.mark.parametrize("name", [name for name in BUSES if name != "hundreds"])
+def test_nothing_overlaps(name: str, tmp_path: Path) -> None:
+    for path, data in files(Bus("ecat0", 1000, BUSES[name])).items():
+        file = tmp_path / LIBRARY / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    ours = Path(ecatgen.__file__).parent
+    found = Libraries([tmp_path, ours / "modelica", ours / "checks"])
+    for model in models(found, LIBRARY):
+        assert list(check_diagram(diagram(found, model))) == []
+        assert list(check_icon(icon(found, model))) == []
 
 
 @pytest.mark.parametrize("name", BUSES)
