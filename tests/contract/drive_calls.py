@@ -36,6 +36,7 @@ class State(IntEnum):
 
 
 RELATIVE, ABSOLUTE = 1, 2
+ERROR, CONTINUE = 1, 3  # whenFailed of the EtherCATMaster
 
 
 class Has(IntFlag):
@@ -163,6 +164,7 @@ class Player:
         slave: int,
         drive: Settings,
         start_up: Sequence[tuple[int, int, int, int]] = (),
+        failure: int = ERROR,
     ) -> None:
         vendor, product = ((0x9A, 0x30924), (0xFFFF, 0x402))[slave]
         self._calls = calls
@@ -170,6 +172,7 @@ class Player:
         self._axis = calls.axis_open(
             bus.encode(),
             ctypes.c_double(0.001),
+            failure,
             slave,
             vendor,
             product,

@@ -1,13 +1,26 @@
 """EtherCAT.Drives.CiA402: the C calls of its block, on simulated drives with motors behind them."""
 
+import ctypes
 import itertools
 import math
+import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from drive_calls import ABSOLUTE, Has, Mode, Player, Settings, State, build, records, settings
+from drive_calls import (
+    ABSOLUTE,
+    CONTINUE,
+    Has,
+    Mode,
+    Player,
+    Settings,
+    State,
+    build,
+    records,
+    settings,
+)
 
 from conftest import Daemon
 from ecatsim.control.client import Simulator
@@ -40,11 +53,15 @@ def drives(tmp_path_factory: pytest.TempPathFactory, record_file: Path) -> Itera
 
 
 @pytest.fixture(scope="module")
-def play(tmp_path_factory: pytest.TempPathFactory, compiler: str, drives: Daemon) -> Play:
-    """Starts to play a drive: `play(settings, slave, start_up)`."""
+def calls(tmp_path_factory: pytest.TempPathFactory, compiler: str, drives: Daemon) -> ctypes.CDLL:
     folder = tmp_path_factory.mktemp("calls")
     drives.ctl("generate", "Plant", str(folder))
-    calls = build(folder, compiler, folder)
+    return build(folder, compiler, folder)
+
+
+@pytest.fixture(scope="module")
+def play(calls: ctypes.CDLL, drives: Daemon) -> Play:
+    """Starts to play a drive: `play(settings, slave, start_up)`."""
     return lambda drive, slave=ELMO, rows=(): Player(calls, drives.bus, slave, drive, rows)
 
 
@@ -414,6 +431,29 @@ def test_a_drive_that_lost_its_power_comes_back_without_a_jump(
         player.disable()
     assert drives.ctl_json("sdo-read", str(GENERIC), "0x6083", "0")["value"] == 75_000
     assert max(abs(row["w"]) for row in record(GENERIC)[-2000:]) < 0.1
+
+
+def test_a_bus_that_dies_and_comes_back(
+    calls: ctypes.CDLL, start_daemon: Callable[..., Daemon]
+) -> None:
+    name = f"t{uuid.uuid4().hex[:10]}"
+    first = start_daemon(str(RIG), "--bus", name)
+    first.bus = name
+    drive = settings(Mode.CYCLIC_POSITION)
+    with Player(calls, name, ELMO, drive, failure=CONTINUE) as player:
+        player.enable()
+        player.reference = lambda time: 5.0
+        player.run(0.5)
+        first.kill_all()
+        player.until(lambda: not player.a.enabled)
+        assert player.a.state == State.NOT_READY_TO_SWITCH_ON
+        player.reference = lambda time: -300.0
+        in_the_meantime(player, lambda: start_daemon(str(RIG), "--bus", name))
+        player.until(lambda: player.a.enabled)
+        begin = player.a.phi
+        player.run(0.3)
+        assert player.a.phi == pytest.approx(begin, abs=0.01)
+        player.disable()
 
 
 def test_a_model_that_dies_leaves_the_drive_without_power(play: Play, drives: Daemon) -> None:

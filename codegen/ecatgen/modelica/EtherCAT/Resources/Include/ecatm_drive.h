@@ -146,24 +146,27 @@ ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
   return NULL;
 }
 
+typedef struct ecatm_drive_table {
+  ecatm_node node;
+  int rows[1][ECATM_LIST_COLUMNS]; /* and more, as there was memory asked for */
+} ecatm_drive_table;
+
 /* The list of objects to write before the drive is enabled: the mode, unless the process data have it,
  * then `table`, whose rows are index, subindex, data type and value. */
-ECATM_FUNCTION void *ecatm_drive_list(void *master, int position,
+ECATM_FUNCTION void *ecatm_drive_list(void *object, int position,
                                       const ecatm_drive_settings *settings, const int *table,
                                       size_t rows) {
-  int mode[ECATM_LIST_COLUMNS] = {0x6060, 0, 2 /* INTEGER8 */, 0};
-  size_t row = sizeof mode, first = settings->mode_by_sdo ? ECATM_LIST_COLUMNS : 0;
-  int *all = (int *)malloc((rows + 1) * row);
+  size_t row = sizeof(int) * ECATM_LIST_COLUMNS, first = settings->mode_by_sdo != 0;
+  ecatm_drive_table *all =
+      (ecatm_drive_table *)ecatm_new((ecatm_master *)object, sizeof *all + rows * row);
   void *list;
-  if (all == NULL) {
-    ModelicaError("EtherCAT: out of memory");
-    return NULL;
-  }
-  mode[3] = settings->mode;
-  memcpy(all, mode, row);
-  if (rows > 0) memcpy(all + first, table, rows * row);
-  list = ecatm_sdo_list_open(master, position, all, rows + (first > 0), ECATM_LIST_COLUMNS);
-  free(all);
+  if (all == NULL) return NULL;
+  all->rows[0][0] = 0x6060;
+  all->rows[0][2] = 2; /* INTEGER8 */
+  all->rows[0][3] = settings->mode;
+  if (rows > 0) memcpy((char *)all->rows + first * row, table, rows * row);
+  list = ecatm_sdo_list_open(object, position, all->rows[0], rows + first, ECATM_LIST_COLUMNS);
+  ecatm_close(all);
   return list;
 }
 
