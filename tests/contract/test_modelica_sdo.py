@@ -11,6 +11,8 @@ from sdo_calls import Has, Run, State, answers, build, opened, read, run, write
 from conftest import Daemon
 from ecatd.model.datatypes import DataType as T
 from ecatd.model.datatypes import bit_length, is_real, value_range
+from ecatgen import generate
+from ecatgen.checks import check_translation, sample_buses
 from rigs import objects
 
 pytestmark = pytest.mark.bus
@@ -36,6 +38,13 @@ def call(tmp_path: Path, compiler: str, bus: Daemon) -> Run:
         return run(build(tmp_path, compiler, statements), bus.bus)
 
     return call_
+
+
+def test_a_compiler_reads_a_model_with_all_blocks(tmp_path: Path) -> None:
+    generate(sample_buses.troll(), "TrollPlant", tmp_path)
+    model = Path(__file__).with_name("Requests.mo")
+    (tmp_path / model.name).write_text(model.read_text())
+    assert list(check_translation(tmp_path, ["Requests"])) == []
 
 
 def limits(kind: T) -> tuple[int, int]:
