@@ -66,7 +66,7 @@ class _Pen:
 
     def line(self, *points: tuple[int, int], smooth: bool = False) -> str:
         more = ", smooth = Smooth.Bezier" if smooth else ""
-        return f"Line(points = {self._points(*points)}, color = {_DARK}, thickness = 0.5{more})"
+        return f"Line(points = {self._points(*points)}, color = {_DARK}{more})"
 
     def polygon(self, *points: tuple[int, int]) -> str:
         return f"Polygon(points = {self._points(*points)}, {self._filled()})"
@@ -106,7 +106,7 @@ def _chip(pen: _Pen) -> Iterator[str]:
 def _signal(pen: _Pen, kind: SlaveKind) -> Iterator[str]:
     """A signal that comes from the model on the left, or goes to it on the right."""
     if kind.startswith("digital"):
-        points = ((8, 8), (12, 8), (12, 24), (18, 24), (18, 8), (24, 8), (24, 24))
+        points = ((7, 6), (11, 6), (11, 26), (18, 26), (18, 6), (25, 6), (25, 26))
         yield pen.line(*points)
     else:
         yield pen.line((8, 16), (11, 34), (15, 20), (19, 6), (22, 2), (24, 24), smooth=True)
