@@ -107,6 +107,7 @@ static void describe_outputs(const ecat_t *bus, const ecat_shm_slave *slave, eca
   uint32_t i;
   info->outputs = ECAT_OUTPUTS_SAFE;
   info->owned = 0;
+  if (slave->output_bytes == 0) return;
   for (i = slave->signals_first; i < slave->signals_first + slave->signals_count; i++) {
     int state;
     if (!bus->signal[i].output) continue;

@@ -8,8 +8,11 @@
  *     time t:  wait -> reads -> the model -> writes -> commit
  *
  * Tools may evaluate a when-clause more than once at one time. Hence: the first call at a new time
- * takes the sample, all reads at that time see it; a write only remembers its value, the commit of
- * its slave hands all of them over at once, and doing so twice is harmless.
+ * takes the sample, all reads at that time see it; a write only remembers its value, the last commit
+ * of the slaves of a domain hands all of them over at once, and doing so twice is harmless.
+ *
+ * A model may live without a bus: constructors note what they stand for, and all of it is looked up when
+ * there is a bus, and again when that has come back (ecatm_master.h).
  *
  * The master owns the memory of all objects, so that they may be destroyed in any order.
  * ModelicaFormatError() does not return; nothing may be held that no object owns when it is called.

@@ -28,16 +28,27 @@ ECATM_FUNCTION void ecatm_observe_domains(ecatm_master *master) {
   master->cycle = (int)(newest & 0x7FFFFFFF);
 }
 
-/* How the slaves are that the model uses. Returns whether all are in OP. */
+/* How a slave is. An output is valid in OP only, and to ask for that costs a fifth. */
+ECATM_FUNCTION void ecatm_observe_slave(ecatm_slave *slave) {
+  ecatm_master *master = slave->node.master;
+  ecat_slave_info info;
+  if (slave->outputs != NULL && ecat_validity(master->bus, slave->outputs->signal) == ECAT_VALID) {
+    slave->al_state = ECAT_AL_OP;
+    slave->al_code = 0;
+    return;
+  }
+  ecatm_check(master, ecat_slave(master->bus, slave->position, &info));
+  slave->al_state = info.al_state;
+  slave->al_code = info.al_code;
+}
+
+/* How all slaves are that the model uses. Returns whether they are in OP. */
 ECATM_FUNCTION int ecatm_observe_slaves(ecatm_master *master) {
   ecatm_slave *slave;
-  ecat_slave_info info;
   int operational = 1;
   for (slave = master->slaves; slave != NULL; slave = slave->next) {
-    ecatm_check(master, ecat_slave(master->bus, slave->position, &info));
-    slave->al_state = info.al_state;
-    slave->al_code = info.al_code;
-    operational &= info.al_state == ECAT_AL_OP;
+    ecatm_observe_slave(slave);
+    operational &= slave->al_state == ECAT_AL_OP;
   }
   return operational;
 }
