@@ -20,7 +20,7 @@ the library again with the command in the message, or put the right slave back.
 <tr><td>slave ... has no input ..., but this library uses it</td><td>Its process data are mapped otherwise.
 Generate the library again.</td></tr>
 <tr><td>entry ... has ... bits ..., but this library was generated for ...</td><td>The same.</td></tr>
-<tr><td>the outputs of slave ... belong to ...</td><td>Another program writes them. End it
+<tr><td>output ... of slave ... belongs to ...</td><td>Another program writes it. End that
 first.</td></tr>
 <tr><td>two blocks of this model write the outputs of slave ...</td><td>Remove one of them.</td></tr>
 <tr><td>... did not sample in time and lost its outputs ...</td><td>The simulation was slower than the
@@ -43,13 +43,16 @@ sample times of the master.</td></tr>
 <code>whenFailed</code>.</td></tr>
 <tr><td>the cycle of bus ... stands still</td><td>The daemon hangs, or its machine sleeps: look at
 <code>ecatctl stats</code> and the log of the daemon.</td></tr>
+<tr><td>...; the model has waited for ... s, as long as patience ... allows</td><td>The bus did not come in
+time. Start the daemon; make <code>patience</code> of the EtherCATMaster longer.</td></tr>
 <tr><td>no library was generated: ...</td><td>What follows is the sentence of <code>ecatctl</code>.</td></tr>
 <tr><td>the program ... cannot be started</td><td>Give <code>generateConfiguration</code> the path of
 <code>ecatctl</code>.</td></tr>
 </table>
 <p>
 A message that begins with <code>EtherCAT:</code> and does not end the simulation is a note: an SDO that a slave
-has refused, or a priority that the system does not permit.
+has refused, a priority that the system does not permit, or a bus that the model waits for or goes on
+without, and that is there again.
 </p>
 </html>"));
 end Errors;
