@@ -101,7 +101,7 @@ class OpenModelica:
         """A program that simulates a model and writes its result as CSV."""
         answer = self.run(f'buildModel({model}, outputFormat = "csv");')
         program = self.folder / model
-        assert "Error:" not in answer, answer
+        assert not re.search(r"Error:|Warning:", answer), answer
         assert program.is_file(), answer
         return program
 
