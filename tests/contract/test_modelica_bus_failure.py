@@ -56,9 +56,8 @@ def live(tmp_path_factory: pytest.TempPathFactory, troll: Daemon) -> Path:
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory, compiler: str, live: Path) -> Path:
     folder = tmp_path_factory.mktemp("program")
-    return compile_program(
-        compiler, STEPS, live, folder, "-fsanitize=undefined", "-static-libubsan"
-    )
+    sanitize = ("-fsanitize=address,undefined", "-static-libasan")
+    return compile_program(compiler, STEPS, live, folder, *sanitize)
 
 
 @pytest.fixture
