@@ -195,6 +195,21 @@ def test_a_low_priority_is_taken_and_given_back(run: Run) -> None:
     succeed(result)
 
 
+def test_a_simulation_that_is_lower_already_is_left_there(run: Run) -> None:
+    result = run("""
+  void *clock;
+  if (setpriority(PRIO_PROCESS, 0, 15) != 0) return 2;
+  if (geteuid() == 0 && setuid(65534) != 0) return 3;
+  clock = ecatm_realtime_open(2);
+  REQUIRE(getpriority(PRIO_PROCESS, 0) == 15);
+  ecatm_realtime_close(clock);
+  clock = ecatm_realtime_open(1);
+  REQUIRE(getpriority(PRIO_PROCESS, 0) == 19);
+  ecatm_realtime_close(clock);
+""")
+    succeed(result)
+
+
 @pytest.mark.parametrize("foreign", [(), ("-include", "stdio.h", "-include", "time.h")])
 @pytest.mark.parametrize("standard", ["c89", "gnu89", "c99", "gnu99", "c11", "gnu17"])
 def test_any_dialect_and_any_header_before_it(

@@ -44,24 +44,26 @@ ECATM_FUNCTION void ecatm_priority_refused(int priority) {
                         name, strerror(errno), limit);
 }
 
-/* Gives the calling thread, which is the one that simulates, a priority. */
+/* The nice value of a priority. */
+ECATM_FUNCTION int ecatm_priority_nice(int priority) {
+  return priority == ECATM_PRIORITY_IDLE ? 19 : priority == ECATM_PRIORITY_BELOW_NORMAL ? 10 : -20;
+}
+
+/* Gives the calling thread, which is the one that simulates, a priority. Where it has a lower one
+ * than the low one that is asked for, it keeps that. */
 ECATM_FUNCTION void ecatm_priority_set(ecatm_realtime *clock, int priority) {
   struct sched_param fifo;
-  int failed;
-  if (priority < ECATM_PRIORITY_IDLE || priority > ECATM_PRIORITY_REALTIME ||
-      priority == ECATM_PRIORITY_NORMAL)
-    return;
-  memset(&fifo, 0, sizeof fifo);
-  fifo.sched_priority = ECATM_FIFO;
+  int failed, wanted = ecatm_priority_nice(priority);
   clock->policy = sched_getscheduler(0);
   sched_getparam(0, &clock->parameters);
   clock->nice = getpriority(PRIO_PROCESS, 0);
-  if (priority == ECATM_PRIORITY_REALTIME)
-    failed = sched_setscheduler(0, SCHED_FIFO, &fifo);
-  else
-    failed = setpriority(PRIO_PROCESS, 0, priority == ECATM_PRIORITY_IDLE           ? 19
-                                          : priority == ECATM_PRIORITY_BELOW_NORMAL ? 10
-                                                                                    : -20);
+  if (priority < ECATM_PRIORITY_IDLE || priority > ECATM_PRIORITY_REALTIME ||
+      priority == ECATM_PRIORITY_NORMAL || (wanted > 0 && clock->nice >= wanted))
+    return;
+  memset(&fifo, 0, sizeof fifo);
+  fifo.sched_priority = ECATM_FIFO;
+  failed = priority == ECATM_PRIORITY_REALTIME ? sched_setscheduler(0, SCHED_FIFO, &fifo)
+                                               : setpriority(PRIO_PROCESS, 0, wanted);
   if (failed)
     ecatm_priority_refused(priority);
   else
