@@ -12,11 +12,13 @@ from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.drawing.checks import check_diagram, check_icon
 from ecatgen.drawing.library import Libraries
-from ecatgen.drawing.pictures import GENERATED, STATIC, libraries, models
+from ecatgen.drawing.pictures import GENERATED, STATIC, libraries, models, pictures
 from ecatgen.drawing.scene import diagram, icon
 from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 from openmodelica import OpenModelica, needs_omc
+
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -97,3 +99,22 @@ def test_openmodelica_reads_the_same_icons(found: Libraries, tmp_path: Path) -> 
         ours = [] if own is None else own.binding.elements
         assert len(PRIMITIVES.findall(part)) == len(ours), path
     assert f"@@ {STATIC}.EtherCATMaster" in answer
+
+
+@pytest.fixture(scope="module")
+def drawn() -> dict[str, str]:
+    return pictures()
+
+
+def test_pictures_of_the_documentation_are_those_of_the_libraries(drawn: dict[str, str]) -> None:
+    committed = {file.name: file.read_text("utf-8") for file in (DOCS / "pictures").glob("*.svg")}
+    changed = sorted(
+        name for name in drawn.keys() | committed.keys() if drawn.get(name) != committed.get(name)
+    )
+    assert changed == [], "`make pictures` draws them again; look at them, then commit them"
+
+
+def test_every_picture_is_shown(drawn: dict[str, str]) -> None:
+    text = (DOCS / "modelica-blocks.md").read_text("utf-8")
+    hidden = [name for name in drawn if f"](pictures/{name})" not in text]
+    assert hidden == [], "docs/modelica-blocks.md shows all of docs/pictures"
