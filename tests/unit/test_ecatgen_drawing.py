@@ -11,7 +11,7 @@ from ecatgen.drawing.__main__ import main
 from ecatgen.drawing.checks import check_diagram, check_icon
 from ecatgen.drawing.geometry import Box, Point, Transform, arc, bezier, moved, placed, rounded
 from ecatgen.drawing.library import Libraries, NoSuchClassError
-from ecatgen.drawing.scene import Scene, diagram, icon
+from ecatgen.drawing.scene import Scene, diagram, drag_scale, icon
 from ecatgen.drawing.shapes import Label, Shape
 from ecatgen.drawing.svg import Svg
 from ecatgen.drawing.syntax import parse
@@ -159,6 +159,15 @@ def test_a_coordinate_system_keeps_its_proportions_unless_told() -> None:
     assert to(Point(100, 50)) == (20, 15)
     to = placed(system, Point(20, 0), Point(0, 20), keep_ratio=False)
     assert to(Point(100, 50)) == (0, 20)
+
+
+def test_icons_are_as_large_as_they_are_dragged(tmp_path: Path) -> None:
+    system = "coordinateSystem(extent = {{-100, -100}, {100, 100}}, initialScale = 0.2), graphics"
+    lab = edited(
+        tmp_path, "Icon(graphics = {\n      Rectangle", f"Icon({system} = {{\n      Rectangle"
+    )
+    assert drag_scale(lab, "Lab.Gain") == 0.2
+    assert drag_scale(lab, "Lab.In") == 0.1
 
 
 def test_transformations_come_after_each_other() -> None:

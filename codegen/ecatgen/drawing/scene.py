@@ -201,16 +201,29 @@ def _icon(instance: Instance, to: Transform, *, connector: bool, layer: str = "I
     return part
 
 
+def drag_scale(libraries: Libraries, path: str) -> float:
+    """Units of a diagram in one of the icon, when the class is dragged into the diagram."""
+    instance = Instance(libraries, libraries.get(path), "")
+    style = _coordinate_system(instance, "Icon")
+    return 0.1 if style is None else style.number("initialScale", 0.1)
+
+
 def _system(instance: Instance, layer: str) -> tuple[Box, bool]:
+    """The coordinate system, and whether it keeps its proportions."""
+    style = _coordinate_system(instance, layer)
+    if style is None:
+        return _DEFAULT_SYSTEM, True
+    return box_of(style.points("extent")), style.value("preserveAspectRatio", True) is not False
+
+
+def _coordinate_system(instance: Instance, layer: str) -> Style | None:
     """The coordinate system of the class, or of the first base that has one."""
     layers = [found for found, _ in instance.layers()]
     for found in (layers[-1], *layers[:-1]):
-        system = found.definition.annotation.part(layer).part("coordinateSystem")
-        style = Style(system, instance)
-        points = style.points("extent")
-        if points:
-            return box_of(points), style.value("preserveAspectRatio", True) is not False
-    return _DEFAULT_SYSTEM, True
+        style = Style(found.definition.annotation.part(layer).part("coordinateSystem"), instance)
+        if style.points("extent"):
+            return style
+    return None
 
 
 def _graphics(instance: Instance, layer: str, to: Transform) -> Iterator[Item]:

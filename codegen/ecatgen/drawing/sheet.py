@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from .geometry import Box, Point, Transform, box_of
 from .library import Libraries
-from .scene import Scene, icon
+from .scene import Scene, drag_scale, icon
 from .shapes import Color, Item, Label
 from .svg import Svg
 
-_SCALE = 0.12  # units of the sheet in a unit of an icon
+_SCALE = 1.2  # units of the sheet in a unit of a diagram, where an icon is as large as when dragged
 _WIDTH = 250.0
 _GAP = 6.0
 _MARGIN = 6.0
@@ -22,9 +22,10 @@ _GREY: Color = (90, 90, 90)
 
 @dataclass(frozen=True, slots=True)
 class _Tile:
-    """An icon, the box around it and its texts, and the heading above it or nothing."""
+    """An icon, its scale, the box around it and its texts, and the heading above it or nothing."""
 
     path: str
+    scale: float
     box: Box
     heading: str
 
@@ -64,13 +65,14 @@ def sheet(libraries: Libraries, library: str) -> str:
 def _tiles(libraries: Libraries, library: str) -> Iterator[_Tile]:
     for package, paths in blocks(libraries, library):
         for path in paths:
-            scene = icon(libraries, path, to=Transform(_SCALE, 0, 0, _SCALE))
+            scale = _SCALE * drag_scale(libraries, path)
+            scene = icon(libraries, path, to=Transform(scale, 0, 0, scale))
             boxes = [scene.box, *(part.box for part in scene.parts.values())]
             boxes += [item.box for item in scene.items if isinstance(item, Label)]
             caption = _caption(path, scene.box.centre)
             points = [Point(x, y) for b in boxes for x, y in ((b.x1, b.y1), (b.x2, b.y2))]
             points += [Point(caption.box.x1, 0), Point(caption.box.x2, 0)]
-            yield _Tile(path, box_of(points), package if path == paths[0] else "")
+            yield _Tile(path, scale, box_of(points), package if path == paths[0] else "")
 
 
 def _rows(tiles: Iterable[_Tile]) -> Iterator[list[tuple[float, _Tile]]]:
@@ -102,7 +104,7 @@ def _place(
         texts.extend(_heading(tile, x, top - _HEADING / 2) for x, tile in row if tile.heading)
         top -= 2 * _HEADING
     for x, tile in row:
-        to = Transform(_SCALE, 0, 0, _SCALE, x - tile.box.x1, top - tile.box.y2)
+        to = Transform(tile.scale, 0, 0, tile.scale, x - tile.box.x1, top - tile.box.y2)
         scene = icon(libraries, tile.path, to=to)
         scenes.append(scene)
         foot = Point(scene.box.centre.x, top - tile.box.height - _CAPTION * 0.8)

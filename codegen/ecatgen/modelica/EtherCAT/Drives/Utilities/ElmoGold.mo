@@ -106,7 +106,7 @@ raw, as in the process data. <code>slaveData.position</code> says where the driv
 </p>
 </html>"),
     Icon(
-      coordinateSystem(preserveAspectRatio = true, extent = {{-460, -180}, {100, 100}}, initialScale = 0.2),
+      coordinateSystem(preserveAspectRatio = true, extent = {{-460, -180}, {100, 100}}),
       graphics = {
         Rectangle(extent = {{-460, -180}, {100, 100}}, lineColor = {64, 64, 64}, fillColor = {250, 252, 252}, fillPattern = FillPattern.Solid, radius = 6),
         Line(points = {{-460, 60}, {100, 60}}, color = {160, 190, 190}),
