@@ -6,11 +6,13 @@ bus description -> build -> ir -> render (templates) -> output (files)
 
 - `scan`: what of a bus description counts
 - `profiles`: what the entries of known devices mean
-- `names`, `words`: identifiers from the names of slaves, PDOs and entries
+- `names`, `words`: identifiers from the names of slaves, PDOs and entries; `units`: as Modelica
+  writes them
 - `connectors`, `blocks`: from entries and slaves to connectors and blocks; `drives`: blocks of
   drives in SI units around them
 - `layout`, `labels`, `symbols`, `font`: how blocks look; `examples`, `diagram`: models of them
-- `build`: all of it together, as the `ir`, which templates write down (`render`, `text`)
+- `build`: all of it together, as the `ir`, which templates write down (`render`, `text`);
+  `generate`: from the description to the folder
 - `static_library`: the library EtherCAT; `output`: puts both into a folder; `differences`: and says
   what is another than before
 - `fmu`: the same bus as an FMU
