@@ -68,7 +68,11 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     nobody, gone = os.pipe()
     os.close(nobody)  # whom it would tell that it is ready
     with subprocess.Popen(
-        [sys.executable, "-m", "ecatd.gateway"], stdin=subprocess.PIPE, stdout=gone, text=True
+        [sys.executable, "-m", "ecatd.gateway"],
+        stdin=subprocess.PIPE,
+        stdout=gone,
+        text=True,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
     ) as gateway:
         os.close(gone)
         try:

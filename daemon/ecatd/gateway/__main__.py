@@ -7,6 +7,7 @@ stdout when it answers. It has no capabilities, and the bus does not depend on i
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import sys
 import traceback
@@ -27,7 +28,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     gateway = Gateway(read_config(settings["config"]), Path(settings["runtime_dir"]), log, stop.set)
     try:
         await gateway.start()
-        print("ready", flush=True)
+        os.write(1, b"ready\n")  # what print() leaves in its buffer would fail again at the end
         await stop.wait()
     except BrokenPipeError:
         pass  # the service was killed meanwhile
