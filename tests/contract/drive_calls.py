@@ -4,11 +4,17 @@ import ctypes
 import itertools
 import subprocess
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from enum import IntEnum, IntFlag
 from pathlib import Path
 from typing import Any
 
 SOURCE = Path(__file__).with_name("drive_calls.c")
+RIG = Path(__file__).parents[1] / "rigs" / "drives.py"
+ELMO, GENERIC = 0, 1
+"""Positions of its drives."""
+TURN = 65536
+"""Increments of the Elmo Gold for a revolution."""
 
 
 class Mode(IntEnum):
@@ -245,3 +251,41 @@ class Player:
         """Disables the drive, and waits until its motor rests."""
         self.set(enable=False)
         self.until(lambda: self.a.state == State.READY_TO_SWITCH_ON and abs(self.a.w) < 1e-3)
+
+
+Play = Callable[..., Player]
+Record = Callable[[int], list[dict[str, float]]]
+
+
+def generic(mode: Mode, **values: float) -> Settings:
+    """Settings for the generic drive, which maps no current and no maximum torque."""
+    entries = Has.MODE_DISPLAY | Has.POSITION | Has.VELOCITY | Has.TORQUE
+    return settings(
+        mode, **{"entries": entries, "encoder": 10_000, "velocity_scale": 10_000} | values
+    )
+
+
+def turn_away(player: Player, speed: float = 20.0) -> None:
+    """Moves the motor by some revolutions in velocity mode, and lets it rest."""
+    player.reference = lambda time: speed
+    player.enable()
+    player.run(1)
+    player.disable()
+
+
+def commanded(row: dict[str, float]) -> bool:
+    """Whether the outputs belong to somebody: at their safe values all are 0."""
+    return row["control"] != 0
+
+
+def in_operation(row: dict[str, float]) -> bool:
+    return int(row["status"]) & 0x6F == 0x27
+
+
+def in_the_meantime(player: Player, work: Callable[[], object]) -> None:
+    """Plays on until some work is done."""
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(work)
+        while not done.done():
+            player.step()
+        done.result()
