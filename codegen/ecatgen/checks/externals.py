@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,12 +20,13 @@ _VARIABLE = re.compile(
 _ARGUMENT = re.compile(r"size\((?P<sized>\w+), *\d+\)|(?P<name>\w+)")
 _TYPES = {"Real": "double", "Integer": "int", "Boolean": "int", "String": "const char *"}
 _FLAGS = ("-std=c89", "-pedantic-errors", "-Wall", "-Wextra", "-Werror", "-fsyntax-only")
+_ERROR = re.compile(r"^(.+?):\d+(?::\d+)?: (?:fatal )?error: (.*)$", re.MULTILINE)
 
 
 def check_externals(library: Path) -> Iterator[str]:
     """Problems with the external functions of the library EtherCAT.
 
-    Each declaration is compiled in a translation unit of its own, as C89.
+    All declarations are compiled in one translation unit, as C89.
     """
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
@@ -33,29 +34,26 @@ def check_externals(library: Path) -> Iterator[str]:
         return
     resources = library / "Resources"
     include = [resources / "Include", resources / "Source" / "standalone"]
-    found = 0
+    unit = ['#include "ecat_modelica.h"']
     for file in sorted(library.rglob("*.mo")):
         for match in _FUNCTION.finditer(file.read_text("utf-8")):
-            found += 1
-            error = _compile(compiler, include, _unit(match))
-            if error:
-                yield f"{file.relative_to(library.parent)}: {match['name']}: {error}"
-    if found == 0:
+            # Errors then name the function instead of a line of this unit.
+            unit.append(f'#line 1 "{file.relative_to(library.parent)}: {match["name"]}"')
+            unit.append(_declaration(match, f"declared{len(unit)}"))
+    if len(unit) == 1:
         yield f"{library} has no external functions"
+    yield from _compile(compiler, include, "\n".join(unit) + "\n")
 
 
-def _unit(match: re.Match[str]) -> str:
-    """A translation unit that is valid if the function has the declared type."""
+def _declaration(match: re.Match[str], name: str) -> str:
+    """A pointer that is valid C if the function has the declared type."""
     variables = {v["name"]: v for v in _VARIABLE.finditer(match["body"])}
     result = _c_type(variables[match["result"]]["type"]) if match["result"] else "void"
     parameters = [
         "size_t" if argument["sized"] else _parameter(variables[argument["name"]])
         for argument in _ARGUMENT.finditer(match["arguments"])
     ]
-    return (
-        '#include "ecat_modelica.h"\n'
-        f"{result} (*declared)({', '.join(parameters) or 'void'}) = {match['c']};\n"
-    )
+    return f"{result} (*{name})({', '.join(parameters) or 'void'}) = {match['c']};"
 
 
 def _parameter(variable: re.Match[str]) -> str:
@@ -77,12 +75,18 @@ def _c_type(kind: str) -> str:
     return _TYPES.get(kind, "void *")  # everything else is an external object
 
 
-def _compile(compiler: str, include: list[Path], source: str) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "unit.c"
-        file.write_text(source)
-        paths = [f"-I{path}" for path in include]
-        done = subprocess.run(
-            [compiler, *_FLAGS, *paths, str(file)], capture_output=True, text=True, check=False
-        )
-    return "" if done.returncode == 0 else done.stderr.strip() or "does not compile"
+def _compile(compiler: str, include: list[Path], source: str) -> Iterator[str]:
+    """What the compiler says, a sentence for each error."""
+    done = subprocess.run(
+        [compiler, *_FLAGS, *(f"-I{path}" for path in include), "-x", "c", "-"],
+        input=source,
+        env={**os.environ, "LC_ALL": "C"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        errors = _ERROR.findall(done.stderr)
+        yield from (f"{where}: {what}" for where, what in errors)
+        if not errors:
+            yield f"the declarations do not compile: {done.stderr.strip()}"
