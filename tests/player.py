@@ -131,6 +131,13 @@ class Player:
         self.free()
 
 
+def plant_of(troll: Daemon, folder: Path, fmi: int) -> Model:
+    """The FMU of the rig, as the command line makes it."""
+    said = troll.ctl("generate", "TrollPlant", str(folder), "--fmu", "--fmi", str(fmi)).stdout
+    assert said.startswith(f"{folder}/TrollPlant.fmu: FMI {fmi}.0, 8 slaves, 14 inputs, ")
+    return Model(folder / "TrollPlant.fmu")
+
+
 def outputs(daemon: Daemon) -> list[float]:
     """What the bus of the rig `troll` sends to the eight digital outputs of slave 3."""
     with daemon.client() as client:

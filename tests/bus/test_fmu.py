@@ -17,7 +17,7 @@ import numpy as np
 
 from conftest import Daemon, wait_for
 from ecatd.shm import Outputs, Reason
-from player import BEAR, STEP, Model, outputs, until
+from player import BEAR, STEP, Model, outputs, plant_of, until
 
 pytestmark = pytest.mark.bus
 
@@ -35,12 +35,7 @@ def model(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, troll: Daemon
 ) -> Model:
     """The FMU of the rig, as the command line makes it."""
-    out = tmp_path_factory.mktemp("fmu")
-    said = troll.ctl("generate", "TrollPlant", str(out), "--fmu", "--fmi", str(request.param))
-    assert said.stdout.startswith(
-        f"{out}/TrollPlant.fmu: FMI {request.param}.0, 8 slaves, 14 inputs, "
-    )
-    return Model(out / "TrollPlant.fmu")
+    return plant_of(troll, tmp_path_factory.mktemp("fmu"), request.param)
 
 
 def test_a_saved_scan_gives_the_same_fmu(model: Model, troll: Daemon, tmp_path: Path) -> None:

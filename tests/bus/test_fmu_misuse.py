@@ -14,9 +14,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
 from fmpy import fmi2, fmi3
 
 from conftest import Daemon
-from ecatd.model import bus_file
-from ecatgen.fmu import generate_fmu
-from player import DISCARD, ERROR, OK, Model, Player
+from player import DISCARD, ERROR, OK, Model, Player, plant_of
 
 pytestmark = pytest.mark.bus
 
@@ -30,10 +28,7 @@ def model(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, troll: Daemon
 ) -> Model:
     """The FMU of the rig."""
-    out = tmp_path_factory.mktemp("fmu")
-    troll.ctl("scan", "-o", str(out / "bus.json"))
-    bus = bus_file.load(out / "bus.json")
-    return Model(generate_fmu(bus, "TrollPlant", out, request.param).fmu)
+    return plant_of(troll, tmp_path_factory.mktemp("fmu"), request.param)
 
 
 @pytest.fixture

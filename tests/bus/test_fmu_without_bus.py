@@ -13,7 +13,7 @@ from conftest import Daemon
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Slave
 from ecatgen.fmu import generate_fmu
-from player import BEAR, Model, Player, outputs, until
+from player import BEAR, Model, Player, outputs, plant_of, until
 
 pytestmark = pytest.mark.bus
 
@@ -27,12 +27,7 @@ def model(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, troll: Daemon
 ) -> Model:
     """The FMU of the rig, as the command line makes it."""
-    out = tmp_path_factory.mktemp("fmu")
-    said = troll.ctl("generate", "TrollPlant", str(out), "--fmu", "--fmi", str(request.param))
-    assert said.stdout.startswith(
-        f"{out}/TrollPlant.fmu: FMI {request.param}.0, 8 slaves, 14 inputs, "
-    )
-    return Model(out / "TrollPlant.fmu")
+    return plant_of(troll, tmp_path_factory.mktemp("fmu"), request.param)
 
 
 def described(model: Model) -> Bus:

@@ -7,6 +7,10 @@ from pathlib import Path
 
 from ecatd.model.datatypes import DataType
 from ecatgen.static_library import static_files
+from rigs import objects
+
+RIG = str(Path(objects.__file__))
+"""Slaves with objects of all types, without a mailbox, and one that does not answer."""
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -110,10 +114,10 @@ def build(
     return folder / "program"
 
 
-def run(program: Path, bus: str) -> "subprocess.CompletedProcess[str]":
+def run(program: Path, bus: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
     """Runs a program to its end."""
     return subprocess.run(
-        [str(program), bus],
+        [str(program), bus, *arguments],
         env={"ASAN_OPTIONS": "detect_leaks=0"},  # texts live until the end, and errors end at once
         capture_output=True,
         text=True,

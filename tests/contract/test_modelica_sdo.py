@@ -1,8 +1,6 @@
 """Requests to the mailboxes of slaves, as the SDO blocks make them: values of all data types."""
 
 import math
-import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,29 +13,10 @@ from ecatgen import generate
 from ecatgen.checks import check_translation, sample_buses
 from rigs import objects
 
+pytest_plugins = ["sdo_fixtures"]
 pytestmark = pytest.mark.bus
 
-RIG = str(Path(objects.__file__))
 INTEGERS = [kind for kind in objects.NUMBERS if not is_real(kind)]
-
-
-@pytest.fixture(scope="module")
-def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    """A daemon whose first slave has objects of all types."""
-    daemon = Daemon(tmp_path_factory.mktemp("objects"), RIG).wait_ready()
-    yield daemon
-    assert daemon.stop() == 0
-    daemon.close()
-
-
-@pytest.fixture
-def call(tmp_path: Path, compiler: str, bus: Daemon) -> Run:
-    """Runs statements in C against the library EtherCAT and the live bus."""
-
-    def call_(statements: str) -> "subprocess.CompletedProcess[str]":
-        return run(build(tmp_path, compiler, statements), bus.bus)
-
-    return call_
 
 
 def test_a_compiler_reads_a_model_with_all_blocks(tmp_path: Path) -> None:
@@ -202,6 +181,26 @@ def test_the_object_may_be_given_as_text(call: Run) -> None:
     assert [answer.value for answer in found] == [str(0x78), str(0x78), "4"]
 
 
+# --- Functions for scripts, which wait -------------------------------------------------------
+
+ONCE = f"""
+  ecatm_once_write_integer(argv[1], 0, "0x2003:00", {int(T.INTEGER16)}, -7);
+  printf("%d\\n", ecatm_once_read_integer(argv[1], 0, "0x2003:00", {int(T.INTEGER16)}));
+  ecatm_once_write_real(argv[1], 0, "0x2011", {int(T.REAL64)}, 0.1);
+  printf("%.17g\\n", ecatm_once_read_real(argv[1], 0, "0x2011", {int(T.REAL64)}));
+  ecatm_once_write_string(argv[1], 0, "0x2200", {int(T.VISIBLE_STRING)}, "text");
+  printf("%s\\n", ecatm_once_read_string(argv[1], 0, "0x2200", {int(T.VISIBLE_STRING)}));
+"""
+
+
+def test_functions_read_and_write_at_once(call: Run) -> None:
+    result = call(ONCE)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.split() == ["-7", "0.10000000000000001", "text"]
+
+
+# --- Mistakes --------------------------------------------------------------------------------
+
 BAD = [
     (write(0x2002, T.INTEGER8, 200), "200 is out of range: -128 to 127 are allowed"),
     (write(0x2005, T.UNSIGNED8, -1), "-1 is out of range: 0 to 255 are allowed"),
@@ -244,70 +243,47 @@ BAD = [
     (read(0x2007, 0x0E), "the dataType cannot be 0x000E"),
     (read(0x2007, T.UNSIGNED32, Has.REAL, scale=0), "the scale must be a finite number other"),
     (read(0x1000, T.UNSIGNED32, when=2), "cannot be requested every 0 s: the period must be"),
+    # Functions for scripts.
+    (
+        'ecatm_once_read_integer(argv[1], 0, "0x5FFF:00", 5);',
+        "reading object 0x5FFF:00 of slave 0 of bus",
+    ),
+    (
+        'ecatm_once_write_integer(argv[1], 0, "0x1000:00", 7, 1);',
+        "writing object 0x1000:00 of slave 0 of bus",
+    ),
+    (
+        'ecatm_once_write_integer(argv[1], 0, "0x2005:00", 5, 256);',
+        "object 0x2005:00: 256 is out of range: 0 to 255 are allowed",
+    ),
+    (
+        'ecatm_once_read_integer(argv[1], 0, "0x1000:00", 5);',
+        "object 0x1000:00: the object has 4 bytes, but the dataType has 1",
+    ),
+    ('ecatm_once_read_integer(argv[1], 9, "0x1000:00", 7);', "has no slave 9: it has 3"),
+    ('ecatm_once_read_integer(argv[1], 0, "", 7);', "is no object"),
+    (
+        'ecatm_once_read_integer(argv[1], 0, "0x2008:00", 8);',
+        "an Integer needs an integer type",
+    ),
+    ('ecatm_once_read_string(argv[1], 0, "0x2008:00", 8);', "a String needs a string type"),
+    ('ecatm_once_read_real("no_such_bus", 0, "0x1000:00", 7);', "no ecatd serves bus"),
 ]
 
 
-@pytest.mark.parametrize(("statements", "sentence"), BAD, ids=[sentence for _, sentence in BAD])
-def test_what_can_only_be_a_mistake_ends_the_simulation(
-    call: Run, statements: str, sentence: str
+@pytest.fixture(scope="module")
+def mistakes(tmp_path_factory: pytest.TempPathFactory, compiler: str) -> Path:
+    """A program that makes one of them: arguments bus, number."""
+    cases = (f"if (atoi(argv[2]) == {n}) {{ {bad} }}" for n, (bad, _) in enumerate(BAD))
+    return build(tmp_path_factory.mktemp("mistakes"), compiler, "\n".join(cases))
+
+
+@pytest.mark.parametrize("number", range(len(BAD)), ids=[sentence for _, sentence in BAD])
+def test_what_can_only_be_a_mistake_ends_with_one_sentence(
+    mistakes: Path, bus: Daemon, number: int
 ) -> None:
-    result = call(statements)
+    result = run(mistakes, bus.bus, str(number))
     assert result.returncode == 1
     assert result.stderr.startswith("EtherCAT: ")
-    assert sentence in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-
-
-# --- Functions for scripts, which wait -------------------------------------------------------
-
-ONCE = f"""
-  ecatm_once_write_integer(argv[1], 0, "0x2003:00", {int(T.INTEGER16)}, -7);
-  printf("%d\\n", ecatm_once_read_integer(argv[1], 0, "0x2003:00", {int(T.INTEGER16)}));
-  ecatm_once_write_real(argv[1], 0, "0x2011", {int(T.REAL64)}, 0.1);
-  printf("%.17g\\n", ecatm_once_read_real(argv[1], 0, "0x2011", {int(T.REAL64)}));
-  ecatm_once_write_string(argv[1], 0, "0x2200", {int(T.VISIBLE_STRING)}, "text");
-  printf("%s\\n", ecatm_once_read_string(argv[1], 0, "0x2200", {int(T.VISIBLE_STRING)}));
-"""
-
-
-def test_functions_read_and_write_at_once(call: Run) -> None:
-    result = call(ONCE)
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.split() == ["-7", "0.10000000000000001", "text"]
-
-
-@pytest.mark.parametrize(
-    ("statement", "sentence"),
-    [
-        (
-            'ecatm_once_read_integer(argv[1], 0, "0x5FFF:00", 5);',
-            "reading object 0x5FFF:00 of slave 0 of bus",
-        ),
-        (
-            'ecatm_once_write_integer(argv[1], 0, "0x1000:00", 7, 1);',
-            "writing object 0x1000:00 of slave 0 of bus",
-        ),
-        (
-            'ecatm_once_write_integer(argv[1], 0, "0x2005:00", 5, 256);',
-            "object 0x2005:00: 256 is out of range: 0 to 255 are allowed",
-        ),
-        (
-            'ecatm_once_read_integer(argv[1], 0, "0x1000:00", 5);',
-            "object 0x1000:00: the object has 4 bytes, but the dataType has 1",
-        ),
-        ('ecatm_once_read_integer(argv[1], 9, "0x1000:00", 7);', "has no slave 9: it has 3"),
-        ('ecatm_once_read_integer(argv[1], 0, "", 7);', "is no object"),
-        (
-            'ecatm_once_read_integer(argv[1], 0, "0x2008:00", 8);',
-            "an Integer needs an integer type",
-        ),
-        ('ecatm_once_read_string(argv[1], 0, "0x2008:00", 8);', "a String needs a string type"),
-        ('ecatm_once_read_real("no_such_bus", 0, "0x1000:00", 7);', "no ecatd serves bus"),
-    ],
-)
-def test_functions_end_with_one_sentence(call: Run, statement: str, sentence: str) -> None:
-    result = call(statement)
-    assert result.returncode == 1
-    assert result.stderr.startswith("EtherCAT: ")
-    assert sentence in result.stderr
+    assert BAD[number][1] in result.stderr
     assert len(result.stderr.splitlines()) == 1

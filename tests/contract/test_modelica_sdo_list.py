@@ -1,16 +1,14 @@
 """Start-up lists: objects of a slave that are written one after the other."""
 
-import subprocess
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+import functools
+from collections.abc import Sequence
 
 import pytest
-from sdo_calls import Run, State, answers, build, read, run
+from sdo_calls import Run, State, answers, read
 
-from conftest import Daemon
 from ecatd.model.datatypes import DataType as T
-from rigs import objects
 
+pytest_plugins = ["sdo_fixtures"]
 pytestmark = pytest.mark.bus
 
 STEPS = r"""
@@ -25,24 +23,10 @@ static int steps(void *list) {
 """
 
 
-@pytest.fixture(scope="module")
-def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    """A daemon whose first slave has objects of all types."""
-    folder = tmp_path_factory.mktemp("objects")
-    daemon = Daemon(folder, str(Path(objects.__file__))).wait_ready()
-    yield daemon
-    assert daemon.stop() == 0
-    daemon.close()
-
-
 @pytest.fixture
-def call(tmp_path: Path, compiler: str, bus: Daemon) -> Run:
-    """Runs statements in C against the library EtherCAT and the live bus."""
-
-    def call_(statements: str) -> "subprocess.CompletedProcess[str]":
-        return run(build(tmp_path, compiler, statements, functions=STEPS), bus.bus)
-
-    return call_
+def call(call: Run) -> Run:
+    """The same with the function of these tests."""
+    return functools.partial(call, functions=STEPS)
 
 
 def opened(table: Sequence[Sequence[int]], *, slave: int = 0, columns: int = 4) -> str:

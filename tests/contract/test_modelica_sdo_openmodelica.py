@@ -1,6 +1,5 @@
 """The SDO blocks in OpenModelica: all six in one model, as a program and as FMU."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,8 +8,8 @@ from conftest import Daemon
 from ecatgen import generate
 from ecatgen.checks import sample_buses
 from openmodelica import OpenModelica, needs_omc, read_csv, result_of, start
-from rigs import objects
 
+pytest_plugins = ["sdo_fixtures"]
 pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(600)]
 
 MODEL = Path(__file__).with_name("Requests.mo")
@@ -32,16 +31,6 @@ NUMBERS = {
     "listState": 2,
 }
 REFUSED = "slave 0, 0x5FFF:00: SDO abort 0x06020000: The object does not exist"
-
-
-@pytest.fixture(scope="module")
-def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    """A daemon whose first slave has objects of all types."""
-    folder = tmp_path_factory.mktemp("objects")
-    daemon = Daemon(folder, str(Path(objects.__file__))).wait_ready()
-    yield daemon
-    assert daemon.stop() == 0
-    daemon.close()
 
 
 @pytest.fixture

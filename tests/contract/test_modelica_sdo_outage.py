@@ -1,20 +1,19 @@
 """Requests of the SDO blocks while there is no bus, and when it goes and comes."""
 
 import subprocess
+import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from sdo_calls import CONTINUE, WAIT, Answer, State, When, answers, build, opened, run
+from sdo_calls import CONTINUE, RIG, WAIT, Answer, State, When, answers, build, opened, run
 
 from conftest import Daemon
 from ecatd.model.datatypes import DataType as T
-from rigs import objects
 
 pytestmark = pytest.mark.bus
 
-RIG = str(Path(objects.__file__))
 NO_BUS = "there_is_none"
 FLUSH = "fflush(stdout);"
 
@@ -35,6 +34,12 @@ def running(program: Path, bus: str) -> Iterator["subprocess.Popen[str]"]:
             yield process
         finally:
             process.kill()
+
+
+@pytest.fixture
+def name() -> str:
+    """Of a bus that nobody serves yet."""
+    return f"t{uuid.uuid4().hex[:10]}"
 
 
 def line(process: "subprocess.Popen[str]") -> str:
@@ -132,10 +137,8 @@ def test_requests_fail_with_the_bus_and_go_on_with_it(
 
 
 def test_an_initial_request_is_sent_when_the_bus_comes(
-    tmp_path: Path, compiler: str, start_daemon: Start
+    tmp_path: Path, compiler: str, start_daemon: Start, name: str
 ) -> None:
-    daemon = start_daemon(RIG)
-    daemon.kill_all()
     program = build(
         tmp_path,
         compiler,
@@ -156,18 +159,16 @@ def test_an_initial_request_is_sent_when_the_bus_comes(
 """,
         without_bus=CONTINUE,
     )
-    with running(program, daemon.bus) as process:
+    with running(program, name) as process:
         assert line(process) == "failed"
-        start_daemon(RIG, "--bus", daemon.bus).bus = daemon.bus
+        start_daemon(RIG, "--bus", name).bus = name
         answer = Answer(line(process))
     assert (answer.state, answer.value, answer.count) == (State.DONE, "5001", 1)
 
 
 def test_a_wrong_position_is_told_when_the_bus_comes(
-    tmp_path: Path, compiler: str, start_daemon: Start
+    tmp_path: Path, compiler: str, start_daemon: Start, name: str
 ) -> None:
-    daemon = start_daemon(RIG)
-    daemon.kill_all()
     program = build(
         tmp_path,
         compiler,
@@ -178,25 +179,23 @@ def test_a_wrong_position_is_told_when_the_bus_comes(
 """,
         without_bus=CONTINUE,
     )
-    with running(program, daemon.bus) as process:
+    with running(program, name) as process:
         assert line(process) == "opened"
-        start_daemon(RIG, "--bus", daemon.bus).bus = daemon.bus
+        start_daemon(RIG, "--bus", name).bus = name
         errors = process.communicate(timeout=60)[1]
     assert process.returncode == 1
     assert "has no slave 9: it has 3 slaves, 0 to 2" in errors.splitlines()[-1]
 
 
 def test_a_model_that_waits_for_the_bus_asks_when_it_is_there(
-    tmp_path: Path, compiler: str, start_daemon: Start
+    tmp_path: Path, compiler: str, start_daemon: Start, name: str
 ) -> None:
-    daemon = start_daemon(RIG)
-    daemon.kill_all()
     program = build(
         tmp_path,
         compiler,
         f"void *read = {opened(0x1000, T.UNSIGNED32)}; answer(read);",
         without_bus=WAIT,
     )
-    with running(program, daemon.bus) as process:
-        start_daemon(RIG, "--bus", daemon.bus).bus = daemon.bus
+    with running(program, name) as process:
+        start_daemon(RIG, "--bus", name).bus = name
         assert Answer(line(process)).state is State.DONE

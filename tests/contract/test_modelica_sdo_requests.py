@@ -1,42 +1,21 @@
 """When the SDO blocks ask, and what they show when a request fails, waits or meets another."""
 
 import subprocess
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from sdo_calls import Answer, Run, State, When, answers, build, opened, read, run, write
+from sdo_calls import RIG, Answer, Run, State, When, answers, build, opened, read, write
 
 from conftest import Daemon
 from ecatd import shm
 from ecatd.model.datatypes import DataType as T
 from handle import Handle
-from rigs import objects
 
+pytest_plugins = ["sdo_fixtures"]
 pytestmark = pytest.mark.bus
 
-RIG = str(Path(objects.__file__))
 NO_OBJECT, READ_ONLY = 0x06020000, 0x06010002
-
-
-@pytest.fixture(scope="module")
-def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    """A daemon whose first slave has objects of all types, and whose third one does not answer."""
-    daemon = Daemon(tmp_path_factory.mktemp("objects"), RIG).wait_ready()
-    yield daemon
-    assert daemon.stop() == 0
-    daemon.close()
-
-
-@pytest.fixture
-def call(tmp_path: Path, compiler: str, bus: Daemon) -> Run:
-    """Runs statements in C against the library EtherCAT and the live bus."""
-
-    def call_(statements: str) -> "subprocess.CompletedProcess[str]":
-        return run(build(tmp_path, compiler, statements), bus.bus)
-
-    return call_
 
 
 def numbers(result: "subprocess.CompletedProcess[str]") -> list[int]:
