@@ -118,7 +118,8 @@ def start(program: Path, stop_time: float, **overrides: str) -> subprocess.Popen
     values = {"stopTime": f"{stop_time}", "stepSize": "0.001"}
     values |= {name.replace("__", "."): value for name, value in overrides.items()}
     if bus := values.pop("bus", None):
-        values["etherCATMaster.bus"] = bus
+        # A machine with other work may pause a program for longer than the usual lease.
+        values |= {"etherCATMaster.bus": bus, "etherCATMaster.lease": "0.5"}
     return subprocess.Popen(
         [
             str(program),
