@@ -4,8 +4,8 @@
 bus description -> build -> ir -> render (templates) -> output (files)
 ```
 
-- `scan`: what of a bus description counts
 - `profiles`: what the entries of known devices mean
+- `origin`: what of bus and profiles counts, and is kept beside the result
 - `names`, `words`: identifiers from the names of slaves, PDOs and entries; `units`: as Modelica
   writes them
 - `connectors`, `blocks`: from entries and slaves to connectors and blocks; `drives`: blocks of

@@ -22,6 +22,7 @@ _ASPECTS = (
     ("offset", "offset"),
     ("modifiers", "modifiers"),
     ("values", "named values"),
+    ("note", "note"),
     ("pdo_name", "PDO"),
     ("entry_name", "name on the slave"),
 )
@@ -217,6 +218,9 @@ def _aspects(old: Connector, new: Connector) -> Iterator[tuple[str, str, str]]:
         implied = attribute == "bit_length" and old.type_name != new.type_name
         if before != after and not implied:
             yield f"{word} " if word else "", before, after
+    before, after = ("connector" if item.placement else "variable" for item in (old, new))
+    if before != after:
+        yield "", f"a {before}", f"a {after}"
 
 
 def _text(value: object) -> str:

@@ -7,17 +7,19 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from ecatd.model import bus_file
 from ecatd.model.bus import Bus
-from ecatd.model.errors import UsageError
 
-from . import scan, static_library
+from . import static_library
 from .build import build_library
 from .differences import compare
 from .ir import Library
+from .origin import Origin, origin, read_origin
 from .output import Report, Tree, install
 from .profiles import load_profiles
 from .render import render
+
+_ORIGIN = "Resources/"
+"""Folder of a library that has what it is made from."""
 
 
 def generate(
@@ -52,41 +54,45 @@ def generate(
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
-    generator = _Generator(name, profiles, templates)
-    bus = scan.essence(bus)
-    library = generator.library(bus)
-    files = generator.files(bus, library)
+    generator = _Generator(name, templates)
+    made_from = origin(bus, load_profiles(profiles))
+    library = generator.library(made_from)
+    files = generator.files(made_from, library)
     before = _before(out / library.name)
     packages = {static_library.NAME: static_library.static_files(), library.name: files}
     report = install(out, packages, library.name, check=check, force=force)
     if before is None or not report.is_change:
         return report
     old = generator.library(before)
-    differences = compare((before, old), (bus, library))
+    differences = compare((before.bus, old), (made_from.bus, library))
     again = generator.files(before, old) if differences else files
     return replace(report, differences=differences, otherwise=_otherwise(report, files, again))
 
 
 class _Generator:
-    """All that decides what a library of a bus is."""
+    """What a library depends on beside its origin."""
 
-    def __init__(self, name: str, profiles: Iterable[Path], templates: Iterable[Path]) -> None:
+    def __init__(self, name: str, templates: Iterable[Path]) -> None:
         self._name = name
-        self._profiles = load_profiles(profiles)
         self._templates = list(templates)
 
-    def library(self, bus: Bus) -> Library:
-        return build_library(bus, self._name, self._profiles)
+    def library(self, made_from: Origin) -> Library:
+        return build_library(made_from.bus, self._name, made_from.profiles)
 
-    def files(self, bus: Bus, library: Library) -> Tree:
-        return render(library, self._templates) | {scan.PATH: scan.scan_file(bus)}
+    def files(self, made_from: Origin, library: Library) -> Tree:
+        carried = {_ORIGIN + name: data for name, data in made_from.files().items()}
+        return render(library, self._templates) | carried
 
 
-def _before(folder: Path) -> Bus | None:
-    """The bus that an earlier run has made a library of; None where that is not known."""
-    with suppress(UsageError):
-        return scan.essence(bus_file.load(folder / scan.PATH))
-    return None
+def _before(folder: Path) -> Origin | None:
+    """What an earlier run has made a library of; None where that is not known."""
+
+    def read(name: str) -> bytes | None:
+        with suppress(OSError):
+            return (folder / (_ORIGIN + name)).read_bytes()
+        return None
+
+    return read_origin(read)
 
 
 def _otherwise(report: Report, files: Tree, again: Tree) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """What is different between two buses is told by slave and connector."""
 
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +13,13 @@ from hypothesis import strategies as st
 import ecatgen.build
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
-from ecatgen import generate, scan
+from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.differences import Difference, compare, lines
-from ecatgen.profiles import load_profiles
+from ecatgen.fmu import generate_fmu
+from ecatgen.origin import origin
+from ecatgen.profiles import load_profiles, read_profiles
 from ecatgen.render import render
 
 PROFILES = load_profiles(())
@@ -161,7 +164,7 @@ def test_every_slave_is_accounted_for(before: list[Slave], after: list[Slave]) -
 @given(buses, buses)
 def test_whatever_is_different_is_told(before: Bus, after: Bus) -> None:
     """And every bus makes a library."""
-    old, new = scan.essence(before), scan.essence(after)
+    old, new = origin(before, PROFILES).bus, origin(after, PROFILES).bus
     for bus in (old, new):
         assert render(build_library(bus, "Plant", PROFILES))
     found = compared(old, new)
@@ -209,7 +212,9 @@ def test_another_generator_is_told_as_such(tmp_path: Path, monkeypatch: pytest.M
     assert report.written == ("Plant/EL1018.mo", "Plant/UsersGuide.mo", "Plant/package.order")
     assert report.otherwise == ("Plant/UsersGuide.mo",)
     (line,) = report.details()
-    assert line.startswith("1 file would differ for the same bus, too: ecatd, a profile or a templ")
+    assert line.startswith(
+        "1 file would differ for the same bus, too (Plant/UsersGuide.mo): ecatd, a profile or"
+    )
     new = sample_buses.troll()
     new.slaves[3].outputs.pop()
     report = generate(new, "Plant", out, templates=[templates])
@@ -226,3 +231,88 @@ def test_a_scan_that_cannot_be_read_is_no_hindrance(tmp_path: Path, text: str) -
     report = generate(sample_buses.troll(), "Plant", tmp_path, force=True)
     assert report.differences == ()
     assert (tmp_path / "Plant" / "Resources" / "bus.json.orig").read_text() == text
+
+
+LEVEL = """
+[[device]]
+description = "Inputs \\"8 bits\\" \\u007f"
+source = "manual"
+vendor = 2
+product = [0x03FA3052]
+
+[[device.entry]]
+index = 0x6000
+subindex = 1
+step = 0x10
+count = 2
+unit = "m"
+raw = [0, 27648]
+physical = [0, 4.5]
+
+[[device.entry]]
+index = 0x6020
+subindex = [1, 3]
+note = "line\\nbreak"
+quantity = "Level"
+values = { -1 = "a \\"b\\"", 0x10 = "ü" }
+connector = false
+"""
+
+
+def profile(folder: Path, text: str) -> list[Path]:
+    folder.mkdir(exist_ok=True)
+    (folder / "level.toml").write_text(text)
+    return [folder]
+
+
+@pytest.mark.parametrize("fmu", [False, True])
+def test_a_profile_that_has_changed_is_told_by_slave_and_connector(
+    tmp_path: Path, fmu: bool
+) -> None:
+    def run(text: str, *, check: bool = False) -> list[str]:
+        profiles = profile(tmp_path / "profiles", text)
+        if fmu:
+            made = generate_fmu(sample_buses.troll(), "Plant", tmp_path, 2, profiles, check=check)
+            return made.details()
+        return generate(sample_buses.troll(), "Plant", tmp_path, profiles, check=check).details()
+
+    assert run(LEVEL) == []
+    assert run(LEVEL) == []
+    changed = LEVEL.replace("4.5", "9").replace("connector = false", "").replace("ü", "u")
+    (first, *_, values, drawn) = run(changed, check=True)
+    before, after = 4.5 / 27648, 9 / 27648
+    assert first == (f"slave 2 EL1018: connector channel1Input: scale was {before}, is {after}")
+    assert values == (
+        'slave 2 EL1018: connector channel3Input: named values was -1 a "b", 16 ü, is '
+        '-1 a "b", 16 u'
+    )
+    assert drawn == "slave 2 EL1018: connector channel3Input: was a variable, is a connector"
+    assert run(changed)
+    assert run(changed) == []
+    assert "slave 2 EL1018: connector channel1Input: unit was m, is nothing" in run("")
+
+
+def test_a_library_carries_its_profiles(tmp_path: Path) -> None:
+    profiles = profile(tmp_path / "profiles", LEVEL)
+    generate(sample_buses.troll(), "Plant", tmp_path, profiles)
+    carried = tmp_path / "Plant" / "Resources"
+    text = (carried / "profiles.toml").read_text()
+    assert read_profiles(text, "x").devices == tuple(
+        device
+        for device in load_profiles(profiles).devices
+        if any(device.fits(slave) for slave in sample_buses.troll().slaves)
+    )
+    assert not generate(sample_buses.troll(), "Plant", tmp_path, [carried], check=True).is_change
+
+
+@pytest.mark.parametrize("lost", ["Plant/.ecatgen.json", "EtherCAT"])
+def test_nothing_is_said_of_runs_that_are_not_known(tmp_path: Path, lost: str) -> None:
+    generate(sample_buses.troll(), "Plant", tmp_path)
+    path = tmp_path / lost
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+    report = generate(sample_buses.troll(), "Plant", tmp_path, check=True)
+    assert report.is_change
+    assert report.details() == []

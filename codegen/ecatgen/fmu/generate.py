@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ecatd.model import bus_file
 from ecatd.model.bus import Bus
-from ecatd.model.errors import UsageError
 
-from .. import scan
 from ..build import build_library
 from ..differences import Difference, compare, lines
+from ..origin import origin, read_origin
 from ..profiles import load_profiles
 from .archive import member, pack, write
 from .build import build_fmu
 from .files import fixed_files
 from .render import render
 
-_SCAN = "resources/bus.json"
+_ORIGIN = "resources/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,18 +101,20 @@ def generate_fmu(
         NotPermittedError: The directory cannot be written.
         EcatError: The binary is not built, or there is none for this platform.
     """
-    known, bus = load_profiles(profiles), scan.essence(bus)
-    library = build_library(bus, name, known)
-    fixed = fixed_files(fmi, library.name) | {_SCAN: scan.scan_file(bus)}
+    made_from = origin(bus, load_profiles(profiles))
+    library = build_library(made_from.bus, name, made_from.profiles)
+    fixed = fixed_files(fmi, library.name)
+    fixed |= {_ORIGIN + file: data for file, data in made_from.files().items()}
     sources = [path.removeprefix("sources/") for path in fixed if path.endswith(".c")]
-    fmu = build_fmu(bus, library, fmi, sources)
+    fmu = build_fmu(made_from.bus, library, fmi, sources)
     fmu = replace(fmu, token=_token(render(fmu) | fixed))
     path = out / f"{fmu.name}.fmu"
-    before = _before(path)
+    before = read_origin(lambda file: member(path, _ORIGIN + file))
     changed = write(path, pack(render(fmu) | fixed), check=check)
     differences: tuple[Difference, ...] = ()
     if changed and before is not None:
-        differences = compare((before, build_library(before, name, known)), (bus, library))
+        old = build_library(before.bus, name, before.profiles)
+        differences = compare((before.bus, old), (made_from.bus, library))
     return FmuReport(
         fmu=path,
         fmi=fmi,
@@ -125,14 +124,6 @@ def generate_fmu(
         is_change=changed,
         differences=differences,
     )
-
-
-def _before(path: Path) -> Bus | None:
-    """The bus that the file was made of; None where that is not known."""
-    data = member(path, _SCAN)
-    with suppress(UsageError, UnicodeDecodeError):
-        return None if data is None else scan.essence(bus_file.parse(data.decode(), str(path)))
-    return None
 
 
 def _token(files: dict[str, bytes]) -> str:

@@ -44,8 +44,13 @@ class Plan:
 
     @property
     def regenerated(self) -> list[str]:
-        """Files that are generated otherwise than in the run before, or by one of both only."""
+        """Files that are generated otherwise than in the run before, or by one of both only.
+
+        None where nothing is known of such a run.
+        """
         before = self.folder.manifest
+        if not before:
+            return []
         return [
             path
             for path in {**before, **self.tree}

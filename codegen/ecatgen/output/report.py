@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..differences import Difference, lines
+
+_NAMED = 3  # files that a line names
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +67,8 @@ class Report:
         text = lines(self.differences)
         if self.otherwise:
             text.append(
-                f"{_files(len(self.otherwise))} would differ for the same bus, too: ecatd, a "
-                "profile or a template is not what it was"
+                f"{_files(len(self.otherwise))} would differ for the same bus, too "
+                f"({_named(self.otherwise)}): ecatd, a profile or a template is not what it was"
             )
         text += [f"{path} is kept as {copy}" for path, copy in self.copies]
         return text
@@ -94,6 +97,11 @@ class Report:
         if self.kept:
             counts += f", {len(self.kept)} of yours kept"
         return counts
+
+
+def _named(paths: Sequence[str]) -> str:
+    more = len(paths) - _NAMED
+    return ", ".join([*paths[:_NAMED], *([f"{more} more"] if more > 0 else [])])
 
 
 def _files(count: int) -> str:

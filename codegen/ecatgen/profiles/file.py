@@ -57,7 +57,20 @@ def load_profiles(folders: Iterable[Path] = ()) -> Profiles:
         ConfigError: A folder or a file cannot be read, or has a wrong key or value.
     """
     ours = (_folder(Path(place)) for place in import_module(__package__).__path__)
-    return Profiles((*user_devices(folders), *chain.from_iterable(ours)))
+    return Profiles(tuple(dict.fromkeys(chain(user_devices(folders), *ours))))
+
+
+def read_profiles(text: str, source: str) -> Profiles:
+    """The profiles in the text of one file, and no others.
+
+    Args:
+        text: The text.
+        source: How messages name it.
+
+    Raises:
+        ConfigError: It has a wrong key or value.
+    """
+    return Profiles(tuple(_devices(text, source)))
 
 
 def user_devices(folders: Iterable[Path]) -> Iterator[DeviceProfile]:
@@ -80,16 +93,21 @@ def _folder(folder: Path) -> Iterator[DeviceProfile]:
 def _file(file: Path) -> Iterator[DeviceProfile]:
     try:
         text = file.read_text("utf-8")
-        data = tomllib.loads(text)
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
+    return _devices(text, str(file))
+
+
+def _devices(text: str, source: str) -> Iterator[DeviceProfile]:
+    try:
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file}: is no valid TOML: {error}") from error
+        raise ConfigError(f"{source}: is no valid TOML: {error}") from error
     except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
-        raise ConfigError(f"{file}: has a value beyond all measure: {error}") from error
-    return _DeviceReader(Reader(str(file), text, _TOP), str(file)).read(data)
+        raise ConfigError(f"{source}: has a value beyond all measure: {error}") from error
+    return _DeviceReader(Reader(source, text, _TOP), source).read(data)
 
 
 class _DeviceReader:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from ecatd.model.bus import Entry, Slave
 
@@ -72,7 +72,7 @@ class DeviceProfile:
     """One kind of device.
 
     Attributes:
-        source: File that it is from.
+        source: File that it is from; the same device in two files is equal.
         description: What the devices are.
         facts: Where what it says is documented, or empty.
         vendor: Vendor ID, -1: any.
@@ -81,7 +81,7 @@ class DeviceProfile:
         entries: What its entries mean.
     """
 
-    source: str
+    source: str = field(compare=False)
     description: str
     facts: str
     vendor: int
