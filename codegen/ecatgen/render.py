@@ -14,6 +14,7 @@ from jinja2 import (
     PackageLoader,
     PrefixLoader,
     StrictUndefined,
+    TemplateNotFound,
     TemplateSyntaxError,
 )
 
@@ -50,12 +51,12 @@ def _environment(folders: tuple[Path, ...] = ()) -> Environment:
         auto_reload=False,
     )
     environment.filters |= FILTERS
-    _check_names(folders, ours.list_templates())
+    _check(folders, ours.list_templates())
     return environment
 
 
-def _check_names(folders: Iterable[Path], known: Sequence[str]) -> None:
-    """A template that nothing asks for is a mistake of its name."""
+def _check(folders: Iterable[Path], known: Sequence[str]) -> None:
+    """Refuses files that are no text, and templates that nothing asks for: mistakes of a name."""
     for folder in folders:
         if not folder.is_dir():
             raise ConfigError(f"{folder}: is no folder; templates are *.j2 files in one")
@@ -65,6 +66,12 @@ def _check_names(folders: Iterable[Path], known: Sequence[str]) -> None:
                     f"{file}: there is no template of this name to replace; there are "
                     f"{', '.join(known)}"
                 )
+            try:
+                file.read_text("utf-8")
+            except UnicodeDecodeError as error:
+                raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
+            except OSError as error:
+                raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
 
 
 def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]:
@@ -111,8 +118,11 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
 
 def _told(template: str, error: Exception) -> str:
     """What is wrong with a template of the user: file, line, reason."""
+    reason = str(error) or type(error).__name__
     if isinstance(error, TemplateSyntaxError):
         return f"{error.filename or template}:{error.lineno}: {error.message}"
+    if isinstance(error, TemplateNotFound):
+        reason = f"there is no template '{error.name}' to include; ours begin with '{OURS}/'"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.endswith(".j2")]
     where = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else template
-    return f"{where}: {error or type(error).__name__}"
+    return f"{where}: {reason}"

@@ -8,8 +8,10 @@ Every step of the FMU waits for the next cycle of the bus, so this loop needs no
 """
 
 import argparse
+import sys
 
 from fmpy import extract, read_model_description
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
 
 DRIVE = "goldGCONDrive"
@@ -23,6 +25,8 @@ class Plant:
 
     def __init__(self, path: str, **parameters: object) -> None:
         description = read_model_description(path)
+        if description.fmiVersion != "2.0":
+            sys.exit(f"{path} has FMI {description.fmiVersion}: make it without --fmi 3")
         self._variables = {item.name: item for item in description.modelVariables}
         self._fmu = FMU2Slave(
             guid=description.guid,
@@ -99,4 +103,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except FMICallException:
+        sys.exit(1)  # FMPy has printed what the FMU says

@@ -17,6 +17,8 @@ import numpy as np
 
 from conftest import Daemon, wait_for
 from ecatd.shm import Outputs, Reason
+from ecatgen.checks import sample_buses
+from ecatgen.fmu import generate_fmu
 from player import BEAR, STEP, Model, outputs, plant_of, until
 
 pytestmark = pytest.mark.bus
@@ -109,6 +111,20 @@ def test_the_example(troll: Daemon, tmp_path: Path) -> None:
     assert time == pytest.approx(2.0)
     assert measured == pytest.approx(reference, rel=0.02)
     assert missed.endswith(" steps came too late")
+
+
+def test_the_example_without_its_bus_or_fmu(tmp_path: Path) -> None:
+    for fmi, told in ((2, "no ecatd serves bus 'nowhere'"), (3, "has FMI 3.0: make it without")):
+        out = generate_fmu(sample_buses.troll(), "TrollPlant", tmp_path / str(fmi), fmi).fmu
+        result = subprocess.run(
+            [sys.executable, str(EXAMPLE), str(out), "--bus", "nowhere"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        said = (result.stdout + result.stderr).splitlines()
+        assert (result.returncode, len(said)) == (1, 1), said
+        assert told in said[0]
 
 
 def test_a_simulation_by_fmpy(model: Model, troll: Daemon) -> None:

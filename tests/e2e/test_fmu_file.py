@@ -116,10 +116,11 @@ def test_the_same_bus_gives_the_same_bytes(fmi: int, tmp_path: Path) -> None:
 def test_files_of_others_are_kept(tmp_path: Path) -> None:
     file = tmp_path / "Plant.fmu"
     generate_fmu(sample_buses.troll(), "Plant", tmp_path)
+    ours = file.read_bytes()
     with zipfile.ZipFile(file, "a") as archive:
         archive.writestr("binaries/win64/Plant.dll", "compiled by the user")
     changed = file.read_bytes()
-    for content in (changed, b"", b"my plant", changed[:-100]):
+    for content in (changed, b"", b"my plant", changed[:-100], ours + b"mine", b"mine" + ours):
         file.write_bytes(content)
         with pytest.raises(StateError, match="was not made by this program, or was changed since"):
             generate_fmu(sample_buses.awkward(), "Plant", tmp_path)

@@ -36,7 +36,10 @@ def test_a_template_of_the_user_replaces_ours_and_no_other(tmp_path: Path) -> No
         ("a\n\n{{ library.nothing }}\n", ":3: "),
         ("{{ block.name.upper(1) }}\n", ":1: "),
         ("{{ 1 // 0 }}\n", ":1: "),
-        ("{% include 'nowhere.j2' %}", "nowhere.j2"),
+        (
+            "{% include 'nowhere.j2' %}",
+            ":1: there is no template 'nowhere.j2' to include; ours begin with 'ecatgen/'",
+        ),
     ],
 )
 def test_a_wrong_template_is_told_with_its_line(tmp_path: Path, text: str, told: str) -> None:
@@ -50,6 +53,16 @@ def test_a_wrong_template_is_told_with_its_line(tmp_path: Path, text: str, told:
 def test_a_template_that_replaces_nothing_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"blocks\.mo\.j2: there is no template .* block\.mo\.j2"):
         render(LIBRARY, written(tmp_path, "blocks.mo.j2", ""))
+
+
+def test_a_template_that_cannot_be_read_is_told_with_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "block.mo.j2").write_bytes(b"\xff")
+    with pytest.raises(ConfigError, match=rf"^{tmp_path}/block\.mo\.j2: is no UTF-8 text: "):
+        render(LIBRARY, [tmp_path])
+    other = tmp_path / "other"
+    (other / "block.mo.j2").mkdir(parents=True)
+    with pytest.raises(ConfigError, match=r"/other/block\.mo\.j2: cannot be read: Is a directory"):
+        render(LIBRARY, [other])
 
 
 def test_a_folder_of_templates_that_is_not_there(tmp_path: Path) -> None:
