@@ -60,16 +60,25 @@ def test_an_abort_leaves_its_code_and_text_and_the_next_request_clears_them(call
     assert found[4].text == ""
 
 
-def test_the_log_has_the_same_failure_once(call: Run) -> None:
+@pytest.mark.parametrize(
+    ("index", "kind"),
+    [
+        pytest.param(0x5FFF, T.UNSIGNED8, id="refused by the slave"),
+        pytest.param(0x1000, T.UNSIGNED8, id="of another length"),
+    ],
+)
+def test_the_log_has_the_same_failure_once(call: Run, index: int, kind: T) -> None:
     result = call(
         f"""
-  void *sdo = {opened(0x5FFF, T.UNSIGNED8, when=When.SAMPLED, period=0.01)};
+  void *sdo = {opened(index, kind, when=When.SAMPLED, period=0.01)};
   int n;
   for (n = 0; n < 300; n++) ecatm_sdo_read(sdo, now, sample(), 0);
+  printf("%d\\n", (int)((ecatm_sdo *)sdo)->trigger.samples);
 """
     )
+    assert int(result.stdout) > 20
     (line,) = result.stderr.splitlines()
-    assert line.startswith("EtherCAT: reading object 0x5FFF:00 of slave 0 failed: ")
+    assert line.startswith(f"EtherCAT: reading object 0x{index:04X}:00 of slave 0 failed: ")
 
 
 def test_a_slave_without_mailbox(call: Run) -> None:

@@ -162,7 +162,6 @@ ECATM_FUNCTION int ecatm_transfer_step(ecatm_transfer *transfer) {
   if (code != 0)
     return ecatm_transfer_fail(transfer, code == ECAT_EABORT ? (int)reason : code,
                                ecat_error(master->bus));
-  transfer->told = 0;
   return ECATM_SDO_DONE;
 }
 
@@ -290,7 +289,7 @@ ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int input, int do
       trigger->state = ecatm_transfer_step(transfer);
       if (trigger->state == ECATM_SDO_DONE && !transfer->download)
         trigger->state = ecatm_sdo_decode(sdo);
-      if (trigger->state == ECATM_SDO_DONE) sdo->count++;
+      if (trigger->state == ECATM_SDO_DONE) sdo->count++, transfer->told = 0;
     } else if (trigger->when == ECATM_INITIAL && trigger->state == ECATM_SDO_FAILED &&
                (transfer->abort_code == ECAT_EDOWN || transfer->abort_code == ECAT_ESTALE) &&
                ecatm_sdo_connected(transfer->node.master)) {

@@ -89,7 +89,7 @@ ECATM_FUNCTION int ecatm_sdo_list_write(void *object, double time, int order, in
     if (list->trigger.state == ECATM_SDO_BUSY) list->trigger.state = ecatm_sdo_list_progress(list);
     list->trigger.state_before = list->trigger.state;
   }
-  if (ecatm_trigger_decide(&list->trigger, trigger)) list->row = 0;
+  if (ecatm_trigger_decide(&list->trigger, trigger)) list->row = list->transfer.told = 0;
   return list->trigger.state;
 }
 
