@@ -123,6 +123,27 @@ def test_the_script_of_the_documentation(omc: OpenModelica) -> None:
     assert "Error" not in answer, answer
 
 
+def test_the_block_of_ones_own_of_the_users_guide(omc: OpenModelica, troll: Daemon) -> None:
+    guide = (omc.libraries / "EtherCAT" / "UsersGuide" / "OwnBlocks.mo").read_text("utf-8")
+    (block,) = re.findall(r"<pre>\n(.*?)</pre>", guide, re.DOTALL)
+    (omc.folder / "Own.mo").write_text(
+        "package Own\n"
+        + block.replace('\\"', '"')
+        + "model Test\n"
+        + "  inner EtherCAT.EtherCATMaster etherCATMaster(waitForBus = true);\n"
+        + "  Voltage voltage;\n"
+        + "  EtherCAT.Examples.Utilities.EL3008 raw;\n"
+        + "end Test;\nend Own;\n"
+    )
+    answer = omc.run('loadFile("Own.mo");', 'buildModel(Own.Test, outputFormat = "csv");')
+    assert "Error" not in answer and "Warning" not in answer, answer
+    rows = simulate(omc.folder / "Own.Test", 0.5, bus=troll.bus)
+    assert rows[-1]["voltage.valid"] == 1
+    assert len(changes(rows, "voltage.v")) > 10
+    for row in rows:
+        assert row["voltage.v"] == pytest.approx(row["raw.y[1]"] * 10 / 32767)
+
+
 def test_all_slaves(omc: OpenModelica, troll: Daemon) -> None:
     rows = simulate(omc.build("TrollPlant.Examples.AllSlaves"), 1)
     assert any(len(changes(rows, name)) > 10 for name in rows[0] if name.startswith("el3008."))
@@ -154,6 +175,20 @@ def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, trol
             Reason.LAPSED,
             Reason.GONE,
         )
+
+
+def test_times_that_are_none_end_the_simulation(omc: OpenModelica, troll: Daemon) -> None:
+    program = omc.build("EtherCAT.Examples.TwoDomains")
+    for parameter, value, sentence in (
+        ("sampleTime[1]", "0", "all sample times of the EtherCATMaster must be positive"),
+        ("sampleTime[2]", "-0.001", "all sample times of the EtherCATMaster must be positive"),
+        ("lease", "-1", "the lease of the EtherCATMaster must not be negative"),
+    ):
+        changed = {"etherCATMaster.waitForBus": "false", f"etherCATMaster.{parameter}": value}
+        with start(program, 0.1, bus=troll.bus, **changed) as process:
+            log, _ = process.communicate(timeout=120)
+        assert process.returncode != 0, log
+        assert f"EtherCAT: {sentence}" in log
 
 
 def test_a_model_of_another_bus_fails_with_one_sentence(

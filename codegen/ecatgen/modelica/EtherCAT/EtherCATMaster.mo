@@ -8,7 +8,7 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   parameter Boolean waitForBus = false
     "= true, if every sample of domain 1 waits for the bus, which so paces the simulation"
     annotation (choices(checkBox = true), Dialog(group = "Pace"));
-  parameter Modelica.Units.SI.Time lease = 0.1
+  parameter Modelica.Units.SI.Time lease(min = 0) = 0.1
     "Time without samples after which outputs fall to their safe values"
     annotation (Dialog(group = "Pace"));
   parameter EtherCAT.Types.BusFailure whenMissing = EtherCAT.Types.BusFailure.Error
@@ -44,6 +44,8 @@ protected
   Real keepAlive(start = 0, fixed = true)
     "A co-simulation FMU of some tools needs a continuous state";
 equation
+  assert(min(sampleTime) > 0, "EtherCAT: all sample times of the EtherCATMaster must be positive; change sampleTime");
+  assert(lease >= 0, "EtherCAT: the lease of the EtherCATMaster must not be negative; change lease");
   der(keepAlive) = 0;
   for d in 1:size(sampleTime, 1) loop
     sampled[d] = sample(0, sampleTime[d]);
@@ -77,7 +79,7 @@ has at that moment.
 </p>
 <p>
 A simulation that is stopped, paused or killed takes no more samples. After the time <code>lease</code>
-(at most 0.5&nbsp;s, the daemon cuts longer ones) the daemon sets the outputs that the model has written
+(at most 0.5&nbsp;s, the daemon cuts longer ones; 0 takes its default) the daemon sets the outputs that the model has written
 to their safe values. Waiting for the bus is no pause, so that with <code>waitForBus</code> sample times
 may be longer.
 </p>

@@ -102,6 +102,7 @@ is no such object</td></tr>
 <tr><td>-2</td><td>there is no bus, or it ended during the request</td></tr>
 <tr><td>-10</td><td>the value is too large for a Modelica Integer</td></tr>
 <tr><td>-11</td><td>the slave did not answer in time</td></tr>
+<tr><td>-12</td><td>the cycle of the bus stands still</td></tr>
 <tr><td>-17</td><td>the slave has no CoE mailbox, or its AL state does not allow it</td></tr>
 </table>
 <p>

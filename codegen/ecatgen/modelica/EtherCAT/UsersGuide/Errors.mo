@@ -29,6 +29,8 @@ faster, or the lease longer.</td></tr>
 <tr><td>... is out of range for ...</td><td>Limit the signal before it reaches the block.</td></tr>
 <tr><td>its sample time of ... is no multiple of the bus cycle</td><td>Change <code>sampleTime[1]</code>,
 or do not wait for the bus.</td></tr>
+<tr><td>all sample times ... must be positive, the lease ... must not be negative</td><td>Change
+<code>sampleTime</code> or <code>lease</code> of the EtherCATMaster.</td></tr>
 <tr><td>entry ... is ..., which no Modelica Integer can hold</td><td>Read it by
 <a href=\"modelica://EtherCAT.Functions.readReal\">readReal</a>.</td></tr>
 <tr><td>object ... cannot be written, or requested ...</td><td>What follows says what is wrong with the data type, the

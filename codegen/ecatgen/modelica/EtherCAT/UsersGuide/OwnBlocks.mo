@@ -23,9 +23,10 @@ to compute where its values are, or to write a library for a family of slaves. R
 <ol>
 <li>Extend <a href=\"modelica://EtherCAT.Interfaces.PartialSlave\">PartialSlave</a> and set
 <code>slaveData</code>: position, vendor ID and product code as <code>ecatctl slaves</code> shows them,
-revision number 0 for any.</li>
+revision number 0 for any. Modelica has no hexadecimal numbers: 0x03FA3052 is 66728018.</li>
 <li>Declare a <code>parameter EtherCAT.Objects.PDO</code> for each entry: index, subindex, direction, data type
-and bits as <code>ecatctl pdos</code> shows them. With a <code>scale</code> and an <code>offset</code> its
+and bits as <code>ecatctl pdos</code> shows them; the data type as a number, such as
+<code>Integer(EtherCAT.Types.DataType.INTEGER32)</code>. With a <code>scale</code> and an <code>offset</code> its
 values are physical.</li>
 <li>Read in one <code>when etherCATMaster.sampled[domainID]</code>, with <code>etherCATMaster.cycle</code>
 as the last argument, so that reads come after the sample was taken.</li>
@@ -33,6 +34,27 @@ as the last argument, so that reads come after the sample was taken.</li>
 calls. In one when-equation with the reads the outputs would depend on the inputs, and a controller between
 them would close a loop.</li>
 </ol>
+<p>
+The first input of an EL3008 as a voltage, for instance:
+</p>
+<pre>
+block Voltage \"First channel of the EL3008 at position 4\"
+  extends EtherCAT.Icons.Terminal;
+  extends EtherCAT.Interfaces.PartialSlave(
+    slaveData(position = 4, vendorID = 2, productCode = 197144658),
+    hwName = \"EL3008\");
+  EtherCAT.Interfaces.VoltageOutput v(start = 0, fixed = true) \"Voltage of channel 1\"
+    annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+protected
+  parameter EtherCAT.Objects.PDO channel1 = EtherCAT.Objects.PDO(
+    slaveConfiguration, 24576, 17, false, Integer(EtherCAT.Types.DataType.INTEGER16), 16,
+    10 / 32767) \"0x6000:11, 32767 is 10 V\";
+equation
+  when etherCATMaster.sampled[domainID] then
+    v = EtherCAT.Functions.readReal(channel1, time, etherCATMaster.cycle);
+  end when;
+end Voltage;
+</pre>
 <p>
 Give the block a <code>generateCommand</code> if there is one; error messages have it. Arrays of external
 objects do not work in all tools: use one component for each, or arrays of blocks that hold one.
