@@ -17,8 +17,12 @@ needs_omc = pytest.mark.skipif(
     shutil.which("omc") is None, reason="omc (OpenModelica) is not on PATH"
 )
 
-# What is said of every block that looks for an inner component when it is checked alone.
-_EXPECTED = re.compile(r"top-level outer element|An inner declaration for outer component")
+# What is said of blocks that look for an inner component, and of partial ones, when they are checked
+# alone.
+_EXPECTED = re.compile(
+    r"top-level outer element|An inner declaration for outer component"
+    r"|No corresponding 'inner' declaration|Forcing full instantiation of partial class"
+)
 _CLASS = re.compile(r"^@@ (\S+)$", re.MULTILINE)
 
 Row = dict[str, float]
@@ -39,11 +43,13 @@ class OpenModelica:
         folder: Where it writes.
         libraries: Folder with the library EtherCAT and a generated one.
         generated: Name of that one.
+        old_front_end: Whether it translates with the front end of before 1.14, which it still has.
     """
 
     folder: Path
     libraries: Path
     generated: str = "TrollPlant"
+    old_front_end: bool = False
 
     def run(self, *commands: str) -> str:
         """Runs commands after the libraries are loaded; returns what it says."""
@@ -59,7 +65,7 @@ class OpenModelica:
         file = self.folder / "script.mos"
         file.write_text("\n".join([*commands, ""]))
         done = subprocess.run(
-            ["omc", file.name],
+            ["omc", *(["-d=nonewInst"] if self.old_front_end else []), file.name],
             cwd=self.folder,
             env={**os.environ, "HOME": str(home)} if home else None,
             capture_output=True,
@@ -69,11 +75,15 @@ class OpenModelica:
         return done.stdout + done.stderr
 
     def classes(self, library: str) -> list[str]:
-        """All classes of a library that are no packages."""
+        """All classes of a library that are no packages.
+
+        The old front end does not check functions: for it only models and blocks.
+        """
+        wanted = "isModel(name) or isBlock(name)" if self.old_front_end else "not isPackage(name)"
         answer = self.run(
             f"names := getClassNames({library}, recursive = true, qualified = true);",
             "for name in names loop",
-            '  if not isPackage(name) then print("@@ " + typeNameString(name) + "\\n"); end if;',
+            f'  if {wanted} then print("@@ " + typeNameString(name) + "\\n"); end if;',
             "end for;",
         )
         return _CLASS.findall(answer)

@@ -45,6 +45,15 @@ def test_every_class_of_the_static_library_is_sound(tmp_path: Path) -> None:
     assert list(omc.findings(classes)) == []
 
 
+@pytest.mark.parametrize("library", ["EtherCAT", "Plant"])
+def test_the_old_front_end_has_no_complaints(tmp_path: Path, library: str) -> None:
+    generate(sample_buses.troll(), "Plant", tmp_path / "libraries")
+    omc = OpenModelica(tmp_path, tmp_path / "libraries", "Plant", old_front_end=True)
+    classes = omc.classes(library)
+    assert {"EtherCAT.EtherCATMaster", "Plant.Drives.GoldGCONDrive"} & set(classes)
+    assert list(omc.findings(classes)) == []
+
+
 def test_classes_of_the_user_are_part_of_the_library(tmp_path: Path) -> None:
     plant = tmp_path / "libraries" / "Plant"
     generate(sample_buses.troll(), "Plant", plant.parent)
