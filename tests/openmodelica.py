@@ -17,8 +17,8 @@ needs_omc = pytest.mark.skipif(
     shutil.which("omc") is None, reason="omc (OpenModelica) is not on PATH"
 )
 
-# What is said of blocks that look for an inner component, and of partial ones, when they are checked
-# alone.
+# What is said of blocks that look for an inner component, and of partial ones, when they are
+# checked alone.
 _EXPECTED = re.compile(
     r"top-level outer element|An inner declaration for outer component"
     r"|No corresponding 'inner' declaration|Forcing full instantiation of partial class"

@@ -128,7 +128,7 @@ def test_requests_fail_with_the_bus_and_go_on_with_it(
         start_daemon(RIG, "--bus", daemon.bus).bus = daemon.bus
         out, errors = process.communicate(timeout=60)
         assert process.returncode == 0, errors
-    assert read.code == stuck.code == -2
+    assert {read.code, stuck.code} <= {-2, -12}  # killed slowly, it stands still first
     assert daemon.bus in stuck.text
     requests, state = map(int, out.split())
     assert requests in (0, 1)  # that of `read`: none was left behind by the outage

@@ -311,5 +311,7 @@ def test_a_bus_that_ends_in_the_middle_of_a_request_fails_it(tmp_path: Path, com
         daemon.close()
     assert process.returncode == 0, errors
     answer = Answer(out.strip())
-    assert (answer.state, answer.code) == (State.FAILED, -2)
-    assert "daemon" in answer.text
+    assert answer.state is State.FAILED
+    # A daemon that is killed slowly stands still first.
+    assert ("daemon" if answer.code == -2 else "stands still") in answer.text
+    assert answer.code in (-2, -12)
