@@ -99,7 +99,7 @@ def _drive(block: Block) -> Drive | None:
             f"final modeInProcessData = {_boolean(_MODE in writes)}",
             *(f"final {flag} = {_boolean(index in reads)}" for index, (flag, _) in _FLAGS.items()),
         ),
-        mode_by_sdo=int(_MODE not in writes),
+        mode_object=0 if _MODE in writes else _MODE,
         entries=" | ".join(flag for index, (_, flag) in _FLAGS.items() if index in reads) or "0",
         missing=tuple(
             (" and ".join(f"mode <> {_TYPES}.{mode}" for mode in kind.modes), kind.what)

@@ -324,7 +324,7 @@ class Drive:
         mode: Its usual mode, an element of EtherCAT.Types.DriveMode.
         modes: The modes that the process data are enough for.
         modifiers: Modifications of the state machine.
-        mode_by_sdo: 1 if the mode is not in the process data, else 0.
+        mode_object: Object by which the mode is written, 0 if it is in the process data.
         entries: What is mapped, as C has it (enum ecatm_drive_entries).
         missing: For each quantity that is not mapped a condition on the mode, and its name.
         writes: Values that go to the slave.
@@ -343,7 +343,7 @@ class Drive:
     mode: str
     modes: tuple[str, ...]
     modifiers: tuple[str, ...]
-    mode_by_sdo: int
+    mode_object: int
     entries: str
     missing: tuple[tuple[str, str], ...]
     writes: tuple[DriveLine, ...]

@@ -206,6 +206,33 @@ def test_targets_are_held_within_their_entries(calls: ctypes.CDLL) -> None:
     assert (torque.out[4], torque.out[5]) == (32767, 65535)
 
 
+@pytest.mark.parametrize("mode", [Mode.CYCLIC_TORQUE, Mode.PROFILE_TORQUE])
+def test_no_target_is_beyond_the_largest_torque(calls: ctypes.CDLL, mode: Mode) -> None:
+    """Also of a drive that has no 0x6072 in its process data."""
+    drive = Logic(calls, settings(mode, max_torque=0.1, gear=-2))
+    drive.go_into_operation()
+    for reference, target in ((0.1, -125), (0.2, -250), (0.5, -250), (-0.5, 250), (0.0, 0)):
+        drive.step(State.OPERATION_ENABLED, reference)
+        assert drive.out[4] == target
+
+
+def test_a_short_quick_stop_is_not_lost(calls: ctypes.CDLL) -> None:
+    """The status word is some cycles behind, and a frame may be lost."""
+    drive = Logic(calls, settings(Mode.CYCLIC_VELOCITY))
+    drive.go_into_operation(5.0)
+    drive.step(State.OPERATION_ENABLED, 5.0, quick_stop=1)
+    for _ in range(3):
+        drive.step(State.OPERATION_ENABLED, 5.0)
+        assert (drive.word, drive.enabled) == (0x02, 0)
+    drive.step(State.QUICK_STOP_ACTIVE, 5.0, velocity=65536)
+    assert drive.word == 0x02
+    drive.step(State.QUICK_STOP_ACTIVE, 5.0)
+    assert drive.word == 0x00
+    drive.step(State.SWITCH_ON_DISABLED, 5.0)
+    assert drive.word == 0x06
+    drive.go_into_operation(5.0)
+
+
 def test_the_absolute_reference_is_followed_without_limit_once_it_is_reached(
     calls: ctypes.CDLL,
 ) -> None:
@@ -232,6 +259,8 @@ REFUSED = {
     "ratedCurrent must be positive": "s.rated_current = s.encoder / 0.0 - s.encoder / 0.0",
     "tau_max must not be negative": "s.max_torque = -1",
     "approachSpeed must be positive": "s.approach_speed = 0",
+    "standstillSpeed must not be negative": "s.standstill_speed = -1",
+    "maxDropout must not be negative": "s.max_dropout = s.encoder / 0.0 - s.encoder / 0.0",
     "needs the actual position 0x6064": "s.mode = 8, s.entries = 1",
 }
 

@@ -84,7 +84,7 @@ def test_the_start_up_list_is_written_before_the_drive_is_enabled(
     play: Play, drives: Daemon
 ) -> None:
     rows = [(QUICK_STOP_OPTION, 0, INTEGER16, 6), (0x6083, 0, UNSIGNED32, 70_000)]
-    with play(generic(Mode.CYCLIC_VELOCITY, mode_by_sdo=1), GENERIC, rows) as player:
+    with play(generic(Mode.CYCLIC_VELOCITY, mode_object=0x6060), GENERIC, rows) as player:
         player.enable()
         states = [(state, start_up) for _, state, _, _, _, _, start_up in player.history]
         assert (State.READY_TO_SWITCH_ON, BUSY) in states
@@ -134,6 +134,16 @@ def test_an_object_that_is_refused_keeps_the_drive_off(
     assert "0x06090030" in said
 
 
+def test_the_mode_of_a_further_axis_is_written_to_its_own_object(
+    play: Play, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drive = generic(Mode.CYCLIC_TORQUE, mode_object=0x6060 + 0x800)
+    with play(drive, GENERIC) as player:
+        player.set(enable=True)
+        player.until(lambda: player.a.start_up == FAILED)  # the drive has one axis only
+    assert "object 0x6860:00 of slave 1" in capfd.readouterr().err
+
+
 def test_a_quick_stop_is_brought_to_its_end_and_left_without_a_jump(
     play: Play, record: Record
 ) -> None:
@@ -156,6 +166,25 @@ def test_a_quick_stop_is_brought_to_its_end_and_left_without_a_jump(
     rows = list(filter(commanded, record(GENERIC)))
     assert any(int(row["control"]) == 0x02 for row in rows)
     assert max(abs(row["target_position"] - row["position"]) for row in rows) < 10_000
+
+
+def test_a_quick_stop_of_one_sample_stops_a_drive_that_would_hold(
+    play: Play, drives: Daemon
+) -> None:
+    drives.ctl("sdo-write", str(GENERIC), "0x605A", "0", "6")
+    try:
+        with play(generic(Mode.CYCLIC_VELOCITY), GENERIC) as player:
+            player.reference = lambda time: 30.0
+            player.enable()
+            player.until(lambda: player.a.w > 25)
+            player.set(quick_stop=True)
+            player.step()
+            player.set(quick_stop=False)
+            player.until(lambda: player.a.state == State.SWITCH_ON_DISABLED)
+            assert abs(player.a.w) < 2
+            player.disable()
+    finally:
+        drives.ctl("sdo-write", str(GENERIC), "0x605A", "0", "2")
 
 
 def test_a_quick_stop_that_holds_the_drive(play: Play, drives: Daemon) -> None:

@@ -45,7 +45,7 @@ def test_the_drive_of_the_reference_plant() -> None:
     assert (drive.name, drive.instance) == ("GoldGCONDrive", "goldGCONDrive")
     assert drive.mode == "EtherCAT.Types.DriveMode.CyclicVelocity"
     assert len(drive.modes) == 6
-    assert drive.mode_by_sdo == 0
+    assert drive.mode_object == 0
     assert drive.missing == drive.unused == ()
     lines = {c.target: c.source for c in drive.connections}
     assert lines["slave.targetVelocity"] == "cia402.targetVelocity"
@@ -67,7 +67,7 @@ def test_a_position_drive_that_gets_its_mode_by_sdo() -> None:
     ]
     assert "final modeInProcessData = false" in drive.modifiers
     assert "final useVelocity = false" in drive.modifiers
-    assert drive.mode_by_sdo == 1
+    assert drive.mode_object == 0x6060
     assert drive.entries == "ECATM_HAS_POSITION"
 
 

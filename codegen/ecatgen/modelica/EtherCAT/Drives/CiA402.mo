@@ -3,6 +3,9 @@ block CiA402 "State machine and conversions of a drive with the device profile C
   extends EtherCAT.Interfaces.DriveParameters;
 
   parameter Integer position(min = 0) = 0 "Position of the drive on the bus, 0 first";
+  parameter Integer axis(min = 1, max = 8) = 1
+    "Axis of the drive: its objects are 0x800*(axis - 1) behind those that are named here"
+    annotation (Dialog(group = "Process data"));
   parameter Boolean modeInProcessData = true
     "= true, if modeOfOperation is connected to 0x6060; = false: the mode is written by SDO"
     annotation (choices(checkBox = true), Dialog(group = "Process data"));
@@ -113,8 +116,8 @@ protected
   parameter EtherCAT.Objects.Drive drive = EtherCAT.Objects.Drive(
     etherCATMaster.master, position, mode, reference,
     (if useModeDisplay then 1 else 0) + (if usePosition then 2 else 0) + (if useVelocity then 4 else 0) + (if useTorque then 8 else 0) + (if useCurrent then 16 else 0),
-    not modeInProcessData, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent,
-    tau_max, approachSpeed, standstillSpeed, maxDropout, startUp) "State machine";
+    if modeInProcessData then 0 else 24672 + 2048*(axis - 1), encoderResolution, gearRatio,
+    velocityScale, ratedTorque, ratedCurrent, tau_max, approachSpeed, standstillSpeed, maxDropout, startUp) "State machine";
   Modelica.Blocks.Interfaces.RealInput reference_internal
     "Needed to connect to conditional connectors";
   Modelica.Blocks.Interfaces.BooleanInput quickStop_internal
@@ -215,7 +218,8 @@ the next enabling is like the first one.
 <tr><td>Fault</td><td>128 (fault reset) after a rising edge, else 0</td><td>0</td></tr>
 </table>
 <p>
-While <code>quickStop</code> is true the control word is 2. The drive stops as its object 0x605A says, and
+While <code>quickStop</code> is true the control word is 2, and if that was short, until the drive leaves its
+operation. The drive stops as its object 0x605A says, and
 is enabled again when <code>quickStop</code> is false and <code>enable</code> still true. A fault is reset by
 a rising edge of <code>faultReset</code>, which stays true until the drive has reset it; without that
 connector by a rising edge of <code>enable</code>, also by one that came before the fault was seen. One edge resets
@@ -237,12 +241,14 @@ of <code>startUp</code> is <code>{index, subindex, Integer(DataType), value}</co
 Connect what the drive has, and say by <code>useTorque</code> and the like what it does not have. Without
 velocity, <code>w</code> is the difference of positions per time; torque and current stand in for each
 other. Positions are counted on when the 32 bits of the drive overflow. <code>phi</code> is zero where the
-position of the drive is. The gear has no losses: <code>tau</code> is the torque of the motor times
+position of the drive is. A drive with several axes has one block of this class for each, all
+connected to the one block of the slave; <code>axis</code> says which it is. The gear has no losses: <code>tau</code> is the torque of the motor times
 <code>gearRatio</code>.
 </p>
 <p>
 A controller may stand between the outputs and the reference: the reference takes no part in what is
-measured, so there is no algebraic loop.
+measured, so there is no algebraic loop. An integrator in it counts up while the drive does not follow, and
+the reference jumps when it does: hold or reset it until <code>enabled</code> is true.
 </p>
 <p>
 <strong>Before you simulate with real hardware</strong>, set <code>encoderResolution</code>,

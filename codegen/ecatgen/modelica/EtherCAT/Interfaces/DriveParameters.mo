@@ -31,7 +31,7 @@ partial block DriveParameters "Parameters of a drive with the device profile CiA
     "Rated current of the motor, 1000 in the process data (0x6075)"
     annotation (Dialog(group = "Motor and gear"));
   parameter Modelica.Units.SI.Torque tau_max(min = 0) = ratedTorque
-    "Largest torque of the motor, written to 0x6072 where that is in the process data"
+    "Largest torque of the motor: of all targets of the torque, and for 0x6072 where that is in the process data"
     annotation (Dialog(group = "Motor and gear"));
 
   parameter Integer startUp[:, 4] = fill(0, 0, 4)

@@ -9,7 +9,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input EtherCAT.Types.DriveReference reference "What the reference of a position means";
     input Integer entries
       "What is mapped: 1 mode display + 2 position + 4 velocity + 8 torque + 16 current";
-    input Boolean modeBySDO "= true, if the mode is written by SDO, not with the process data";
+    input Integer modeObject "Object by which the mode is written, 0 if it is in the process data";
     input Real encoderResolution "Increments per revolution of the motor";
     input Real gearRatio "Revolutions of the motor per revolution of the output";
     input Real velocityScale "Raw velocity at one revolution of the motor per second";
@@ -22,7 +22,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input Integer startUp[:, 4]
       "Objects to write before the drive is enabled: index, subindex, data type, value";
     output Drive drive "Drive";
-    external "C" drive = ecatm_drive_open(master, position, mode, reference, entries, modeBySDO, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2))
+    external "C" drive = ecatm_drive_open(master, position, mode, reference, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2))
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -7,6 +7,7 @@ type DriveReference = enumeration(
 <p>
 Neither lets a drive jump when it is enabled. <code>Relative</code>: the target is the actual angle plus
 what the reference has moved since. <code>Absolute</code>: the target begins at the actual angle and goes
-to the reference with <code>approachSpeed</code>; once there, it follows the reference without limit.
+to the reference with <code>approachSpeed</code>; once there, it follows the reference without limit. In profile position it is the drive that limits the
+speed, by its object 0x6081.
 </p>
 </html>"));

@@ -27,7 +27,11 @@ approached with a limited speed; see <a href=\"modelica://EtherCAT.Types.DriveRe
 <li>Set what the library cannot know: increments of the encoder for one revolution, gear ratio, rated torque
 and rated current. The objects 0x608F, 0x6076 and 0x6075 of most drives have them; <code>ecatctl sdo-read</code>
 shows them.</li>
-<li>Limit the torque, and begin with a speed that harms nobody.</li>
+<li>Limit the torque by <code>tau_max</code>, or in the drive where its process data have no 0x6072 and the mode is not
+one of torque. Begin with a speed that harms nobody.</li>
+<li>Hold integrators of controllers in the model until <code>enabled</code> is true.</li>
+<li>A fault that is there at the start is reset when <code>enable</code> is true, unless <code>useFaultReset</code> gives
+that to an input of its own. After a quick stop the drive is enabled again as long as <code>enable</code> is true.</li>
 <li>Watch <code>valid</code> and the state of the drive in the first simulation, with <code>enable</code>
 false.</li>
 </ol>

@@ -43,13 +43,13 @@ typedef struct ecatm_drive_settings {
   int mode;                      /* enum ecatm_drive_mode */
   int reference;                 /* enum ecatm_drive_reference, of positions */
   int entries;                   /* enum ecatm_drive_entries, added up */
-  int mode_by_sdo;               /* the mode 0x6060 is not in the process data */
+  int mode_object;               /* by which the mode is written, or 0: it is in the process data */
   double encoder;                /* increments per revolution of the motor */
   double gear;                   /* revolutions of the motor per revolution of the output */
   double velocity_scale;         /* raw velocity at one revolution of the motor per second */
   double rated_torque;           /* of the motor in N.m, 1000 in 0x6071, 0x6072 and 0x6077 */
   double rated_current;          /* in A, 1000 in 0x6078 */
-  double max_torque;             /* of the motor in N.m, for 0x6072 */
+  double max_torque;             /* of the motor in N.m, for 0x6072 and targets */
   double approach_speed;         /* rad/s of the output, on the way to an absolute position */
   double standstill_speed;       /* rad/s of the output: a quick stop is over below it */
   double max_dropout;            /* seconds without valid data that are bridged */
@@ -71,6 +71,7 @@ typedef struct ecatm_drive_view {
 /* What command() remembers. */
 typedef struct ecatm_drive_order {
   int word;                      /* 0x6040 */
+  int stopping;                  /* a quick stop was asked for, and the drive may not know it yet */
   int reset_input;               /* input of the fault reset */
   int reset_pending;             /* a fault may be reset */
   int following;                 /* the target comes from the reference */
@@ -103,7 +104,7 @@ ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mod
   settings->reference = ECATM_RELATIVE;
   settings->entries = ECATM_HAS_MODE_DISPLAY | ECATM_HAS_POSITION | ECATM_HAS_VELOCITY |
                       ECATM_HAS_TORQUE | ECATM_HAS_CURRENT;
-  settings->mode_by_sdo = 0;
+  settings->mode_object = 0;
   settings->encoder = settings->velocity_scale = encoder;
   settings->gear = 1;
   settings->rated_torque = settings->rated_current = settings->max_torque = 1;
@@ -143,6 +144,8 @@ ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
     return "ratedCurrent must be positive";
   if (!(s->max_torque >= 0)) return "tau_max must not be negative";
   if (!(s->approach_speed > 0)) return "approachSpeed must be positive";
+  if (!(s->standstill_speed >= 0)) return "standstillSpeed must not be negative";
+  if (!(s->max_dropout >= 0)) return "maxDropout must not be negative";
   return NULL;
 }
 
@@ -156,12 +159,12 @@ typedef struct ecatm_drive_table {
 ECATM_FUNCTION void *ecatm_drive_list(void *object, int position,
                                       const ecatm_drive_settings *settings, const int *table,
                                       size_t rows) {
-  size_t row = sizeof(int) * ECATM_LIST_COLUMNS, first = settings->mode_by_sdo != 0;
+  size_t row = sizeof(int) * ECATM_LIST_COLUMNS, first = settings->mode_object != 0;
   ecatm_drive_table *all =
       (ecatm_drive_table *)ecatm_new((ecatm_master *)object, sizeof *all + rows * row);
   void *list;
   if (all == NULL) return NULL;
-  all->rows[0][0] = 0x6060;
+  all->rows[0][0] = settings->mode_object;
   all->rows[0][2] = 2; /* INTEGER8 */
   all->rows[0][3] = settings->mode;
   if (rows > 0) memcpy((char *)all->rows + first * row, table, rows * row);
@@ -194,7 +197,7 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position,
 /* The constructor in Modelica; see ecatm_drive_settings. `mode` is the number of an
  * EtherCAT.Types.DriveMode. */
 ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int reference,
-                                      int entries, int mode_by_sdo, double encoder, double gear,
+                                      int entries, int mode_object, double encoder, double gear,
                                       double velocity_scale, double rated_torque,
                                       double rated_current, double max_torque,
                                       double approach_speed, double standstill_speed,
@@ -206,7 +209,7 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int 
   settings.mode = mode >= 1 && mode <= 6 ? modes[mode - 1] : 0;
   settings.reference = reference;
   settings.entries = entries;
-  settings.mode_by_sdo = mode_by_sdo;
+  settings.mode_object = mode_object;
   settings.encoder = encoder;
   settings.gear = gear;
   settings.velocity_scale = velocity_scale;

@@ -188,6 +188,14 @@ ECATM_FUNCTION int ecatm_drive_hold(double value, double low, double high) {
   return (int)(value < low ? low : value > high ? high : value);
 }
 
+/* A target of the torque in 1/1000 of the rated one, within the largest torque: not every drive has
+ * 0x6072 in its process data. */
+ECATM_FUNCTION int ecatm_drive_torque(const ecatm_drive_settings *s, double reference) {
+  double most = s->max_torque / s->rated_torque * 1000;
+  if (most > 32767) most = 32767;
+  return ecatm_drive_hold(reference / s->gear / s->rated_torque * 1000, -most, most);
+}
+
 /* The start-up list is written on a rising edge of this: when the drive is there (again), and after a
  * refusal when it is enabled again. */
 ECATM_FUNCTION int ecatm_drive_asks(const ecatm_drive *drive, int enable) {
@@ -205,7 +213,7 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   ecatm_drive *drive = (ecatm_drive *)object;
   const ecatm_drive_settings *s = &drive->settings;
   ecatm_drive_order *now = &drive->order;
-  double speed, force = 0;
+  double speed;
   ecatm_drive_step(drive, time);
   *now = drive->order_before;
   now->reset_input = fault_reset;
@@ -213,7 +221,10 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   if (drive->view.connected && drive->view.state < ECATM_FAULT_REACTION_ACTIVE)
     now->reset_pending = 0;
   now->start_up = ecatm_sdo_list_write(drive->list, time, order, ecatm_drive_asks(drive, enable));
-  now->word = ecatm_drive_word(drive, enable && now->start_up == ECATM_SDO_DONE, quick_stop);
+  /* However short it was asked for: until the drive leaves its operation. */
+  now->stopping = quick_stop || (drive->order_before.stopping &&
+                                 drive->view.state == ECATM_OPERATION_ENABLED);
+  now->word = ecatm_drive_word(drive, enable && now->start_up == ECATM_SDO_DONE, now->stopping);
   now->following = drive->view.enabled && now->word == 0x0F;
   if (now->following && !ecatm_finite(reference)) {
     ModelicaFormatError("EtherCAT: the reference of the drive of slave %d is not a finite number",
@@ -231,12 +242,10 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   speed = ecatm_drive_velocities(s->mode) ? drive->view.velocity : 0;
   if (now->following && ecatm_drive_velocities(s->mode))
     speed = reference * s->gear / ECATM_TWO_PI * s->velocity_scale;
-  if (now->following && ecatm_drive_torques(s->mode))
-    force = reference / s->gear / s->rated_torque * 1000;
   *mode = ecatm_drive_mode_now(drive);
   *position = now->set_point;
   *velocity = ecatm_drive_hold(speed, -2147483647.0, 2147483647.0);
-  *torque = ecatm_drive_hold(force, -32767, 32767);
+  *torque = now->following && ecatm_drive_torques(s->mode) ? ecatm_drive_torque(s, reference) : 0;
   *start_up = now->start_up;
   *max_torque = ecatm_drive_hold(s->max_torque / s->rated_torque * 1000, 0, 65535);
   return now->word;
