@@ -76,6 +76,12 @@ def test_entries_repeat_for_each_channel(tmp_path: Path) -> None:
     assert kinds == ["Real", "Real", "Integer", "Integer", "Integer", "Integer"]
 
 
+@pytest.mark.parametrize("vendor", ["9" * 5000, "0x" + "F" * 5000, "[" * 5000])
+def test_values_beyond_all_measure_are_refused(tmp_path: Path, vendor: str) -> None:
+    with pytest.raises(ConfigError, match=r"a.toml: has a value beyond all measure"):
+        of(tmp_path, f'[[device]]\ndescription = "x"\nproduct = [1]\nvendor = {vendor}\n')
+
+
 def test_a_profile_of_the_user_wins(tmp_path: Path) -> None:
     text = """[[device]]
 description = "EL3008 set to 0.001 V a digit"

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Iterator
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.config.reader import Reader, Rules
+from ecatd.model.config.reader import Reader, Rules, file_text, parse_toml
 from ecatd.model.errors import ConfigError
 
 from ..units import QUANTITIES, is_unit
@@ -87,27 +86,12 @@ def user_devices(folders: Iterable[Path]) -> Iterator[DeviceProfile]:
 
 def _folder(folder: Path) -> Iterator[DeviceProfile]:
     for file in sorted(folder.glob("*.toml")):
-        yield from _file(file)
+        yield from _devices(file_text(file), str(file))
 
 
-def _file(file: Path) -> Iterator[DeviceProfile]:
-    try:
-        text = file.read_text("utf-8")
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
-    return _devices(text, str(file))
-
-
-def _devices(text: str, source: str) -> Iterator[DeviceProfile]:
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source}: is no valid TOML: {error}") from error
-    except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
-        raise ConfigError(f"{source}: has a value beyond all measure: {error}") from error
-    return _DeviceReader(Reader(source, text, _TOP), source).read(data)
+def _devices(text: str, source: str) -> list[DeviceProfile]:
+    reader = Reader(source, text, _TOP)
+    return parse_toml(text, source, lambda data: list(_DeviceReader(reader, source).read(data)))
 
 
 class _DeviceReader:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
-from ..errors import ConfigError, UsageError
+from ..errors import UsageError
 from .outputs import read_outputs, read_signals
-from .reader import Reader, Rules
+from .reader import Reader, Rules, file_text, parse_toml
 from .slaves import POSITION_MAX, SYNC_MAX_US, check_clocks, read_domains
 from .tables import (
     RECOVERY_MODES,
@@ -85,17 +84,9 @@ def load_config(file: Path) -> Config:
     Raises:
         ConfigError: The file cannot be read, is no TOML, or has a wrong key or value.
     """
-    try:
-        text = file.read_text("utf-8")
-        return _read(Reader(str(file), text, _TOP), tomllib.loads(text))
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file}: is no valid TOML: {error}") from error
-    except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
-        raise ConfigError(f"{file}: has a value beyond all measure: {error}") from error
+    text = file_text(file)
+    reader = Reader(str(file), text, _TOP)
+    return parse_toml(text, str(file), lambda data: _read(reader, data))
 
 
 def check_bus_name(name: str) -> str:

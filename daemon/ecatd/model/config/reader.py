@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Collection, Iterator
-from typing import Any, NoReturn
+import tomllib
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
 
 from ..errors import ConfigError
 
+T = TypeVar("T")
 Rules = dict[str, tuple[type, float, float]]
 """Key -> (type, smallest, largest); bounds count for numbers only. `object`: checked elsewhere."""
 
@@ -21,6 +24,40 @@ _TYPE_WORDS = {
     dict: "a table",
     list: "an array",
 }
+
+
+def file_text(file: Path) -> str:
+    """The text of a file.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    try:
+        return file.read_text("utf-8")
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
+
+
+def parse_toml(text: str, source: str, read: Callable[[dict[str, Any]], T]) -> T:
+    """What a function reads out of TOML.
+
+    Args:
+        text: The TOML.
+        source: How messages name it.
+        read: Gets the maps in it.
+
+    Raises:
+        ConfigError: It is no TOML; or what the function raises.
+    """
+    try:
+        return read(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{source}: is no valid TOML: {error}") from error
+    # Thousands of digits, or of brackets; those of hexadecimal numbers are met when one is shown.
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{source}: has a value beyond all measure: {error}") from error
 
 
 def shown(value: Any) -> str:
