@@ -1,24 +1,16 @@
 """The conventions of the Modelica Standard Library, in every class of our libraries."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from ecatd.model.bus import Bus
 from ecatgen import generate
 from ecatgen.checks import check_conventions, sample_buses
 
-BUSES: dict[str, Callable[[], Bus]] = {
-    "troll": sample_buses.troll,
-    "awkward": sample_buses.awkward,
-    "empty": lambda: Bus("ecat0", 1000, []),
-}
 
-
-@pytest.mark.parametrize("bus", BUSES)
+@pytest.mark.parametrize("bus", sample_buses.ALL)
 def test_generated_libraries(tmp_path: Path, bus: str) -> None:
-    generate(BUSES[bus](), "Plant", tmp_path)
+    generate(sample_buses.ALL[bus](), "Plant", tmp_path)
     assert list(check_conventions(tmp_path / "Plant")) == []
 
 

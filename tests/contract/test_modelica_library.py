@@ -2,7 +2,7 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,18 +24,12 @@ from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 LIBRARY = "Plant"
-BUSES: dict[str, Callable[[], Bus]] = {
-    "troll": sample_buses.troll,
-    "awkward": sample_buses.awkward,
-    "axes": sample_buses.axes,
-    "empty": lambda: Bus("ecat0", 1000, []),
-}
 
 
-@pytest.fixture(scope="module", params=BUSES)
+@pytest.fixture(scope="module", params=sample_buses.ALL)
 def out(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp(request.param)
-    generate(BUSES[request.param](), LIBRARY, folder)
+    generate(sample_buses.ALL[request.param](), LIBRARY, folder)
     return folder
 
 

@@ -2,31 +2,22 @@
 
 import shlex
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from conftest import Daemon
-from ecatd.model.bus import Bus
 from ecatgen import generate
 from ecatgen.checks import sample_buses
 from openmodelica import OpenModelica, needs_omc
 
 pytestmark = [needs_omc, pytest.mark.timeout(900)]
 
-BUSES: dict[str, Callable[[], Bus]] = {
-    "troll": sample_buses.troll,
-    "awkward": sample_buses.awkward,
-    "axes": sample_buses.axes,
-    "empty": lambda: Bus("ecat0", 1000, []),
-}
 
-
-@pytest.fixture(scope="module", params=BUSES)
+@pytest.fixture(scope="module", params=sample_buses.ALL)
 def omc(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> OpenModelica:
     folder = tmp_path_factory.mktemp(request.param)
-    generate(BUSES[request.param](), "Plant", folder / "libraries")
+    generate(sample_buses.ALL[request.param](), "Plant", folder / "libraries")
     return OpenModelica(folder, folder / "libraries", "Plant")
 
 

@@ -104,6 +104,15 @@ def axes() -> Bus:
     )
 
 
+def empty() -> Bus:
+    """A bus without slaves."""
+    return Bus("ecat0", 1000, [])
+
+
+ALL = {"troll": troll, "awkward": awkward, "axes": axes, "empty": empty}
+"""All of them by name."""
+
+
 def _drive(position: int) -> Slave:
     i8, i16, i32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
     u16 = DataType.UNSIGNED16

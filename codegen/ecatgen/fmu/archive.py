@@ -11,7 +11,9 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from ecatd.model.errors import NotPermittedError, StateError
+from ecatd.model.errors import StateError
+
+from ..output.failures import failures_in_words
 
 _TIME = (1980, 1, 1, 0, 0, 0)  # the first one that a ZIP file can have
 _MARK = b"ecatgen "
@@ -45,23 +47,14 @@ def write(path: Path, data: bytes, *, check: bool = False) -> bool:
             or the disk is full.
         NotPermittedError: The directory cannot be written.
     """
-    try:
+    with failures_in_words(path):
         if os.path.lexists(path):
             if path.is_file() and path.read_bytes() == data:
                 return False
             _check_ours(path)
-        if check:
-            return True
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _replace(path, data)
-    except PermissionError as error:
-        raise NotPermittedError(
-            f"{error.filename or path} cannot be written: {error.strerror}"
-        ) from error
-    except (FileExistsError, NotADirectoryError) as error:
-        raise StateError(f"{error.filename or path} is in the way: it is no directory") from error
-    except OSError as error:
-        raise StateError(f"{error.filename or path} cannot be made: {error.strerror}") from error
+        if not check:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _replace(path, data)
     return True
 
 

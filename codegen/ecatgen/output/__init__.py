@@ -5,6 +5,8 @@ folder   what is in the folder of a package now, and which of it is ours (the ma
 order    package.order with the classes of the user behind the generated ones
 plan     what is written, removed and kept; what stands in the way
 swap     the new folder is made beside the old one, and then takes its place
+failures what is said where that cannot be done
+report   what was done
 ```
 """
 

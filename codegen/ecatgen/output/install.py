@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from ecatd.model.errors import NotPermittedError, StateError
-
 from . import swap
+from .failures import failures_in_words
 from .folder import MANIFEST, Tree, read_folder
 from .plan import Plan, make_plan, refuse
 from .report import Report
@@ -40,30 +38,15 @@ def install(
             still there.
         NotPermittedError: The directory cannot be written.
     """
-    try:
+    with failures_in_words(out, "read" if check else "written"), ExitStack() as stack:
         if not check:
             out.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            if out.is_dir():
-                stack.enter_context(swap.locked(out, shared=check))
-            if not check:
-                swap.clean_up(out)
-            plans = {name: make_plan(read_folder(out / name), packages[name]) for name in packages}
-            copies = {} if check else _carry_out(plans, force=force)
-    except PermissionError as error:
-        what = "read" if check else "written"
-        raise NotPermittedError(
-            f"{error.filename or out} cannot be {what}: {error.strerror}"
-        ) from error
-    except (FileExistsError, NotADirectoryError) as error:
-        raise StateError(f"{error.filename or out} is in the way: it is no directory") from error
-    except OSError as error:
-        if error.errno in (errno.EXDEV, errno.EBUSY):
-            raise StateError(
-                f"{error.filename or out} cannot be replaced, for it is a mount point or comes "
-                "with the image of a container: choose another directory"
-            ) from error
-        raise StateError(f"{error.filename or out} cannot be made: {error.strerror}") from error
+        if out.is_dir():
+            stack.enter_context(swap.locked(out, shared=check))
+        if not check:
+            swap.clean_up(out)
+        plans = {name: make_plan(read_folder(out / name), packages[name]) for name in packages}
+        copies = {} if check else _carry_out(plans, force=force)
     return _report(out, library, plans, copies)
 
 
