@@ -109,8 +109,9 @@ static void experiment(double seconds) {
     last = cycle;
     if (n % every == 0) show_progress(time, seconds, r->w_m);
   }
-  fprintf(stderr, "\n%s after %.3f s: %d samples, %d bus cycles left out\n",
-          interrupted ? "interrupted" : "finished", run.count * SAMPLE_TIME, run.count, skipped);
+  /* Each sample waits for the next cycle: a machine that is too busy takes longer than the model's time. */
+  fprintf(stderr, "\n%s: %d samples in %d bus cycles, %d of which were left out\n",
+          interrupted ? "interrupted" : "finished", run.count, run.count + skipped, skipped);
 
   TrollPlant_Drives_GoldGCONDrive_close(&drive);
 }
