@@ -86,16 +86,24 @@ def _whole(part: Part) -> Box:
 
 
 def _wires_cross(scene: Scene) -> Iterator[str]:
+    blocks = [
+        (part.name, part.box.grown(-_EDGE)) for part in scene.parts.values() if not part.connector
+    ]
+    texts = [
+        (part.name, item.text, _ink(item))
+        for part in scene.parts.values()
+        for item in part.items
+        if isinstance(item, Label)
+    ]
     for wire in scene.wires:
         for a, b in pairwise(wire.points):
             segment = box_of((a, b))
-            for part in scene.parts.values():
-                inside = min(segment.overlap(part.box.grown(-_EDGE))) >= 0
-                if inside and not part.connector:
-                    yield f"{_name(wire)} crosses {part.name}"
-                for label in part.items:
-                    if isinstance(label, Label) and min(segment.overlap(_ink(label))) >= 0:
-                        yield f"{_name(wire)} crosses the text {label.text!r} of {part.name}"
+            for name, box in blocks:
+                if min(segment.overlap(box)) >= 0:
+                    yield f"{_name(wire)} crosses {name}"
+            for name, text, box in texts:
+                if min(segment.overlap(box)) >= 0:
+                    yield f"{_name(wire)} crosses the text {text!r} of {name}"
 
 
 def _wires_coincide(scene: Scene) -> Iterator[str]:
