@@ -1,4 +1,4 @@
-"""Libraries on file systems of their own: full ones, and mount points."""
+"""Libraries on file systems of their own: full ones, those that may only be read, and mount points."""
 
 import subprocess
 import sys
@@ -45,7 +45,16 @@ def test_a_full_disk(tmp_path: Path) -> None:
         str(tmp_path),
     )
     assert said[0] == said[2] == "1000 ['Plant']"
-    assert said[1] == f"{tmp_path} cannot be made: No space left on device"
+    assert said[1] == f"{tmp_path} cannot be written: No space left on device"
+
+
+def test_a_disk_that_may_only_be_read(tmp_path: Path) -> None:
+    said = run(
+        'mount -t tmpfs tmpfs "$1"; install "$1" 1; mount -o remount,ro "$1"; install "$1" 2',
+        str(tmp_path),
+    )
+    assert said[0] == said[2] == "1 ['Plant']"
+    assert said[1] == f"{tmp_path} cannot be written: Read-only file system"
 
 
 def test_a_mount_point(tmp_path: Path) -> None:

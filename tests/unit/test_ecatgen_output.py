@@ -323,7 +323,9 @@ def test_a_file_in_the_place_of_the_directory(tmp_path: Path) -> None:
 @pytest.mark.unprivileged
 def test_a_directory_that_cannot_be_written(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    with pytest.raises(NotPermittedError, match="cannot be written: Permission denied"):
+    with pytest.raises(
+        NotPermittedError, match=rf"^{tmp_path} cannot be written: Permission denied"
+    ):
         put(tmp_path, a="1")
 
 

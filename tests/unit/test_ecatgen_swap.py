@@ -167,7 +167,7 @@ def test_a_disk_that_is_full(tmp_path: Path) -> None:
     )
     said = ended.stderr.strip().splitlines()[-1]
     assert said.startswith("ecatd.model.errors.StateError: ")
-    assert said.endswith("cannot be made: File too large")
+    assert said.endswith("cannot be written: File too large")
     assert (tmp_path / "Plant" / "a").read_text() == "1"
     assert names_in(tmp_path) == ["Plant"]
 

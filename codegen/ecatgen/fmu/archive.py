@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ecatd.model.errors import StateError
 
-from ..output.failures import failures_in_words
+from ..output.failures import TEMPORARY, failures_in_words
 
 _TIME = (1980, 1, 1, 0, 0, 0)  # the first one that a ZIP file can have
 _MARK = b"ecatgen "
@@ -96,7 +96,7 @@ def _check_ours(path: Path) -> None:
 
 def _replace(path: Path, data: bytes) -> None:
     """Writes a file beside its place and moves it there, so that nobody sees a half."""
-    number, name = tempfile.mkstemp(prefix=".ecatgen-", dir=path.parent)
+    number, name = tempfile.mkstemp(prefix=TEMPORARY, dir=path.parent)
     try:
         with os.fdopen(number, "wb") as file:
             file.write(data)

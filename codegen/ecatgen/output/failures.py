@@ -9,6 +9,9 @@ from pathlib import Path
 
 from ecatd.model.errors import NotPermittedError, StateError
 
+TEMPORARY = ".ecatgen-"
+"""What the names begin with under which something is written, before it takes its place."""
+
 
 @contextmanager
 def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
@@ -26,7 +29,7 @@ def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
         yield
     except PermissionError as error:
         raise NotPermittedError(
-            f"{error.filename or place} cannot be {verb}: {error.strerror}"
+            f"{_named(error, place)} cannot be {verb}: {error.strerror}"
         ) from error
     except (FileExistsError, NotADirectoryError) as error:
         raise StateError(f"{error.filename or place} is in the way: it is no directory") from error
@@ -36,4 +39,10 @@ def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
                 f"{error.filename or place} cannot be replaced, for it is a mount point or comes "
                 "with the image of a container: choose another directory"
             ) from error
-        raise StateError(f"{error.filename or place} cannot be made: {error.strerror}") from error
+        raise StateError(f"{_named(error, place)} cannot be {verb}: {error.strerror}") from error
+
+
+def _named(error: OSError, place: Path) -> str:
+    """What the system complains about, unless nobody knows that name."""
+    name = str(error.filename or place)
+    return str(place) if any(part.startswith(TEMPORARY) for part in Path(name).parts) else name

@@ -20,10 +20,10 @@ from pathlib import Path
 
 from ecatd.model.errors import StateError
 
+from .failures import TEMPORARY
 from .folder import parents, read_folder
 from .plan import Plan
 
-_PREFIX = ".ecatgen-"
 _NEW, _OLD = "new", "old"
 _PATIENCE = 30.0
 _LOOK = 0.05
@@ -75,7 +75,7 @@ def clean_up(out: Path) -> None:
     Where folders cannot be exchanged in one step, such a run may have moved one away: it comes
     back.
     """
-    for stage in sorted(out.glob(f"{_PREFIX}*")):
+    for stage in sorted(out.glob(f"{TEMPORARY}*")):
         if not stage.is_dir() or not {path.name for path in stage.iterdir()} <= {_NEW, _OLD}:
             continue  # not one of ours
         for old in (stage / _OLD).glob("*"):
@@ -94,7 +94,7 @@ def replace(plan: Plan) -> dict[str, str]:
         OSError: It does not work; the folder is as it was.
     """
     folder = plan.folder.path
-    stage = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder.parent))
+    stage = Path(tempfile.mkdtemp(prefix=TEMPORARY, dir=folder.parent))
     new, old = stage / _NEW / folder.name, stage / _OLD / folder.name
     try:
         old.parent.mkdir()
