@@ -1,4 +1,4 @@
-"""Libraries on file systems of their own: full ones, those that may only be read, and mount points."""
+"""Libraries on file systems of their own: full, read-only, mount points."""
 
 import subprocess
 import sys

@@ -169,6 +169,22 @@ def test_a_drive_is_known_by_its_entries() -> None:
             "7: device.entry.raw: two points must differ",
         ),
         (
+            HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1]\nphysical = [-1e308, 1e308]\n",
+            "7: device.entry.raw: two points so far apart make a scale of inf",
+        ),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1e308]\nphysical = [0, 1e-100]\n",
+            "7: device.entry.raw: two points so far apart make a scale of 0.0",
+        ),
+        (
+            HEADER + f"[[device.entry]]\nindex = 1\nraw = [0, {10**400}]\nphysical = [0, 1]\n",
+            "has a value beyond all measure",
+        ),
+        (
+            HEADER + f"[[device.entry]]\nindex = 1\nscale = {10**400}\n",
+            "has a value beyond all measure",
+        ),
+        (
             HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1]\nphysical = [0, 1]\nscale = 2\n",
             "9: device.entry.scale: is given twice",
         ),

@@ -205,7 +205,10 @@ class _DeviceReader:
         if raw0 == raw1 or physical0 == physical1:
             self._fail("raw", "two points must differ in raw and in physical")
         scale = (physical1 - physical0) / (raw1 - raw0)
-        return scale, physical0 - raw0 * scale
+        offset = physical0 - raw0 * scale
+        if not math.isfinite(scale) or scale == 0 or not math.isfinite(offset):
+            self._fail("raw", f"two points so far apart make a scale of {scale}")
+        return scale, offset
 
     def _pair(self, values: dict[str, Any], key: str) -> tuple[float, float]:
         pair = values.get(key, [])

@@ -55,8 +55,9 @@ def parse_toml(text: str, source: str, read: Callable[[dict[str, Any]], T]) -> T
         return read(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{source}: is no valid TOML: {error}") from error
-    # Thousands of digits, or of brackets; those of hexadecimal numbers are met when one is shown.
-    except (ValueError, RecursionError) as error:
+    # Thousands of digits, or of brackets; those of hexadecimal numbers are met when one is shown,
+    # and hundreds of them where a number with a point is wanted.
+    except (ValueError, OverflowError, RecursionError) as error:
         raise ConfigError(f"{source}: has a value beyond all measure: {error}") from error
 
 
