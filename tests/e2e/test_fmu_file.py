@@ -113,6 +113,15 @@ def test_the_same_bus_gives_the_same_bytes(fmi: int, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "one").iterdir()] == ["Plant.fmu"]
 
 
+def test_another_fmu_of_the_same_bus_is_told_as_such(tmp_path: Path) -> None:
+    assert generate_fmu(sample_buses.troll(), "Plant", tmp_path, 2).details() == []
+    report = generate_fmu(sample_buses.troll(), "Plant", tmp_path, 3, check=True)
+    assert report.to_dict()["generator"] is True
+    (line,) = report.details()
+    assert line.startswith("the bus is the same: ecatd, the version of FMI")
+    assert generate_fmu(sample_buses.troll(), "Plant", tmp_path, 2).to_dict()["generator"] is False
+
+
 def test_files_of_others_are_kept(tmp_path: Path) -> None:
     file = tmp_path / "Plant.fmu"
     generate_fmu(sample_buses.troll(), "Plant", tmp_path)

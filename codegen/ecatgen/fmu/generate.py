@@ -34,6 +34,7 @@ class FmuReport:
         outputs: Number of outputs of the FMU.
         is_change: Whether the file is new or another one than before.
         differences: What is different on the bus since the file was made, by slave and connector.
+        otherwise: Whether the file is another one though nothing of that is different.
     """
 
     fmu: Path
@@ -43,6 +44,7 @@ class FmuReport:
     outputs: int
     is_change: bool
     differences: tuple[Difference, ...] = ()
+    otherwise: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """The report as data, for JSON."""
@@ -54,10 +56,15 @@ class FmuReport:
             "outputs": self.outputs,
             "changed": self.is_change,
             "differences": [item.to_dict() for item in self.differences],
+            "generator": self.otherwise,
         }
 
     def details(self) -> list[str]:
         """What is different, a sentence a line."""
+        if self.otherwise:
+            return [
+                "the bus is the same: ecatd, the version of FMI or a profile is not what it was"
+            ]
         return lines(self.differences)
 
     def summary(self) -> str:
@@ -123,6 +130,7 @@ def generate_fmu(
         outputs=sum(item.causality == "output" for item in fmu.variables),
         is_change=changed,
         differences=differences,
+        otherwise=changed and before is not None and not differences,
     )
 
 
