@@ -20,8 +20,8 @@ the library again with the command in the message, or put the right slave back.
 <tr><td>slave ... has no input ..., but this library uses it</td><td>Its process data are mapped otherwise.
 Generate the library again.</td></tr>
 <tr><td>entry ... has ... bits ..., but this library was generated for ...</td><td>The same.</td></tr>
-<tr><td>output ... of slave ... belongs to ...</td><td>Another program writes it. End that
-first.</td></tr>
+<tr><td>output ... of slave ... belongs to ...</td><td>Another program writes it: end that
+first. If it is this one, a second EtherCATMaster of the model does.</td></tr>
 <tr><td>two blocks of this model write the outputs of slave ...</td><td>Remove one of them.</td></tr>
 <tr><td>... did not sample in time and lost its outputs ...</td><td>The simulation was slower than the
 <code>lease</code> of the EtherCATMaster, or paused. The outputs are safe. Start again; make the model
