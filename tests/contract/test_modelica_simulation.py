@@ -225,9 +225,11 @@ def recorded_troll(folder: Path) -> Iterator[tuple[str, Path]]:
         for line in process.stderr:
             if "is in OP" in line:
                 break
-        yield bus, record
-        process.terminate()
-        process.communicate()
+        try:
+            yield bus, record
+        finally:
+            process.terminate()
+            process.communicate()
 
 
 def crossing(times: list[float], values: list[float], level: float) -> float:
