@@ -45,7 +45,7 @@ def test_the_bus_of_an_exported_fmu_is_a_parameter(omc: OpenModelica, troll: Dae
         str(fmu),
         validate=False,
         fmi_type="CoSimulation",
-        stop_time=1,
+        stop_time=1.5,  # more than a period of 0.8 Hz
         output_interval=0.001,
         start_values={"etherCATMaster.bus": troll.bus},
         output=["el3008.y[8]"],
