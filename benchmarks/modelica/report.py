@@ -11,12 +11,12 @@ from .targets import targets
 TITLE = "Models"
 
 _HOW = """\
-One sample of a model in which every slave of the bus has its block: wait, the state of each slave, \
-all reads, all writes, a commit. Each slave has two inputs and two outputs of 32 bits. *Blocks* are the \
-calls of the blocks of a generated library, made from C; *plain* is the least that a program in C \
-can do: a sample, the same reads and writes by handle, and one commit. Both go through the same \
-connection, in turns of 100; ratios are medians over neighbouring turns. The engine exchanges at \
-1 kHz meanwhile."""
+One sample of a model in which every slave of the bus has its block: wait, the state of each \
+slave, all reads, all writes, a commit. Each slave has two inputs and two outputs of 32 bits. \
+*Blocks* are the calls of the blocks of a generated library, made from C; *plain* is the least \
+that a program in C can do: a sample, the same reads and writes by handle, and one commit. Both go \
+through the same connection, in turns of 100; ratios are medians over neighbouring turns. The \
+engine exchanges at 1 kHz meanwhile."""
 
 _TRANSLATED = """\
 *OpenModelica* is a whole model of these blocks, translated and run free-running by OpenModelica: \
