@@ -235,7 +235,7 @@ BAD = [
     (read(0x1000, T.UNSIGNED32, slave=-1), "slave -1, index 4096, subindex 0 is no object"),
     (read(0x10000, T.UNSIGNED32), "slave 0, index 65536, subindex 0 is no object"),
     (read(0, T.UNSIGNED32, text="0x6060.00"), '"0x6060.00" is no object: write it as'),
-    (read(0, T.UNSIGNED32, text="0x6060:"), "is no object: write it as"),
+    (read(0, T.UNSIGNED32, text="0x6060:"), '"0x6060:" is no object: write it as'),
     (read(0, T.UNSIGNED32, text="0x16060:00"), "is no object: write it as"),
     (read(0x2008, T.REAL32), "the dataType cannot be 0x0008: an Integer needs an integer type"),
     (read(0x1008, T.VISIBLE_STRING, Has.REAL), "a Real needs the type of a number"),

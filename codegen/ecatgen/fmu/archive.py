@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
 from ecatd.model.errors import StateError
+from ecatd.model.whole_file import write_whole
 
 from ..output.failures import TEMPORARY, failures_in_words
 
@@ -54,7 +54,7 @@ def write(path: Path, data: bytes, *, check: bool = False) -> bool:
             _check_ours(path)
         if not check:
             path.parent.mkdir(parents=True, exist_ok=True)
-            _replace(path, data)
+            write_whole(path, data, TEMPORARY)
     return True
 
 
@@ -92,18 +92,3 @@ def _check_ours(path: Path) -> None:
             f"{path} was not made by this program, or was changed since: move it away, or choose "
             "another directory; nothing was written"
         )
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Writes a file beside its place and moves it there, so that nobody sees a half."""
-    number, name = tempfile.mkstemp(prefix=TEMPORARY, dir=path.parent)
-    try:
-        with os.fdopen(number, "wb") as file:
-            file.write(data)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod(0o666 & ~mask)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink()
-        raise

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-import tempfile
-from contextlib import suppress
 from pathlib import Path
 
 from ecatd.model.bus import Bus
 from ecatd.model.bus_file import dump
 from ecatd.model.errors import NotPermittedError, StateError
+from ecatd.model.whole_file import write_whole
 from ecatd.version import VERSION
 
 from .bus_source import get_bus
@@ -60,27 +58,8 @@ def save(path: Path, text: str) -> None:
         if path.exists() and not path.is_file():  # /dev/stdout, a pipe
             path.write_text(text, "utf-8")
             return
-        target = path.resolve()  # of a link: what it leads to
-        fd, name = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
-        try:
-            with os.fdopen(fd, "w", encoding="utf-8") as file:
-                file.write(text)
-            Path(name).chmod(_mode(target))
-            Path(name).replace(target)
-        except BaseException:
-            with suppress(OSError):
-                Path(name).unlink()
-            raise
+        write_whole(path, text.encode(), f".{path.name}-")
     except PermissionError as error:
         raise NotPermittedError(f"{path} cannot be written: {error.strerror}") from error
     except OSError as error:
         raise StateError(f"{path} cannot be written: {error.strerror}") from error
-
-
-def _mode(path: Path) -> int:
-    """The rights of a file that is there, else those that a new one gets."""
-    with suppress(OSError):
-        return path.stat().st_mode & 0o777
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask

@@ -125,8 +125,6 @@ ECATM_FUNCTION int ecatm_drive_torques(int mode) {
   return mode == ECATM_PROFILE_TORQUE || mode == ECATM_CYCLIC_TORQUE;
 }
 
-ECATM_FUNCTION int ecatm_finite(double value) { return value - value == 0; }
-
 /* The first parameter that cannot be, or NULL. */
 ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
   if (!ecatm_drive_positions(s->mode) && !ecatm_drive_velocities(s->mode) &&

@@ -161,9 +161,11 @@ ECATM_FUNCTION int ecatm_pdo_resolve(ecatm_node *node) {
   return 0;
 }
 
+ECATM_FUNCTION int ecatm_finite(double value) { return value - value == 0; }
+
 /* Whether physical values can be computed with these numbers. */
 ECATM_FUNCTION int ecatm_is_scale(double scale, double offset) {
-  return fabs(scale) > 0 && scale - scale == 0 && offset - offset == 0;
+  return scale != 0 && ecatm_finite(scale) && ecatm_finite(offset);
 }
 
 /* An entry in the process data of a slave. `type` (CoE data type) and `bits` are those of the bus

@@ -209,12 +209,13 @@ ECATM_FUNCTION void ecatm_sdo_check_type(int type, int value) {
 
 /* Index and subindex of a text such as "0x6060:00", both hexadecimal; an empty text changes nothing. */
 ECATM_FUNCTION void ecatm_sdo_parse(const char *text, int *index, int *subindex) {
+  const char *number = text;
   char *end = NULL;
   unsigned long numbers[2] = {0, 0};
   if (*text == '\0') return;
-  numbers[0] = strtoul(text, &end, 16);
-  if (end != text && *end == ':') numbers[1] = strtoul(text = end + 1, &end, 16);
-  if (end == text || *end != '\0' || numbers[0] > 0xFFFF || numbers[1] > 0xFF) {
+  numbers[0] = strtoul(number, &end, 16);
+  if (end != number && *end == ':') numbers[1] = strtoul(number = end + 1, &end, 16);
+  if (end == number || *end != '\0' || numbers[0] > 0xFFFF || numbers[1] > 0xFF) {
     ModelicaFormatError("EtherCAT: \"%.40s\" is no object: write it as \"0x6060:00\", index and "
                         "subindex in hexadecimal", text);
     return;
@@ -239,7 +240,7 @@ ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, int index, int s
                         "period must be positive", (unsigned)index, (unsigned)subindex, position, period);
     return NULL;
   }
-  if (!(fabs(scale) > 0) || scale - scale != 0 || offset - offset != 0) {
+  if (!ecatm_is_scale(scale, offset)) {
     ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
                         "of %g: the scale must be a finite number other than 0", (unsigned)index,
                         (unsigned)subindex, position, scale, offset);
