@@ -26,6 +26,9 @@ pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(900)]
 
 DRIVE, DIGITAL_OUTPUTS = 0, 3
 
+AL_OP = 6
+"""Number of the element of EtherCAT.Types.ALState."""
+
 
 @pytest.fixture(scope="module")
 def omc(tmp_path_factory: pytest.TempPathFactory, troll: Daemon) -> OpenModelica:
@@ -113,7 +116,8 @@ def test_the_pace_of_a_model_without_a_bus(omc: OpenModelica) -> None:
     available = "synchronizeRealtime.availableTime"
     early = [row[available] for row in rows if 1 < row["time"] < 1.9]
     late = [row[available] for row in rows if row["time"] > 2.1]
-    assert 0 < statistics.median(early) < 1.5e-3 < statistics.median(late) < 2.5e-3
+    # Never more than a sample time is left; on a busy machine few samples have so much.
+    assert 0 < max(early) < 1.5e-3 < max(late) < 2.5e-3
     assert rows[-1]["synchronizeRealtime.missed"] < len(rows)
 
 
@@ -150,7 +154,11 @@ def test_the_block_of_ones_own_of_the_users_guide(omc: OpenModelica, troll: Daem
 def test_all_slaves(omc: OpenModelica, troll: Daemon) -> None:
     rows = simulate(omc.build("TrollPlant.Examples.AllSlaves"), 1)
     assert any(len(changes(rows, name)) > 10 for name in rows[0] if name.startswith("el3008."))
-    assert all(row["el1018.valid"] for row in rows if row["time"] > 0.1)
+    assert rows[-1]["el1018.alState"] == AL_OP
+    counters = ("etherCATMaster.workingCounter", "etherCATMaster.workingCounterExpected")
+    whole = [row for row in rows if row[counters[0]] == row[counters[1]] > 0]
+    assert len(whole) > len(rows) / 2  # a busy machine loses a frame now and then
+    assert [row for row in rows if row["el1018.valid"]] == whole
 
 
 def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, troll: Daemon) -> None:
