@@ -89,16 +89,29 @@ static int find_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   return 0;
 }
 
+/* Whether a client may rightly have other outputs in mind than it has: it learns only at the end that
+ * the daemon is stopping, and a change of its claims may still wait for its turn. */
+static int is_out_of_date(const cyclic_t *c, uint32_t number) {
+  uint32_t claim_seq;
+  off_t bell = (off_t)c->out.doorbells_offset + (off_t)(number * sizeof(ecat_out_doorbell)) +
+               (off_t)offsetof(ecat_out_doorbell, claim_seq);
+  if (__atomic_load_n(&c->make_safe, __ATOMIC_RELAXED)) return 1;
+  return pread(c->out_fd, &claim_seq, sizeof claim_seq, bell) == (ssize_t)sizeof claim_seq &&
+         claim_seq != c->slot[number].claim_seq;
+}
+
 /* Takes the newest commit over. */
 static void take_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   struct slot *slot = &c->slot[number];
   const ecat_out_image *image = (const void *)c->slot_image;
   if (!find_image(c, number, seq)) return;
-  slot->commit_seq = image->seq;
   if (image->first != slot->first || image->bytes != slot->bytes) {
+    if (is_out_of_date(c, number)) return; /* looked at again in the next cycle */
+    slot->commit_seq = image->seq;
     refuse(c, number);
     return;
   }
+  slot->commit_seq = image->seq;
   slot->commit_ns = image->commit_ns;
   slot->sample_cycle = image->sample_cycle;
   cyclic_outputs_take(c, number, (const uint64_t *)(const void *)(image + 1));

@@ -6,6 +6,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +16,9 @@ import pytest
 from test_client_death import build
 
 from conftest import Daemon, wait_for
+from ecatd.client import Outputs
+from ecatd.model.errors import EcatError
+from handle import ESTALE, Handle
 
 pytestmark = pytest.mark.bus
 
@@ -145,3 +149,43 @@ def test_random_requests(start_daemon: Callable[..., Daemon], hostile: Path) -> 
     daemon, reached = attack(start_daemon, hostile, "requests", PAGES)
     assert reached["lost_claims"] == 0
     assert daemon.stop() == 0
+
+
+def test_who_goes_on_while_the_daemon_stops_is_not_accused(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    """A program hears of the end only when it is there, and commits until then."""
+    daemon = start_daemon("troll")
+    with daemon.client() as owner:
+        owner.claim(3, lease=0.5)
+        owner.signal(3, 0x7000, 1).raw = 1
+        daemon.process.terminate()
+        with pytest.raises(EcatError, match="the daemon has ended"):
+            while True:
+                owner.commit()
+    assert daemon.stop() == 0
+    assert f"(pid {os.getpid()}) owned them" in daemon.log
+    assert "no client library writes" not in daemon.log
+
+
+def test_who_committed_before_its_release_was_seen_is_not_accused(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    """Where the daemon stood still, it sees both at once."""
+    daemon = start_daemon("troll", config="[gateway]\nlisten = []\n[outputs]\nlease_max_ms = 60000")
+    server = daemon.child_pid("ecatd.bus")
+    with Handle(daemon.bus) as owner, daemon.client() as eye:
+        lamp = owner.bind(3, 0x7000, 1, 1)
+        assert owner.claim(0, 60.0) == 0
+        assert owner.claim(3, 60.0) == 0
+        os.kill(server, signal.SIGSTOP)
+        try:
+            assert owner.release(0) == ESTALE
+            assert owner.write(lamp, 1.0) == 0
+            assert owner.commit() == 0
+        finally:
+            os.kill(server, signal.SIGCONT)
+        # What it has committed goes out, nevertheless.
+        wait_for(lambda: eye.output("3/0x7000:01").state is Outputs.ACTIVE, daemon)
+    assert daemon.stop() == 0
+    assert "no client library writes" not in daemon.log
