@@ -97,6 +97,18 @@ def test_the_bus_server_never_sees_the_network() -> None:
     assert not wrong
 
 
+def test_esi_files_are_read_by_the_commands_and_the_simulator_only() -> None:
+    assert importers("ecatd.esi")
+    allowed = ("ecatd.esi", "ecatd.cli", "ecatsim")
+    assert all(module.startswith(allowed) for module in importers("ecatd.esi"))
+    needed = {
+        name
+        for module, name in imports()
+        if module.startswith("ecatd.esi") and name.split(".")[0] in ROOTS
+    }
+    assert all(name.startswith(("ecatd.esi", "ecatd.model")) for name in needed)
+
+
 @pytest.mark.parametrize(("package", "others"), [("segment", ()), ("stats", ("ecatd.segment",))])
 def test_what_reads_the_segment_needs_nobody(package: str, others: tuple[str, ...]) -> None:
     allowed = ("ecatd.model", "ecatd.file_locks", f"ecatd.{package}", *others)
@@ -120,6 +132,7 @@ def test_generator_and_simulator_use_the_model_only() -> None:
         and name.startswith("ecatd")
         and not name.startswith(allowed)
         and not (module == "ecatsim.capture" and name.startswith("ecatd.bus."))  # it is a master
+        and not (module.startswith("ecatsim") and name.startswith("ecatd.esi"))
     }
     assert not wrong
 

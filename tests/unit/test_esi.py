@@ -5,11 +5,10 @@ from pathlib import Path
 import pytest
 from esi_sample import SAMPLE
 
+from ecatd.esi import EsiDevice, EsiEntry, choose, list_devices, read_device
 from ecatd.model.datatypes import DataType
+from ecatd.model.dictionary import ObjectCode
 from ecatd.model.errors import ConfigError
-from ecatd.model.esi import EsiDevice
-from ecatd.model.esi_dictionary import ARRAY, RECORD, VAR, EsiEntry
-from ecatd.model.esi_reader import choose, list_devices, read_device
 
 R, W, W_UP_TO_SAFEOP = 0x07, 0x38, 0x18
 
@@ -125,15 +124,15 @@ def test_objects(tmp_path: Path) -> None:
         *(0x6040, 0x6041),
     ]
     assert [(o.code, len(o.entries)) for o in objects.values()] == [
-        (VAR, 1),
-        (VAR, 1),
-        (VAR, 1),
-        (RECORD, 4),
-        (ARRAY, 4),
-        (VAR, 1),
-        (RECORD, 2),
-        (VAR, 1),
-        (VAR, 1),
+        (ObjectCode.VAR, 1),
+        (ObjectCode.VAR, 1),
+        (ObjectCode.VAR, 1),
+        (ObjectCode.RECORD, 4),
+        (ObjectCode.ARRAY, 4),
+        (ObjectCode.VAR, 1),
+        (ObjectCode.RECORD, 2),
+        (ObjectCode.VAR, 1),
+        (ObjectCode.VAR, 1),
     ]
     (name,) = objects[0x1008].entries
     assert (name.data_type, name.bits, name.default) == (DataType.VISIBLE_STRING, 48, b"Axis 2")

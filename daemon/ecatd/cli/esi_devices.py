@@ -8,10 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ecatd.esi import EsiChoice, choose, list_devices
 from ecatd.model.bus_file import read_text
 from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.esi import EsiChoice
-from ecatd.model.esi_reader import choose, list_devices
 
 _ITEM = re.compile(r"(?:(\d{1,4})\s*\*\s*)?(.+?)(?:\s*:\s*(0x[0-9A-Fa-f]{1,8}|\d{1,10}))?")
 _PRODUCT = re.compile(r"0x[0-9A-Fa-f]{1,8}")
@@ -116,9 +115,7 @@ def _find(wanted: _Wanted, files: dict[Path, list[EsiChoice]]) -> tuple[Path, Es
         (path, choice)
         for path, choices in files.items()
         for choice in choices
-        if wanted.type in (None, choice.type)
-        and wanted.product in (None, choice.product)
-        and wanted.revision in (None, choice.revision)
+        if choice.fits(wanted.type, wanted.product, wanted.revision)
     ]
     if len(fitting) == 1:
         return fitting[0]

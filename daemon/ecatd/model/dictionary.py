@@ -3,6 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+
+
+class Access(IntFlag):
+    """Access rights of an entry."""
+
+    READ = 0x07  # in PREOP, SAFEOP and OP
+    WRITE_PREOP = 0x08
+    WRITE = 0x38
+    RX_PDO = 0x40
+    TX_PDO = 0x80
+    BACKUP = 0x100  # kept for an exchange of the device
+    SETTING = 0x200  # part of the start-up parameters
+
+    RO = READ
+    RW = READ | WRITE
+    WO = WRITE
+
+
+class ObjectCode(IntEnum):
+    """Kind of an object (CiA 301)."""
+
+    VAR = 7
+    ARRAY = 8
+    RECORD = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,8 +38,7 @@ class DictionaryEntry:
         name: Its name.
         data_type: Its CoE data type index.
         bit_length: Its bits.
-        access: Its access rights: bits 0 to 2 reading and 3 to 5 writing in PREOP, SAFEOP and OP,
-            bits 6 and 7 mapping to RxPDOs and TxPDOs.
+        access: Its access rights: bits of `Access`, and whatever else the slave sets.
     """
 
     name: str
@@ -30,7 +54,7 @@ class DictionaryObject:
     Attributes:
         index: Its index.
         name: Its name.
-        code: Its kind: 7 variable, 8 array, 9 record.
+        code: Its kind: an `ObjectCode`, or whatever else the slave says.
         data_type: Its CoE data type index; of a record that of its structure.
         entries: Its entries by subindex.
     """

@@ -7,12 +7,19 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from ecatd.esi import (
+    EsiChoice,
+    EsiDevice,
+    EsiEntry,
+    EsiObject,
+    EsiPdo,
+    choose,
+    list_devices,
+    read_device,
+)
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import STRINGS, DataType
 from ecatd.model.errors import ConfigError, SdoAbortError, UsageError
-from ecatd.model.esi import EsiChoice, EsiDevice, EsiPdo
-from ecatd.model.esi_dictionary import EsiEntry, EsiObject
-from ecatd.model.esi_reader import choose, list_devices, read_device
 from ecatd.model.sii_check import check_sii, in_memory, is_description
 
 from ..slave import sii
@@ -205,11 +212,10 @@ class DeviceFromEsi(DeviceFromSii):
                 if item.index == _IDENTITY:
                     variable.value = before[entry.subindex].value
             entries[entry.subindex] = variable
-        code = ObjectCode(item.code)
-        kind = item.entries[-1].data_type if item.entries and code != ObjectCode.RECORD else 0
-        made = objects.record(item.index, item.name, [], code=code, type=kind)
+        kind = item.entries[-1].data_type if item.entries and item.code != ObjectCode.RECORD else 0
+        made = objects.record(item.index, item.name, [], code=item.code, type=kind)
         made.entries |= entries
-        if code != ObjectCode.VAR and made.entries[0].value == 0:
+        if item.code != ObjectCode.VAR and made.entries[0].value == 0:
             made.entries[0].value = made.max_subindex
 
 
@@ -220,7 +226,7 @@ def _variable(index: int, entry: EsiEntry) -> Variable:
         entry.name,
         entry.data_type,
         entry.bits,
-        Access(entry.access),
+        entry.access,
         value=_nothing(entry.data_type),
         unit=entry.unit,
     )

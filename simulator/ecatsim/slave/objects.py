@@ -5,37 +5,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from enum import IntEnum, IntFlag
 
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
+from ecatd.model.dictionary import Access as Access
+from ecatd.model.dictionary import ObjectCode as ObjectCode
 from ecatd.model.errors import ConfigError, SdoAbortError
 
 Value = int | float | str | bytes
-
-
-class Access(IntFlag):
-    """Access rights of an entry, coded as in the SDO information service."""
-
-    READ = 0x07  # in PREOP, SAFEOP and OP
-    WRITE_PREOP = 0x08
-    WRITE = 0x38
-    RX_PDO = 0x40
-    TX_PDO = 0x80
-    BACKUP = 0x100  # kept for an exchange of the device
-    SETTING = 0x200  # part of the start-up parameters
-
-    RO = READ
-    RW = READ | WRITE
-    WO = WRITE
-
-
-class ObjectCode(IntEnum):
-    """Kind of an object."""
-
-    VAR = 7
-    ARRAY = 8
-    RECORD = 9
 
 
 @dataclass(slots=True)

@@ -7,8 +7,10 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-from .datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
-from .esi_xml import Element
+from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
+from ecatd.model.dictionary import Access, ObjectCode
+
+from .xml import Element
 
 _TYPES = {
     "BIT": DataType.BOOLEAN,
@@ -46,16 +48,12 @@ _STATES = {"preop": 1, "safeop": 2, "op": 4}
 _ALL_STATES = 7
 _READS = {"ro": True, "rw": True, "wo": False}
 _WRITES = {"ro": False, "rw": True, "wo": True}
-_MAPPINGS = {"": 0, "r": 0x40, "t": 0x80, "rt": 0xC0, "tr": 0xC0}
-_BACKUP, _SETTING = 0x100, 0x200
+_MAPPABLE = Access.RX_PDO | Access.TX_PDO
+_MAPPINGS = {"": 0, "r": Access.RX_PDO, "t": Access.TX_PDO, "rt": _MAPPABLE, "tr": _MAPPABLE}
 _MAX_NESTING = 8
 _MAX_BITS = 1 << 20
 _MAX_NUMBER = 64
 _MAX_ENTRIES = 200_000
-_READ_ONLY = 0x07
-
-VAR, ARRAY, RECORD = 7, 8, 9
-"""Object codes (CiA 301)."""
 
 
 @dataclass(slots=True)
@@ -67,8 +65,7 @@ class EsiEntry:
         name: Name.
         data_type: Its data type.
         bits: Its size.
-        access: Access rights, coded as in the SDO information service: bits 0 to 2 reading and
-            3 to 5 writing in PREOP, SAFEOP and OP, 6 RxPDO, 7 TxPDO, 8 backup, 9 setting.
+        access: Access rights.
         default: Default as SDO data, or None.
         minimum: Smallest value as SDO data, or None.
         maximum: Largest value as SDO data, or None.
@@ -80,7 +77,7 @@ class EsiEntry:
     name: str
     data_type: DataType
     bits: int
-    access: int = _READ_ONLY
+    access: Access = Access.RO
     default: bytes | None = None
     minimum: bytes | None = None
     maximum: bytes | None = None
@@ -95,14 +92,14 @@ class EsiObject:
     Attributes:
         index: Index.
         name: Name.
-        code: `VAR`, `ARRAY` or `RECORD`.
+        code: Its kind.
         entries: Its entries in ascending order of their subindices.
         line: Line in the file.
     """
 
     index: int
     name: str
-    code: int
+    code: ObjectCode
     entries: list[EsiEntry] = field(default_factory=list)
     line: int = 0
 
@@ -170,7 +167,7 @@ class _Reader:
         else:
             size = element.number_of("BitSize", 0, high=_MAX_BITS)
             kind, bits = self._resolve(type_name, size, element)
-            entries, code = [EsiEntry(0, name, kind, bits, _access(flags))], VAR
+            entries, code = [EsiEntry(0, name, kind, bits, _access(flags))], ObjectCode.VAR
             entries[0].line = element.line
         info = element.find("Info")
         if info is not None:
@@ -182,16 +179,18 @@ class _Reader:
             element.fail(f"the dictionary has more than {_MAX_ENTRIES} entries")
         return EsiObject(index, name, code, entries, element.line)
 
-    def _members(self, definition: Element, flags: Element | None) -> tuple[list[EsiEntry], int]:
+    def _members(
+        self, definition: Element, flags: Element | None
+    ) -> tuple[list[EsiEntry], ObjectCode]:
         found: dict[int, EsiEntry] = {}
-        code = RECORD
+        code = ObjectCode.RECORD
         for item in definition.all("SubItem"):
             own = item.find("Flags")
             template = EsiEntry(0, item.name(), DataType.PADDING, 0, _access(own or flags))
             template.line = item.line
             array = self._types.get(item.text_of("Type"))
             if array is not None and _is_array(item, array):
-                code = ARRAY
+                code = ObjectCode.ARRAY
                 entries = self._elements(item, array, template)
             else:
                 size = item.number_of("BitSize", 0, high=_MAX_BITS)
@@ -246,11 +245,11 @@ def _is_array(item: Element, array: Element) -> bool:
     return array.find("ArrayInfo") is not None and not octets
 
 
-def _access(flags: Element | None) -> int:
+def _access(flags: Element | None) -> Access:
+    rights: int = Access.RO
     if flags is None:
-        return _READ_ONLY
+        return Access.RO
     access = flags.find("Access")
-    rights = _READ_ONLY
     if access is not None:
         text = access.text.lower() or "ro"
         if text not in _READS:
@@ -262,9 +261,9 @@ def _access(flags: Element | None) -> int:
         if mapping.text.lower() not in _MAPPINGS:
             mapping.fail(f"<PdoMapping> is '{mapping.text}': R, T and RT are allowed")
         rights |= _MAPPINGS[mapping.text.lower()]
-    for tag, bit in (("Backup", _BACKUP), ("Setting", _SETTING)):
+    for tag, bit in (("Backup", Access.BACKUP), ("Setting", Access.SETTING)):
         rights |= bit * bool(flags.number_of(tag, 0))
-    return rights
+    return Access(rights)
 
 
 def _states(access: Element, name: str) -> int:
@@ -279,9 +278,9 @@ def _states(access: Element, name: str) -> int:
     return sum(_STATES[word] for word in set(words)) or _ALL_STATES
 
 
-def _read_info(info: Element, entries: list[EsiEntry], code: int) -> None:
+def _read_info(info: Element, entries: list[EsiEntry], code: ObjectCode) -> None:
     """Defaults and limits: of a variable directly, else by the names of the entries."""
-    if code == VAR:
+    if code == ObjectCode.VAR:
         _read_values(info, entries[0])
         return
     by_name = {entry.name: entry for entry in reversed(entries)}

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
 
-from .errors import ConfigError
+from ecatd.model.errors import ConfigError
 
 MAX_BYTES = 128 << 20
 _MAX_DEPTH = 64

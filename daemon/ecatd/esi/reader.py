@@ -1,24 +1,18 @@
-"""Reading ESI files (ETG.2000).
-
-    choice = choose(list_devices(path), path, type="EL1004", revision=0x00130000)
-    device = read_device(path, choice)
-
-A file may hold hundreds of devices; only the chosen one is read completely. Modules for slots and
-dictionaries in other files are not read; `EsiDevice.slots` and `dictionary_file` tell of them.
-"""
+"""Reading ESI files: which devices a file has, and one of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .bus import Entry
-from .datatypes import DataType, type_of_bits
-from .errors import ConfigError
-from .esi import EsiChoice, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
-from .esi_dictionary import read_dictionary, simple_type
-from .esi_xml import Element, read_xml
-from .sii import UNASSIGNED
+from ecatd.model.bus import Entry
+from ecatd.model.datatypes import DataType, type_of_bits
+from ecatd.model.errors import ConfigError
+from ecatd.model.sii import UNASSIGNED
+
+from .device import EsiChoice, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
+from .dictionary import read_dictionary, simple_type
+from .xml import Element, read_xml
 
 _OUTLINE = (
     {"EtherCATInfo"},
@@ -75,13 +69,7 @@ def choose(
     Raises:
         ConfigError: None or several are meant; with the choices.
     """
-    fitting = [
-        item
-        for item in choices
-        if type in (None, item.type)
-        and product in (None, item.product)
-        and revision in (None, item.revision)
-    ]
+    fitting = [item for item in choices if item.fits(type, product, revision)]
     if len(fitting) == 1:
         return fitting[0]
     if not choices:

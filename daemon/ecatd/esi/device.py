@@ -1,14 +1,12 @@
-"""What ESI files say: the XML that vendors give with a slave (ETG.2000).
-
-`esi_reader` reads them.
-"""
+"""What an ESI file says of a device."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .bus import Pdo
-from .esi_dictionary import EsiObject
+from ecatd.model.bus import Pdo
+
+from .dictionary import EsiObject
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +26,14 @@ class EsiChoice:
     name: str
     product: int
     revision: int
+
+    def fits(self, type: str | None, product: int | None, revision: int | None) -> bool:
+        """Whether this is such a device; None fits any."""
+        return (
+            type in (None, self.type)
+            and product in (None, self.product)
+            and revision in (None, self.revision)
+        )
 
     def __str__(self) -> str:
         return f"{self.type} (product 0x{self.product:08X}, revision 0x{self.revision:08X})"
@@ -71,7 +77,7 @@ class EsiPdo(Pdo):
 
 @dataclass(slots=True)
 class EsiDcMode:
-    """An operation mode of the distributed clocks; times in ns, see `sii.SiiDc`."""
+    """An operation mode of the distributed clocks; times in ns, see `ecatd.model.sii.SiiDc`."""
 
     name: str
     description: str
