@@ -341,7 +341,10 @@ class Segment(Wire, Clocks):
         checked(self._lib.esc_map(self._handle, position, entry))
 
     def await_outputs(self, position: int) -> None:
-        """Asks for `Event.OUTPUTS` when the master next writes complete output data."""
+        """Asks for `Event.OUTPUTS` when the master has written complete output data.
+
+        Those count that came since `map`, or since the slave left OP.
+        """
         checked(self._lib.esc_await_outputs(self._handle, position))
 
     def get_outputs(self, now_ns: int) -> None:

@@ -30,7 +30,7 @@ enum esc_event_bits {
     ESC_MAILBOX_IN = 0x02,   /* the master wrote a mail (SM0 became full) */
     ESC_MAILBOX_OUT = 0x04,  /* the master read a mail (SM1 became empty) */
     ESC_MAILBOX_AGAIN = 0x08, /* the master toggled the repeat request of SM1 */
-    ESC_OUTPUTS = 0x10,      /* first process data outputs since `esc_await_outputs` */
+    ESC_OUTPUTS = 0x10,      /* there are process data outputs, see `esc_await_outputs` */
     ESC_WATCHDOG = 0x20,     /* the process data watchdog expired in OP */
     ESC_EEPROM = 0x40,       /* the master changed the SII image */
     ESC_RESET = 0x80,        /* the controller was reset: registers are as at power-on */
@@ -197,7 +197,8 @@ ESC_API int esc_mailbox_put(struct esc_segment *segment, int position, const uin
 /* Registers (or with NULL forgets) the process data of a slave. */
 ESC_API int esc_map(struct esc_segment *segment, int position,
                     const struct esc_process_data *map);
-/* Arms ESC_OUTPUTS for the next complete output data. */
+/* Arms ESC_OUTPUTS: it comes with complete output data; at once if there have been any since `esc_map`,
+ * or since OP was left. */
 ESC_API int esc_await_outputs(struct esc_segment *segment, int position);
 
 /* Copies the outputs of all mapped slaves to the image and runs the process data watchdogs to

@@ -170,10 +170,13 @@ int esc_set_al_status(struct esc_segment *segment, int position, uint16_t status
     store16(slave->memory + REG_AL_STATUS_CODE, code);
     if (status != before)
         registers_set_event(slave, ECAT_EVENT_AL, true);
-    if ((status & AL_STATE_MASK) == AL_OP && (before & AL_STATE_MASK) != AL_OP) {
+    bool is_op = (status & AL_STATE_MASK) == AL_OP, was_op = (before & AL_STATE_MASK) == AL_OP;
+    if (is_op && !was_op) {
         slave->fed = true; /* the time to the first output data counts from here */
         slave->expired = false;
     }
+    if (was_op && !is_op)
+        slave->has_outputs = false; /* the way back to OP needs new ones */
     leave(segment);
     return 0;
 }
@@ -248,6 +251,7 @@ int esc_map(struct esc_segment *segment, int position, const struct esc_process_
         result = -EINVAL;
     } else {
         slave->mapped = map != NULL;
+        slave->has_outputs = slave->awaits_outputs = false;
         slave->deadline_ns = 0;
         slave->fed = false;
         slave->expired = false;
@@ -263,7 +267,10 @@ int esc_await_outputs(struct esc_segment *segment, int position)
     struct slave *slave = enter(segment, position);
     if (slave == NULL)
         return -ENODEV;
-    slave->awaits_outputs = true;
+    if (slave->has_outputs)
+        pdi_event(slave, ESC_OUTPUTS);
+    else
+        slave->awaits_outputs = true;
     leave(segment);
     return 0;
 }

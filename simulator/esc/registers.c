@@ -96,7 +96,8 @@ void registers_power_on(struct slave *slave)
     store16(memory + REG_WATCHDOG_PDI, WATCHDOG_DEFAULT);
     store16(memory + REG_WATCHDOG_DATA, WATCHDOG_DEFAULT);
     memory[REG_WATCHDOG_STATUS] = 1;
-    slave->sm_interrupts = slave->protected = slave->awaits_outputs = false;
+    slave->sm_interrupts = slave->protected = false;
+    slave->has_outputs = slave->awaits_outputs = false;
     slave->fed = slave->expired = slave->pdi_expired = false;
     slave->deadline_ns = slave->pdi_ns = 0;
     slave->write_enabled = slave->esc_write_enabled = 0;

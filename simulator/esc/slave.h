@@ -130,7 +130,8 @@ struct slave {
     unsigned al_events;   /* AL event request but for sync managers and SYNC signals */
     bool sm_interrupts;   /* the master wants to know of sync managers in every datagram */
     bool protected;       /* register or ESC write protection is on */
-    bool awaits_outputs;
+    bool has_outputs;    /* output data have come since the way to SAFEOP, or back to it */
+    bool awaits_outputs; /* the device wants to know of them */
     bool watchdog;       /* a sync manager has the process data watchdog */
     bool fed;            /* process data watchdog: output data since the last look */
     bool expired;        /* process data watchdog */

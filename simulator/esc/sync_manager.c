@@ -127,6 +127,7 @@ void sm_written(struct slave *slave, struct sync_manager *sm)
     sm_hand_over(sm);
     if (sm->watchdog)
         slave->fed = true;
+    slave->has_outputs = true;
     if (slave->awaits_outputs) {
         slave->awaits_outputs = false;
         pdi_event(slave, ESC_OUTPUTS);

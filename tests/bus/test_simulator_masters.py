@@ -2,6 +2,7 @@
 
 import struct
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,26 @@ def test_pysoem_brings_troll_to_op():
         ["EL6751", 2, 0x1A5F3052, 0x00140000, 0, 0],
     ]
     assert found["counters"] == [8, 8, 8]
+
+
+def master_frugal():
+    """One exchange in SAFEOP, the request for OP, and nothing that would bring outputs again.
+
+    So `simple_ng` of SOEM begins; watchdogs are off, as its next exchange comes late.
+    """
+    master = open_pysoem()
+    counter = cycle(master)
+    master.state = OP
+    master.write_state()
+    for _ in range(1000):
+        if master.read_state() == OP:
+            break
+        time.sleep(0.001)
+    return counter, [slave.state for slave in master.slaves]
+
+
+def test_outputs_of_one_exchange_in_safeop_are_enough_for_op():
+    assert run("troll", master_frugal) == [8, [OP] * 8]
 
 
 def master_line():

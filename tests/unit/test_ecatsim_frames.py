@@ -386,14 +386,23 @@ def test_outputs_are_zero_outside_op(segment):
 
 def test_first_outputs_are_reported_once(segment):
     watchdog_rig(segment)
-    send(segment, APWR, 0, 0x1100, b"ab")
-    assert segment.wait(0) == []
     segment.await_outputs(0)
     send(segment, APWR, 0, 0x1100, b"a")
     assert segment.wait(0) == [], "not complete"
     send(segment, APWR, 0, 0x1100, b"ab")
     send(segment, APWR, 0, 0x1100, b"ab")
     assert segment.wait(0) == [(0, Event.OUTPUTS)]
+
+
+def test_outputs_may_come_before_they_are_awaited(segment):
+    watchdog_rig(segment)
+    send(segment, APWR, 0, 0x1100, b"ab")
+    assert segment.wait(0) == []
+    segment.await_outputs(0)
+    assert segment.wait(0) == [(0, Event.OUTPUTS)]
+    segment.set_al_status(0, 4, 0)
+    segment.await_outputs(0)
+    assert segment.wait(0) == [], "those of the last time in OP are gone"
 
 
 def test_lost_frames_and_empty_segment(segment):

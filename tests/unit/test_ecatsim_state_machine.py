@@ -170,6 +170,29 @@ def test_no_outputs():
     assert bench.pump().al() == (SAFEOP | ERROR, 0x19), "too late"
 
 
+def test_outputs_that_came_in_safeop_are_enough_for_op():
+    bench = Bench(Sample()).safeop()
+    bench.put(b"\7\0")
+    assert bench.pump().al() == (SAFEOP, 0)
+    bench.request(OP)
+    assert bench.pump().al() == (OP, 0)
+    assert bench.run().device[0x7000, 1] == 7
+
+
+def test_outputs_of_the_last_time_in_op_do_not_count():
+    bench = Bench(Sample()).safeop().op(b"\7\0")
+    assert bench.request(SAFEOP) == (SAFEOP, 0)
+    assert bench.request(OP) == (SAFEOP, 0)
+    assert bench.pump().al() == (SAFEOP, 0), "it waits for new ones"
+    bench.put(b"\7\0")
+    assert bench.pump().al() == (OP, 0)
+    bench.request(PREOP)
+    bench.set_process_data()
+    assert bench.request(SAFEOP) == (SAFEOP, 0)
+    assert bench.request(OP) == (SAFEOP, 0)
+    assert bench.run(1.1).al() == (SAFEOP | ERROR, 0x19)
+
+
 def test_watchdog_in_op():
     bench = Bench(Sample()).safeop().op(b"\7\0").run(0.05)
     assert bench.device[0x7000, 1] == 7
