@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import sys
 from pathlib import Path
-from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.config import load_config
@@ -19,11 +18,9 @@ LEVEL = "warning"
 
 
 class _Service(Supervisor):
-    async def _start_python(
-        self, module: str, settings: dict[str, Any]
-    ) -> asyncio.subprocess.Process:
+    async def _start_python(self, module: str) -> asyncio.subprocess.Process:
         ours = "benchmarks.masters.busy_bus" if module == "ecatd.bus" else module
-        return await super()._start_python(ours, settings)
+        return await super()._start_python(ours)
 
 
 if __name__ == "__main__":

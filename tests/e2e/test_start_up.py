@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from conftest import SHM, Daemon, one_line_error, run_module
+from conftest import SHM, Daemon, one_line_error, run_module, wait_for
+from ecatd.client.remote import Remote
+from ecatd.model.al import AlState
 
 RIGS = Path(__file__).parents[1] / "rigs"
 
@@ -228,6 +230,30 @@ def test_a_second_interface_where_the_rig_is_no_ring(start_daemon: Callable[...,
     daemon = start_daemon("line:1", config="second_interface = 'eth9'\n[gateway]\nlisten = []\n")
     told = "warning: second_interface = 'eth9' does nothing: rig 'line:1' is no ring, so there is "
     assert told in daemon.log
+
+
+def test_who_reads_that_the_bus_is_in_op_may_ask_for_it(
+    start_daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = start_daemon("line:1", ready=False)
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+    wait_for(lambda: "is in OP" in daemon.log, daemon)
+    with Remote(daemon.bus) as remote:
+        assert remote.states()[0]["al_state"] == AlState.OP
+
+
+def test_who_asks_a_daemon_that_starts_is_told_so(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:64", ready=False)
+    wait_for(lambda: "64 slaves found" in daemon.log, daemon)
+    server = daemon.child_pid("ecatd.bus")
+    os.kill(server, signal.SIGSTOP)
+    try:
+        result = daemon.ctl("state", check=False)
+    finally:
+        os.kill(server, signal.SIGCONT)
+    assert result.returncode == 3
+    said = one_line_error(result.stderr, "ecatctl")
+    assert said == f"the daemon of bus '{daemon.bus}' is still starting"
 
 
 def test_a_bus_of_one_slave(start_daemon: Callable[..., Daemon]) -> None:

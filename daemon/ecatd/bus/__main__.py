@@ -3,8 +3,9 @@
 It reads its settings as one JSON document from stdin: `config`, `interface` and `second_interface`
 (which may be those of a simulator instead of those of the configuration), `runtime_dir`,
 `namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent`
-and `log_level`. It writes `ready` to stdout when the bus is in OP. With `describe` it writes the
-description of the bus instead (`ecatd.model.bus_file`), and ends.
+and `log_level`. When the bus is in OP, it writes one line about it to stdout, which the service
+logs when the gateway answers, too. With `describe` it writes the description of the bus instead
+(`ecatd.model.bus_file`), and ends.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         if starting.done():
             starting.result()
             await control.open(server)
-            print("ready", flush=True)
+            print(server.summary, flush=True)
             monitor = asyncio.create_task(server.monitor())
             await stopping
             monitor.cancel()

@@ -74,6 +74,11 @@ class BusServer:
         """The description of the bus; its slaves are there when it has been read."""
         return self._up.bus
 
+    @property
+    def summary(self) -> str:
+        """The bus in one line, when it is in OP."""
+        return self._up.summary
+
     async def start(self) -> None:
         """Brings the bus to OP and publishes it.
 

@@ -26,6 +26,7 @@ from ecatd.model.errors import (
     UsageError,
 )
 from ecatd.paths import search_dirs, zenoh_socket
+from ecatd.segment.reader import opened
 from ecatd.stats import Snapshot, from_map
 from ecatd.wire import MAX_REPLY, pack, unpack
 
@@ -44,7 +45,7 @@ def _local_endpoint(bus: str) -> str:
     """The Unix socket of a daemon on this machine.
 
     Raises:
-        UnreachableError: There is none; the message says how to start one.
+        UnreachableError: There is none; the message says why, or how to start one.
     """
     for folder in search_dirs():
         path = zenoh_socket(folder, bus)
@@ -56,9 +57,31 @@ def _local_endpoint(bus: str) -> str:
         except PermissionError as error:
             if (shm.FOLDER / f"ecat.{bus}").exists():  # else none of these serves it
                 raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
+    raise _unserved(bus)
+
+
+def _unserved(bus: str) -> EcatError:
+    """Why no gateway of this machine answers for a bus."""
+    if (shm.FOLDER / f"ecat.{bus}").exists():
+        try:
+            with opened(bus) as segment:
+                if segment.alive:
+                    return _without_gateway(bus, segment.header().state)
+        except EcatError as error:  # it is still starting, for example
+            return error
     others = _running()
     hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
-    raise UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {START}")
+    return UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {START}")
+
+
+def _without_gateway(bus: str, state: int) -> EcatError:
+    """Why a daemon lives whose gateway does not: it ends first, or has failed."""
+    if state == shm.BusState.STOPPING:
+        return UnreachableError(f"the daemon of bus '{bus}' is stopping")
+    return UnreachableError(
+        f"the gateway of bus '{bus}' does not answer; ecatd starts it again by itself, while the "
+        f"bus runs on: try again in some seconds"
+    )
 
 
 def _running() -> list[str]:
@@ -102,9 +125,11 @@ class Remote:
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            hint = START if connect is None else "is it running, and does it listen there?"
+            if connect is None:
+                raise _unserved(bus) from error
             raise UnreachableError(
-                f"no ecatd answers for bus '{bus}' at {endpoint}; {hint}"
+                f"no ecatd answers for bus '{bus}' at {endpoint}; is it running, and does it "
+                f"listen there?"
             ) from error
 
     def close(self) -> None:
@@ -153,6 +178,8 @@ class Remote:
                 bus_key(self.bus, "alive"), timeout=min(self._timeout, 2.0)
             )
         )
+        if not alive and self._is_local:
+            return _unserved(self.bus)
         if not alive:
             return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {START}")
         silent = f"the daemon of bus '{self.bus}' gave no answer"

@@ -1,7 +1,8 @@
 """The process of the gateway: `python -m ecatd.gateway`, started by the service.
 
-Its settings come as one JSON document on stdin (see `ecatd.bus.__main__`); it writes `ready` to
-stdout when it answers. It has no capabilities, and the bus does not depend on it.
+Its settings come as one JSON document on stdin (see `ecatd.bus.__main__`), when the bus is in OP;
+it writes `ready` to stdout when it answers. It has no capabilities, and the bus does not depend on
+it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ecatd.process import die_with_parent, drop_rights, read_settings
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
-    from .gateway import Gateway
+    from .gateway import Gateway  # loaded already
 
     stop = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
@@ -39,9 +40,11 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
 def main() -> int:
     """Runs the gateway; the exit code says why it ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
+    drop_rights()  # before any thread, of which each has rights of its own
+    from . import gateway  # noqa: F401  it loads while the bus comes up
+
     settings = read_settings()
     die_with_parent(settings["parent"])
-    drop_rights()
     log = Log("ecatd", settings["log_level"])
     try:
         asyncio.run(_serve(settings, log))

@@ -1,7 +1,8 @@
 """Starts the processes of the daemon, watches them, and ends them in order.
 
-Simulator (if any), bus server, gateway: in this order up, and back in the other. The bus server or
-the simulator ending is the end of the daemon; the gateway is started again, unnoticed by the bus.
+Simulator (if any), bus server, gateway: in this order up, and back in the other. The daemon is
+ready when the bus is in OP and the gateway answers. The bus server or the simulator ending is the
+end of the daemon; the gateway is started again, unnoticed by the bus.
 """
 
 from __future__ import annotations
@@ -97,14 +98,19 @@ class Supervisor:
                 )
             settings["namespace_of"] = ready["pid"]
             fatal.append(simulator)
-        server = await self._start_python("ecatd.bus", settings)
+        server = await self._start_python("ecatd.bus")
+        _give(server, settings)
         if self._describe:
             await self._print_description(server)
             return
         fatal.append(server)
-        await self._ready(server)
-        gateway = await self._start_python("ecatd.gateway", settings)
+        # It loads while the bus comes up, and is told to begin when the bus is there.
+        gateway = await self._start_python("ecatd.gateway")
+        in_op = await self._ready(server)
+        _give(gateway, settings)
         await self._ready(gateway)
+        # Not before: whoever reads that the bus is in OP may ask for it.
+        self._log.info(in_op)
         notify("READY=1", f"STATUS=bus '{self._config.bus}' is in OP")
         await self._watch(fatal, gateway, settings)
 
@@ -141,9 +147,7 @@ class Supervisor:
             raise _EndedError(await child.wait() or 70)
         return child, json.loads(line)
 
-    async def _start_python(
-        self, module: str, settings: dict[str, Any]
-    ) -> asyncio.subprocess.Process:
+    async def _start_python(self, module: str) -> asyncio.subprocess.Process:
         # A session of its own: Ctrl-C reaches only this process, which ends the others in order.
         child = await asyncio.create_subprocess_exec(
             *_PYTHON,
@@ -153,16 +157,15 @@ class Supervisor:
             start_new_session=True,
         )
         self._children.append(child)
-        assert child.stdin is not None
-        child.stdin.write(json.dumps(settings).encode())
-        child.stdin.close()
         return child
 
-    async def _ready(self, child: asyncio.subprocess.Process) -> None:
+    async def _ready(self, child: asyncio.subprocess.Process) -> str:
+        """Waits until a child is ready; what it says then."""
         assert child.stdout is not None
         line = await self._or_stop(child.stdout.readline())
         if not line:
             raise _EndedError(_status(await child.wait()))
+        return line.decode().strip()
 
     async def _or_stop(self, work: Any) -> bytes:
         """The line that a child writes when it is ready; a signal meanwhile ends the daemon."""
@@ -209,7 +212,8 @@ class Supervisor:
                     f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"
                 )
                 self._children.remove(gateway)
-                gateway = await self._start_python("ecatd.gateway", settings)
+                gateway = await self._start_python("ecatd.gateway")
+                _give(gateway, settings)
                 gateway_end = asyncio.ensure_future(gateway.wait())
 
     async def _end(self) -> None:
@@ -225,6 +229,13 @@ class Supervisor:
                 self._log.error(f"process {child.pid} does not end; it is killed")
                 child.kill()
                 await child.wait()
+
+
+def _give(child: asyncio.subprocess.Process, settings: dict[str, Any]) -> None:
+    """Has a child begin: it waits for its settings."""
+    assert child.stdin is not None
+    child.stdin.write(json.dumps(settings).encode())
+    child.stdin.close()
 
 
 def _status(returncode: int) -> int:

@@ -90,6 +90,7 @@ class BringUp:
         wire: How long its frames are on the wire, from `map` on.
         clocks: The distributed clocks, from `map` on, where the configuration wants them.
         safe: What outputs are while nobody owns them, from `map` on.
+        summary: The bus in one line, when it is in OP.
     """
 
     def __init__(
@@ -113,6 +114,7 @@ class BringUp:
         self.wire: WireTime | None = None
         self.clocks: Clocks | None = None
         self.safe = SafeOutputs()
+        self.summary = ""
 
     def run(self) -> RunningBus:
         """Brings the bus to OP; blocks, and belongs on the mailbox worker.
@@ -128,7 +130,7 @@ class BringUp:
         master.reach(AlState.SAFEOP, self._config.state_timeout_s)
         self._reach_op(master, segment)
         engine.restart_counting()  # until now working counters could not be complete
-        self._tell(image)
+        self.summary = self._summarise(image)
         return RunningBus(
             self.bus,
             self._interfaces,
@@ -302,9 +304,9 @@ class BringUp:
         finish(wait_for_outputs(segment, self.bus, timeout, self._cancelled))
         master.reach(AlState.OP, timeout)
 
-    def _tell(self, image: Image) -> None:
+    def _summarise(self, image: Image) -> str:
         count = len(self.bus.slaves)
-        self._log.info(
+        return (
             f"bus '{self.bus.name}' is in OP: {count} slave{'s' * (count != 1)}, "
             f"{image.output_bytes} bytes of outputs, "
             f"{sum(domain.input_bytes for domain in image.domains)} of inputs, every "
