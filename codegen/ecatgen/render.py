@@ -19,6 +19,7 @@ from jinja2 import (
 )
 
 from ecatd.model.errors import ConfigError
+from ecatd.model.text_file import read_text
 
 from . import text
 from .ir import Library
@@ -66,12 +67,7 @@ def _check(folders: Iterable[Path], known: Sequence[str]) -> None:
                     f"{file}: there is no template of this name to replace; there are "
                     f"{', '.join(known)}"
                 )
-            try:
-                file.read_text("utf-8")
-            except UnicodeDecodeError as error:
-                raise ConfigError(f"{file}: is no UTF-8 text: {error}") from error
-            except OSError as error:
-                raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
+            read_text(file)
 
 
 def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]:

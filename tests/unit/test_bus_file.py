@@ -158,9 +158,9 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         large.truncate(1 << 27)
     for name, message in (
         ("none", "none: cannot be read: No such file"),
-        (".", "is no file"),
-        ("latin", "is no UTF-8 text"),
-        ("large", "too many for a bus description"),
+        (".", "cannot be read: Is a directory"),
+        ("latin", "latin:1: is no UTF-8 text"),
+        ("large", "has 134217728 bytes, but at most 67108864 are read"),
     ):
         with pytest.raises(UsageError, match=message):
             bus_file.load(tmp_path / name)

@@ -57,7 +57,7 @@ def test_a_template_that_replaces_nothing_is_told(tmp_path: Path) -> None:
 
 def test_a_template_that_cannot_be_read_is_told_with_its_folder(tmp_path: Path) -> None:
     (tmp_path / "block.mo.j2").write_bytes(b"\xff")
-    with pytest.raises(ConfigError, match=rf"^{tmp_path}/block\.mo\.j2: is no UTF-8 text: "):
+    with pytest.raises(ConfigError, match=rf"^{tmp_path}/block\.mo\.j2:1: is no UTF-8 text: "):
         render(LIBRARY, [tmp_path])
     other = tmp_path / "other"
     (other / "block.mo.j2").mkdir(parents=True)

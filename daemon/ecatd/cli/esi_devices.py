@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecatd.esi import EsiChoice, choose, list_devices
-from ecatd.model.bus_file import read_text
 from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.text_file import read_text
 
 _ITEM = re.compile(r"(?:(\d{1,4})\s*\*\s*)?(.+?)(?:\s*:\s*(0x[0-9A-Fa-f]{1,8}|\d{1,10}))?")
 _PRODUCT = re.compile(r"0x[0-9A-Fa-f]{1,8}")

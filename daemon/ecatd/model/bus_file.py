@@ -12,7 +12,6 @@ and compared. The same description gives the same bytes.
 from __future__ import annotations
 
 import json
-import stat
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,8 @@ from typing import Any
 from .bus import SCHEMA, Bus, Domain, Entry, Pdo, Slave
 from .bus_reader import read_bus
 from .errors import UsageError
+from .text_file import read_text
 
-_SIZE_MAX = 1 << 26
 _LISTS = ("outputs", "inputs", "entries")
 _DEFAULTS = {
     kind: {item.name: item.default for item in fields(kind) if item.name not in _LISTS}
@@ -72,26 +71,6 @@ def parse(text: str, source: str) -> Bus:
     except ValueError as error:
         raise UsageError(f"{source}: is no valid JSON: {error}") from None
     return read_bus(data, source)
-
-
-def read_text(path: Path) -> str:
-    """The text of a file that may be anything.
-
-    Raises:
-        UsageError: It cannot be read, is no text, or too large.
-    """
-    try:
-        info = path.stat()
-        if not stat.S_ISREG(info.st_mode):
-            raise UsageError(f"{path}: is no file")
-        if info.st_size > _SIZE_MAX:
-            raise UsageError(f"{path}: has {info.st_size} bytes, too many for a bus description")
-        return path.read_text("utf-8")
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: is no UTF-8 text: {error.reason}") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise UsageError(f"{path}: cannot be read: {reason}") from None
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, TypeVar
 
+from ecatd.model.toml_file import REQUIRED, Table, integer
+
 from ..core import Chip
 from ..slave.device import Device
 from ..slave.sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from . import sources
 from .device_objects import INPUTS, OUTPUTS, latin1
-from .tables import REQUIRED, Table, show
 
 T = TypeVar("T")
 Bounds = dict[str, tuple[int, int]]
@@ -218,29 +219,22 @@ def _variable_mapping(table: Table, key: str, known: dict[str, Any]) -> None:
     if type(table.data[key]) is not list:
         known[key] = table.boolean(key)
         return
-    indices = table.array(key)
-    for index in indices:
+    indices = table.elements(key)
+    for number, index in indices.data.items():
         if type(index) is not int or not (index in OUTPUTS or index in INPUTS):
-            table.fail(key, f"must be true, false or indices of PDOs, but has {show(index)} in it")
-    known[key] = tuple(indices)
+            indices.fail(number, f"must be the index of a PDO, not {indices.show(number)}")
+    known[key] = tuple(indices.data.values())
 
 
 def _mapping_limits(table: Table, key: str, known: dict[str, Any]) -> None:
-    limits = table.array(key)
-    right = len(limits) == 2 and all(
-        type(limit) is int and 0 <= limit <= _MAX_MAPPED for limit in limits
-    )
-    if not right:
-        table.fail(key, f"must be two numbers of bytes, of outputs and inputs, 0 to {_MAX_MAPPED}")
+    limits = table.array(key, integer(0, _MAX_MAPPED))
+    if len(limits) != 2:
+        table.fail(key, "must be two numbers of bytes: of outputs and of inputs")
     known[key] = (limits[0], limits[1])
 
 
 def _firmware_files(table: Table, key: str, known: dict[str, Any]) -> None:
-    names = table.array(key)
-    for name in names:
-        if type(name) is not str:
-            table.fail(key, f"must be a list of file names, but has {show(name)} in it")
-    known[key] = tuple(names)
+    known[key] = tuple(table.array(key, Table.text))
 
 
 def _files(table: Table, key: str, known: dict[str, Any]) -> None:

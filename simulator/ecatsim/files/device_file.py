@@ -12,14 +12,13 @@ from typing import Any
 
 from ecatd.model.bus import Pdo
 from ecatd.model.errors import ConfigError, EcatError
+from ecatd.model.toml_file import Table, read_toml
 
 from ..slave import sync_managers
 from ..slave.device import Device
 from ..slave.objects import Dictionary, Variable
 from ..slave.sii import SmType
 from . import device_attributes, device_objects, sources
-from .tables import Table
-from .tables import load as load_table
 
 _OTHERS = ("pdo", "object", "sii", "strict", "complete_dictionary")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
@@ -39,7 +38,7 @@ def load(path: Path) -> Device:
     Raises:
         ConfigError: The file cannot be used; the message names file, line and key.
     """
-    table = load_table(path)
+    table = read_toml(path)
     table.only(keys())
     return read(table, path.stem)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NoReturn
 
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import (
@@ -16,11 +15,11 @@ from ecatd.model.datatypes import (
     value_range,
 )
 from ecatd.model.errors import SdoAbortError
+from ecatd.model.toml_file import REQUIRED, Key, Table
 
 from ..slave import units
 from ..slave.objects import Access, Dictionary, ObjectCode, Value, Variable
 from ..slave.sii import UNASSIGNED
-from .tables import REQUIRED, Table, show
 
 PDO_KEYS = ("index", "name", "assigned", "sync_manager", "entry")
 ENTRY_KEYS = (
@@ -122,7 +121,7 @@ def _name(table: Table, default: str) -> str:
     return latin1(table, "name", table.text("name", default))
 
 
-def latin1(table: Table, key: str, text: str) -> str:
+def latin1(table: Table, key: Key, text: str) -> str:
     """A text of the slave, all of which is Latin-1 and not longer than a byte can count."""
     try:
         size = len(text.encode("latin-1"))
@@ -173,7 +172,7 @@ def _apply_variable(objects: Dictionary, table: Table, index: int) -> set[int]:
         table.fail("entry", "is missing: this object has entries, since PDOs or standards say so")
     old = objects.object(index).entries[0] if index in objects else None
     name = f"Object 0x{index:04X}"
-    entry = _variable(table, index, 0, old, name, REQUIRED)
+    entry = _variable(table, index, 0, old, name)
     if old is None:
         objects.record(index, entry.name, [], code=ObjectCode.VAR, type=entry.type)
     objects.object(index).entries[0] = entry
@@ -186,36 +185,23 @@ def _apply_array(objects: Dictionary, table: Table, index: int) -> set[int]:
             table.fail(key, "does not belong beside `values`, which make an array")
     if index in objects:
         table.fail("index", "follows from PDOs or standards; describe its entries with `entry`")
-    values = table.array("values")
-    if len(values) > 254:
-        table.fail("values", f"has {len(values)} values, but an array has at most 254")
-    names = table.array("names")
-    if names and len(names) != len(values):
-        table.fail("names", f"has {len(names)} names for {len(values)} values")
+    values = table.elements("values")
+    count = len(values.data)
+    if count > 254:
+        table.fail("values", f"has {count} values, but an array has at most 254")
+    names = table.array("names", lambda array, number: latin1(array, number, array.text(number)))
+    if names and len(names) != count:
+        table.fail("names", f"has {len(names)} names for {count} values")
+    names = names or [f"SubIndex {number:03d}" for number in range(1, count + 1)]
     kind = read_type(table)
-    members = []
-    for number, value in enumerate(values, 1):
-        row = {key: table.data[key] for key in _MEMBER_KEYS if key in table and key != "name"}
-        row |= {"value": value} | ({"name": names[number - 1]} if names else {})
-        # Mistakes in a value are reported where it stands.
-        one = _ArrayElement(table, row, number - 1)
-        members.append(_variable(one, index, number, None, f"SubIndex {number:03d}", REQUIRED))
+    common = {key: table.data[key] for key in _MEMBER_KEYS if key in table and key != "name"}
+    row = Table(table.document, common, table.path)
+    members = [
+        _variable(row, index, number + 1, None, name, element=(values, number))
+        for number, name in enumerate(names)
+    ]
     objects.record(index, f"Object 0x{index:04X}", members, code=ObjectCode.ARRAY, type=kind)
-    return set(range(len(members) + 1))
-
-
-class _ArrayElement(Table):
-    """One element of `values`, read as if it were a table of its own."""
-
-    def __init__(self, array: Table, row: dict[str, object], number: int) -> None:
-        super().__init__(array.document, row, array.path)
-        self._number = number
-
-    def fail(self, key: str, message: str) -> NoReturn:
-        """Names the element."""
-        many = {"value": "values", "name": "names"}.get(key)
-        path = (*self.path, many, self._number) if many else (*self.path, key)
-        self.document.fail(path, message)
+    return set(range(count + 1))
 
 
 def _apply_entries(objects: Dictionary, table: Table, index: int) -> set[int]:
@@ -249,9 +235,25 @@ def _apply_entries(objects: Dictionary, table: Table, index: int) -> set[int]:
 
 
 def _variable(
-    table: Table, index: int, subindex: int, old: Variable | None, name: str, type_default: object
+    table: Table,
+    index: int,
+    subindex: int,
+    old: Variable | None,
+    name: str,
+    type_default: object = REQUIRED,
+    element: tuple[Table, int] | None = None,
 ) -> Variable:
-    """An entry; the old one, changed, if there is one."""
+    """An entry; the old one, changed, if there is one.
+
+    Args:
+        table: Its table; for a member of an array, what all members have in common.
+        index: Index of its object.
+        subindex: Subindex.
+        old: The entry so far, or None.
+        name: Its name, if the table says none.
+        type_default: Its type, if the table says none.
+        element: Where the value of a member of an array stands.
+    """
     if old is None and "type" not in table and type_default is not REQUIRED:
         table.data["type"] = type_default
     kind = old.type if old and "type" not in table else read_type(table)
@@ -266,7 +268,8 @@ def _variable(
         _access(table, old.access if old else Access.RO),
     )
     new.bits = bits
-    value = _value(table, kind, bits)
+    place, key = element or (table, "value")
+    value = _value(place, kind, bits, key)
     if value is None:
         value = old.value if old else _zero(kind)
     new.value = value
@@ -319,7 +322,7 @@ def read_type(table: Table) -> DataType:
         # Types without a name are carried as they are; their values are bytes.
         return DataType(number) if number in tuple(DataType) else number  # type: ignore[return-value]
     if type(value) is not str:
-        text = f"not {show(value)}" if value is not None else "which is missing"
+        text = f"not {table.show('type')}" if value is not None else "which is missing"
         table.fail("type", f'must be a data type such as "uint16", {text}')
     return table.explain("type", lambda: parse_type(value))
 
@@ -334,7 +337,7 @@ def _access(table: Table, default: Access) -> Access:
     words = ", ".join(f'"{word}"' for word in ACCESS_WORDS)
     for word in table.text("access").split():
         if word not in ACCESS_WORDS:
-            table.fail("access", f"is {show(value)}, but must be one of {words}")
+            table.fail("access", f"is {table.show('access')}, but must be one of {words}")
         access |= ACCESS_WORDS[word]
     return access
 
@@ -347,7 +350,7 @@ def _zero(kind: int) -> Value:
     return 0.0 if is_real(kind) else 0
 
 
-def _value(table: Table, kind: int, bits: int, key: str = "value") -> Value | None:
+def _value(table: Table, kind: int, bits: int, key: Key = "value") -> Value | None:
     """The value of `value` (or `default`), or the bytes in `data`; None if there is neither."""
     if key == "value" and "data" in table:
         if "value" in table:
@@ -379,12 +382,12 @@ def _value(table: Table, kind: int, bits: int, key: str = "value") -> Value | No
     return value
 
 
-def _bytes(table: Table, key: str) -> bytes:
+def _bytes(table: Table, key: Key) -> bytes:
     text = table.text(key)
     try:
         return bytes.fromhex(text)
     except ValueError:
-        table.fail(key, f'must be bytes in hexadecimal such as "01 FF", not {show(text)}')
+        table.fail(key, f'must be bytes in hexadecimal such as "01 FF", not {table.show(key)}')
 
 
 def initial_values(table: Table, dictionary: Dictionary) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.model.errors import ConfigError
+from ecatd.model.toml_file import Table, read_toml, show
 
 from .. import faults
 from ..core import MAX_SLAVES
@@ -18,8 +19,6 @@ from ..rig import Rig
 from ..slave.device import Device
 from . import device_file, python_file, rig_fmu, rig_links, rig_signals, sources
 from .esi import device_from_esi
-from .tables import Table, show
-from .tables import load as load_table
 
 _KEYS = ("name", "ring", "slave", "wire", "signal", "plant", "fault")
 _PLACE = ("at", "alias", "serial")
@@ -34,7 +33,7 @@ def load(path: Path) -> Rig:
     Raises:
         ConfigError: The file, or one that it names, cannot be used.
     """
-    table = load_table(path)
+    table = read_toml(path)
     if "product" in table and "slave" not in table:
         table.fail(
             "product",
@@ -59,8 +58,7 @@ def load(path: Path) -> Rig:
     for row in table.tables("plant"):
         _add_plant(row, rig)
     for row in table.tables("fault"):
-        where = table.document.where(row.path)
-        rig.faults.append(faults.parse(row.data, where, path.parent, len(rig.devices)))
+        rig.faults.append(faults.parse(row.data, row.where(), path.parent, len(rig.devices)))
     return rig
 
 
@@ -130,7 +128,7 @@ def _parameters(table: Table) -> dict[str, Any]:
 
 
 def _existing(table: Table, key: str, text: str) -> Path:
-    path = table.path_of(text)
+    path = table.document.folder / text
     try:
         found = path.is_file()
     except ValueError:  # a name with a NUL
@@ -198,7 +196,7 @@ def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
     followers = [(entry.index, entry.subindex) for _, entry in loops]
     other = "another wire or signal" if target in driven else "its `loopback`"
     if target in driven or (index, subindex) in followers:
-        table.document.fail((*table.path, "to", "entry"), f"is driven by {other} already")
+        table.table("to").fail("entry", f"is driven by {other} already")
     driven.add(target)
     return target
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ecatd.model.toml_file import Table
+
 from ..plants.fmu import Connection, add_fmu
 from ..rig import Rig
-from .tables import Table, show
 
 _KEYS = ("fmu", "period", "start", "connect")
 
@@ -45,5 +46,5 @@ def _start(table: Table) -> dict[str, float | int | bool | str]:
     values = table.table("start")
     for name, value in values.data.items():
         if not isinstance(value, bool | int | float):
-            values.fail(name, f"must be a number, true or false, not {show(value)}")
+            values.fail(name, f"must be a number, true or false, not {values.show(name)}")
     return dict(values.data)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 
+from ecatd.model.toml_file import Table
+
 from ..rig import Rig
-from .tables import Table
 
 
 def connect(table: Table, rows: list[Table], rig: Rig) -> None:

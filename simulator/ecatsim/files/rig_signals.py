@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ecatd.model.toml_file import Table
+
 from ..plants import signals
 from ..plants.signals import Signal
-from .tables import Table
 
 
 def _constant(table: Table) -> Signal:

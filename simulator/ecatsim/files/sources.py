@@ -7,10 +7,11 @@ import binascii
 import struct
 
 from ecatd.model.sii_check import MAX_IMAGE, sii_checksum
+from ecatd.model.text_file import check_regular
+from ecatd.model.toml_file import Table
 
 from ..slave.device import Device
 from .sii_image import device_from_sii
-from .tables import Table, check_regular
 
 _PREFIX = "base64:"
 _MAX_FILE = 1 << 30
@@ -34,7 +35,7 @@ def content(table: Table, key: str, most: int = _MAX_FILE) -> bytes:
             return base64.b64decode("".join(text[len(_PREFIX) :].split()), validate=True)
         except (binascii.Error, ValueError) as error:
             table.fail(key, f"is no base64 text: {error}")
-    path = table.path_of(text)
+    path = table.file(key)
     try:
         check_regular(path)
         with path.open("rb") as file:
@@ -57,7 +58,7 @@ def sii(table: Table, key: str, *, strict: bool = True) -> Device:
     """
     image = content(table, key, MAX_IMAGE + 1)
     inside = table.text(key).startswith(_PREFIX)
-    source = table.where(key) if inside else str(table.path_of(table.text(key)))
+    source = table.where(key) if inside else str(table.file(key))
     return device_from_sii(image, source, strict=strict)
 
 

@@ -1,0 +1,45 @@
+"""Reading a text file that may be anything."""
+
+from __future__ import annotations
+
+import errno
+import stat
+from pathlib import Path
+
+from .errors import ConfigError
+
+_SIZE_MAX = 1 << 26
+
+
+def read_text(file: Path) -> str:
+    """The text of a file in UTF-8.
+
+    Raises:
+        ConfigError: It cannot be read, is no text, or too large.
+    """
+    try:
+        size = check_regular(file)
+        if size > _SIZE_MAX:
+            raise ConfigError(f"{file}: has {size} bytes, but at most {_SIZE_MAX} are read")
+        return file.read_text("utf-8")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise ConfigError(f"{file}:{line}: is no UTF-8 text: {error.reason}") from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"{file}: cannot be read: {reason}") from error
+
+
+def check_regular(file: Path) -> int:
+    """Refuses a pipe or a device, from which reading may never end.
+
+    Returns:
+        The size in bytes.
+
+    Raises:
+        OSError: It is one, or there is no such file.
+    """
+    info = file.stat()
+    if not stat.S_ISREG(info.st_mode) and not stat.S_ISDIR(info.st_mode):
+        raise OSError(errno.EINVAL, "it is no regular file")
+    return info.st_size

@@ -1,0 +1,353 @@
+"""TOML whose values are checked as they are read.
+
+    table = read_toml(path)
+    values = table.read({"name": Table.text, "speed": integer(0, 100)}, required=("name",))
+
+Every complaint is a `ConfigError` that begins with file, line and key, and says what is wrong and
+what is allowed. Tables within tables are read in the same way, so a rule may be a function of ours
+that reads one.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from . import toml_places
+from .errors import ConfigError, UsageError
+from .text_file import read_text
+from .toml_places import Key as Key
+from .toml_places import Place
+
+T = TypeVar("T")
+
+REQUIRED: Any = object()
+"""Default of a key that must be there."""
+
+_ADDRESS = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
+_SHOWN = 40
+_DIGITS = re.compile(r"[0-9][0-9_]{4300,}")  # more than Python makes a number of
+_SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", re.DOTALL)
+
+
+def read_toml(file: Path) -> Table:
+    """Reads a file; returns its outermost table.
+
+    Raises:
+        ConfigError: The file cannot be read, or is no TOML.
+    """
+    return parse_toml(read_text(file), str(file), file.parent)
+
+
+def parse_toml(text: str, source: str, folder: Path = Path()) -> Table:
+    """The outermost table of a text.
+
+    Args:
+        text: The text.
+        source: How messages name it.
+        folder: What paths in it are relative to.
+
+    Raises:
+        ConfigError: It is no TOML.
+    """
+    try:
+        return Table(Document(source, text, folder), tomllib.loads(text))
+    except RecursionError as error:
+        raise ConfigError(f"{source}: is nested too deeply") from error
+    except tomllib.TOMLDecodeError as error:
+        match = _SYNTAX.fullmatch(str(error))
+        line = (match and match[2]) or text.count("\n") + 1
+        message = match[1] if match else error
+        raise ConfigError(f"{source}:{line}: is no valid TOML: {message}") from error
+    except ValueError as error:
+        digits = _DIGITS.search(text)
+        line = text.count("\n", 0, digits.start() if digits else None) + 1
+        raise ConfigError(f"{source}:{line}: has a number of too many digits") from error
+
+
+class Document:
+    """What its tables come from.
+
+    Args:
+        source: How messages name it.
+        text: The TOML, or nothing where maps come from elsewhere: it is read to name lines.
+        folder: What paths in it are relative to.
+
+    Attributes:
+        source: As above.
+        folder: As above.
+        top: The keys that its outermost table may have.
+    """
+
+    def __init__(self, source: str, text: str = "", folder: Path = Path()) -> None:
+        self.source = source
+        self.folder = folder
+        self.top: Collection[str] = ()
+        self._text = text
+        self._places: dict[toml_places.Path, Place] | None = None
+
+    def place(self, path: toml_places.Path) -> Place:
+        """Where a key stands; if it is missing, its table."""
+        if self._places is None:
+            try:
+                self._places = toml_places.find_places(self._text)
+            except RecursionError:
+                self._places = {}  # a message without its line is better than none
+        for end in range(len(path), 0, -1):
+            if path[:end] in self._places:
+                return self._places[path[:end]]
+        return Place(0)
+
+    def where(self, path: toml_places.Path) -> str:
+        """File, line and key, as messages begin."""
+        line = self.place(path).line
+        place = f"{self.source}:{line}" if line else self.source
+        key = _path_text(path)
+        return f"{place}: {key}" if key else place
+
+
+class Table:
+    """A table of a document; or an array, whose keys are 0, 1, 2, ...
+
+    Args:
+        document: The document.
+        data: Its keys and values; those that are None count as missing.
+        path: Where it stands.
+    """
+
+    def __init__(
+        self, document: Document, data: Mapping[Any, Any], path: toml_places.Path = ()
+    ) -> None:
+        self.document = document
+        self.data = {key: value for key, value in data.items() if value is not None}
+        self.path = path
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self.data
+
+    # --- what is wrong ---------------------------------------------------------------------------
+
+    def fail(self, key: Key, message: str) -> NoReturn:
+        """Raises `ConfigError` for a key of the table; "" means the table itself."""
+        raise ConfigError(f"{self.where(key)}: {message}")
+
+    def where(self, key: Key = "") -> str:
+        """File, line and key; "" means the table itself."""
+        return self.document.where(self.path if key == "" else (*self.path, key))
+
+    def only(self, allowed: Iterable[str]) -> None:
+        """Refuses keys that are not allowed."""
+        known = list(allowed)
+        if not self.path:
+            self.document.top = known
+        for key, value in self.data.items():
+            if key in known:
+                continue
+            near = difflib.get_close_matches(key, known, 1, 0.5)
+            hint = f"did you mean '{near[0]}'?" if near else f"valid are {', '.join(known)}"
+            if key in self.document.top:
+                hint = f"'{key}' belongs in front of the first [table] of the file"
+                if isinstance(value, dict | list):
+                    hint = f"did you mean {'[[{}]]' if isinstance(value, list) else '[{}]'}?"
+                    hint = hint.format(key)
+            self.fail(key, f"is no key; {hint}")
+
+    def explain(self, key: Key, make: Callable[[], T]) -> T:
+        """Calls a function; what it finds wrong is reported as this key's fault.
+
+        Errors of other files, which name themselves, stay as they are.
+        """
+        try:
+            return make()
+        except ConfigError:
+            raise
+        except UsageError as error:
+            self.fail(key, str(error))
+
+    # --- values ----------------------------------------------------------------------------------
+
+    def read(self, rules: Mapping[str, Rule], required: Collection[str] = ()) -> dict[str, Any]:
+        """The values of the keys that are there, by their rules; other keys are refused.
+
+        Args:
+            rules: For each key what reads it.
+            required: Keys that must be there.
+        """
+        self.only(rules)
+        return {
+            key: rule(self, key) for key, rule in rules.items() if key in self or key in required
+        }
+
+    def _get(self, key: Key, default: Any, kind: type, words: str) -> Any:
+        """The value, which is of a type, or None if there is none and the default is to be used."""
+        if key not in self.data:
+            if default is REQUIRED:
+                self.fail(key, f"is missing; it must be {words}")
+            return None
+        value = self.data[key]
+        if type(value) is not kind:
+            self.fail(key, f"must be {words}, not {self.show(key)}")
+        return value
+
+    def show(self, key: Key) -> str:
+        """The value of a key as messages show it."""
+        value = self.data[key]
+        whole = type(value) is int
+        return self._integers(key)(value) if whole else show(value)
+
+    def _integers(self, key: Key) -> Callable[[int], str]:
+        """Shows numbers in the base in which the value of a key is written."""
+        return _hexadecimal if self.document.place((*self.path, key)).value[:2] == "0x" else show
+
+    def text(self, key: Key, default: str = REQUIRED) -> str:
+        """A text."""
+        value = self._get(key, default, str, "a text in quotes")
+        return default if value is None else str(value)
+
+    def boolean(self, key: Key, default: bool = REQUIRED) -> bool:
+        """True or false."""
+        value = self._get(key, default, bool, "true or false")
+        return default if value is None else bool(value)
+
+    def integer(self, key: Key, low: int, high: int, default: T = REQUIRED) -> int | T:
+        """A whole number within bounds."""
+        value = self._get(key, default, int, "a whole number")
+        if value is None:
+            return default
+        if not low <= value <= high:
+            text = self._integers(key)
+            self.fail(key, f"is {text(value)}, but must be from {text(low)} to {text(high)}")
+        return int(value)
+
+    def number(
+        self, key: Key, default: T = REQUIRED, *, low: float = -math.inf, high: float = math.inf
+    ) -> float | T:
+        """A finite number within bounds."""
+        value = self.data.get(key)
+        if type(value) is int:
+            try:
+                value = float(value)
+            except OverflowError:
+                self.fail(key, f"is {show(value)}, which is too large")
+        elif (value := self._get(key, default, float, "a number")) is None:
+            return default
+        if not math.isfinite(value):
+            self.fail(key, f"must be a finite number, not {value}")
+        if not low <= value <= high:
+            bounds = f"at least {low:.15g}"
+            if high < math.inf:
+                bounds = f"from {low:.15g} to {high:.15g}"
+            self.fail(key, f"is {value:.15g}, but must be {bounds}")
+        return float(value)
+
+    def choice(self, key: Key, choices: Mapping[str, T], default: T = REQUIRED) -> T:
+        """What one of several words stands for."""
+        words = f"one of {_quoted(choices)}"
+        value = self._get(key, default, str, words)
+        if value is None:
+            return default
+        if value not in choices:
+            self.fail(key, f"is {show(value)}, but must be {words}")
+        return choices[value]
+
+    def choices(self, key: Key, choices: Mapping[str, T]) -> list[T]:
+        """What the words in an array stand for; none if there is no such key."""
+        elements = self.elements(key, f"a list of {_quoted(choices)}")
+        return [elements.choice(number, choices) for number in elements.data]
+
+    def address(self, key: Key, default: T = REQUIRED) -> tuple[int, int] | T:
+        """Index and subindex of an object, as in "0x6000:01"."""
+        words = 'an address such as "0x6000:01"'
+        value = self._get(key, default, str, words)
+        if value is None:
+            return default
+        match = _ADDRESS.fullmatch(value)
+        if match is None:
+            self.fail(key, f"must be {words}, not {show(value)}")
+        return int(match[1], 16), int(match[2], 16)
+
+    def file(self, key: Key) -> Path:
+        """A path, relative to the folder of the document."""
+        return self.document.folder / self.text(key)
+
+    def table(self, key: Key, default: T = REQUIRED) -> Table | T:
+        """A table within this one."""
+        value = self._get(key, default, dict, f"a table, written as {self._header(key)}")
+        if value is None:
+            return default
+        return Table(self.document, value, (*self.path, key))
+
+    def array(self, key: Key, rule: Callable[[Table, Key], T], words: str = "an array") -> list[T]:
+        """The elements of an array, each by a rule; none if there is no such key."""
+        elements = self.elements(key, words)
+        return [rule(elements, number) for number in elements.data]
+
+    def elements(self, key: Key, words: str = "an array") -> Table:
+        """The elements of an array as a table with the keys 0, 1, 2, ..."""
+        values = self._get(key, None, list, words) or ()
+        return Table(self.document, dict(enumerate(values)), (*self.path, key))
+
+    def tables(self, key: Key) -> list[Table]:
+        """The tables of an array, none if there is no such key."""
+        return self.array(key, Table.table, f"an array of tables, written as [{self._header(key)}]")
+
+    def _header(self, key: Key) -> str:
+        """The line above a table; above an element of an array, if the key is its number."""
+        names = ".".join(str(part) for part in (*self.path, key) if isinstance(part, str))
+        return f"[{names}]" if isinstance(key, str) else f"[[{names}]]"
+
+
+Rule = Callable[[Table, str], Any]
+"""Reads the value of a key: a method of `Table` such as `Table.text`, or what follows."""
+
+
+def integer(low: int, high: int) -> Callable[[Table, Key], int]:
+    """A rule for whole numbers within bounds."""
+    return lambda table, key: table.integer(key, low, high)
+
+
+def number(low: float = -math.inf, high: float = math.inf) -> Callable[[Table, Key], float]:
+    """A rule for finite numbers within bounds."""
+    return lambda table, key: table.number(key, low=low, high=high)
+
+
+def show(value: object) -> str:
+    """A value as messages show it: short, and on one line."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int):
+        large = value.bit_length() > 64
+        return f"a number of {value.bit_length()} bits" if large else str(value)
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        return "an array"
+    if isinstance(value, str | float):
+        text = repr(value)
+        return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 1]}…"
+    return str(value)  # dates and times
+
+
+def _quoted(words: Iterable[str]) -> str:
+    return ", ".join(f'"{word}"' for word in words)
+
+
+def _hexadecimal(value: int) -> str:
+    sign = "-" if value < 0 else ""
+    return f"{sign}0x{abs(value):X}" if 9 < abs(value) < 1 << 64 else show(value)
+
+
+def _path_text(path: toml_places.Path) -> str:
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            name = part if re.fullmatch(r"[A-Za-z0-9_-]+", part) else repr(part)[:_SHOWN]
+            text += f".{name}" if text else name
+    return text
