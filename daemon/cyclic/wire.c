@@ -119,10 +119,7 @@ static void accept_frame(cyclic_t *c, uint32_t port, size_t length) {
   struct frame *frame;
   uint32_t number, sent_by = bytes[SOURCE_PORT_AT] & 1u;
   if (length <= INDEX_AT) return;
-  if (memcmp(bytes + SOURCE_RUN_AT, c->source + 1, 4) != 0 || sent_by >= c->ports) {
-    counter_add(&c->health->foreign, 1);
-    return;
-  }
+  if (memcmp(bytes + SOURCE_RUN_AT, c->source + 1, 4) != 0 || sent_by >= c->ports) return;
   number = (bytes[INDEX_AT] - (c->sent - c->frames)) & 0x7F;
   frame = &c->frame[number < c->frames ? number : 0];
   if (number >= c->frames || !cyclic_frame_is_answer(c, frame, bytes, length)) {

@@ -89,7 +89,25 @@ def soem(interface, seconds):
     master.close()
 
 
+def soem_scan(interface):
+    """Another master with SOEM, which only looks what is there."""
+    import pysoem
+
+    master = pysoem.Master()
+    master.open(interface)
+    assert master.config_init() > 0
+    master.close()
+
+
+def kickcat_scan(interface):
+    """Another master, which shares no code with SOEM, and only looks what is there."""
+    import kickcat
+
+    bus = kickcat.Bus(kickcat.create_link(interface, ""))
+    bus.init(0.0)
+
+
 if __name__ == "__main__":
     namespace.join(int(sys.argv[1]))
-    commands = (switch, delete, make, send, replay, soem)
+    commands = (switch, delete, make, send, replay, soem, soem_scan, kickcat_scan)
     {command.__name__: command for command in commands}[sys.argv[2]](*sys.argv[3:])

@@ -6,6 +6,7 @@ namespace, or by the simulator.
 
 import ctypes
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -276,6 +277,40 @@ def test_a_second_master_that_uses_the_slaves(bench: Bench) -> None:
     bench.wait_for_log("no more frames of another EtherCAT master")
     assert bench.busy() < 0.5
     assert bench.daemon.ctl_json("state")["slaves"]
+
+
+def other_master(bench: Bench, source: str) -> str:
+    """What is told of another master, once it is told."""
+    begin = f"frames of another EtherCAT master on {MASTER} (source {source}): "
+    bench.wait_for_log(begin)
+    return next(line for line in bench.daemon.log.splitlines() if begin in line)
+
+
+def test_a_second_master_that_only_scans(bench: Bench) -> None:
+    """To scan is to reset all slaves; what was done is named, and undone."""
+    bench.start_inside("soem_scan", MASTER).wait()
+    told = other_master(bench, "03:01:01:01:01:01, a master with SOEM")
+    all_slaves = re.search(r"It wrote (.*) of all slaves", told)
+    assert all_slaves, told
+    assert "AL control (0x0120: INIT" in all_slaves[1]
+    assert "FMMUs (0x0600)" in all_slaves[1]
+    assert re.search(r"and .*station addresses \(0x0010\).* of single slaves", told), told
+    wrote = {fact for e in bench.events for fact in e.get("wrote", [])}
+    assert "FMMUs (0x0600) of all slaves" in wrote
+    assert bench.health().foreign > 0
+    bench.wait_for_log("back in OP after")
+    bench.wait_for_op()
+    bench.wait_for_data()
+    assert bench.daemon.ctl_json("stats")["foreign"] == bench.health().foreign
+
+
+def test_a_second_master_that_only_reads(bench: Bench) -> None:
+    """KickCAT gives up when the first answer that it gets is one of ours."""
+    bench.start_inside("kickcat_scan", MASTER).wait()
+    told = other_master(bench, "ca:de:ca:de:de:ff, a master with KickCAT")
+    assert "1 in the last 1 s. It has only read, as far as was seen. Two masters" in told
+    bench.wait_for_event("foreign_master", interface=MASTER, count=1)
+    assert bench.health().foreign == 1
 
 
 RIG = """

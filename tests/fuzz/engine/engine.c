@@ -435,12 +435,12 @@ int main(int count, char **arguments) {
   cyclic_stop(engine);
   printf("{\"answers\": %lu, \"damaged\": %lu, \"invented\": %lu, \"held\": %lu, \"swaps\": %lu, "
          "\"events\": %lu, \"snapshots\": %lu, \"truncated\": %lu, \"lost\": %lu, \"late\": %lu, "
-         "\"foreign\": %lu, \"cycles\": %lu, \"exchanges\": %lu, \"bad\": %lu, \"commits\": %lu, "
+         "\"cycles\": %lu, \"exchanges\": %lu, \"bad\": %lu, \"commits\": %lu, "
          "\"refused\": %lu, \"malformed\": %lu}\n",
          reached.answers, reached.damaged, reached.invented, reached.held, reached.swaps,
          reached.events, reached.snapshots, reached.truncated, (unsigned long)engine->health->lost,
-         (unsigned long)engine->health->late, (unsigned long)engine->health->foreign,
-         (unsigned long)engine->health->cycles, (unsigned long)engine->domain[0].status->exchanges,
+         (unsigned long)engine->health->late, (unsigned long)engine->health->cycles,
+         (unsigned long)engine->domain[0].status->exchanges,
          (unsigned long)engine->health->wkc_bad, (unsigned long)engine->health->commits,
          (unsigned long)engine->health->refused, (unsigned long)engine->health->malformed);
   cyclic_free(engine);

@@ -1,12 +1,11 @@
 """Other masters on the wire: frames that neither the engine nor our mailbox traffic has sent.
 
 The source address of our frames names this run (`cyclic.h`), and slaves leave it as it is but for
-one bit that is set already. SOEM's frames carry an address of SOEM, as those of every program with
-SOEM do, in which slaves set that bit, but not in copies that go round a closed ring the other way;
-ours never carry process data.
+one bit that is set already. Our own SOEM has an address of SOEM, as every program with SOEM, but it
+only scans, before the watch begins.
 
-A socket with a kernel filter gets what is left. The kernel counts it; a few frames a second are
-looked at, so that the frames of a fast master cost next to nothing.
+A socket with a kernel filter gets what is left. The kernel counts it; some hundred frames a second
+are looked at, so that the frames of a fast master cost little.
 """
 
 from __future__ import annotations
@@ -18,40 +17,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ..engine import Index, open_socket
+from .deeds import Deed, deeds
 
 _SO_ATTACH_FILTER = 26
 _SOL_PACKET, _PACKET_STATISTICS = 263, 6
-_SOURCE_AT, _COMMAND_AT, _INDEX_AT = 6, 16, 17
-_LRD, _LRW = 10, 12
-_SOEM = b"\x01\x01\x01\x01\x01\x01"
+_SOURCE_AT, _INDEX_AT = 6, 17
 _BY_SLAVE = 0x02  # bit of the first byte of the source address that slaves set
+_MASTERS = {
+    "03:01:01:01:01:01": "SOEM",
+    "02:01:01:01:01:01": "SOEM",
+    "06:04:04:04:04:04": "SOEM",
+    "ca:de:ca:de:de:ff": "KickCAT",
+    "02:ca:ca:0f:ff:ff": "KickCAT",
+    "02:c0:ff:ee:00:ff": "KickCAT",
+    "12:10:10:10:10:10": "EtherCrab",
+}
+"""Masters that do not send with the address of the interface, by what slaves make of theirs."""
 
-_LOOK_AT = 32
-_HEAD_BYTES = 64
-_RECEIVE_BUFFER = 16384
+_LOOK_AT = 512
+_HEAD_BYTES = 256
+_RECEIVE_BUFFER = 1 << 18  # the kernel doubles it, and counts 768 bytes for a short frame
 
 # Instructions of classic BPF: code, jump if true, jump if false, constant (linux/filter.h).
 _INSTRUCTION = struct.Struct("=HBBI")
-_LOAD_WORD, _LOAD_BYTE, _OR, _RETURN = 0x20, 0x30, 0x44, 0x06
-_JUMP_EQUAL, _JUMP_GREATER, _JUMP_NOT_LESS = 0x15, 0x25, 0x35
+_LOAD_WORD, _LOAD_BYTE, _JUMP_EQUAL, _RETURN = 0x20, 0x30, 0x15, 0x06
 
 
 def _filter(run: bytes) -> bytes:
     """Lets frames pass that are not ours; `run` are bytes 1 to 4 of our source address."""
     own = int.from_bytes(bytes((_BY_SLAVE,)) + run[:3])
-    soem = int.from_bytes(bytes((_SOEM[0] | _BY_SLAVE,)) + _SOEM[1:4])
     program = (
         (_LOAD_WORD, 0, 0, _SOURCE_AT),
-        (_JUMP_EQUAL, 0, 2, own),
+        (_JUMP_EQUAL, 0, 3, own),
         (_LOAD_BYTE, 0, 0, _SOURCE_AT + 4),
-        (_JUMP_EQUAL, 6, 5, run[3]),
-        (_OR, 0, 0, _BY_SLAVE << 24),
-        (_JUMP_EQUAL, 0, 3, soem),
-        (_LOAD_BYTE, 0, 0, _COMMAND_AT),
-        (_JUMP_NOT_LESS, 0, 2, _LRD),
-        (_JUMP_GREATER, 1, 0, _LRW),
-        (_RETURN, 0, 0, _HEAD_BYTES),
+        (_JUMP_EQUAL, 0, 1, run[3]),
         (_RETURN, 0, 0, 0),
+        (_RETURN, 0, 0, _HEAD_BYTES),
     )
     return b"".join(_INSTRUCTION.pack(*instruction) for instruction in program)
 
@@ -63,10 +64,12 @@ class Foreign:
     Attributes:
         count: How many.
         sources: Source addresses of those that were looked at, in words.
+        deeds: What those have done to the slaves.
     """
 
     count: int = 0
     sources: list[str] = field(default_factory=list)
+    deeds: set[Deed] = field(default_factory=set)
 
 
 class ForeignWatch:
@@ -111,6 +114,7 @@ class ForeignWatch:
             source = _describe(head) if len(head) > _INDEX_AT else "a frame cut short"
             if source not in found.sources:
                 found.sources.append(source)
+            found.deeds.update(deeds(head))
         return found
 
     def close(self) -> None:
@@ -136,8 +140,9 @@ def _describe(head: bytes) -> str:
     """The source of a frame, with what it tells of the program that sent it."""
     source = head[_SOURCE_AT : _SOURCE_AT + 6]
     words = source.hex(":")
-    if bytes((source[0] & ~_BY_SLAVE, *source[1:])) == _SOEM:
-        return f"{words}, a master with SOEM"
+    # Copies that go round a closed ring the other way meet no slave.
+    if master := _MASTERS.get(bytes((source[0] | _BY_SLAVE, *source[1:])).hex(":")):
+        return f"{words}, a master with {master}"
     if source[0] == _BY_SLAVE and head[_INDEX_AT] >= Index.ENGINE:
         # The last byte counts frames.
         return f"{source[:5].hex(':')}, another ecatd or an earlier run of this one"

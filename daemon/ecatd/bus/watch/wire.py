@@ -18,6 +18,7 @@ from ..engine import Event, Index, open_socket
 from ..interface import switch_on
 from ..start.bring_up import RunningBus
 from .counters import Disturbance, Report
+from .deeds import Deed, facts, sentence
 from .foreign import ForeignWatch
 from .link import LinkState, LinkWatch
 from .paced import Paced
@@ -81,6 +82,7 @@ class WireWatch:
         self._foreign_at = -_FOREIGN_GONE  # when frames of another master were last seen
         self._foreign_masters = [Disturbance({"frames": 0}) for _ in running.interfaces]
         self._sources = [""] * len(running.interfaces)
+        self._deeds: list[set[Deed]] = [set() for _ in running.interfaces]  # that are not told yet
         self._disturbance = Disturbance(self._read_counters())
 
     def _read_counters(self) -> dict[str, int]:
@@ -144,6 +146,8 @@ class WireWatch:
         interface = self._interfaces[number]
         foreign = self._foreign.look(number)
         self._foreign_frames[number] += foreign.count
+        self._health.foreign = sum(self._foreign_frames)
+        self._deeds[number] |= foreign.deeds
         if foreign.count:
             self._foreign_at = now
         if foreign.sources:
@@ -157,16 +161,18 @@ class WireWatch:
             self._log.error(
                 f"frames of another EtherCAT master on {interface} (source "
                 f"{self._sources[number]}): {report.counts['frames']} in the last "
-                f"{report.seconds:.0f} s; two masters undo each other's outputs and states: stop "
-                f"the other one, or give it slaves of its own"
+                f"{report.seconds:.0f} s. {sentence(self._deeds[number])}. Two masters undo each "
+                f"other's outputs and states: stop the other one, or give it slaves of its own"
             )
         self._tell(
             "foreign_master",
             interface=interface,
             source=self._sources[number],
             count=report.counts["frames"],
+            wrote=facts(self._deeds[number]),
             over=report.over,
         )
+        self._deeds[number] = set()
 
     def on_send(self, event: Event) -> None:
         """Sending on an interface has begun to fail, or works again."""

@@ -1,0 +1,76 @@
+"""What is said of the frames of other masters."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ecatd.bus.watch.deeds import Deed, Whom, deeds, facts, sentence
+
+BRD, FPWR, BWR, LRW = 7, 5, 8, 12
+
+
+def datagram(
+    command: int, register: int, data: bytes, wkc: int = 1, *, more: bool = False
+) -> bytes:
+    length = len(data) | (0x8000 if more else 0)
+    return struct.pack("<BBHHHH", command, 0, 0x1001, register, length, 0) + data + bytes((wkc, 0))
+
+
+def frame(*datagrams: bytes) -> bytes:
+    return bytes(16) + b"".join(datagrams)
+
+
+def test_all_datagrams_of_a_frame_count() -> None:
+    done = set(
+        deeds(
+            frame(
+                datagram(BRD, 0x0130, b"\x08\x00", more=True),
+                datagram(BWR, 0x0120, b"\x11\x00", wkc=8, more=True),
+                datagram(BWR, 0x0610, bytes(16), more=True),
+                datagram(FPWR, 0x0010, b"\x01\x10"),
+                datagram(FPWR, 0x0120, b"\x04\x00"),  # after the last one: no part of it
+            )
+        )
+    )
+    assert facts(done) == [
+        "AL control (0x0120: INIT) of all slaves",
+        "FMMUs (0x0600) of all slaves",
+        "station addresses (0x0010) of single slaves",
+    ]
+    assert sentence(done) == (
+        "It wrote AL control (0x0120: INIT), FMMUs (0x0600) of all slaves, and station addresses "
+        "(0x0010) of single slaves"
+    )
+
+
+def test_values_are_gathered() -> None:
+    done = [Deed(Whom.ALL, 0x0120, state) for state in ("PREOP", "INIT", "INIT")]
+    assert facts(done) == ["AL control (0x0120: INIT, PREOP) of all slaves"]
+
+
+@pytest.mark.parametrize(
+    ("one", "told"),
+    [
+        (datagram(LRW, 0x1000, bytes(4), 3), "It wrote outputs of the process image"),
+        (datagram(FPWR, 0x0B00, b"\x00"), "It wrote register (0x0B00) of single slaves"),
+        (datagram(FPWR, 0x0120, b"\x04\x00", 0), "It has only read, as far as was seen"),
+        (datagram(BRD, 0x0130, bytes(2)), "It has only read, as far as was seen"),
+        # Where the working counter, or the data, are cut off.
+        (
+            datagram(BWR, 0x0120, b"\x01\x00")[:11],
+            "It wrote AL control (0x0120: INIT) of all slaves",
+        ),
+        (datagram(BWR, 0x0120, b"\x01\x00")[:10], "It wrote AL control (0x0120) of all slaves"),
+    ],
+)
+def test_one_datagram(one: bytes, told: str) -> None:
+    assert sentence(deeds(frame(one))) == told
+
+
+@given(st.binary(max_size=300))
+def test_whatever_is_sent_is_told(data: bytes) -> None:
+    done = list(deeds(data))
+    assert len(sentence(done)) > 0
+    assert len(facts(done)) <= len(done)
