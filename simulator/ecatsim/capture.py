@@ -15,6 +15,7 @@ from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.dictionary import read_dictionary
 from ecatd.bus.mailbox.mailboxes import Talk, converse
 from ecatd.bus.master import Master
+from ecatd.bus.start.clocks import clock_bits
 from ecatd.model.al import AlState
 from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
@@ -62,6 +63,7 @@ class CapturedSlave:
         sii: The whole content of its EEPROM.
         chip: Registers 0x0000 to 0x0009.
         dl_status: Register 0x0110.
+        clock: Whether register 0x0910 answers, the system time.
         coe: Whether it answers SDO requests.
         objects: Its dictionary, or None if it does not describe it.
         values: The answers to uploads by index and subindex.
@@ -73,6 +75,7 @@ class CapturedSlave:
     sii: bytes
     chip: bytes
     dl_status: int
+    clock: bool
     coe: bool
     objects: list[DictionaryObject] | None = None
     values: dict[tuple[int, int], Upload] = field(default_factory=dict)
@@ -102,7 +105,10 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
         count = master.scan()
         try:
             master.reach(AlState.PREOP, _TIMEOUT)
-            slaves = [_slave(master, i, count, progress, objects) for i in range(count)]
+            clocks = clock_bits(master)
+            slaves = [
+                _slave(master, i, count, bool(clocks[i]), progress, objects) for i in range(count)
+            ]
         finally:
             if before != AlState.PREOP:
                 master.reach(AlState.INIT, _TIMEOUT)
@@ -137,7 +143,7 @@ def _states(interface: str) -> int:
 
 
 def _slave(
-    master: Master, position: int, count: int, progress: Progress, objects: bool
+    master: Master, position: int, count: int, clock: bool, progress: Progress, objects: bool
 ) -> CapturedSlave:
     name = master.name(position)
     here = f"slave {position + 1} of {count}: {name}"
@@ -150,6 +156,7 @@ def _slave(
         sii,
         master.register_read(position, _CHIP, _CHIP_SIZE),
         struct.unpack("<H", master.register_read(position, _DL_STATUS, 2))[0],
+        clock,
         bool(protocols & _COE),
     )
     if slave.coe:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import struct
 from dataclasses import dataclass
 
 from ecatd.model.errors import UsageError
@@ -20,11 +21,15 @@ class Chip:
         sync_managers: Number of sync managers, at most 16.
         ram_kib: Process data RAM in KiB.
         ports: Port descriptor, two bits a port from port 0: 0 none, 2 EBUS, 3 MII.
-        dc: Whether it has a distributed clock (register 0x0008, bits 2 and 3). Without one, or if
-            SII word 0 switches its units off (bits 10 and 11), there are only the receive times of
-            the ports.
+        dc: Whether it has a distributed clock (register 0x0008, bits 2 and 3). Without one there
+            are only the receive times of the ports.
         dc_bits: Width of its clock: 64 or 32.
+        dc_by_sii: Whether it has its SYNC unit, its latch unit, and with both of them the system
+            time only where SII word 0 switches them on (bits 10 and 11). An ET1200 does so, to save
+            power; other chips have all of them whatever the SII says.
         lrw: Whether it can do LRW (register 0x0008, bit 9); some cannot, and need LRD and LWR.
+        features: Bits 4 to 8 of register 0x0008, which change nothing here; without a clock, bits 4
+            and 8 are 0.
         eeprom_bytes: Bytes that one read of the EEPROM brings: 8 or 4.
         eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs.
         eeprom_write_us: How long it is busy writing a word, in µs.
@@ -39,10 +44,29 @@ class Chip:
     ports: int = 0x0F
     dc: bool = True
     dc_bits: int = 64
+    dc_by_sii: bool = False
     lrw: bool = True
+    features: int = 0x01F0
     eeprom_bytes: int = 8
     eeprom_read_us: int = 0
     eeprom_write_us: int = 0
+
+
+MODELS = {
+    "ET1100": Chip(features=0x00F0),
+    "ET1200": Chip(0x12, fmmus=3, sync_managers=4, ram_kib=1, dc_by_sii=True),
+    "IP Core": Chip(0x04, 2, 0x43, ram_kib=60, features=0x0180, eeprom_bytes=4),
+    "LAN9252": Chip(
+        0xC0, 2, 2, fmmus=3, sync_managers=4, ram_kib=4, features=0x01C0, eeprom_bytes=4
+    ),
+}
+"""Usual controllers by name, as data sheets and recordings of real slaves show them.
+
+An IP Core is built with as much as its buyer wants; this one has the most of everything.
+"""
+
+_NEEDS_CLOCK = 0x0110
+_DC, _DC_64_BITS, _OTHERS, _NO_LRW = 0x0004, 0x0008, 0x01F0, 0x0200
 
 
 class Config(ctypes.Structure):
@@ -58,7 +82,8 @@ class Config(ctypes.Structure):
         ("ports", ctypes.c_uint8),
         ("dc_bits", ctypes.c_uint8),
         ("eeprom_bytes", ctypes.c_uint8),
-        ("no_lrw", ctypes.c_uint8),
+        ("dc_by_sii", ctypes.c_uint8),
+        ("features", ctypes.c_uint16),
         ("eeprom_read_us", ctypes.c_uint32),
         ("eeprom_write_us", ctypes.c_uint32),
     )
@@ -81,9 +106,44 @@ def config(chip: Chip) -> Config:
         chip.ports,
         chip.dc_bits if chip.dc else 0,
         chip.eeprom_bytes,
-        not chip.lrw,
+        chip.dc_by_sii,
+        _features(chip),
         chip.eeprom_read_us,
         chip.eeprom_write_us,
+    )
+
+
+def _features(chip: Chip) -> int:
+    """Register 0x0008."""
+    features = chip.features if chip.dc else chip.features & ~_NEEDS_CLOCK
+    if chip.dc:
+        features |= _DC | (_DC_64_BITS if chip.dc_bits == 64 else 0)
+    return features | (0 if chip.lrw else _NO_LRW)
+
+
+def from_registers(registers: bytes, *, clock: bool) -> Chip:
+    """The controller that a master has found.
+
+    Args:
+        registers: Registers 0x0000 to 0x0009.
+        clock: Whether register 0x0910, the system time, answers.
+    """
+    *first, features = struct.unpack("<BBHBBBBH", registers)
+    dc = bool(features & _DC)
+    kind, revision, build, fmmus, sync_managers, ram_kib, ports = first
+    return Chip(
+        kind,
+        revision,
+        build,
+        fmmus,
+        sync_managers,
+        ram_kib,
+        ports,
+        dc=dc,
+        dc_bits=32 if dc and not features & _DC_64_BITS else 64,
+        dc_by_sii=dc and not clock,
+        lrw=not features & _NO_LRW,
+        features=features & _OTHERS | (0 if dc else _NEEDS_CLOCK),
     )
 
 
@@ -94,15 +154,14 @@ def _check(chip: Chip) -> None:
         ("ram_kib", range(61)),
         ("dc_bits", (32, 64)),
         ("eeprom_bytes", (4, 8)),
+        ("features", range(0, 0x0200, 0x10)),
         ("eeprom_read_us", range(1 << 32)),
         ("eeprom_write_us", range(1 << 32)),
     )
     for name, allowed in limits:
         value = getattr(chip, name)
         if value not in allowed:
-            text = (
-                f"0 to {allowed[-1]}"
-                if isinstance(allowed, range)
-                else f"{allowed[0]} or {allowed[1]}"
-            )
+            text = f"{allowed[0]} or {allowed[1]}"
+            if isinstance(allowed, range):
+                text = f"0 to {allowed[-1]}" + f" in steps of {allowed.step}" * (allowed.step > 1)
             raise UsageError(f"a slave controller with {name} = {value} does not exist: use {text}")

@@ -54,7 +54,8 @@ struct esc_config {
     uint8_t ports;         /* port descriptor: 2 bits a port, 2 = EBUS, 3 = MII */
     uint8_t dc_bits;       /* width of the distributed clock: 0 = none, 32, 64 */
     uint8_t eeprom_bytes;  /* bytes that one read of the EEPROM brings: 4 or 8 */
-    uint8_t no_lrw;        /* LRW passes by: such a slave needs LRD and LWR */
+    uint8_t dc_by_sii;     /* SII word 0 switches the units of the clock on (bits 10 and 11) */
+    uint16_t features;     /* register 0x0008: bit 2 and 3 as `dc_bits`, bit 9 if LRW passes by */
     uint32_t eeprom_read_us, eeprom_write_us; /* how long the EEPROM is busy */
 };
 

@@ -183,7 +183,7 @@ unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *dat
         const struct slave *slave = fmmu->slave;
         const struct fmmu *first = fmmu;
         bool written = false, was_read = false;
-        if (read && write && slave->config.no_lrw) {
+        if (read && write && (slave->config.features & FEATURE_NO_LRW) != 0) {
             while (fmmu < last && fmmu->slave == slave)
                 fmmu++;
             continue;

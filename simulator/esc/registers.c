@@ -44,10 +44,6 @@ enum {
     SM_REPEAT = 0x02,
     ECAT_EVENT_SM_MASK = 0x0FF0,
     AL_EVENT_MASK_DEFAULT = 0x00FFFF0F,
-    FEATURES = 0x00E0,   /* enhanced link detection, separate counters of forwarded errors */
-    FEATURE_DC = 0x0114, /* distributed clocks with the newer registers of the SYNC unit */
-    FEATURE_DC_64_BITS = 0x0008,
-    FEATURE_NO_LRW = 0x0200,
     PDI_SYNC_UNIT = 0x04, /* of register 0x0141 */
     PDI_LATCH_UNIT = 0x08,
     WATCHDOG_DIVIDER_DEFAULT = 2498, /* (2498 + 2) * 40 ns = 100 us */
@@ -76,9 +72,7 @@ static void power_on_identity(uint8_t *memory, const struct esc_config *config)
     memory[REG_SYNC_MANAGERS] = config->sync_managers;
     memory[REG_RAM_SIZE] = config->ram_kib;
     memory[REG_PORTS] = config->ports;
-    store16(memory + REG_FEATURES, FEATURES | (config->dc_bits > 0 ? FEATURE_DC : 0U) |
-                                       (config->dc_bits == 64 ? FEATURE_DC_64_BITS : 0U) |
-                                       (config->no_lrw ? FEATURE_NO_LRW : 0U));
+    store16(memory + REG_FEATURES, config->features);
 }
 
 /* Everything in the controller is as after power-on, but for the links of the ports. */
@@ -265,12 +259,16 @@ static bool within(uint32_t from, uint32_t to, uint32_t start, uint32_t end)
     return from < to && from >= start && to <= end;
 }
 
-/* A chip without distributed clocks has but the receive times, and so has one whose SII switches both
- * the SYNC and the latch unit off to save power; with one of them there is the system time as well. */
+/* A chip without distributed clocks has but the receive times, and so has one that lets the SII switch
+ * both the SYNC and the latch unit off to save power; with one of them there is the system time as
+ * well. Other chips have all of it, whatever the SII says. */
 static bool lacks_clock(const struct slave *slave, uint32_t from, uint32_t to)
 {
+    const struct esc_config *config = &slave->config;
     unsigned units = slave->memory[REG_PDI_CONTROL + 1] & (PDI_SYNC_UNIT | PDI_LATCH_UNIT);
-    if (slave->config.dc_bits == 0 || units == 0)
+    if (config->dc_bits > 0 && !config->dc_by_sii)
+        return false;
+    if (config->dc_bits == 0 || units == 0)
         return within(from, to, REG_CLOCK, REG_DC_END);
     return ((units & PDI_SYNC_UNIT) == 0 && within(from, to, REG_SYNC, REG_LATCH)) ||
            ((units & PDI_LATCH_UNIT) == 0 && within(from, to, REG_LATCH, REG_DC_END));

@@ -78,6 +78,7 @@ enum al_event_bits {
     AL_EVENT_WATCHDOG = 0x0040,
     AL_EVENT_SM0 = 0x0100 /* to SM15; levels, not kept in `slave.al_events` */
 };
+enum feature_bits { FEATURE_NO_LRW = 0x0200 }; /* of register 0x0008 */
 enum dl_status_bits { DL_PDI_OPERATIONAL = 0x01, DL_PDI_WATCHDOG = 0x02 };
 enum { AL_STATE_MASK = 0x0F, AL_OP = 8, AL_ERROR = 0x10 };
 enum { PORTS = 4, NO_PORT = 0xFF, INTERFACES = 2, LOST = -1 };

@@ -6,10 +6,12 @@ the nanosecond. A frame comes to a slave of a line 400 ns after the one before.
 
 import struct
 import time
+from dataclasses import replace
 
 import pytest
 from test_ecatsim_frames import APRD, APWR, ARMW, BWR, FPWR, FRMW, datagram, frame, send
 
+from ecatsim.chip import MODELS
 from ecatsim.core import Chip, Segment
 from ecatsim.slave.sii import Description, build
 
@@ -60,15 +62,24 @@ def align(segment):
     [
         (Chip(), 0x0C00, 0x01FC, (1, 1, 1, 1)),
         (Chip(dc_bits=32), 0x0C00, 0x01F4, (1, 1, 1, 1)),
-        (Chip(), 0x0400, 0x01FC, (1, 1, 1, 0)),
-        (Chip(), 0x0800, 0x01FC, (1, 1, 0, 1)),
-        (Chip(), 0x0104, 0x01FC, (1, 0, 0, 0)),
+        (Chip(), 0x0104, 0x01FC, (1, 1, 1, 1)),
+        (MODELS["ET1200"], 0x0C00, 0x01FC, (1, 1, 1, 1)),
+        (MODELS["ET1200"], 0x0400, 0x01FC, (1, 1, 1, 0)),
+        (MODELS["ET1200"], 0x0800, 0x01FC, (1, 1, 0, 1)),
+        (MODELS["ET1200"], 0x0104, 0x01FC, (1, 0, 0, 0)),
+        (MODELS["ET1100"], 0x0104, 0x00FC, (1, 1, 1, 1)),
+        (replace(MODELS["IP Core"], dc_bits=32), 0x0009, 0x0184, (1, 1, 1, 1)),
+        (MODELS["LAN9252"], 0x0E80, 0x01CC, (1, 1, 1, 1)),
         (Chip(dc=False), 0x0C00, 0x00E0, (1, 0, 0, 0)),
     ],
 )
 def test_what_clocks_a_chip_has(chip, units, features, answers):
-    """SII word 0 switches the SYNC unit (bit 10) and the latch unit (bit 11) on; registers of what
-    is off do not answer. The row before the last is an EL1004, as it was recorded."""
+    """SII word 0 switches the SYNC unit (bit 10) and the latch unit (bit 11) of an ET1200 on;
+    registers of what is off do not answer. Other controllers have them whatever it says.
+
+    Recorded are an EL1004 (ET1200 with 0x0104), an EL2889 (ET1100 with the same), an AKD (IP Core
+    with 32 bits and 0x0009) and a LAN9252: their features, and which registers answer.
+    """
     segment = Segment()
     segment.add(chip, build(Description(1, 2, 3, pdi_control=units)))
     assert number(segment, 0, 0x0008, 2) == features

@@ -3,6 +3,8 @@
 import base64
 import random
 import re
+import struct
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,10 +14,12 @@ from hypothesis import strategies as st
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, SdoAbortError
 from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
+from ecatsim.chip import MODELS
+from ecatsim.core import Segment
 from ecatsim.devices.beckhoff import EL3008
 from ecatsim.files import device_attributes, device_file
 from ecatsim.slave.objects import ObjectCode
-from ecatsim.slave.sii import DcMode, FmmuType, SmType, SyncManager
+from ecatsim.slave.sii import DcMode, Description, FmmuType, SmType, SyncManager, build
 
 SMALL = """\
 vendor = 0xFFFF
@@ -218,6 +222,36 @@ def test_chip_and_its_settings(tmp_path: Path) -> None:
         SyncManager(SmType.INPUTS, 0x1180, 3, 0x20, 9),
     )
     assert device.fmmus == (FmmuType.OUTPUTS, FmmuType.INPUTS, FmmuType.MAILBOX_STATE)
+
+
+def test_a_chip_has_a_name(tmp_path: Path) -> None:
+    text = "vendor = 1\nproduct = 2\n"
+    device = load(
+        tmp_path, text + 'chip = { model = "ET1200", fmmus = 2 }\nports = ["mii", "ebus"]'
+    )
+    assert device.chip == replace(MODELS["ET1200"], fmmus=2, ports=0b1011)
+    with pytest.raises(ConfigError, match=r"chip.model: is 'ET1300', but must be one of .*ET1200"):
+        load(tmp_path, text + 'chip.model = "ET1300"')
+
+
+def test_a_clock_that_the_sii_switches_off(tmp_path: Path) -> None:
+    """It is there, unless the chip is one that goes by the SII."""
+    data = build(Description(1, 2, 3, pdi_control=0x0104))
+    for text, answers in (
+        ("", 1),
+        ("chip = { dc = true }", 1),
+        ("chip = { dc = false }", 0),
+        ('chip = { model = "ET1200" }', 0),
+        ('chip = { model = "ET1200", dc_by_sii = false }', 1),
+    ):
+        segment = Segment()
+        load(tmp_path, inline(data) + text).attach(segment, 0, 0)
+        body = struct.pack("<BBHHHH", 1, 0, 0, 0x0910, 8, 0) + bytes(10)
+        raw = bytes(12) + b"\x88\xa4" + struct.pack("<H", 0x1000 | len(body)) + body
+        answer = segment.process(raw.ljust(60, b"\0"))
+        assert answer is not None
+        assert answer[34] == answers, text
+        segment.close()
 
 
 def test_process_data(tmp_path: Path) -> None:

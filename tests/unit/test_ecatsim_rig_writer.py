@@ -23,6 +23,7 @@ IMAGE = make("EL3102").sii_image()
 
 def slave(**facts: object) -> CapturedSlave:
     known = {"position": 0, "name": "EL3102", "sii": IMAGE, "chip": CHIP, "coe": True}
+    known |= {"clock": True}
     return CapturedSlave(**(known | {"dl_status": LINE} | facts))  # type: ignore[arg-type]
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 from ecatd.model.toml_file import REQUIRED, Table, integer
 
-from ..core import Chip
+from ..chip import MODELS, Chip
 from ..slave.device import Device
 from ..slave.sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from . import sources
@@ -53,9 +53,11 @@ _CHIP: Bounds = {
     "sync_managers": (0, 16),
     "ram_kib": (1, 60),
     "ports": (0, _U8),
+    "features": (0, _U16),
     "eeprom_read_us": (0, 10_000_000),
     "eeprom_write_us": (0, 10_000_000),
 }
+_FEATURES = 0x01F0
 _WORDED = ("protocols", "coe_details")  # read by `_bits`
 _EITHER = {"dc_bits": (32, 64), "eeprom_bytes": (4, 8)}
 _MAILBOX: Bounds = {
@@ -123,10 +125,15 @@ def _scalar(table: Table, key: str, kind: str) -> int | float | str | bool:
     return table.integer(key, *_BOUNDS.get(key, (0, _U32)))
 
 
-def _numbers(table: Table, kind: type[T], bounds: Bounds, old: T) -> dict[str, Any]:
-    """The fields of a dataclass of numbers and truth values, some changed by a table."""
+def _numbers(
+    table: Table, kind: type[T], bounds: Bounds, old: T, more: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """The fields of a dataclass of numbers and truth values, some changed by a table.
+
+    `more` are keys of the table that are none of them.
+    """
     values = {field.name: getattr(old, field.name) for field in fields(kind)}  # type: ignore[arg-type]
-    table.only(values)
+    table.only((*values, *more))
     for key, value in values.items():
         if key in table and isinstance(value, bool):
             values[key] = table.boolean(key)
@@ -138,7 +145,11 @@ def _numbers(table: Table, kind: type[T], bounds: Bounds, old: T) -> dict[str, A
 def _chip(table: Table, key: str, known: dict[str, Any]) -> None:
     old = known.get("chip", Device.chip)
     inner = table.table(key)
-    values = _numbers(inner, Chip, _CHIP, old)
+    if "model" in inner:  # ports are a matter of the board
+        old = replace(inner.choice("model", MODELS), ports=old.ports)
+    values = _numbers(inner, Chip, _CHIP, old, ("model",))
+    if values["features"] & ~_FEATURES:
+        inner.fail("features", f"is 0x{values['features']:04X}, but has only bits 4 to 8 (0x01F0)")
     for name, (one, other) in _EITHER.items():
         if values.get(name, one) not in (one, other):
             inner.fail(name, f"is {values[name]}, but must be {one} or {other}")
@@ -154,9 +165,8 @@ def _ports(table: Table, key: str, known: dict[str, Any]) -> None:
     if chip is not None and "ports" in chip:
         chip.fail("ports", "does not belong beside `ports` of the device: both are 0x0007")
     old = known.get("chip", Device.chip)
-    values = {field.name: getattr(old, field.name) for field in fields(Chip)}
     codes = sum(port[0] << 2 * i for i, port in enumerate(ports))
-    known["chip"] = Chip(**(values | {"ports": codes}))
+    known["chip"] = replace(old, ports=codes)
     if "physical_ports" not in table:
         known["physical_ports"] = sum(port[1] << 4 * i for i, port in enumerate(ports))
 

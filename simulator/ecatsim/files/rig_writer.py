@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields
 
 from ecatd.model.abort_codes import WRITE_ONLY, abort_text
 from ecatd.model.bus import Entry, Pdo
@@ -13,6 +15,7 @@ from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import ConfigError
 
 from ..capture import CapturedSlave, Upload, topology
+from ..chip import Chip, from_registers
 from ..slave.device import Device
 from ..slave.objects import Access, Variable
 from ..slave.sii import UNASSIGNED
@@ -22,19 +25,8 @@ from .sii_image import device_from_sii
 
 _BASE64_LINE = 76
 _PORT_DESCRIPTOR = 7
-_DC, _DC_64_BITS, _NO_LRW = 0x0004, 0x0008, 0x0200  # features, register 0x0008
 _EBUS = 2  # lower values say that there is no port
-_CHIP_KEYS = (
-    "type",
-    "revision",
-    "build",
-    "fmmus",
-    "sync_managers",
-    "ram_kib",
-    "ports",
-    "dc",
-    "dc_bits",
-)
+_CHIP_KEYS = ("type", "revision", "build", "fmmus", "sync_managers", "ram_kib", "ports", "dc")
 
 
 def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
@@ -70,7 +62,7 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
     yield 'sii = """base64:'
     yield from (encoded[i : i + _BASE64_LINE] for i in range(0, len(encoded), _BASE64_LINE))
     yield '"""'
-    yield from _chip(slave.chip)
+    yield from _chip(slave)
     yield from _rights(slave, base)
     if slave.objects is not None:
         yield "complete_dictionary = true"
@@ -81,15 +73,13 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
         yield from _object(item, slave)
 
 
-def _chip(registers: bytes) -> Iterator[str]:
-    """Registers 0x0000 to 0x0009."""
-    kind, revision, low, high, fmmus, managers, ram, ports, *last = registers
-    features = int.from_bytes(bytes(last), "little")
-    values: tuple[object, ...] = (kind, revision, low | high << 8)
-    values += (fmmus, managers, ram, ports, "true" if features & _DC else "false")
-    values += ((64 if features & _DC_64_BITS else 32),) if features & _DC else ()
-    pairs = [f"{k} = {v}" for k, v in zip(_CHIP_KEYS, values, strict=False)]
-    pairs += ["lrw = false"] if features & _NO_LRW else []
+def _chip(slave: CapturedSlave) -> Iterator[str]:
+    """Registers 0x0000 to 0x0009, and what is not as usual."""
+    chip, usual = from_registers(slave.chip, clock=slave.clock), Chip()
+    keys = [field.name for field in fields(Chip)]
+    values = {key: getattr(chip, key) for key in keys}
+    told = [k for k in keys if k in _CHIP_KEYS or values[k] != getattr(usual, k)]
+    pairs = (f"{key} = {json.dumps(values[key])}" for key in told)
     yield f"chip = {{ {', '.join(pairs)} }}"
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from ...core import Chip
+from dataclasses import replace
+
+from ...chip import MODELS
 from ...slave.device import Device
 from ...slave.sii import FmmuType
 
 VENDOR = 0x00000002
 _EBUS_PORTS = 0x0A
-SIMPLE_CHIP = Chip(fmmus=4, sync_managers=4, ram_kib=1, ports=_EBUS_PORTS)
-COMPLEX_CHIP = Chip(fmmus=8, sync_managers=8, ram_kib=8, ports=_EBUS_PORTS)
+SIMPLE_CHIP = replace(MODELS["ET1200"], ports=_EBUS_PORTS)
+COMPLEX_CHIP = replace(MODELS["ET1100"], ports=_EBUS_PORTS)
 COMPLEX_FMMUS = (FmmuType.OUTPUTS, FmmuType.INPUTS, FmmuType.MAILBOX_STATE, FmmuType.UNUSED)
 
 
