@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import socket
+import contextlib
 import struct
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+from ecatd.bus.engine import Index, open_socket
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatsim.slave.sync_managers import derive
 
@@ -17,12 +18,14 @@ BYTES = 32
 MAX_DATA = 1486
 """Bytes of data that fit in a frame with one datagram."""
 ETHERTYPE = 0x88A4
-_INDEX = 17  # where the first datagram of a frame has it
+INDEX = 17
+"""Where a frame has the index of its first datagram."""
 _AL_CONTROL, _AL_STATUS, _WATCHDOG = 0x0120, 0x0130, 0x0420
 _FMMU, _SYNC_MANAGER = 0x0600, 0x0800
 _ACKNOWLEDGE = 0x10
 _INIT, _PREOP, _SAFEOP, _OP = 1, 2, 4, 8
 _ATTEMPTS = 20
+_ANSWER = 0.1
 _PATIENCE = 10.0
 
 Exchange = Callable[[bytes], "bytes | None"]
@@ -43,25 +46,33 @@ def logical_frame(address: int, data: bytes) -> bytes:
 
 
 class Wire:
-    """Exchanges single frames on an interface."""
+    """Exchanges single frames on an interface, also beside an engine, whose frames it does not see.
+
+    Args:
+        interface: Its name.
+
+    Raises:
+        NotPermittedError: The process may not use raw sockets.
+        UnreachableError: The interface cannot be used.
+    """
 
     def __init__(self, interface: str) -> None:
-        self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
-        self._socket.bind((interface, ETHERTYPE))
-        self._socket.settimeout(0.1)
+        self._socket = open_socket(interface, 0, Index.ENGINE - 1)
         self._index = 0
 
     def exchange(self, sent: bytes) -> bytes | None:
         """Sends a frame and returns it as it came back, None if it was lost."""
-        self._index = (self._index + 1) & 0xFF  # tells late frames of earlier attempts
-        self._socket.send(sent[:_INDEX] + bytes([self._index]) + sent[_INDEX + 1 :])
-        try:
-            while True:
+        # So that late frames of earlier attempts are not taken for its answer.
+        self._index = (self._index + 1) % Index.ENGINE
+        self._socket.send(sent[:INDEX] + bytes([self._index]) + sent[INDEX + 1 :])
+        end = time.monotonic() + _ANSWER
+        with contextlib.suppress(TimeoutError):
+            while (left := end - time.monotonic()) > 0:
+                self._socket.settimeout(left)
                 back = self._socket.recv(2048)
-                if back[_INDEX] == self._index:
+                if back[INDEX] == self._index:
                     return back
-        except TimeoutError:
-            return None
+        return None
 
     def close(self) -> None:
         """Closes the socket."""
@@ -76,16 +87,28 @@ class Datagram(NamedTuple):
     counter: int
 
 
+def _offsets(frame: bytes) -> Iterator[int]:
+    """Where the datagrams of an Ethernet frame begin."""
+    at, more = 16, True
+    while more:
+        yield at
+        (length,) = struct.unpack_from("<H", frame, at + 6)
+        more, at = bool(length & 0x8000), at + 12 + (length & 0x7FF)
+
+
 def datagrams(frame: bytes) -> list[Datagram]:
     """All datagrams of an Ethernet frame."""
-    found, at, more = [], 16, True
-    while more:
-        command, length = frame[at], struct.unpack_from("<H", frame, at + 6)[0]
-        more, end = bool(length & 0x8000), at + 10 + (length & 0x7FF)
+    found = []
+    for at in _offsets(frame):
+        end = at + 10 + (struct.unpack_from("<H", frame, at + 6)[0] & 0x7FF)
         counter = struct.unpack_from("<H", frame, end)[0]
-        found.append(Datagram(command, frame[at + 10 : end], counter))
-        at = end + 2
+        found.append(Datagram(frame[at], frame[at + 10 : end], counter))
     return found
+
+
+def layout(frame: bytes) -> tuple[bytes, ...]:
+    """Commands, addresses and lengths of the datagrams of a frame."""
+    return tuple(frame[at : at + 1] + frame[at + 2 : at + 8] for at in _offsets(frame))
 
 
 def ask(exchange: Exchange, sent: bytes) -> tuple[bytes, int]:
@@ -210,6 +233,7 @@ class Line:
         return bytes((slave * 7 + i) & 0xFF for i in range(self.size))
 
 
-def encode(frames: Sequence[bytes]) -> bytes:
-    """Frames as `ping` reads them."""
-    return b"".join(struct.pack("<H", len(data)) + data for data in frames)
+def encode(frames: Sequence[bytes] | Sequence[tuple[bytes, bytes]]) -> bytes:
+    """Frames as `ping` reads them, or frames and their answers as `responder` does."""
+    lists = [(item,) if isinstance(item, bytes) else item for item in frames]
+    return b"".join(struct.pack("<H", len(item[0])) + b"".join(item) for item in lists)

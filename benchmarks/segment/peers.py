@@ -87,9 +87,9 @@ def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None
 
 
 @contextlib.contextmanager
-def wire() -> Iterator[Wire]:
+def wire(pair: Pair = SIMULATOR) -> Iterator[Wire]:
     """A way to ask single frames."""
-    opened = Wire(SIMULATOR.near)
+    opened = Wire(pair.near)
     try:
         yield opened
     finally:

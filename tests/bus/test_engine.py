@@ -4,17 +4,14 @@ Each test runs in a process of its own, which enters a network namespace.
 """
 
 import ctypes
-import functools
 import resource
 import socket
 import struct
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
-from engine_bench import MASTER, RUN, SECOND, SIZE, Bench, bench, switch
+from engine_bench import MASTER, RUN, SECOND, SIZE, Bench, bench, in_namespace, switch
 
 from ecatd import shm
 from ecatd.bus.engine import Clock, EventType, Index, open_socket
@@ -24,27 +21,8 @@ from ecatsim.wire import FaultKind, FrameFault
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
-HERE = Path(__file__)
 PATIENCE = 20.0
 PAGE = resource.getpagesize()
-
-
-def in_namespace(test):
-    """Runs the test in a process without threads, which can enter a namespace."""
-
-    @functools.wraps(test)
-    def run(*arguments, **keywords):
-        code = (
-            f"import sys; sys.path[:0] = [{str(HERE.parent)!r}, {str(HERE.parents[2])!r}]; "
-            f"import {HERE.stem} as t; "
-            f"t.{test.__name__}.__wrapped__(*{arguments!r}, **{keywords!r})"
-        )
-        result = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=False
-        )
-        assert result.returncode == 0, result.stderr + result.stdout
-
-    return run
 
 
 def until(condition, what="what is waited for"):

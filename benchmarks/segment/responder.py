@@ -1,0 +1,118 @@
+"""Slaves that need nobody to wake: a program in the kernel answers the frames of the cycle.
+
+The simulator shares the processors with what is measured, and has to be woken for each frame. Here
+an XDP program on the far end of the veth pair gives the answers that the simulator gave before,
+within the system call that sends the frame. All other frames still go to the simulator, which
+brings the slaves to OP, and has their mailboxes and registers. The process data of slaves stand
+still meanwhile.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ecatd.model.errors import NotPermittedError, StateError
+
+from .frames import BRD, BWR, ask, datagrams, encode, frame
+from .peers import SIMULATOR, Pair, wire
+
+Answered = tuple[bytes, bytes]
+"""A frame as it was sent, and as it came back."""
+
+_FRMW = 14
+_OP = 8
+_WATCHDOG = 0x0420
+_SOURCE = slice(6, 12)
+_REFUSED = 3  # status of the program
+
+
+class Responder:
+    """Answers frames in the kernel while it is entered.
+
+    Args:
+        program: `c/responder.c`, built.
+        answered: Frames of the cycle with the answers of the simulator, from `tap.answered`.
+        pair: The interfaces.
+
+    Raises:
+        NotPermittedError: This kernel has no XDP for veth, or the process may not use it.
+        StateError: The slaves are not in OP, or one of the frames asks for the time of a clock,
+            which does not stand still.
+    """
+
+    def __init__(self, program: Path, answered: Sequence[Answered], pair: Pair = SIMULATOR) -> None:
+        for _, answer in answered:
+            for command, data, _ in datagrams(answer):
+                if command == BRD and data[0] != _OP:
+                    raise StateError(f"AL status is 0x{data[0]:02X}: slaves are not in OP")
+                if command == _FRMW:
+                    raise StateError("the kernel cannot answer for distributed clocks")
+        for sent, _ in answered[:1]:
+            _switch_watchdogs_off(pair, sent[_SOURCE])
+        self._process = subprocess.Popen(
+            [program, pair.near, pair.far],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        assert self._process.stdin
+        assert self._process.stdout
+        self._stdin, self._stdout = self._process.stdin, self._process.stdout
+        self._write(struct.pack("<H", len(answered)) + encode(answered))
+        if self._stdout.readline() != b"ready\n":
+            assert self._process.stderr
+            reason = self._process.stderr.read().decode().strip()
+            self.close()
+            kind = NotPermittedError if self._process.returncode == _REFUSED else StateError
+            raise kind(reason)
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self._stdin.write(data)
+            self._stdin.flush()
+        except BrokenPipeError:
+            pass  # reading tells
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """EtherCAT frames so far: "answered" in the kernel, and "passed" on to the simulator."""
+        self._write(b"?")
+        found: dict[str, int] = json.loads(self._stdout.readline())
+        return found
+
+    def close(self) -> None:
+        """From now on the simulator answers again."""
+        self._process.communicate()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _switch_watchdogs_off(pair: Pair, source: bytes) -> None:
+    """The slaves will no longer see process data. In the master's name: it looks for strangers."""
+    request = frame(BWR, 0, _WATCHDOG, bytes(2))
+    with wire(pair) as opened:
+        ask(opened.exchange, request[: _SOURCE.start] + source + request[_SOURCE.stop :])
+
+
+def obstacle(program: Path, pair: Pair = SIMULATOR) -> str | None:
+    """Why this kernel cannot answer frames, or may not for us; None if it can."""
+    try:
+        Responder(program, [], pair).close()
+    except NotPermittedError as error:
+        return str(error)
+    return None

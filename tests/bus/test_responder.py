@@ -1,0 +1,160 @@
+"""Frames of the cycle answered in the kernel, as the benchmarks have them, and all others not.
+
+Each test runs in a process of its own, which enters a network namespace.
+"""
+
+import functools
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from benchmarks import native
+from benchmarks.segment import responder, tap
+from benchmarks.segment.frames import APRD, APWR, ask, datagrams, frame
+from benchmarks.segment.peers import Pair
+from engine_bench import MASTER, bench, in_namespace
+
+from ecatd import shm
+from ecatd.bus.engine import Clock
+from ecatd.model.errors import StateError
+from ecatsim.net import namespace, netlink
+
+pytestmark = pytest.mark.bus
+
+PAIR = Pair(MASTER, "sim")
+PATIENCE = 20.0
+LEASE = 10.0
+WATCHDOG = 0x0420
+
+
+def obstacle():
+    """What keeps this process from it; printed, for one that may enter a namespace."""
+    namespace.enter_new()
+    netlink.create_veth(PAIR.near, PAIR.far)
+    with tempfile.TemporaryDirectory() as folder:
+        program = native.build(Path(folder), "responder")
+        print(responder.obstacle(program, PAIR) or "")
+
+
+@functools.cache
+def said(*wrapper):
+    """What `obstacle` prints in a process that is started by `wrapper`."""
+    folders = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
+    code = f"import sys; sys.path[:0] = {folders!r}; import test_responder as t; t.obstacle()"
+    result = subprocess.run(
+        [*wrapper, sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout.strip()
+
+
+@pytest.fixture(autouse=True)
+def _possible():
+    if reason := said():
+        pytest.skip(f"no frames can be answered in the kernel here: {reason}")
+
+
+def until(condition, what):
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, f"{what} does not come"
+        time.sleep(0.002)
+
+
+def status(b, domain):
+    kind = shm.struct("ecat_shm_domain_status")
+    at = b.segment.address + b.segment.header.domain_status_offset
+    return kind.from_address(at + domain * shm.size("ecat_shm_domain_status"))
+
+
+def started(b, folder):
+    """The program, and what a cycle has."""
+    b.start()
+    program = native.build(Path(folder), "responder")
+    return program, tap.answered(lambda: time.sleep(0.1), PAIR)
+
+
+@in_namespace
+def test_cycles_are_answered_in_the_kernel_and_registers_by_the_simulator():
+    with bench(3, domains=[0, 0, 1], dividers=(1, 3)) as b, tempfile.TemporaryDirectory() as folder:
+        program, answered = started(b, folder)
+        assert len(answered) == 2, "with the second domain, and without"
+        client = b.client()
+        signals = [(client.bind(i, 0x7000, 1), client.bind(i, 0x6000, 1)) for i in (0, 2)]
+        for position in (0, 2):
+            client.claim(position, lease=LEASE)
+
+        def returns(number):
+            for output, _ in signals:
+                client.write(output, number)
+            client.commit()
+            client.sample()
+            return [client.read(inputs) for _, inputs in signals] == [number, number]
+
+        until(lambda: returns(7), "what was written")
+        answered = tap.answered(lambda: time.sleep(0.1), PAIR)
+        ask(b.wire.exchange, frame(APWR, 0, WATCHDOG, struct.pack("<H", 1000)))
+        lost, wrong = b.segment.health.lost, b.segment.health.wkc_bad
+        with responder.Responder(program, answered, PAIR) as kernel:
+            before = [status(b, domain).exchanges for domain in (0, 1)]
+            served, begun = b.esc.counters().frames, kernel.counts
+            until(
+                lambda: status(b, 1).exchanges > before[1] + 50 and not returns(8),
+                "50 exchanges of the slower domain",
+            )
+            counts = kernel.counts
+            assert counts["answered"] - begun["answered"] >= 150
+            assert counts["passed"] == begun["passed"]
+            assert b.esc.counters().frames == served, "nobody was woken"
+            client.sample()
+            assert [client.read(inputs) for _, inputs in signals] == [7, 7], "they stand still"
+            assert ask(b.wire.exchange, frame(APRD, 0, WATCHDOG, bytes(2))) == (bytes(2), 1)
+            assert kernel.counts["passed"] == begun["passed"] + 1
+            assert b.segment.health.slaves_found == 3
+            assert b.segment.health.al_status == 8
+        until(lambda: returns(9), "what was written, by way of the simulator")
+        assert b.segment.health.wkc_bad - wrong == b.segment.health.lost - lost, "no other counters"
+        client.close()
+
+
+@in_namespace
+def test_other_frames_of_the_cycle_pass():
+    """As when a master of the same name comes with another layout."""
+    with bench(2) as b, tempfile.TemporaryDirectory() as folder:
+        program, answered = started(b, folder)
+        ((sent, answer),) = answered
+        shorter = sent[:16] + sent[16:18] + b"\1\0" + sent[20:]  # another address
+        with responder.Responder(program, [(shorter, answer)], PAIR) as kernel:
+            before = b.segment.header.cycle
+            until(lambda: b.segment.header.cycle > before + 20, "cycles")
+            assert kernel.counts["answered"] == 0
+            assert kernel.counts["passed"] >= 20
+
+
+@in_namespace
+def test_slaves_that_are_not_in_op_are_told():
+    with bench(2) as b, tempfile.TemporaryDirectory() as folder:
+        program, answered = started(b, folder)
+        ((sent, answer),) = answered
+        assert datagrams(answer)[0].data == b"\x08\0"
+        answer = answer[:26] + b"\x04" + answer[27:]
+        with pytest.raises(StateError, match=r"^AL status is 0x04: slaves are not in OP$"):
+            responder.Responder(program, [(sent, answer)], PAIR)
+
+
+@in_namespace
+def test_clocks_are_told():
+    with bench(2) as b, tempfile.TemporaryDirectory() as folder:
+        b.start(Clock(b.bus.slaves[0].address, 0, 0, 100_000))
+        program = native.build(Path(folder), "responder")
+        answered = tap.answered(lambda: time.sleep(0.1), PAIR)
+        with pytest.raises(StateError, match=r"^the kernel cannot answer for distributed clocks$"):
+            responder.Responder(program, answered, PAIR)
+
+
+def test_without_rights_it_is_said():
+    assert "Operation not permitted" in said("unshare", "--user", "--map-root-user")
