@@ -4,10 +4,8 @@
 bus description -> build -> ir -> render (templates) -> output (files)
 ```
 
-- `profiles`: what the entries of known devices mean
-- `origin`: what of bus and profiles counts, and is kept beside the result
-- `names`, `words`: identifiers from the names of slaves, PDOs and entries; `units`: as Modelica
-  writes them
+- `origin`: what of the bus counts, and is kept beside the result
+- `names`, `words`: identifiers from the names of slaves, PDOs and entries
 - `connectors`, `blocks`: from entries and slaves to connectors and blocks; `drives`: blocks of
   drives in SI units around them
 - `layout`, `labels`, `symbols`, `font`: how blocks look; `examples`, `diagram`: models of them

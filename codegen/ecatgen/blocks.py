@@ -11,13 +11,9 @@ from . import layout, names
 from .connectors import connectors, is_drawn
 from .ir import Block, Skipped
 from .labels import label
-from .profiles import Profiles
-from .profiles.profile import SlaveProfile
 from .symbols import slave_kind, symbol
 
 _MAX_BITS = 64  # of one entry in the shared memory
-
-NO_PROFILES = Profiles()
 
 EXAMPLE_COMPONENTS = (
     *("etherCATMaster", "enable", "reference", "angle", "off", "zero", "zeroReal"),
@@ -36,9 +32,7 @@ _RESERVED = (
 )
 
 
-def build_blocks(
-    slaves: Iterable[Slave], library: str, profiles: Profiles = NO_PROFILES
-) -> tuple[Block, ...]:
+def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
     """The blocks of all slaves, in their order on the bus.
 
     A class is named after the type of its slave. Only slaves of the same type are counted, from
@@ -53,11 +47,11 @@ def build_blocks(
     for slave in slaves:
         name = namespace.take(names.class_name(slave.name, f"Slave{slave.product:08X}"))
         instance = instances.take(names.instance_name(name))
-        blocks.append(_block(slave, name, instance, profiles.of(slave)))
+        blocks.append(_block(slave, name, instance))
     return tuple(blocks)
 
 
-def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Block:
+def _block(slave: Slave, name: str, instance: str) -> Block:
     skipped: list[Skipped] = []
     writes = list(_usable(slave, skipped, outputs=True))
     reads = list(_usable(slave, skipped, outputs=False))
@@ -71,16 +65,12 @@ def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Blo
     title = f"{label(name)}, slave {slave.position}"
     output_labels = [label(n) for n in connector_names[: len(writes)]]
     input_labels = [
-        label(n) if is_drawn(profile.meaning(entry), outputs=False) else ""
+        label(n) if is_drawn(entry, outputs=False) else ""
         for n, (_, entry) in zip(connector_names[len(writes) :], reads, strict=True)
     ]
     icon = layout.icon(title, output_labels, filter(None, input_labels))
-    outputs = connectors(
-        writes, connector_names[: len(writes)], output_labels, icon, profile, outputs=True
-    )
-    inputs = connectors(
-        reads, connector_names[len(writes) :], input_labels, icon, profile, outputs=False
-    )
+    outputs = connectors(writes, connector_names[: len(writes)], output_labels, icon, outputs=True)
+    inputs = connectors(reads, connector_names[len(writes) :], input_labels, icon, outputs=False)
     right = tuple(c for c in inputs if c.placement)
     slave_label = slave.name or f"product 0x{slave.product:08X}"
     kind = slave_kind(slave, {c.kind for c in outputs}, {c.kind for c in right})
@@ -96,10 +86,7 @@ def _block(slave: Slave, name: str, instance: str, profile: SlaveProfile) -> Blo
         vendor=slave.vendor,
         product=slave.product,
         revision=slave.revision,
-        profiles=tuple(
-            ": ".join(filter(None, (device.description, device.facts)))
-            for device in profile.devices
-        ),
+        profiles=tuple(slave.profiles),
         reads=inputs,
         writes=outputs,
         skipped=tuple(skipped),

@@ -9,17 +9,16 @@ from .blocks import build_blocks
 from .drives import build_drives
 from .examples import build_examples
 from .ir import Library
-from .profiles import Profiles
 
 
-def build_library(bus: Bus, name: str, profiles: Profiles) -> Library:
+def build_library(bus: Bus, name: str) -> Library:
     """The generated library for a bus.
 
     Raises:
         UsageError: The name cannot be that of a Modelica library.
     """
     name = names.library_name(name)
-    blocks = build_blocks(bus.slaves, name, profiles)
+    blocks = build_blocks(bus.slaves, name)
     drives = build_drives(blocks)
     return Library(
         name=name,

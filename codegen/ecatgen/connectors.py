@@ -6,21 +6,17 @@ from collections.abc import Iterator, Sequence
 
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType, is_real, is_signed, type_name
+from ecatd.model.units import QUANTITIES, modelica_unit
 
 from . import layout
 from .ir import Connector, Extent, Kind
-from .profiles import Meaning
-from .profiles.profile import SlaveProfile
-from .units import QUANTITIES, modelica_unit
 
 _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
 
-RAW = Meaning()
 
-
-def kind_of(entry: Entry, meaning: Meaning = RAW) -> Kind:
+def kind_of(entry: Entry) -> Kind:
     """The Modelica type of an entry: a Modelica Integer has 32 bits and a sign."""
-    if meaning.is_physical:
+    if entry.is_physical:
         return "Real"
     if entry.data_type == DataType.BOOLEAN or entry.bit_length == 1:
         return "Boolean"
@@ -34,7 +30,6 @@ def connectors(
     names: Sequence[str],
     labels: Sequence[str],
     icon: Extent,
-    profile: SlaveProfile,
     *,
     outputs: bool,
 ) -> tuple[Connector, ...]:
@@ -45,15 +40,13 @@ def connectors(
         names: Their names.
         labels: Their names in the icon, empty for variables.
         icon: Extent of the icon.
-        profile: What is known about the slave.
         outputs: Whether the model writes them.
     """
     result: list[Connector] = []
     row = 0
     for (pdo, entry), name, label in zip(entries, names, labels, strict=True):
-        meaning = profile.meaning(entry)
-        drawn = is_drawn(meaning, outputs=outputs)
-        kind = kind_of(entry, meaning)
+        drawn = is_drawn(entry, outputs=outputs)
+        kind = kind_of(entry)
         place = f"{entry.index:04X}_{entry.subindex:02X}"  # no connector has such a name
         result.append(
             Connector(
@@ -75,15 +68,15 @@ def connectors(
                 description=_description(pdo, entry),
                 pdo_name=pdo.name,
                 entry_name=entry.name,
-                modifiers=tuple(_modifiers(kind, meaning, outputs=outputs)),
-                scaling=_scaling(meaning),
-                scale=meaning.scale,
-                offset=meaning.offset,
-                unit=modelica_unit(meaning.unit),
-                unit_name=meaning.unit,
-                conversion=_conversion(meaning),
-                note=meaning.note,
-                values=meaning.values,
+                modifiers=tuple(_modifiers(kind, entry, outputs=outputs)),
+                scaling=_scaling(entry),
+                scale=entry.scale,
+                offset=entry.offset,
+                unit=modelica_unit(entry.unit),
+                unit_name=entry.unit,
+                conversion=_conversion(entry),
+                note=entry.note,
+                values=tuple(entry.values),
                 placement=_placement(layout.port(icon, row, left=outputs)) if drawn else "",
                 label=label,
                 label_extent=layout.port_label(icon, row, label, left=outputs) if drawn else None,
@@ -93,9 +86,9 @@ def connectors(
     return tuple(result)
 
 
-def is_drawn(meaning: Meaning, *, outputs: bool) -> bool:
+def is_drawn(entry: Entry, *, outputs: bool) -> bool:
     """Whether an entry has a connector: what the model writes, cannot be left to nobody."""
-    return outputs or meaning.connector
+    return outputs or entry.connector
 
 
 def _description(pdo: Pdo, entry: Entry) -> str:
@@ -111,9 +104,9 @@ def _placement(extent: Extent) -> str:
     return f"\n    annotation (Placement(transformation(extent = {extent})))"
 
 
-def _modifiers(kind: Kind, meaning: Meaning, *, outputs: bool) -> Iterator[str]:
-    unit, display_unit = modelica_unit(meaning.unit), meaning.display_unit
-    quantity = meaning.quantity or QUANTITIES.get(unit, "")
+def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[str]:
+    unit, display_unit = modelica_unit(entry.unit), entry.display_unit
+    quantity = entry.quantity or QUANTITIES.get(unit, "")
     if quantity:
         yield f'quantity = "{quantity}"'
     if unit:
@@ -125,15 +118,15 @@ def _modifiers(kind: Kind, meaning: Meaning, *, outputs: bool) -> Iterator[str]:
         yield "fixed = true"
 
 
-def _scaling(meaning: Meaning) -> str:
+def _scaling(entry: Entry) -> str:
     """Arguments in the syntax of Modelica and of C, whose numbers are alike."""
-    if meaning.scale == 1 and meaning.offset == 0:
+    if entry.scale == 1 and entry.offset == 0:
         return ""
-    return f", {meaning.scale!r}, {meaning.offset!r}"
+    return f", {entry.scale!r}, {entry.offset!r}"
 
 
-def _conversion(meaning: Meaning) -> str:
-    if meaning.scale == 1 and meaning.offset == 0:
+def _conversion(entry: Entry) -> str:
+    if entry.scale == 1 and entry.offset == 0:
         return ""
-    shift = f" {'+' if meaning.offset > 0 else '-'} {abs(meaning.offset):g}"
-    return f"raw * {meaning.scale:g}{shift if meaning.offset else ''}"
+    shift = f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
+    return f"raw * {entry.scale:g}{shift if entry.offset else ''}"

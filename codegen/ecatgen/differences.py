@@ -7,10 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 
-from ecatd.model.bus import Bus, Domain, Slave
+from ecatd.model.bus import Bus, Domain, Slave, Value
 
 from .ir import Block, Connector, Library
-from .profiles import Value
 from .text import one_line
 
 _ASPECTS = (

@@ -13,20 +13,18 @@ from . import static_library
 from .build import build_library
 from .differences import compare
 from .ir import Library
-from .origin import Origin, origin, read_origin
+from .origin import dump_origin, essence, read_origin
 from .output import Report, Tree, install
-from .profiles import load_profiles
 from .render import render
 
-_ORIGIN = "Resources/"
-"""Folder of a library that has what it is made from."""
+_ORIGIN = "Resources/bus.json"
+"""What a library is made from."""
 
 
 def generate(
     bus: Bus,
     name: str,
     out: Path,
-    profiles: Iterable[Path] = (),
     templates: Iterable[Path] = (),
     *,
     check: bool = False,
@@ -41,21 +39,20 @@ def generate(
         bus: Description of the bus.
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
-        profiles: Folders with device profiles of the user; an earlier one wins.
         templates: Folders with templates of the user; an earlier one wins.
         check: Write nothing, only report what would change.
         force: Replace generated files that the user has changed, and keep those under another
             name; without it they are an error.
 
     Raises:
-        ConfigError: A device profile or a template is wrong.
+        ConfigError: A template is wrong.
         UsageError: The name cannot be that of a Modelica library.
         StateError: Files of the user stand in the way of generated ones.
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
     generator = _Generator(name, templates)
-    made_from = origin(bus, load_profiles(profiles))
+    made_from = essence(bus)
     library = generator.library(made_from)
     files = generator.files(made_from, library)
     before = _before(out / library.name)
@@ -64,7 +61,7 @@ def generate(
     if before is None or not report.is_change:
         return report
     old = generator.library(before)
-    differences = compare((before.bus, old), (made_from.bus, library))
+    differences = compare((before, old), (made_from, library))
     again = generator.files(before, old) if differences else files
     return replace(report, differences=differences, otherwise=_otherwise(report, files, again))
 
@@ -76,23 +73,18 @@ class _Generator:
         self._name = name
         self._templates = list(templates)
 
-    def library(self, made_from: Origin) -> Library:
-        return build_library(made_from.bus, self._name, made_from.profiles)
+    def library(self, made_from: Bus) -> Library:
+        return build_library(made_from, self._name)
 
-    def files(self, made_from: Origin, library: Library) -> Tree:
-        carried = {_ORIGIN + name: data for name, data in made_from.files().items()}
-        return render(library, self._templates) | carried
+    def files(self, made_from: Bus, library: Library) -> Tree:
+        return render(library, self._templates) | {_ORIGIN: dump_origin(made_from)}
 
 
-def _before(folder: Path) -> Origin | None:
+def _before(folder: Path) -> Bus | None:
     """What an earlier run has made a library of; None where that is not known."""
-
-    def read(name: str) -> bytes | None:
-        with suppress(OSError):
-            return (folder / (_ORIGIN + name)).read_bytes()
-        return None
-
-    return read_origin(read)
+    with suppress(OSError):
+        return read_origin((folder / _ORIGIN).read_bytes())
+    return None
 
 
 def _otherwise(report: Report, files: Tree, again: Tree) -> tuple[str, ...]:

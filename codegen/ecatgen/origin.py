@@ -1,65 +1,36 @@
-"""What a library or an FMU is made from, and carries in itself: the bus and device profiles."""
+"""What a library or an FMU is made from, and carries in itself: the bus and what it means."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import ConfigError, UsageError
-
-from .profiles import Profiles, profiles_file, read_profiles
-
-_BUS, _PROFILES = "bus.json", "profiles.toml"
+from ecatd.model.errors import UsageError
 
 
-@dataclass(frozen=True, slots=True)
-class Origin:
-    """All that the generated files depend on, besides name, templates and version.
-
-    Attributes:
-        bus: The bus, without what another bus of the same slaves would have otherwise.
-        profiles: Device profiles.
-    """
-
-    bus: Bus
-    profiles: Profiles
-
-    def files(self) -> dict[str, bytes]:
-        """The files that say it; of the profiles, those that fit a slave."""
-        used = [
-            device
-            for device in self.profiles.devices
-            if any(device.fits(slave) for slave in self.bus.slaves)
-        ]
-        return {_BUS: bus_file.dump(self.bus).encode(), _PROFILES: profiles_file(used).encode()}
-
-
-def origin(bus: Bus, profiles: Profiles) -> Origin:
-    """The origin of what is generated now.
+def essence(bus: Bus) -> Bus:
+    """The bus without what another bus of the same slaves would have otherwise.
 
     A library must not change when a slave is replaced by another one of its type, or when the
     clocks are measured again: serial numbers, addresses, delays and places in the process image
     are left out.
     """
-    return Origin(replace(bus, slaves=[_essence(slave) for slave in bus.slaves]), profiles)
+    return replace(bus, slaves=[_essence(slave) for slave in bus.slaves])
 
 
-def read_origin(read: Callable[[str], bytes | None]) -> Origin | None:
-    """The origin of what was generated before; None where that is not known any more.
+def dump_origin(bus: Bus) -> bytes:
+    """The file that a library or an FMU carries."""
+    return bus_file.dump(bus).encode()
 
-    Args:
-        read: Gives the content of a file of `Origin.files`.
-    """
-    bus, profiles = read(_BUS), read(_PROFILES)
-    if bus is None or profiles is None:
+
+def read_origin(data: bytes | None) -> Bus | None:
+    """The bus in that file; None where it is not there, or makes no sense any more."""
+    if data is None:
         return None
-    with suppress(UsageError, ConfigError, UnicodeDecodeError):
-        return origin(
-            bus_file.parse(bus.decode(), _BUS), read_profiles(profiles.decode(), _PROFILES)
-        )
+    with suppress(UsageError, UnicodeDecodeError):
+        return essence(bus_file.parse(data.decode(), "bus.json"))
     return None
 
 
@@ -71,6 +42,7 @@ def _essence(slave: Slave) -> Slave:
         slave.product,
         slave.revision,
         coe=slave.coe,
+        profiles=slave.profiles,
         outputs=slave.outputs,
         inputs=slave.inputs,
         domain=slave.domain,

@@ -1,4 +1,4 @@
-"""Where the sockets of a bus are.
+"""Where the sockets of a bus are, and the files of machine and user.
 
 A daemon of the system (root, systemd) keeps them in `/run/ecatd`, one of an ordinary user in
 `$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` where there is no such directory.
@@ -14,8 +14,22 @@ from pathlib import Path
 from .model.errors import NotPermittedError
 
 SYSTEM = Path("/run/ecatd")
+MACHINE = Path("/etc/ecatd")
 
 _OWN = "set ECATD_RUNTIME_DIR to a directory of your own"
+
+
+def user_config(name: str) -> Path:
+    """A folder of the user's configuration, such as `~/.config/ecatd/profiles`."""
+    base = Path(os.environ.get("XDG_CONFIG_HOME", ""))
+    if not base.is_absolute():  # is to be ignored (XDG Base Directory Specification)
+        base = Path(os.environ.get("HOME", "/nonexistent")) / ".config"
+    return base / "ecatd" / name
+
+
+def profile_folders() -> list[Path]:
+    """Where device profiles of the machine and of the user are, the first one wins."""
+    return [MACHINE / "profiles", user_config("profiles")]
 
 
 def user_dir() -> Path:

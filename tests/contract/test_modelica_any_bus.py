@@ -19,6 +19,8 @@ from pymoca.parser import parse
 import ecatgen
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.checks import check_structure, sample_buses
@@ -26,7 +28,6 @@ from ecatgen.drawing.checks import check_diagram, check_icon
 from ecatgen.drawing.library import Libraries
 from ecatgen.drawing.pictures import models
 from ecatgen.drawing.scene import diagram, icon
-from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 LIBRARY = "Plant"
@@ -159,7 +160,7 @@ BUSES = {
 
 
 def files(bus: Bus) -> dict[str, bytes]:
-    return render(build_library(bus, LIBRARY, PROFILES))
+    return render(build_library(give_meanings(bus, PROFILES), LIBRARY))
 
 
 def problems(made: dict[str, bytes]) -> list[str]:
@@ -193,7 +194,7 @@ def test_nothing_overlaps(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", BUSES)
 def test_a_constant_of_an_example_has_one_unit(name: str) -> None:
-    library = build_library(Bus("ecat0", 1000, BUSES[name]), LIBRARY, PROFILES)
+    library = build_library(give_meanings(Bus("ecat0", 1000, BUSES[name]), PROFILES), LIBRARY)
     unit = {f"{b.instance}.{c.name}": c.unit for b in library.blocks for c in b.writes}
     for example in library.examples:
         fed = {(c.source, unit[c.target]) for c in example.connections if c.target in unit}
@@ -207,7 +208,7 @@ def test_no_connector_is_called_like_something_of_the_base_class() -> None:
     assert {"domainID", "valid", "etherCATMaster"} <= made.keys()
     entries = [Entry(0x6000 + n, 1, name, U8, 8) for n, name in enumerate(made)]
     slave = Slave(0, "S", 1, 2, 3, inputs=inputs(*entries))
-    (block,) = build_library(Bus("b", 1000, [slave]), LIBRARY, PROFILES).blocks
+    (block,) = build_library(give_meanings(Bus("b", 1000, [slave]), PROFILES), LIBRARY).blocks
     assert len(block.reads) == len(made)
     assert not {connector.name for connector in block.reads} & made.keys()
 
@@ -253,9 +254,8 @@ def test_the_bytes_do_not_depend_on_the_process() -> None:
         "import hashlib\n"
         "from ecatgen.build import build_library\n"
         "from ecatgen.checks import sample_buses\n"
-        "from ecatgen.profiles import load_profiles\n"
         "from ecatgen.render import render\n"
-        "files = render(build_library(sample_buses.awkward(), 'Plant', load_profiles()))\n"
+        "files = render(build_library(sample_buses.awkward(), 'Plant'))\n"
         "print(hashlib.sha256(repr(sorted(files.items())).encode()).hexdigest())\n"
     )
     digests = {

@@ -67,16 +67,8 @@ def test_c_makes_the_calls_of_the_blocks(bus: Callable[..., object], tmp_path: P
 
 @pytest.fixture(scope="module")
 def typed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    """A daemon on the rig with all data types."""
-    daemon = Daemon(tmp_path_factory.mktemp("typed"), RIG).wait_ready()
-    yield daemon
-    daemon.close()
-
-
-@pytest.fixture(scope="module")
-def types(tmp_path_factory: pytest.TempPathFactory, typed: Daemon) -> Path:
-    """Its library, with some scaled entries."""
-    folder = tmp_path_factory.mktemp("types")
+    """A daemon on the rig with all data types, some of which are scaled."""
+    folder = tmp_path_factory.mktemp("typed")
     (folder / "profiles").mkdir()
     text = PROFILE + "".join(
         PROFILE_ENTRY.format(index=index, subindex=subindex, scale=scale, offset=offset)
@@ -84,7 +76,17 @@ def types(tmp_path_factory: pytest.TempPathFactory, typed: Daemon) -> Path:
         for index in (0x6000, 0x7000)
     )
     (folder / "profiles" / "types.toml").write_text(text)
-    typed.ctl("generate", "Plant", str(folder / "out"), "--profiles", str(folder / "profiles"))
+    config = 'profiles = ["profiles"]\n[gateway]\nlisten = []\n'
+    daemon = Daemon(folder, RIG, config=config).wait_ready()
+    yield daemon
+    daemon.close()
+
+
+@pytest.fixture(scope="module")
+def types(tmp_path_factory: pytest.TempPathFactory, typed: Daemon) -> Path:
+    """Its library."""
+    folder = tmp_path_factory.mktemp("types")
+    typed.ctl("generate", "Plant", str(folder / "out"))
     return folder / "out"
 
 

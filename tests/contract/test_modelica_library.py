@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from pymoca.parser import parse
 
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.checks import (
@@ -20,7 +22,6 @@ from ecatgen.checks import (
     check_translation,
     sample_buses,
 )
-from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 LIBRARY = "Plant"
@@ -67,7 +68,7 @@ def test_a_compiler_resolves_names_checks_types_and_counts_equations(out: Path) 
 def test_any_name_of_a_slave_or_an_entry_gives_modelica(slave: str, entry: str) -> None:
     entries = [Entry(0x6000, n, entry, 5, 8) for n in (1, 2)]
     bus = Bus(slave, 1000, [Slave(0, slave, 1, 2, 3, inputs=[Pdo(0x1A00, slave, 3, entries)])])
-    for path, data in render(build_library(bus, "Plant", load_profiles())).items():
+    for path, data in render(build_library(give_meanings(bus, load_profiles()), "Plant")).items():
         if path.endswith(".mo"):
             assert parse(data.decode()) is not None
 

@@ -14,7 +14,6 @@ from ecatgen.drawing.checks import check_diagram, check_icon
 from ecatgen.drawing.library import Libraries
 from ecatgen.drawing.pictures import GENERATED, STATIC, libraries, models, pictures
 from ecatgen.drawing.scene import diagram, icon
-from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 from openmodelica import OpenModelica, needs_omc
 
@@ -46,7 +45,7 @@ def test_nothing_overlaps_and_every_line_meets_its_connectors(
 
 
 def test_the_same_for_awkward_slaves(tmp_path: Path) -> None:
-    library = build_library(sample_buses.awkward(), "Awkward", load_profiles())
+    library = build_library(sample_buses.awkward(), "Awkward")
     for path, data in render(library).items():
         file = tmp_path / "Awkward" / path
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
-GENERATOR = Path(__file__).parents[2] / "codegen" / "ecatgen"
-SOURCE = (GENERATOR / "modelica/EtherCAT/Conversions/Ranges/package.mo").read_text("utf-8")
+ROOT = Path(__file__).parents[2]
+RANGES = ROOT / "codegen/ecatgen/modelica/EtherCAT/Conversions/Ranges/package.mo"
+SOURCE = RANGES.read_text("utf-8")
 PROFILES = "".join(
-    file.read_text("utf-8") for file in sorted((GENERATOR / "profiles").glob("beckhoff*.toml"))
+    file.read_text("utf-8")
+    for file in sorted((ROOT / "daemon/ecatd/model/profiles").glob("beckhoff*.toml"))
 )
 NUMBER = r"-?[\d.]+"
 
@@ -59,7 +61,7 @@ TERMINALS = [
 
 
 def test_all_ranges_are_found() -> None:
-    order = (GENERATOR / "modelica/EtherCAT/Conversions/Ranges/package.order").read_text().split()
+    order = RANGES.with_name("package.order").read_text().split()
     assert list(ranges()) == order
     assert len(TERMINALS) >= 12
 

@@ -19,10 +19,11 @@ from lxml import etree
 from conftest import one_line_error, run_module
 from ecatd.model.bus import Bus
 from ecatd.model.errors import StateError
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.fmu import generate_fmu
-from ecatgen.profiles import load_profiles
 
 BUSES = (sample_buses.troll, sample_buses.awkward)
 VERSIONS = pytest.mark.parametrize("fmi", [2, 3])
@@ -80,7 +81,7 @@ def test_terminals_and_build_description_fit_their_schemas(tmp_path: Path) -> No
 def test_names_are_those_of_the_library(bus: Callable[[], Bus], fmi: int, tmp_path: Path) -> None:
     description = read_model_description(str(generate_fmu(bus(), "Plant", tmp_path, fmi).fmu))
     causality = {item.name: item.causality for item in description.modelVariables}
-    for block in build_library(bus(), "Plant", load_profiles()).blocks:
+    for block in build_library(give_meanings(bus(), load_profiles()), "Plant").blocks:
         for connector in block.writes:
             assert causality.pop(f"{block.instance}.{connector.name}") == "input"
         for connector in block.reads:

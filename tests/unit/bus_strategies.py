@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Entry, Pdo, Slave, Value
 from ecatd.model.datatypes import DataType, bit_length, is_real
 
 _LARGE = 1.7e308
@@ -23,6 +23,11 @@ _entries = st.builds(
     offset=st.floats(-_LARGE, _LARGE),
     minimum=st.none() | st.floats(-_LARGE, 0),
     maximum=st.none() | st.floats(0, _LARGE),
+    display_unit=st.sampled_from(["", "deg"]) | _names,
+    quantity=st.sampled_from(["", "Angle"]) | _names,
+    values=st.lists(st.builds(Value, st.integers(-5, 5), _names), max_size=2),
+    note=_names,
+    connector=st.booleans(),
     safe=st.none() | st.integers(0, 5) | st.just("hold"),
 ).map(
     lambda entry: (
@@ -43,6 +48,7 @@ _slaves = st.builds(
     product=st.sampled_from([0, 1, 0x00030924, 0x0BC03052]),
     revision=st.integers(0, 0xFFFF_FFFF),
     coe=st.booleans(),
+    profiles=st.lists(_names, max_size=2),
     outputs=_pdos,
     inputs=_pdos,
     sync_shift_ns=st.integers(-(10**9), 10**9),

@@ -52,7 +52,7 @@ def test_every_entry_has_a_line_of_its_own() -> None:
     assert len(entries) == sum(
         len(pdo.entries) for slave in troll().slaves for pdo in slave.outputs + slave.inputs
     )
-    assert all(len(line) < 250 for line in lines)
+    assert all(len(line) < 250 for line in lines if '"values"' not in line)
 
 
 def test_a_bus_without_slaves() -> None:

@@ -11,22 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ecatgen.build
+from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.differences import Difference, compare, lines
 from ecatgen.fmu import generate_fmu
-from ecatgen.origin import origin
-from ecatgen.profiles import load_profiles, read_profiles
+from ecatgen.origin import essence
 from ecatgen.render import render
-
-PROFILES = load_profiles(())
 
 
 def compared(old: Bus, new: Bus) -> tuple[Difference, ...]:
-    first, second = ((bus, build_library(bus, "Plant", PROFILES)) for bus in (old, new))
+    first, second = ((bus, build_library(bus, "Plant")) for bus in (old, new))
     return compare(first, second)
 
 
@@ -164,9 +164,9 @@ def test_every_slave_is_accounted_for(before: list[Slave], after: list[Slave]) -
 @given(buses, buses)
 def test_whatever_is_different_is_told(before: Bus, after: Bus) -> None:
     """And every bus makes a library."""
-    old, new = origin(before, PROFILES).bus, origin(after, PROFILES).bus
+    old, new = essence(before), essence(after)
     for bus in (old, new):
-        assert render(build_library(bus, "Plant", PROFILES))
+        assert render(build_library(bus, "Plant"))
     found = compared(old, new)
     assert (found == ()) == (old == new)
     assert all("\n" not in line for line in lines(found))
@@ -213,7 +213,7 @@ def test_another_generator_is_told_as_such(tmp_path: Path, monkeypatch: pytest.M
     assert report.otherwise == ("Plant/UsersGuide.mo",)
     (line,) = report.details()
     assert line.startswith(
-        "1 file would differ for the same bus, too (Plant/UsersGuide.mo): ecatd, a profile or"
+        "1 file would differ for the same bus, too (Plant/UsersGuide.mo): ecatd or"
     )
     new = sample_buses.troll()
     new.slaves[3].outputs.pop()
@@ -259,10 +259,11 @@ connector = false
 """
 
 
-def profile(folder: Path, text: str) -> list[Path]:
+def troll_with(folder: Path, profile: str) -> Bus:
+    """The reference plant, with one more device profile."""
     folder.mkdir(exist_ok=True)
-    (folder / "level.toml").write_text(text)
-    return [folder]
+    (folder / "level.toml").write_text(profile)
+    return give_meanings(sample_buses.troll(), load_profiles([folder]))
 
 
 @pytest.mark.parametrize("fmu", [False, True])
@@ -270,11 +271,10 @@ def test_a_profile_that_has_changed_is_told_by_slave_and_connector(
     tmp_path: Path, fmu: bool
 ) -> None:
     def run(text: str, *, check: bool = False) -> list[str]:
-        profiles = profile(tmp_path / "profiles", text)
+        bus = troll_with(tmp_path / "profiles", text)
         if fmu:
-            made = generate_fmu(sample_buses.troll(), "Plant", tmp_path, 2, profiles, check=check)
-            return made.details()
-        return generate(sample_buses.troll(), "Plant", tmp_path, profiles, check=check).details()
+            return generate_fmu(bus, "Plant", tmp_path, 2, check=check).details()
+        return generate(bus, "Plant", tmp_path, check=check).details()
 
     assert run(LEVEL) == []
     assert run(LEVEL) == []
@@ -292,17 +292,12 @@ def test_a_profile_that_has_changed_is_told_by_slave_and_connector(
     assert "slave 2 EL1018: connector channel1Input: unit was m, is nothing" in run("")
 
 
-def test_a_library_carries_its_profiles(tmp_path: Path) -> None:
-    profiles = profile(tmp_path / "profiles", LEVEL)
-    generate(sample_buses.troll(), "Plant", tmp_path, profiles)
-    carried = tmp_path / "Plant" / "Resources"
-    text = (carried / "profiles.toml").read_text()
-    assert read_profiles(text, "x").devices == tuple(
-        device
-        for device in load_profiles(profiles).devices
-        if any(device.fits(slave) for slave in sample_buses.troll().slaves)
-    )
-    assert not generate(sample_buses.troll(), "Plant", tmp_path, [carried], check=True).is_change
+def test_a_library_carries_what_its_values_mean(tmp_path: Path) -> None:
+    bus = troll_with(tmp_path / "profiles", LEVEL)
+    generate(bus, "Plant", tmp_path)
+    carried = bus_file.load(tmp_path / "Plant" / "Resources" / "bus.json")
+    assert carried == essence(bus)
+    assert not generate(carried, "Plant", tmp_path, check=True).is_change
 
 
 @pytest.mark.parametrize("lost", ["Plant/.ecatgen.json", "EtherCAT"])

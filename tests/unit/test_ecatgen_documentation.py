@@ -6,16 +6,17 @@ import pytest
 
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
-from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 Table = list[list[str]]
 
 
 def pages(bus: Bus) -> dict[str, str]:
-    files = render(build_library(bus, "Plant", load_profiles()))
+    files = render(build_library(give_meanings(bus, load_profiles()), "Plant"))
     return {path: data.decode() for path, data in files.items() if path.endswith(".mo")}
 
 

@@ -6,10 +6,11 @@ import pytest
 
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.ir import Drive
-from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 PROFILES = load_profiles()
@@ -36,11 +37,11 @@ def drives(outputs: list[Entry], inputs: list[Entry], name: str = "Axis") -> tup
         outputs=[Pdo(0x1600, "out", 2, outputs)],
         inputs=[Pdo(0x1A00, "in", 3, inputs)],
     )
-    return build_library(Bus("ecat0", 1000, [slave]), "P", PROFILES).drives
+    return build_library(give_meanings(Bus("ecat0", 1000, [slave]), PROFILES), "P").drives
 
 
 def test_the_drive_of_the_reference_plant() -> None:
-    library = build_library(sample_buses.troll(), "TrollPlant", PROFILES)
+    library = build_library(sample_buses.troll(), "TrollPlant")
     (drive,) = library.drives
     assert (drive.name, drive.instance) == ("GoldGCONDrive", "goldGCONDrive")
     assert drive.mode == "EtherCAT.Types.DriveMode.CyclicVelocity"
@@ -92,7 +93,6 @@ def test_outputs_that_the_state_machine_does_not_know_are_parameters() -> None:
             ],
         ),
         "P",
-        PROFILES,
     )
     text = render(library)["Drives/Axis.mo"].decode()
     assert "parameter Real profileVelocityValue = 0" in text

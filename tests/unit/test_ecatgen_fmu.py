@@ -7,17 +7,20 @@ import pytest
 
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.fmu.build import build_fmu
 from ecatgen.fmu.ir import Fmu, Variable
 from ecatgen.fmu.render import render
 from ecatgen.fmu.units import units
-from ecatgen.profiles import load_profiles
 
 
 def make(bus: Bus, fmi: int) -> Fmu:
-    return build_fmu(bus, build_library(bus, "Plant", load_profiles()), fmi, ["plant.c"])
+    return build_fmu(
+        bus, build_library(give_meanings(bus, load_profiles()), "Plant"), fmi, ["plant.c"]
+    )
 
 
 def variable(entry: Entry, fmi: int, *, output: bool = True) -> Variable:

@@ -6,18 +6,19 @@ import pytest
 
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.font import width
 from ecatgen.ir import Block, Extent
 from ecatgen.labels import ELLIPSIS, WIDEST, label
-from ecatgen.profiles import load_profiles
 
 PROFILES = load_profiles()
 BLOCKS = [
     block
     for bus in (sample_buses.troll(), sample_buses.awkward())
-    for block in build_library(bus, "P", PROFILES).blocks
+    for block in build_library(give_meanings(bus, PROFILES), "P").blocks
 ]
 
 
@@ -106,7 +107,7 @@ def test_the_top_right_corner_is_where_the_base_class_has_its_connector() -> Non
     ],
 )
 def test_process_data_tell_the_kind_of_a_slave(made: Slave, kind: str) -> None:
-    (block,) = build_library(Bus("b", 1000, [made]), "P", PROFILES).blocks
+    (block,) = build_library(give_meanings(Bus("b", 1000, [made]), PROFILES), "P").blocks
     assert block.kind == kind
 
 

@@ -5,19 +5,20 @@ import pytest
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 from ecatgen.blocks import EXAMPLE_COMPONENTS
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.connectors import kind_of
 from ecatgen.ir import Block, Example, Library
-from ecatgen.profiles import load_profiles
 
 PROFILES = load_profiles()
 
 
 @pytest.fixture(scope="module")
 def troll() -> Library:
-    return build_library(sample_buses.troll(), "TrollPlant", PROFILES)
+    return build_library(sample_buses.troll(), "TrollPlant")
 
 
 def block(library: Library, name: str) -> Block:
@@ -118,7 +119,7 @@ def test_entries_that_cannot_be_reached_are_told() -> None:
     once = Entry(0x6000, 2, "once", DataType.UNSIGNED8, 8)
     again = Entry(0x6000, 2, "again", DataType.UNSIGNED8, 8)
     slave = Slave(0, "S1", 1, 2, 3, inputs=[Pdo(0x1A00, "", 3, [text, once, again])])
-    (made,) = build_library(bus(slave), "P", PROFILES).blocks
+    (made,) = build_library(bus(slave), "P").blocks
     assert [c.name for c in made.reads] == ["once"]
     assert [(s.entry_name, s.reason) for s in made.skipped] == [
         ("text", "more than 64 bits"),
@@ -137,7 +138,7 @@ def test_the_same_object_may_be_input_and_output() -> None:
         inputs=[Pdo(0x1A00, "in", 3, [entry])],
         outputs=[Pdo(1, "out", 2, [entry])],
     )
-    (made,) = build_library(bus(slave), "P", PROFILES).blocks
+    (made,) = build_library(bus(slave), "P").blocks
     assert [c.name for c in made.writes + made.reads] == ["outControlWord", "inControlWord"]
     assert len({c.handle for c in made.writes + made.reads}) == 2
 
@@ -149,7 +150,7 @@ def test_names_stay_when_other_slaves_are_added(troll: Library) -> None:
         slave.position = position
     names = {
         block.name: [c.name for c in block.reads + block.writes]
-        for block in build_library(bus(*more), "TrollPlant", PROFILES).blocks
+        for block in build_library(bus(*more), "TrollPlant").blocks
     }
     for before in troll.blocks:
         assert names[before.name] == [c.name for c in before.reads + before.writes]
@@ -158,7 +159,7 @@ def test_names_stay_when_other_slaves_are_added(troll: Library) -> None:
 def test_names_of_equal_slaves_follow_from_those_before_them() -> None:
     def names(*kinds: str) -> list[str]:
         slaves = [Slave(n, name, 2, 1, 1) for n, name in enumerate(kinds)]
-        return [block.name for block in build_library(bus(*slaves), "P", PROFILES).blocks]
+        return [block.name for block in build_library(bus(*slaves), "P").blocks]
 
     assert names("EL1018", "EL3008", "EL3008") == ["EL1018", "EL3008", "EL3008_2"]
     # One more behind them changes nothing, nor does any other before them.
@@ -175,7 +176,7 @@ def test_all_slaves_is_an_example_of_every_bus(troll: Library) -> None:
     }
     writes = [f"{b.instance}.{c.name}" for b in troll.blocks for c in b.writes]
     assert [c.target for c in made.connections] == writes
-    (empty,) = build_library(bus(), "P", PROFILES).examples
+    (empty,) = build_library(bus(), "P").examples
     assert [c.name for c in empty.components] == ["etherCATMaster"]
 
 
@@ -211,24 +212,24 @@ def test_examples_of_a_drive(
 
 def test_a_bus_without_a_drive_has_no_drive_example() -> None:
     slaves = [slave for slave in sample_buses.troll().slaves if slave.position != 0]
-    assert [e.name for e in build_library(bus(*slaves), "P", PROFILES).examples] == ["AllSlaves"]
+    assert [e.name for e in build_library(bus(*slaves), "P").examples] == ["AllSlaves"]
 
 
 def test_a_slave_called_like_something_of_an_example_gets_another_component_name() -> None:
-    (made,) = build_library(bus(Slave(0, "reference", 1, 2, 3)), "P", PROFILES).blocks
+    (made,) = build_library(bus(Slave(0, "reference", 1, 2, 3)), "P").blocks
     assert (made.name, made.instance) == ("Reference", "referenceSlave")
 
 
 def test_a_slave_called_like_the_library_gets_another_class_name() -> None:
-    (made,) = build_library(bus(Slave(0, "EL1018", 1, 2, 3)), "EL1018", PROFILES).blocks
+    (made,) = build_library(bus(Slave(0, "EL1018", 1, 2, 3)), "EL1018").blocks
     assert made.name == "EL1018Slave"
 
 
 def test_the_sample_time_of_examples_is_the_cycle_of_the_bus() -> None:
-    library = build_library(Bus("x", 250, []), "P", PROFILES)
+    library = build_library(give_meanings(Bus("x", 250, []), PROFILES), "P")
     assert "sampleTime = {0.00025}" in library.examples[0].components[0].modifiers
 
 
 def test_the_name_of_the_library_is_checked() -> None:
     with pytest.raises(UsageError):
-        build_library(bus(), "EtherCAT", PROFILES)
+        build_library(bus(), "EtherCAT")

@@ -10,11 +10,10 @@ from ecatd.model.errors import ConfigError
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.checks.template_reference import updated
-from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "templates.md"
-LIBRARY = build_library(sample_buses.troll(), "TrollPlant", load_profiles())
+LIBRARY = build_library(sample_buses.troll(), "TrollPlant")
 
 
 def written(folder: Path, name: str, text: str) -> list[Path]:

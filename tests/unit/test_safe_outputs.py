@@ -5,13 +5,14 @@ from typing import Any
 
 import pytest
 
-from ecatd.bus.start.declared import declare_signals
 from ecatd.bus.start.safe import SafeOutputs, safe_outputs
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import SafeConfig, SignalConfig
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import Profiles
 from ecatd.wire import pack, unpack
 
 I8, I16, I32, U16 = (
@@ -190,7 +191,7 @@ def test_declared_ranges_in_raw_units(
     declared: dict[str, float], kind: DataType, expected: tuple[float, float]
 ) -> None:
     made = bus(Slave(0, "S", 1, 2, 3, outputs=[Pdo(0x1600, "", 2, [entry(0x7000, kind, 32)])]))
-    declare_signals(made, [SignalConfig(0, "0x7000:00", **declared)])
+    give_meanings(made, Profiles(), [SignalConfig(0, "0x7000:00", **declared)])
     ((_, found, _),) = made.slaves[0].entries(outputs=True)
     assert found.raw_range() == expected
 
@@ -204,8 +205,9 @@ def test_a_limit_of_a_float_is_a_value_that_can_be_written() -> None:
 def test_what_the_configuration_says_is_in_the_description() -> None:
     made = bus(drive())
     shared = made.slaves[0].outputs[0]
-    declare_signals(
+    give_meanings(
         made,
+        Profiles(),
         [
             SignalConfig(0, "0x60FF:00", "speed", "rpm", 0.5, 1.0, -100.0, 100.0),
             SignalConfig(0, "0x6041:00", unit="bits"),
@@ -234,15 +236,15 @@ def test_what_the_configuration_says_is_in_the_description() -> None:
 )
 def test_wrong_signals_are_refused(rule: SignalConfig, what: str) -> None:
     with pytest.raises(ConfigError, match=f"^signal: .*{what}"):
-        declare_signals(bus(drive()), [rule])
+        give_meanings(bus(drive()), Profiles(), [rule])
 
 
 def test_a_safe_value_is_within_the_declared_range() -> None:
     rules = [SignalConfig(0, "0x6072:00", minimum=100.0)]
     made = bus(drive())
-    declare_signals(made, rules)
+    give_meanings(made, Profiles(), rules)
     with pytest.raises(ConfigError, match=r"0x6072:00 of slave 0 \(D\) must not be 0 \(raw\)"):
         safe_outputs(made, [])
-    declare_signals(made, rules)
+    give_meanings(made, Profiles(), rules)
     safe_outputs(made, [SafeConfig(0, 500, "0x6072:00")])
     assert shown(made)[0x6072] == 500

@@ -1,9 +1,11 @@
-"""Buses to check the generator with."""
+"""Buses to check the generator with, as a daemon with our device profiles describes them."""
 
 from __future__ import annotations
 
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import load_profiles
 
 _BECKHOFF = 0x00000002
 _GAP8 = Entry(0, 0, "", DataType.PADDING, 8)
@@ -36,28 +38,34 @@ AWKWARD_TEXTS = (
 
 def troll() -> Bus:
     """The reference plant: a drive, a coupler, digital and analog terminals, CANopen terminals."""
-    return Bus(
-        "ecat0",
-        1000,
-        [
-            _drive(0),
-            Slave(1, "EK1100", _BECKHOFF, 0x044C2C52, 0x00120000),
-            _digital(2, "EL1018", 0x03FA3052, outputs=False),
-            _digital(3, "EL2008", 0x07D83052, outputs=True),
-            _analog(4),
-            _analog(5),
-            Slave(6, "EL6751", _BECKHOFF, 0x1A5F3052, 0x00140000, coe=True),
-            Slave(7, "EL6751", _BECKHOFF, 0x1A5F3052, 0x00140000, coe=True),
-        ],
+    return give_meanings(
+        Bus(
+            "ecat0",
+            1000,
+            [
+                _drive(0),
+                Slave(1, "EK1100", _BECKHOFF, 0x044C2C52, 0x00120000),
+                _digital(2, "EL1018", 0x03FA3052, outputs=False),
+                _digital(3, "EL2008", 0x07D83052, outputs=True),
+                _analog(4),
+                _analog(5),
+                Slave(6, "EL6751", _BECKHOFF, 0x1A5F3052, 0x00140000, coe=True),
+                Slave(7, "EL6751", _BECKHOFF, 0x1A5F3052, 0x00140000, coe=True),
+            ],
+        ),
+        load_profiles(),
     )
 
 
 def awkward() -> Bus:
     """Slaves with awkward names, entries of all kinds, and numbers that no Integer can hold."""
-    return Bus(
-        'a"b',
-        250,
-        [_awkward_slave(position, text) for position, text in enumerate(AWKWARD_TEXTS)],
+    return give_meanings(
+        Bus(
+            'a"b',
+            250,
+            [_awkward_slave(position, text) for position, text in enumerate(AWKWARD_TEXTS)],
+        ),
+        load_profiles(),
     )
 
 
@@ -83,24 +91,27 @@ def axes() -> Bus:
         ],
         [status, Entry(0x606C, 0, "Velocity actual value", i32, 32)],
     ]
-    return Bus(
-        "axes",
-        1000,
-        [
-            Slave(
-                n,
-                name,
-                0x0000FFFF,
-                0x402 + n,
-                1,
-                coe=True,
-                outputs=[Pdo(0x1600, "Outputs", 2, outputs)],
-                inputs=[Pdo(0x1A00, "Inputs", 3, inputs)],
-            )
-            for n, (name, (outputs, inputs)) in enumerate(
-                {"Position axis": position, "Torque axis": torque, "Rich axis": rich}.items()
-            )
-        ],
+    return give_meanings(
+        Bus(
+            "axes",
+            1000,
+            [
+                Slave(
+                    n,
+                    name,
+                    0x0000FFFF,
+                    0x402 + n,
+                    1,
+                    coe=True,
+                    outputs=[Pdo(0x1600, "Outputs", 2, outputs)],
+                    inputs=[Pdo(0x1A00, "Inputs", 3, inputs)],
+                )
+                for n, (name, (outputs, inputs)) in enumerate(
+                    {"Position axis": position, "Torque axis": torque, "Rich axis": rich}.items()
+                )
+            ],
+        ),
+        load_profiles(),
     )
 
 

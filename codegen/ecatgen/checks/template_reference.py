@@ -13,8 +13,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from ecatd.model.bus import Value
+
 from .. import ir
-from ..profiles import Value
 from ..render import FILTERS
 
 CLASSES = (

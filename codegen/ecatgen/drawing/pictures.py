@@ -8,7 +8,6 @@ from pathlib import Path
 
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
-from ecatgen.profiles import load_profiles
 from ecatgen.render import render
 
 from .geometry import Box, Point, box_of
@@ -31,7 +30,7 @@ def libraries(folder: Path, standard_library: Path | None = None) -> Libraries:
         standard_library: Folder that has the Modelica Standard Library as `Modelica`. By default
             there is the stand-in of the checks, so that the pictures are the same everywhere.
     """
-    library = build_library(sample_buses.troll(), GENERATED, load_profiles())
+    library = build_library(sample_buses.troll(), GENERATED)
     for path, data in render(library).items():
         file = folder / GENERATED / path
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,13 @@ from ecatd.model.bus import Bus
 
 from ..build import build_library
 from ..differences import Difference, compare, lines
-from ..origin import origin, read_origin
-from ..profiles import load_profiles
+from ..origin import dump_origin, essence, read_origin
 from .archive import member, pack, write
 from .build import build_fmu
 from .files import fixed_files
 from .render import render
 
-_ORIGIN = "resources/"
+_ORIGIN = "resources/bus.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +60,7 @@ class FmuReport:
     def details(self) -> list[str]:
         """What is different, a sentence a line."""
         if self.otherwise:
-            return [
-                "the bus is the same: ecatd, the version of FMI or a profile is not what it was"
-            ]
+            return ["the bus is the same, but the version of ecatd or FMI is not"]
         return lines(self.differences)
 
     def summary(self) -> str:
@@ -85,7 +81,6 @@ def generate_fmu(
     name: str,
     out: Path,
     fmi: int = 2,
-    profiles: Iterable[Path] = (),
     *,
     check: bool = False,
 ) -> FmuReport:
@@ -98,30 +93,28 @@ def generate_fmu(
         name: Name of the model, a Modelica identifier.
         out: Directory that the file `name`.fmu is written to.
         fmi: Major version of FMI: 2 or 3.
-        profiles: Folders with device profiles of the user; an earlier one wins.
         check: Write nothing, only report what would change.
 
     Raises:
-        ConfigError: A device profile is wrong.
         UsageError: The name cannot be that of a model.
         StateError: The file is there and was not generated, or was changed since.
         NotPermittedError: The directory cannot be written.
         EcatError: The binary is not built, or there is none for this platform.
     """
-    made_from = origin(bus, load_profiles(profiles))
-    library = build_library(made_from.bus, name, made_from.profiles)
+    made_from = essence(bus)
+    library = build_library(made_from, name)
     fixed = fixed_files(fmi, library.name)
-    fixed |= {_ORIGIN + file: data for file, data in made_from.files().items()}
+    fixed[_ORIGIN] = dump_origin(made_from)
     sources = [path.removeprefix("sources/") for path in fixed if path.endswith(".c")]
-    fmu = build_fmu(made_from.bus, library, fmi, sources)
+    fmu = build_fmu(made_from, library, fmi, sources)
     fmu = replace(fmu, token=_token(render(fmu) | fixed))
     path = out / f"{fmu.name}.fmu"
-    before = read_origin(lambda file: member(path, _ORIGIN + file))
+    before = read_origin(member(path, _ORIGIN))
     changed = write(path, pack(render(fmu) | fixed), check=check)
     differences: tuple[Difference, ...] = ()
     if changed and before is not None:
-        old = build_library(before.bus, name, before.profiles)
-        differences = compare((before.bus, old), (made_from.bus, library))
+        old = build_library(before, name)
+        differences = compare((before, old), (made_from, library))
     return FmuReport(
         fmu=path,
         fmi=fmi,

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.errors import EcatError, UsageError
+from ecatd.paths import user_config
 
-from . import user_folders
 from .bus_source import get_bus
 from .output import print_json
 
@@ -29,21 +29,19 @@ def generate(options: argparse.Namespace) -> int:
         raise UsageError("--fmi is the version of an FMU: say --fmu, too")
     if options.fmu and (options.force or options.templates):
         raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
-    profiles = user_folders.folders(options.profiles, "profiles")
     bus = get_bus(options)
-    unused = user_folders.unused_profiles(options.profiles, bus)
-    report = _generate(bus, profiles, options)
-    return _tell_report(options, report, {"bus": bus.name, "unused_profiles": unused}, *unused)
+    return _tell_report(options, _generate(bus, options), {"bus": bus.name})
 
 
-def _generate(bus: Bus, profiles: list[Path], options: argparse.Namespace) -> Report | FmuReport:
+def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
     from ecatgen import fmu, generate  # only this command needs the templates
 
     name, out, check = options.name, options.out, options.check
     if options.fmu:
-        return fmu.generate_fmu(bus, name, out, options.fmi or 2, profiles, check=check)
-    templates = user_folders.folders(options.templates, "templates")
-    return generate(bus, name, out, profiles, templates, check=check, force=options.force)
+        return fmu.generate_fmu(bus, name, out, options.fmi or 2, check=check)
+    standard = user_config("templates")
+    templates = [*options.templates, *([standard] if standard.is_dir() else [])]
+    return generate(bus, name, out, templates, check=check, force=options.force)
 
 
 def library(options: argparse.Namespace) -> int:
@@ -58,10 +56,10 @@ def library(options: argparse.Namespace) -> int:
 
 
 def _tell_report(
-    options: argparse.Namespace, report: Report | FmuReport, more: dict[str, Any], *lines: str
+    options: argparse.Namespace, report: Report | FmuReport, more: dict[str, Any]
 ) -> int:
     last = report.would() if options.check else report.summary()
-    _tell(options, {**more, **report.to_dict()}, *lines, *report.details(), last)
+    _tell(options, {**more, **report.to_dict()}, *report.details(), last)
     return CHANGES if options.check and report.is_change else 0
 
 

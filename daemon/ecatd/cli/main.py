@@ -18,7 +18,7 @@ from ecatd.segment import raw
 from ecatd.stats import TIMES
 from ecatd.version import VERSION
 
-from . import bus_source, dc, info, library, scan, sdo, segment, show, stats, user_folders
+from . import bus_source, dc, info, library, scan, sdo, segment, show, stats
 from .output import SCHEMA
 
 _EPILOG = """\
@@ -246,7 +246,15 @@ def _parser() -> argparse.ArgumentParser:
         "out", metavar="DIR", type=Path, help="folder that the library is put into"
     )
     bus_source.add_options(command)
-    user_folders.add_options(command)
+    command.add_argument(
+        "--templates",
+        action="append",
+        default=[],
+        metavar="DIR",
+        type=Path,
+        help="folder with templates of yours, before those of ~/.config/ecatd/templates; may be "
+        "repeated, the first one wins",
+    )
     command.add_argument(
         "--fmu", action="store_true", help="write an FMU for co-simulation instead: DIR/NAME.fmu"
     )

@@ -132,9 +132,19 @@ def _print_pdos(kind: str, group: list[Pdo]) -> None:
             )
 
 
+def _conversion(entry: Entry) -> str:
+    """How the physical value follows from the raw one: `V = raw * 0.000305185`."""
+    text = f"{entry.unit or 'value'} = raw"
+    if entry.scale != 1:
+        text += f" * {entry.scale:g}"
+    if entry.offset != 0:
+        text += f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
+    return text
+
+
 def _meaning(entry: Entry) -> str:
     """What is known of the values of an entry, in brackets."""
-    facts = [entry.unit] if entry.unit else []
+    facts = [_conversion(entry)] if entry.is_physical else []
     if (entry.minimum, entry.maximum) != (None, None):
         low = "any" if entry.minimum is None else f"{entry.minimum:g}"
         high = "any" if entry.maximum is None else f"{entry.maximum:g}"

@@ -20,21 +20,42 @@ from .datatypes import is_real, nearest_real
 SCHEMA = 1
 
 
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One number of an enumeration.
+
+    Attributes:
+        number: The raw value.
+        name: What it stands for.
+    """
+
+    number: int
+    name: str
+
+
 @dataclass(slots=True)
 class Entry:
-    """One PDO entry: an object of the slave in the process image.
+    """One PDO entry: an object of the slave in the process image, and what its value means.
+
+    The meaning comes from the configuration and from device profiles (`meanings.py`). It is no
+    part of the fingerprint: another unit is not another slave.
 
     Attributes:
         index: Object index; 0 marks a gap of `bit_length` padding bits.
         subindex: Object subindex.
-        name: Name from SII or object dictionary, as the vendor wrote it; may be empty.
+        name: Name from the configuration, a profile, SII or object dictionary; may be empty.
         data_type: CoE data type index (`model.datatypes.DataType`).
         bit_length: Bits in the process image.
-        unit: Physical unit of the scaled value, or empty.
+        unit: Unit of the physical value, or empty.
         scale: Physical value = raw value * scale + offset.
-        offset: See `scale`.
+        offset: See `scale`; in `unit`.
         minimum: Smallest physical value that an output may have; None: as the type allows.
         maximum: Largest one.
+        display_unit: Unit that tools show the value in, or empty.
+        quantity: Physical quantity as in `Modelica.Units.SI`, or empty.
+        values: What the numbers stand for, in ascending order.
+        note: What else a user should know, for the documentation.
+        connector: Whether the generated block has a connector for an input, or only a variable.
         safe: What an output is while nobody owns it: a raw value, "hold" for what was last sent,
             or "quick_stop" or "disable" for the controlword of a drive that is stopped; None for
             inputs.
@@ -50,7 +71,17 @@ class Entry:
     offset: float = 0.0
     minimum: float | None = None
     maximum: float | None = None
+    display_unit: str = ""
+    quantity: str = ""
+    values: list[Value] = field(default_factory=list)
+    note: str = ""
+    connector: bool = True
     safe: int | float | str | None = None
+
+    @property
+    def is_physical(self) -> bool:
+        """Whether the value is a physical quantity, and not just the number in the process data."""
+        return bool(self.unit) or self.scale != 1 or self.offset != 0
 
     @property
     def is_gap(self) -> bool:
@@ -121,6 +152,7 @@ class Slave:
         alias: Configured station alias.
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
+        profiles: Device profiles that meanings of its entries are from, each with its source.
         outputs: RxPDOs, in the order of the process image.
         inputs: TxPDOs, in the order of the process image.
         domain: Number of the domain, 0 first.
@@ -142,6 +174,7 @@ class Slave:
     alias: int = 0
     address: int = 0
     coe: bool = False
+    profiles: list[str] = field(default_factory=list)
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
     domain: int = 0

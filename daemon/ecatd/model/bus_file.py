@@ -12,7 +12,7 @@ and compared. The same description gives the same bytes.
 from __future__ import annotations
 
 import json
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,11 @@ from .text_file import read_text
 
 _LISTS = ("outputs", "inputs", "entries")
 _DEFAULTS = {
-    kind: {item.name: item.default for item in fields(kind) if item.name not in _LISTS}
+    kind: {
+        item.name: item.default if item.default_factory is MISSING else item.default_factory()
+        for item in fields(kind)
+        if item.name not in _LISTS
+    }
     for kind in (Domain, Slave, Pdo, Entry)
 }
 
@@ -88,7 +92,7 @@ def _no_number(text: str) -> float:
 
 def _inside(values: dict[str, Any]) -> str:
     """Keys and values without the braces around them."""
-    return json.dumps(values)[1:-1]
+    return json.dumps(values, default=asdict)[1:-1]
 
 
 def _list(items: list[str], depth: int) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .bus import SCHEMA, Bus, Domain, Entry, Pdo, Slave
+from .bus import SCHEMA, Bus, Domain, Entry, Pdo, Slave, Value
 from .config import BUS_NAME, DOMAINS_MAX, POSITION_MAX
 from .datatypes import bit_length, is_real, type_name
 from .errors import UsageError
@@ -15,6 +15,8 @@ _U8, _U16, _U32, _I64 = 0xFF, 0xFFFF, 0xFFFF_FFFF, (1 << 63) - 1
 _TEXT_MAX = 4096
 _PDOS_MAX = 4096
 _ENTRIES_MAX = 65536
+_PROFILES_MAX = 256
+_VALUES_MAX = 4096
 _SHOWN = 40
 _SAFE_WORDS = ("hold", "quick_stop", "disable")
 
@@ -149,8 +151,11 @@ _ENTRY: dict[str, Check] = {
     "offset": _number,
     "minimum": _limit,
     "maximum": _limit,
+    **dict.fromkeys(("display_unit", "quantity", "note"), _text),
+    "connector": _truth,
     "safe": _safe,
 }
+_VALUE: dict[str, Check] = {"number": _integer(-_I64, _I64), "name": _text}
 _DOMAIN: dict[str, Check] = {
     "name": _text,
     "divider": _integer(1, _U16),
@@ -177,6 +182,7 @@ class _Reader:
 
     def __init__(self, *, strict: bool) -> None:
         self._strict = strict
+        self._entry_keys = _ENTRY | {"values": self._values}
         self._pdo_keys: dict[str, Check] = {
             "index": _integer(0, _U16),
             "name": _text,
@@ -189,6 +195,7 @@ class _Reader:
             **dict.fromkeys(("vendor", "product", "revision", "serial"), _integer(0, _U32)),
             **dict.fromkeys(("alias", "address"), _integer(0, _U16)),
             "coe": _truth,
+            "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),
             "outputs": self._pdos,
             "inputs": self._pdos,
             "domain": _integer(0, DOMAINS_MAX - 1),
@@ -272,9 +279,17 @@ class _Reader:
     def _pdo(self, number: int, data: Any) -> Pdo:
         return Pdo(**self._keys(data, self._pdo_keys, ("index", "name", "sync_manager")))
 
+    def _values(self, value: Any) -> list[Value]:
+        return _list(value, _VALUES_MAX, self._value)
+
+    def _value(self, number: int, data: Any) -> Value:
+        return Value(**self._keys(data, _VALUE, ("number", "name")))
+
     def _entry(self, number: int, data: Any) -> Entry:
         entry = Entry(
-            **self._keys(data, _ENTRY, ("index", "subindex", "name", "data_type", "bit_length"))
+            **self._keys(
+                data, self._entry_keys, ("index", "subindex", "name", "data_type", "bit_length")
+            )
         )
         low, high = entry.minimum, entry.maximum
         if low is not None and high is not None and low > high:

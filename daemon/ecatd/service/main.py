@@ -10,6 +10,8 @@ from pathlib import Path
 from ecatd.log import Log
 from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.profiles import load_profiles
+from ecatd.paths import profile_folders
 from ecatd.version import VERSION
 
 from .supervisor import Supervisor
@@ -92,6 +94,7 @@ def _main() -> int:
     try:
         config = _configuration(options)
         if options.check_config:
+            load_profiles(map(Path, config.profiles), profile_folders())
             print(f"{options.config or 'the default configuration'} is valid")
             return 0
         supervisor = Supervisor(config, options.simulate, log, level, describe=options.describe)

@@ -13,12 +13,16 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, RecoveryConfig
 from ecatd.model.errors import StateError
+from ecatd.model.meanings import give_meanings, unused_profiles
+from ecatd.model.profiles import Profiles, load_profiles
+from ecatd.paths import profile_folders
 from ecatd.real_time import SETTINGS
 
 from ..engine import Engine, Grant, Index, RealTime, open_socket
@@ -28,7 +32,6 @@ from ..objects import tell_emergencies
 from ..segment import Segment
 from ..steps import finish
 from .clocks import Clocks, clock_bits
-from .declared import declare_signals
 from .identify import Finder, branch_ends
 from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .round_trip import measure_round_trip
@@ -101,6 +104,7 @@ class BringUp:
         self._log = log
         self._cancelled = cancelled
         self._begin = time.monotonic()
+        self._profiles = Profiles()
         self._scanned: list[Scanned] = []
         self._mailboxes: list[bytes] = []
         self._ends: list[int] = []
@@ -122,7 +126,8 @@ class BringUp:
         Raises:
             EcatError: A step does not work; what was made so far stays in the attributes.
         """
-        # First what keeps others away, so that nothing is done to a bus that somebody else runs.
+        self._load_profiles()
+        # Next what keeps others away, so that nothing is done to a bus that somebody else runs.
         self.segment = segment = Segment(self._config.bus)
         master, image = self._describe()
         engine = self._exchange(segment, master, image)
@@ -160,8 +165,13 @@ class BringUp:
         Raises:
             EcatError: As `run`.
         """
+        self._load_profiles()
         self._describe()
         return self.bus
+
+    def _load_profiles(self) -> None:
+        """Reads what may be wrong without a bus, before anything is sent."""
+        self._profiles = load_profiles(map(Path, self._config.profiles), profile_folders())
 
     def _describe(self) -> tuple[Master, Image]:
         self.master = master = Master(
@@ -194,7 +204,9 @@ class BringUp:
 
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""
-        declare_signals(self.bus, self._config.signal)
+        give_meanings(self.bus, self._profiles, self._config.signal)
+        for warning in unused_profiles(self.bus, self._profiles):
+            self._log.warning(warning)
         self.safe = safe_outputs(self.bus, self._config.outputs.safe)
         assign_domains(self.bus, self._config.domain)
         self.image = image = lay_out(self.bus, without_lrw(master, self._scanned))

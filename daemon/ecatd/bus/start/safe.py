@@ -16,8 +16,7 @@ from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.config import STOPS, SafeConfig
 from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
 from ecatd.model.errors import ConfigError
-
-from .declared import find_slave
+from ecatd.model.meanings import find_slave
 
 _AXES = range(8)
 _AXIS_OBJECTS = 0x800

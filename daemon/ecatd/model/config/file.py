@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError
-from .outputs import read_outputs, read_signals
+from .outputs import read_outputs
 from .reader import Reader, Rules, file_text, parse_toml
+from .signals import read_signals
 from .slaves import POSITION_MAX, SYNC_MAX_US, check_clocks, read_domains
 from .tables import (
     RECOVERY_MODES,
@@ -29,6 +30,7 @@ _TOP: Rules = {
     "second_interface": (str, 0, 0),
     "cycle_time_us": (int, 100, 1_000_000),
     "state_timeout_s": (float, 0.1, 300),
+    "profiles": (list, 0, 0),
     "domain": (list, 0, 0),
     "dc": (dict, 0, 0),
     "mailbox": (dict, 0, 0),
@@ -79,14 +81,16 @@ def read_config(data: dict[str, Any], source: str = "configuration") -> Config:
 
 
 def load_config(file: Path) -> Config:
-    """Reads and checks a file.
+    """Reads and checks a file; paths in it are relative to its folder.
 
     Raises:
         ConfigError: The file cannot be read, is no TOML, or has a wrong key or value.
     """
     text = file_text(file)
     reader = Reader(str(file), text, _TOP)
-    return parse_toml(text, str(file), lambda data: _read(reader, data))
+    config = parse_toml(text, str(file), lambda data: _read(reader, data))
+    config.profiles = [str(file.parent / folder) for folder in config.profiles]
+    return config
 
 
 def check_bus_name(name: str) -> str:
@@ -106,6 +110,9 @@ def _read(reader: Reader, data: dict[str, Any]) -> Config:
         reader.fail(
             "", "bus", f"{top['bus']!r} is no bus name: use 1 to 31 letters, digits, _ or -"
         )
+    for folder in top.get("profiles", []):
+        if not isinstance(folder, str) or not folder.isprintable() or not folder:
+            reader.fail("", "profiles", f"{folder!r} is no folder: write its path in quotes")
     tables: dict[str, Any] = {
         "outputs": read_outputs(reader, top.pop("outputs", {})),
         "signal": read_signals(reader, top.pop("signal", [])),

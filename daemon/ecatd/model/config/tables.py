@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .reader import Reader
 
 _ENTRY = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
 
@@ -120,6 +123,12 @@ class MailboxConfig:
     share: float = 0.5
 
 
+def check_address(reader: Reader, entry: str, table: str, row: int) -> None:
+    """Raises `ConfigError` unless a text is the address of an entry, as "0x60FF:00"."""
+    if entry_address(entry) is None:
+        reader.fail(table, "entry", f'{entry!r} is no address such as "0x60FF:00"', row)
+
+
 def entry_address(entry: str) -> tuple[int, int] | None:
     """Index and subindex of an entry such as "0x60FF:00"; None if it is no address."""
     match = _ENTRY.fullmatch(entry)
@@ -190,26 +199,32 @@ class OutputsConfig:
 class SignalConfig:
     """`[[signal]]`: what an entry of the process data means.
 
+    What is not given here is as a device profile has it, and else as the slave tells it. Unit,
+    scale and offset go together: with one of them, the others of a profile do not count.
+
     Attributes:
         slave: Position.
         entry: Address such as "0x60FF:00".
-        name: Name for people and for lookups; empty: as the slave calls it.
+        name: Name for people and for lookups; empty: as the profile or the slave calls it.
         unit: Unit of the physical value.
         scale: Physical value = raw value * scale + offset.
         offset: See `scale`.
         minimum: Smallest physical value that an output may get from a client; None: as the type
             allows.
         maximum: Largest one.
+        values: What the numbers stand for, by number as the file has it; none: as the profile
+            says.
     """
 
     slave: int
     entry: str
     name: str = ""
-    unit: str = ""
-    scale: float = 1.0
-    offset: float = 0.0
+    unit: str | None = None
+    scale: float | None = None
+    offset: float | None = None
     minimum: float | None = None
     maximum: float | None = None
+    values: dict[str, str] = field(default_factory=dict)
 
     @property
     def address(self) -> tuple[int, int]:
@@ -244,6 +259,7 @@ class Config:
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
         state_timeout_s: Time that the slaves have to reach a state, in seconds.
         domain: Domains, 0 first; without any there is domain 0 with all slaves.
+        profiles: Folders with device profiles, which count before those of the machine and ours.
         signal: Entries of the process data about which more is known than the slaves say.
     """
 
@@ -252,6 +268,7 @@ class Config:
     second_interface: str = ""
     cycle_time_us: int = 1000
     state_timeout_s: float = 10.0
+    profiles: list[str] = field(default_factory=list)
     domain: list[DomainConfig] = field(default_factory=list)
     dc: DcConfig = field(default_factory=DcConfig)
     mailbox: MailboxConfig = field(default_factory=MailboxConfig)

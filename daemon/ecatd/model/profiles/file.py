@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator
-from importlib import import_module
-from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from ecatd.model.config.reader import Reader, Rules, file_text, parse_toml
-from ecatd.model.errors import ConfigError
-
+from ..bus import Value
+from ..config.reader import Reader, Rules, file_text, parse_toml
+from ..config.signals import NAME_BYTES, UNIT_BYTES, named_values
+from ..errors import ConfigError
 from ..units import QUANTITIES, is_unit
-from .profile import DeviceProfile, EntryProfile, Meaning, Profiles, Value
+from .profile import DeviceProfile, EntryProfile, Meaning, Profiles
 
+_OURS = Path(__file__).parent
 _MAX_CODE = 0xFFFFFFFF
 _MAX_SUBINDEX = 0xFF
 
@@ -33,11 +33,14 @@ ENTRY: Rules = {
     "subindex": (object, 0, 0),
     "step": (int, 1, 0xFFFF),
     "count": (int, 1, 0xFFFF),
+    "name": (str, 0, 0),
     "unit": (str, 0, 0),
     "display_unit": (str, 0, 0),
     "quantity": (str, 0, 0),
     "scale": (float, -math.inf, math.inf),
     "offset": (float, -math.inf, math.inf),
+    "minimum": (float, -math.inf, math.inf),
+    "maximum": (float, -math.inf, math.inf),
     "raw": (list, 0, 0),
     "physical": (list, 0, 0),
     "values": (dict, 0, 0),
@@ -46,42 +49,25 @@ ENTRY: Rules = {
 }
 
 
-def load_profiles(folders: Iterable[Path] = ()) -> Profiles:
-    """The profiles in the `*.toml` files of some folders, and after them those that come with us.
+def load_profiles(named: Iterable[Path] = (), standard: Iterable[Path] = ()) -> Profiles:
+    """The profiles in the `*.toml` files of some folders, and after them ours.
 
     Args:
-        folders: Folders of the user; an earlier one wins over a later one.
+        named: Folders that must be there; an earlier one counts before a later one.
+        standard: Folders that may be missing; they count after those.
 
     Raises:
         ConfigError: A folder or a file cannot be read, or has a wrong key or value.
     """
-    ours = (_folder(Path(place)) for place in import_module(__package__).__path__)
-    return Profiles(tuple(dict.fromkeys(chain(user_devices(folders), *ours))))
-
-
-def read_profiles(text: str, source: str) -> Profiles:
-    """The profiles in the text of one file, and no others.
-
-    Args:
-        text: The text.
-        source: How messages name it.
-
-    Raises:
-        ConfigError: It has a wrong key or value.
-    """
-    return Profiles(tuple(_devices(text, source)))
-
-
-def user_devices(folders: Iterable[Path]) -> Iterator[DeviceProfile]:
-    """The devices in folders of the user alone.
-
-    Raises:
-        ConfigError: See `load_profiles`.
-    """
-    for folder in folders:
+    first: list[DeviceProfile] = []
+    for folder in named:
         if not folder.is_dir():
-            raise ConfigError(f"{folder}: is no folder; device profiles are *.toml files in one")
-        yield from _folder(folder)
+            raise ConfigError(
+                f"{folder}: is no folder; 'profiles' names folders with device profiles (*.toml)"
+            )
+        first += _folder(folder)
+    others = [device for folder in (*standard, _OURS) for device in _folder(folder)]
+    return Profiles((*first, *others), len(first))
 
 
 def _folder(folder: Path) -> Iterator[DeviceProfile]:
@@ -150,17 +136,22 @@ class _DeviceReader:
             checked = self._reader.check(values, ENTRY, "device.entry", self._entry)
             self._reader.need(checked, "index", "device.entry", self._entry)
             scale, offset = self._scaling(checked)
+            minimum, maximum = self._limits(checked)
+            self._reader.text(checked, "name", NAME_BYTES, "device.entry", self._entry)
             yield EntryProfile(
                 index=checked["index"],
                 subindices=self._subindices(checked.get("subindex", 0)),
                 step=checked.get("step", 1),
                 count=checked.get("count", 1),
                 meaning=Meaning(
+                    name=checked.get("name", ""),
                     unit=self._unit(checked, "unit"),
-                    display_unit=self._unit(checked, "display_unit"),
-                    quantity=self._quantity(checked),
                     scale=scale,
                     offset=offset,
+                    minimum=minimum,
+                    maximum=maximum,
+                    display_unit=self._unit(checked, "display_unit"),
+                    quantity=self._quantity(checked),
                     values=self._values(checked.get("values", {})),
                     note=checked.get("note", ""),
                     connector=checked.get("connector", True),
@@ -174,11 +165,11 @@ class _DeviceReader:
                 self._fail("subindex", f"{subindex!r} is no subindex: 0 to 255, or a list of them")
         return frozenset(subindices)
 
-    def _fail(self, key: str, message: str) -> None:
+    def _fail(self, key: str, message: str) -> NoReturn:
         self._reader.fail("device.entry", key, message, self._entry)
 
     def _unit(self, values: dict[str, Any], key: str) -> str:
-        unit = str(values.get(key, ""))
+        unit = self._reader.text(values, key, UNIT_BYTES, "device.entry", self._entry)
         if unit and not is_unit(unit):
             self._fail(key, f"{unit!r} is no unit of Modelica, as 'V', 'rad/s' or 'N.m'")
         return unit
@@ -218,12 +209,17 @@ class _DeviceReader:
             self._fail(key, f"is {pair!r}, but raw and physical must be two numbers each")
         return pair[0], pair[1]
 
+    def _limits(self, values: dict[str, Any]) -> tuple[float | None, float | None]:
+        minimum, maximum = values.get("minimum"), values.get("maximum")
+        for key, limit in (("minimum", minimum), ("maximum", maximum)):
+            if limit is not None and not math.isfinite(limit):
+                self._fail(key, f"is {limit}, but must be a finite number")
+        if minimum is not None and maximum is not None and minimum > maximum:
+            self._fail("minimum", f"is {minimum:g}, more than the maximum, {maximum:g}")
+        return minimum, maximum
+
     def _values(self, values: dict[str, Any]) -> tuple[Value, ...]:
-        result = []
-        for number, name in values.items():
-            if not re.fullmatch(r"-?[0-9]{1,10}|0x[0-9A-Fa-f]{1,8}", number):
-                self._fail("values", f"{number!r} is no whole number")
-            if not isinstance(name, str) or not name.isprintable() or not name:
-                self._fail("values", f"the name of {number} must be a text")
-            result.append(Value(int(number, 0), name))
-        return tuple(sorted(result, key=lambda value: value.number))
+        try:
+            return tuple(named_values(values))
+        except ValueError as error:
+            self._fail("values", str(error))

@@ -2,17 +2,20 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.config import SignalConfig
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
+from ecatd.model.meanings import give_meanings
+from ecatd.model.profiles import Profiles, load_profiles
+from ecatd.model.profiles.file import DEVICE, ENTRY
+from ecatd.model.units import is_unit, modelica_unit
 from ecatgen.build import build_library
 from ecatgen.ir import Connector
-from ecatgen.profiles import Profiles, load_profiles
-from ecatgen.profiles.file import DEVICE, ENTRY
-from ecatgen.units import is_unit, modelica_unit
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "device-profiles.md"
 HEADER = """[[device]]
@@ -39,7 +42,7 @@ def of(tmp_path: Path, text: str) -> Profiles:
 
 
 def connector(profiles: Profiles, made: Slave) -> Connector:
-    (block,) = build_library(Bus("b", 1000, [made]), "P", profiles).blocks
+    (block,) = build_library(give_meanings(Bus("b", 1000, [made]), profiles), "P").blocks
     return (block.reads + block.writes)[0]
 
 
@@ -105,10 +108,65 @@ def test_the_configuration_of_the_daemon_wins_over_profiles(tmp_path: Path) -> N
         HEADER + '[[device.entry]]\nindex = 0x6000\nsubindex = 1\nunit = "V"\nscale = 2\n'
         'note = "kept"\n',
     )
-    made = connector(profiles, slave(entry(unit="bar", scale=0.25, offset=1.0)))
-    assert (made.unit, made.scale, made.offset) == ("bar", 0.25, 1.0)
-    assert made.note == "kept"
-    assert not any("quantity" in modifier for modifier in made.modifiers)
+    rule = SignalConfig(0, "0x6000:01", unit="bar", scale=0.25, offset=1.0)
+    bus = give_meanings(Bus("b", 1000, [slave(entry())]), profiles, [rule])
+    ((_, known, _),) = bus.slaves[0].entries(outputs=False)
+    assert (known.unit, known.scale, known.offset) == ("bar", 0.25, 1.0)
+    assert (known.note, known.quantity) == ("kept", "")
+
+
+@pytest.mark.parametrize(
+    ("rule", "expected"),
+    [
+        ({}, ("level", "V", 2.0, 3.0, -8.0, 8.0, ["two"])),
+        ({"name": "mine"}, ("mine", "V", 2.0, 3.0, -8.0, 8.0, ["two"])),
+        ({"minimum": -1.0}, ("level", "V", 2.0, 3.0, -1.0, 8.0, ["two"])),
+        # Unit, scale and offset go together, and the limits of the profile are in its unit.
+        ({"unit": "bar"}, ("level", "bar", 1.0, 0.0, None, None, ["two"])),
+        ({"scale": 1.0}, ("level", "", 1.0, 0.0, None, None, ["two"])),
+        ({"offset": 4.0, "maximum": 5.0}, ("level", "", 1.0, 4.0, None, 5.0, ["two"])),
+        ({"values": {"0x3": "three"}}, ("level", "V", 2.0, 3.0, -8.0, 8.0, ["three"])),
+    ],
+)
+def test_the_configuration_counts_key_by_key(
+    tmp_path: Path, rule: dict[str, Any], expected: tuple[object, ...]
+) -> None:
+    profiles = of(
+        tmp_path,
+        HEADER + '[[device.entry]]\nindex = 0x6000\nsubindex = 1\nname = "level"\nunit = "V"\n'
+        "scale = 2\noffset = 3\nminimum = -8\nmaximum = 8\nvalues = { 2 = 'two' }\n",
+    )
+    rules = [SignalConfig(0, "0x6000:01", **rule)]
+    bus = give_meanings(Bus("b", 1000, [slave(entry(), outputs=True)]), profiles, rules)
+    ((_, known, _),) = bus.slaves[0].entries(outputs=True)
+    found = (known.name, known.unit, known.scale, known.offset, known.minimum, known.maximum)
+    assert (*found, [value.name for value in known.values]) == expected
+    assert bus.slaves[0].profiles == ["A"]
+
+
+def test_limits_are_for_outputs(tmp_path: Path) -> None:
+    profiles = of(
+        tmp_path, HEADER + "[[device.entry]]\nindex = 0x6000\nsubindex = 1\nmaximum = 8\n"
+    )
+    bus = give_meanings(Bus("b", 1000, [slave(entry())]), profiles)
+    ((_, known, _),) = bus.slaves[0].entries(outputs=False)
+    assert known.maximum is None
+
+
+@pytest.mark.parametrize(
+    ("profile", "rule", "message"),
+    [
+        ("minimum = 40000\n", None, r"a\.toml: 0x6000:01 of slave 0 \(A\) can have no value"),
+        ("maximum = 8\n", {"minimum": 9.0}, r"the minimum 9, which is more than the maximum, 8"),
+    ],
+)
+def test_limits_that_leave_no_value(
+    tmp_path: Path, profile: str, rule: dict[str, Any] | None, message: str
+) -> None:
+    profiles = of(tmp_path, HEADER + f"[[device.entry]]\nindex = 0x6000\nsubindex = 1\n{profile}")
+    rules = [] if rule is None else [SignalConfig(0, "0x6000:01", **rule)]
+    with pytest.raises(ConfigError, match=message):
+        give_meanings(Bus("b", 1000, [slave(entry(), outputs=True)]), profiles, rules)
 
 
 def test_numbers_may_stand_for_something(tmp_path: Path) -> None:
@@ -127,11 +185,13 @@ def test_an_entry_may_be_a_variable_only(tmp_path: Path) -> None:
         tmp_path,
         HEADER + "[[device.entry]]\nindex = 0x6000\nsubindex = 1\nconnector = false\n",
     )
-    (block,) = build_library(Bus("b", 1000, [slave(entry())]), "P", profiles).blocks
+    (block,) = build_library(give_meanings(Bus("b", 1000, [slave(entry())]), profiles), "P").blocks
     assert (len(block.reads), block.right) == (1, ())
     assert block.reads[0].class_name == "output Integer"
     # What the model writes cannot be left to nobody.
-    (block,) = build_library(Bus("b", 1000, [slave(entry(), outputs=True)]), "P", profiles).blocks
+    (block,) = build_library(
+        give_meanings(Bus("b", 1000, [slave(entry(), outputs=True)]), profiles), "P"
+    ).blocks
     assert len(block.left) == 1
 
 
@@ -140,11 +200,11 @@ def test_a_drive_is_known_by_its_entries() -> None:
     drive = slave(mode, status)
     assert not connector(load_profiles(), drive).values  # no control word: no drive
     drive.outputs = [Pdo(0x1600, "", 2, [entry(0x6040, 0)])]
-    (block,) = build_library(Bus("b", 1000, [drive]), "P", load_profiles()).blocks
+    (block,) = build_library(give_meanings(Bus("b", 1000, [drive]), load_profiles()), "P").blocks
     modes = next(c for c in block.reads if c.index == 0x6061)
     assert {v.number: v.name for v in modes.values}[8] == "cyclic synchronous position"
     drive.inputs[0].entries.append(entry(0x6861, 0))  # the second axis
-    (block,) = build_library(Bus("b", 1000, [drive]), "P", load_profiles()).blocks
+    (block,) = build_library(give_meanings(Bus("b", 1000, [drive]), load_profiles()), "P").blocks
     assert block.reads[-1].values == modes.values
 
 
@@ -190,6 +250,23 @@ def test_a_drive_is_known_by_its_entries() -> None:
         ),
         (HEADER + '[[device.entry]]\nindex = 1\nunit = "Volt"\n', "7: device.entry.unit: 'Volt'"),
         (
+            HEADER + f'[[device.entry]]\nindex = 1\nunit = "{"m." * 8}m"\n',
+            "7: device.entry.unit: 'm.m.m.m.m.m.m.m.m' must be printable and at most 15 bytes",
+        ),
+        (
+            HEADER + f'[[device.entry]]\nindex = 1\nname = "{"x" * 64}"\n',
+            "7: device.entry.name: ",
+        ),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\nminimum = 2\nmaximum = 1\n",
+            "7: device.entry.minimum: is 2, more than the maximum, 1",
+        ),
+        (HEADER + "[[device.entry]]\nindex = 1\nmaximum = inf\n", "7: device.entry.maximum"),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\nvalues = { 1 = 'a', 0x1 = 'b' }\n",
+            "7: device.entry.values: 0x1 is named twice",
+        ),
+        (
             HEADER + '[[device.entry]]\nindex = 1\n[device.entry.values]\na = "b"\n',
             "7: device.entry.values: 'a' is no whole number",
         ),
@@ -209,6 +286,7 @@ def test_a_wrong_file_is_told_with_its_line(tmp_path: Path, text: str, message: 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is no folder"):
         load_profiles([tmp_path / "nowhere"])
+    assert load_profiles((), [tmp_path / "nowhere"]) == load_profiles()
 
 
 def test_our_own_profiles_are_about_every_device_once() -> None:
@@ -244,7 +322,9 @@ def test_the_profile_of_the_documentation(tmp_path: Path) -> None:
     entries = [entry(index, subindex) for index in (0x6000, 0x6010) for subindex in (1, 2, 3, 4)]
     sensor = slave(*entries, product=0x13)
     sensor.vendor = 0xF00D
-    (block,) = build_library(Bus("b", 1000, [sensor]), "P", of(tmp_path, example)).blocks
+    (block,) = build_library(
+        give_meanings(Bus("b", 1000, [sensor]), of(tmp_path, example)), "P"
+    ).blocks
     assert [(c.kind, c.unit) for c in block.right] == [("Real", "m"), ("Integer", "")] * 2
     assert [value.name for value in block.right[3].values] == ["no echo", "good", "weak"]
     assert len(block.variables) == 4
@@ -252,6 +332,6 @@ def test_the_profile_of_the_documentation(tmp_path: Path) -> None:
 
 
 def test_the_documentation_names_every_file_of_ours() -> None:
-    folder = Path(__file__).parents[2] / "codegen" / "ecatgen" / "profiles"
+    folder = Path(__file__).parents[2] / "daemon" / "ecatd" / "model" / "profiles"
     names = {file.name for file in folder.glob("*.toml")}
     assert names == set(re.findall(r"`(\w+\.toml)`", DOCUMENT.read_text()))

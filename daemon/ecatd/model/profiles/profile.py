@@ -2,53 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from ecatd.model.bus import Entry, Slave
-
-
-@dataclass(frozen=True, slots=True)
-class Value:
-    """One number of an enumeration.
-
-    Attributes:
-        number: The number.
-        name: What it stands for.
-    """
-
-    number: int
-    name: str
+from ..bus import Entry, Slave, Value
 
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What the value of an entry means: physical value = raw value * scale + offset.
+    """What a profile says about an entry; each attribute is that of `model.bus.Entry`."""
 
-    Attributes:
-        unit: Unit of the physical value as Modelica writes it (`V`, `rad/s`), or as the
-            configuration of the daemon has it; empty for a raw value.
-        display_unit: Unit that tools show it in, or empty.
-        quantity: Physical quantity (`ElectricPotential`), or empty.
-        scale: See above.
-        offset: See above, in `unit`.
-        values: What the numbers stand for, in their order.
-        note: What else a user should know, for the documentation.
-        connector: Whether the block has a connector for it, or only a variable.
-    """
-
+    name: str = ""
     unit: str = ""
-    display_unit: str = ""
-    quantity: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    minimum: float | None = None
+    maximum: float | None = None
+    display_unit: str = ""
+    quantity: str = ""
     values: tuple[Value, ...] = ()
     note: str = ""
     connector: bool = True
-
-    @property
-    def is_physical(self) -> bool:
-        """Whether the value is something else than what the process data hold."""
-        return bool(self.unit) or self.scale != 1 or self.offset != 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +62,15 @@ class DeviceProfile:
     has: tuple[tuple[int, int], ...]
     entries: tuple[EntryProfile, ...]
 
+    @property
+    def label(self) -> str:
+        """How documentation names the profile: what the devices are, and who says so."""
+        return ": ".join(filter(None, (self.description, self.facts)))
+
+    def meaning(self, entry: Entry) -> Meaning | None:
+        """What the profile says about an entry, None if it says nothing."""
+        return next((known.meaning for known in self.entries if known.fits(entry)), None)
+
     def fits(self, slave: Slave) -> bool:
         """Whether the slave is such a device."""
         if self.vendor not in (-1, slave.vendor):
@@ -119,34 +101,16 @@ def _has(slave: Slave, index: int, subindex: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Profiles:
-    """All profiles; where two know an entry, the first one counts."""
+    """All profiles. The first one that knows an entry decides what the entry means.
+
+    Attributes:
+        devices: The devices; those that count first come first.
+        named: How many of them are from folders that the configuration names.
+    """
 
     devices: tuple[DeviceProfile, ...] = ()
+    named: int = 0
 
-    def of(self, slave: Slave) -> SlaveProfile:
-        """What is known about a slave."""
-        return SlaveProfile(tuple(device for device in self.devices if device.fits(slave)))
-
-
-@dataclass(frozen=True, slots=True)
-class SlaveProfile:
-    """The profiles that fit one slave."""
-
-    devices: tuple[DeviceProfile, ...]
-
-    def meaning(self, entry: Entry) -> Meaning:
-        """What an entry means. What the daemon's configuration says about it, counts first."""
-        known = next(
-            (p.meaning for device in self.devices for p in device.entries if p.fits(entry)),
-            Meaning(),
-        )
-        if entry.unit or entry.scale != 1 or entry.offset != 0:
-            return replace(
-                known,
-                unit=entry.unit,
-                display_unit="",
-                quantity="",
-                scale=entry.scale,
-                offset=entry.offset,
-            )
-        return known
+    def of(self, slave: Slave) -> list[DeviceProfile]:
+        """The profiles that fit a slave."""
+        return [device for device in self.devices if device.fits(slave)]

@@ -1,0 +1,193 @@
+"""What the values of a bus mean, put into its description: the one owner of units and scales.
+
+The configuration (`[[signal]]`) counts before device profiles, and these before what the slave
+says of itself. Everybody else (shared memory, clients, Zenoh, generated blocks, FMUs) takes the
+meaning from the description, or compares its own with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from .bus import Bus, Entry, Pdo, Slave
+from .config import SignalConfig
+from .config.signals import named_values
+from .datatypes import is_real, type_name, value_range
+from .errors import ConfigError
+from .profiles import DeviceProfile, Profiles
+
+_BITS_MAX = 64  # of one entry in the shared memory
+
+
+def give_meanings(bus: Bus, profiles: Profiles, rules: Sequence[SignalConfig] = ()) -> Bus:
+    """Gives every entry its name, unit, scale, limits and named values.
+
+    Args:
+        bus: The scanned bus, whose slaves are changed.
+        profiles: Device profiles.
+        rules: What the configuration says, which counts first.
+
+    Returns:
+        The bus.
+
+    Raises:
+        ConfigError: A rule does not fit this bus, or limits leave an output no value.
+    """
+    for slave in bus.slaves:
+        _apply_profiles(slave, profiles.of(slave))
+    for rule in rules:
+        _apply_rule(find_slave(bus, rule.slave, "signal"), rule)
+    return bus
+
+
+def find_slave(bus: Bus, position: int, table: str) -> Slave:
+    """The slave that a table of the configuration names.
+
+    Raises:
+        ConfigError: There is no such slave.
+    """
+    if position >= len(bus.slaves):
+        raise ConfigError(
+            f"{table}: there is no slave {position}: bus '{bus.name}' has {len(bus.slaves)} "
+            f"slaves, 0 to {len(bus.slaves) - 1}"
+        )
+    return bus.slaves[position]
+
+
+def unused_profiles(bus: Bus, profiles: Profiles) -> list[str]:
+    """A sentence for each profile of a folder in the configuration that fits no slave."""
+    return [
+        f"{device.source}: '{device.description}' fits no slave of bus '{bus.name}': it is about "
+        f"{device.wanted}"
+        for device in profiles.devices[: profiles.named]
+        if not any(device.fits(slave) for slave in bus.slaves)
+    ]
+
+
+def _apply_profiles(slave: Slave, devices: list[DeviceProfile]) -> None:
+    used: list[DeviceProfile] = []
+
+    def meant(entry: Entry, *, output: bool) -> Entry:
+        for device in devices:
+            meaning = device.meaning(entry)
+            if meaning is None or entry.bit_length > _BITS_MAX:
+                continue
+            if device not in used:
+                used.append(device)
+            known = replace(
+                entry,
+                name=meaning.name or entry.name,
+                unit=meaning.unit,
+                scale=meaning.scale,
+                offset=meaning.offset,
+                minimum=meaning.minimum if output else None,
+                maximum=meaning.maximum if output else None,
+                display_unit=meaning.display_unit,
+                quantity=meaning.quantity,
+                values=list(meaning.values),
+                note=meaning.note,
+                connector=meaning.connector,
+            )
+            _check_limits(known, f"{device.source}: {entry.address} of {slave.label}")
+            return known
+        return entry
+
+    slave.outputs = _changed(slave.outputs, lambda entry: meant(entry, output=True))
+    slave.inputs = _changed(slave.inputs, lambda entry: meant(entry, output=False))
+    slave.profiles = [device.label for device in used]
+
+
+def _changed(pdos: list[Pdo], change: Callable[[Entry], Entry]) -> list[Pdo]:
+    """The PDOs with changed entries, as new ones: slaves may share theirs."""
+    return [
+        replace(pdo, entries=[entry if entry.is_gap else change(entry) for entry in pdo.entries])
+        for pdo in pdos
+    ]
+
+
+def _apply_rule(slave: Slave, rule: SignalConfig) -> None:
+    found = {True: False, False: False}
+
+    def meant(entry: Entry, *, output: bool) -> Entry:
+        if (entry.index, entry.subindex) != rule.address:
+            return entry
+        found[output] = True
+        return _declared(slave, entry, rule, output=output)
+
+    outputs = _changed(slave.outputs, lambda entry: meant(entry, output=True))
+    inputs = _changed(slave.inputs, lambda entry: meant(entry, output=False))
+    if found[False] and not found[True] and (rule.minimum, rule.maximum) != (None, None):
+        raise ConfigError(
+            f"signal: {rule.entry} of {slave.label} is an input: minimum and maximum are for "
+            f"outputs, what is measured cannot be refused"
+        )
+    if not any(found.values()):
+        raise ConfigError(
+            f"signal: {slave.label} has no {rule.entry} in its process data; "
+            f"`ecatctl pdos -p {slave.position}` lists what it has"
+        )
+    slave.outputs, slave.inputs = outputs, inputs
+
+
+def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -> Entry:
+    where = f"signal: {entry.address} of {slave.label}"
+    if entry.bit_length > _BITS_MAX:
+        raise ConfigError(
+            f"{where} has {entry.bit_length} bits: only entries of up to {_BITS_MAX} are signals"
+        )
+    known = replace(entry, name=rule.name or entry.name)
+    if (rule.unit, rule.scale, rule.offset) != (None, None, None):
+        known = replace(
+            known,
+            unit=rule.unit or "",
+            scale=1.0 if rule.scale is None else rule.scale,
+            offset=rule.offset or 0.0,
+            # These are said in the unit of the profile.
+            minimum=None,
+            maximum=None,
+            display_unit="",
+            quantity="",
+        )
+    if rule.values:
+        known.values = list(named_values(rule.values))
+    if output and rule.minimum is not None:
+        known.minimum = rule.minimum
+    if output and rule.maximum is not None:
+        known.maximum = rule.maximum
+    _check_limits(known, where)
+    return known
+
+
+def _check_limits(entry: Entry, where: str) -> None:
+    """Refuses limits between which the entry has no value.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    if entry.minimum is None and entry.maximum is None:
+        return
+    if entry.minimum is not None and entry.maximum is not None and entry.minimum > entry.maximum:
+        raise ConfigError(
+            f"{where} has the minimum {entry.minimum:g}, which is more than the maximum, "
+            f"{entry.maximum:g}"
+        )
+    low, high = entry.raw_range()
+    least, most = _type_range(entry)
+    if max(low, least) > min(high, most):
+        raise ConfigError(
+            f"{where} can have no value from {_limit(entry.minimum)} to {_limit(entry.maximum)}: "
+            f"it is {type_name(entry.data_type)} with scale {entry.scale:g} and offset "
+            f"{entry.offset:g}"
+        )
+
+
+def _type_range(entry: Entry) -> tuple[float, float]:
+    if is_real(entry.data_type):
+        return -math.inf, math.inf
+    return value_range(entry.data_type, entry.bit_length)
+
+
+def _limit(value: float | None) -> str:
+    return "any" if value is None else f"{value:g}"
