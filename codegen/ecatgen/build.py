@@ -19,7 +19,7 @@ def build_library(bus: Bus, name: str) -> Library:
     """
     name = names.library_name(name)
     blocks = build_blocks(bus.slaves, name)
-    drives = build_drives(blocks)
+    drives, notes = build_drives(blocks)
     return Library(
         name=name,
         description=f"Slaves of the EtherCAT bus {bus.name}",
@@ -30,5 +30,6 @@ def build_library(bus: Bus, name: str) -> Library:
         version=static_library.VERSION,
         blocks=blocks,
         drives=drives,
+        notes=notes,
         examples=build_examples(bus, name, blocks, drives),
     )

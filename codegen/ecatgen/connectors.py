@@ -16,8 +16,11 @@ _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
 
 def kind_of(entry: Entry) -> Kind:
     """The Modelica type of an entry: a Modelica Integer has 32 bits and a sign."""
-    if entry.is_physical:
-        return "Real"
+    return "Real" if entry.is_physical else raw_kind_of(entry)
+
+
+def raw_kind_of(entry: Entry) -> Kind:
+    """The Modelica type of the raw value of an entry."""
     if entry.data_type == DataType.BOOLEAN or entry.bit_length == 1:
         return "Boolean"
     if is_real(entry.data_type):
@@ -57,6 +60,7 @@ def connectors(
                 direction="output" if outputs else "input",
                 access="write" if outputs else "read",
                 kind=kind,
+                raw_kind=raw_kind_of(entry),
                 class_name=_class_name(kind, outputs=outputs) if drawn else f"output {kind}",
                 function=kind.lower(),
                 index=entry.index,

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from . import layout
+from .drive_units import UnsuitableError, parameters
 from .ir import Block, Connection, Connector, Drive, DriveLine, Point
 from .labels import label
 
@@ -38,7 +39,9 @@ _FLAGS = {
 }
 _CONTROL_WORD, _STATUS_WORD, _MODE = 0x6040, 0x6041, 0x6060
 _TYPES = "EtherCAT.Types.DriveMode"
-_BOOLEAN, _INTEGER = "{255, 0, 255}", "{255, 127, 0}"
+_BOOLEAN, _INTEGER, _REAL = "{255, 0, 255}", "{255, 127, 0}", "{0, 0, 127}"
+_UTILITIES = "EtherCAT.Drives.Utilities"
+_CONVERSION_Y, _HALF, _PORT = -51, 5, 6  # of the blocks between pins and slave
 _TOP = -72  # of the slave in the diagram
 _NARROW = 640  # icons up to this width are drawn twice as large as usual
 
@@ -69,9 +72,24 @@ _KINDS = (
 )
 
 
-def build_drives(blocks: Iterable[Block]) -> tuple[Drive, ...]:
-    """The drives among the slaves: those that map what one of the modes needs."""
-    return tuple(drive for block in blocks if (drive := _drive(block)) is not None)
+def build_drives(blocks: Iterable[Block]) -> tuple[tuple[Drive, ...], tuple[str, ...]]:
+    """The drives among the slaves, those that map what one of the modes needs.
+
+    Returns:
+        The drives, and a sentence for each that cannot be had in SI units.
+    """
+    drives, notes = [], []
+    for block in blocks:
+        try:
+            drive = _drive(block)
+        except UnsuitableError as error:
+            notes.append(
+                f"slave {block.position} {block.name}: has no block in SI units in Drives: {error}"
+            )
+            continue
+        if drive is not None:
+            drives.append(drive)
+    return tuple(drives), tuple(notes)
 
 
 def _drive(block: Block) -> Drive | None:
@@ -99,6 +117,7 @@ def _drive(block: Block) -> Drive | None:
             f"final modeInProcessData = {_boolean(_MODE in writes)}",
             *(f"final {flag} = {_boolean(index in reads)}" for index, (flag, _) in _FLAGS.items()),
         ),
+        parameters=tuple(parameters([*writes.values(), *reads.values()])),
         mode_object=0 if _MODE in writes else _MODE,
         entries=" | ".join(flag for index, (_, flag) in _FLAGS.items() if index in reads) or "0",
         missing=tuple(
@@ -106,8 +125,8 @@ def _drive(block: Block) -> Drive | None:
             for kind in _KINDS
             if kind not in kinds
         ),
-        writes=tuple(DriveLine(_TO_SLAVE[i][0], c.name) for i, c in writes.items()),
-        reads=tuple(DriveLine(_FROM_SLAVE[i][0], c.name) for i, c in reads.items()),
+        writes=tuple(_line(c, *_TO_SLAVE[i], "ToPhysical", 270) for i, c in writes.items()),
+        reads=tuple(_line(c, *_FROM_SLAVE[i], "ToRaw", 90) for i, c in reads.items()),
         unused=tuple(c for c in block.writes if c not in writes.values()),
         slave_extent=slave,
         connections=tuple(_lines(block, centre, scale)),
@@ -118,13 +137,28 @@ def _drive(block: Block) -> Drive | None:
 
 
 def _by_object(connectors: Sequence[Connector]) -> dict[int, Connector]:
-    """What CiA402 can be connected with: raw values of the first axis."""
+    """What CiA402 can be connected with: values of the first axis, raw or scaled."""
     known = _TO_SLAVE.keys() | _FROM_SLAVE.keys()
     return {
         c.index: c
         for c in connectors
-        if c.index in known and c.subindex == 0 and c.kind == "Integer"
+        if c.index in known and c.subindex == 0 and c.raw_kind == "Integer"
     }
+
+
+def _line(connector: Connector, pin: str, x: int, conversion: str, rotation: int) -> DriveLine:
+    scaled = connector.kind == "Real"
+    return DriveLine(
+        drive=pin,
+        slave=connector.name,
+        conversion=f"{pin}Conversion" if scaled else "",
+        class_name=f"{_UTILITIES}.{conversion}" if scaled else "",
+        size=layout.extent(-_HALF, -_HALF, _HALF, _HALF),
+        origin=Point(x, _CONVERSION_Y),
+        rotation=rotation,
+        scale=connector.scale,
+        offset=connector.offset,
+    )
 
 
 def _lines(block: Block, centre: Point, scale: int) -> Iterator[Connection]:
@@ -134,20 +168,32 @@ def _lines(block: Block, centre: Point, scale: int) -> Iterator[Connection]:
         if writes.get(c.index) == c:
             pin, x = _TO_SLAVE[c.index]
             end = layout.port_point(block.icon, row, centre, left=True, scale=scale)
-            points = (Point(x, _PINS_Y), Point(x, end.y), end)
-            yield Connection(f"cia402.{pin}", f"slave.{c.name}", points, _INTEGER)
+            source, begin = f"cia402.{pin}", Point(x, _PINS_Y)
+            color = _INTEGER
+            if c.kind == "Real":
+                there = Point(x, _CONVERSION_Y + _PORT)
+                yield Connection(source, f"{pin}Conversion.u", (begin, there), _INTEGER)
+                source, begin = f"{pin}Conversion.y", Point(x, _CONVERSION_Y - _PORT)
+                color = _REAL
+            yield Connection(source, f"slave.{c.name}", (begin, Point(x, end.y), end), color)
     start = layout.valid_point(block.icon, centre, scale)
-    yield _upward(_VALID[0], start, _VALID, _BOOLEAN)
+    yield _upward(f"slave.{_VALID[0]}", start, f"cia402.{_VALID[0]}", _VALID[1], _PINS_Y, _BOOLEAN)
     for row, c in enumerate(block.right):
         if reads.get(c.index) == c:
             start = layout.port_point(block.icon, row, centre, left=False, scale=scale)
-            yield _upward(c.name, start, _FROM_SLAVE[c.index], _INTEGER)
+            pin, x = _FROM_SLAVE[c.index]
+            source, target = f"slave.{c.name}", f"cia402.{pin}"
+            if c.kind == "Integer":
+                yield _upward(source, start, target, x, _PINS_Y, _INTEGER)
+                continue
+            y = _CONVERSION_Y - _PORT
+            yield _upward(source, start, f"{pin}Conversion.u", x, y, _REAL)
+            points = (Point(x, _CONVERSION_Y + _PORT), Point(x, _PINS_Y))
+            yield Connection(f"{pin}Conversion.y", target, points, _INTEGER)
 
 
-def _upward(source: str, start: Point, pin: tuple[str, int], color: str) -> Connection:
-    name, x = pin
-    points = (start, Point(x, start.y), Point(x, _PINS_Y))
-    return Connection(f"slave.{source}", f"cia402.{name}", points, color)
+def _upward(source: str, start: Point, target: str, x: int, y: int, color: str) -> Connection:
+    return Connection(source, target, (start, Point(x, start.y), Point(x, y)), color)
 
 
 def _boolean(value: bool) -> str:

@@ -16,7 +16,7 @@ from .text import modelica_string
 # The movement of the example: 75 revolutions of the motor, at most 10 in a second, reached in half
 # a second. The motor is that of the simulated rig `troll`.
 DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 471.24, 62.832, 125.66, 1
-_MOTOR = ("encoderResolution = 65536", "ratedTorque = 0.4", "ratedCurrent = 5")
+_MOTOR = {"encoderResolution": "65536", "ratedTorque": "0.4", "ratedCurrent": "5"}
 _BETWEEN = 16  # between blocks that stand below each other
 _CAUTION = (
     "Before you simulate with real hardware, set encoderResolution, ratedTorque and ratedCurrent "
@@ -145,8 +145,10 @@ def _drive_parts(bus: Bus, library: str, drive: Drive, mode: str) -> Diagram:
     """A drive that is enabled, and a speed from which its reference follows."""
     diagram = Diagram()
     _master(diagram, bus, Point(-80, 70))
+    known = {parameter.name for parameter in drive.parameters}
+    motor = (f"{name} = {value}" for name, value in _MOTOR.items() if name not in known)
     diagram.add_drive(
-        library, drive, Point(50, 0), f"mode = EtherCAT.Types.DriveMode.{mode}", *_MOTOR
+        library, drive, Point(50, 0), f"mode = EtherCAT.Types.DriveMode.{mode}", *motor
     )
     diagram.add(
         "Modelica.Blocks.Sources.BooleanConstant",

@@ -58,6 +58,7 @@ def generate(
     before = _before(out / library.name)
     packages = {static_library.NAME: static_library.static_files(), library.name: files}
     report = install(out, packages, library.name, check=check, force=force)
+    report = replace(report, notes=library.notes)
     if before is None or not report.is_change:
         return report
     old = generator.library(before)

@@ -78,6 +78,7 @@ class Connector:
         direction: `output` of the bus, which the model writes, or `input`, which it reads.
         access: What the model does with it: `write` or `read`.
         kind: Type of the value in the model: `Boolean`, `Integer` or `Real`.
+        raw_kind: The same of the raw value.
         class_name: Modelica class of the connector, or prefix and type of a variable.
         function: Suffix of the C functions: `boolean`, `integer`, `real`.
         index: Object index.
@@ -111,6 +112,7 @@ class Connector:
     direction: Literal["output", "input"]
     access: Literal["write", "read"]
     kind: Kind
+    raw_kind: Kind
     class_name: str
     function: str
     index: int
@@ -303,12 +305,41 @@ class DriveLine:
     """A connector of EtherCAT.Drives.CiA402 with that of the slave that it belongs to.
 
     Attributes:
-        drive: Name in CiA402.
+        drive: Name in CiA402, which has raw values.
         slave: Name in the block of the slave.
+        conversion: Block between them, where the slave has a physical value; else empty.
+        class_name: Its class.
+        size: Its extent, around its origin.
+        origin: Its origin in the diagram.
+        rotation: Its rotation in the diagram in degrees.
+        scale: Physical value = raw value * scale + offset.
+        offset: See scale.
     """
 
     drive: str
     slave: str
+    conversion: str
+    class_name: str
+    size: Extent
+    origin: Point
+    rotation: int
+    scale: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True)
+class DriveParameter:
+    """A parameter of a drive that follows from what its process data mean.
+
+    Attributes:
+        name: Name in EtherCAT.Interfaces.DriveParameters.
+        member: Name in `ecatm_drive_settings`.
+        value: Its value.
+    """
+
+    name: str
+    member: str
+    value: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,6 +355,7 @@ class Drive:
         mode: Its usual mode, an element of EtherCAT.Types.DriveMode.
         modes: The modes that the process data are enough for.
         modifiers: Modifications of the state machine.
+        parameters: Parameters that follow from what the process data mean.
         mode_object: Object by which the mode is written, 0 if it is in the process data.
         entries: What is mapped, as C has it (enum ecatm_drive_entries).
         missing: For each quantity that is not mapped a condition on the mode, and its name.
@@ -343,6 +375,7 @@ class Drive:
     mode: str
     modes: tuple[str, ...]
     modifiers: tuple[str, ...]
+    parameters: tuple[DriveParameter, ...]
     mode_object: int
     entries: str
     missing: tuple[tuple[str, str], ...]
@@ -368,6 +401,7 @@ class Library:
         version: Version of the library EtherCAT that it uses.
         blocks: Blocks by position.
         drives: Blocks in SI units around those of drives.
+        notes: What could not be made, and why; a sentence each.
         examples: Example models.
     """
 
@@ -380,4 +414,5 @@ class Library:
     version: str
     blocks: tuple[Block, ...]
     drives: tuple[Drive, ...]
+    notes: tuple[str, ...]
     examples: tuple[Example, ...]

@@ -322,7 +322,7 @@ def test_declared_signals_reach_clients_and_hold(start_daemon: Callable[..., Dae
         with pytest.raises(UsageError, match=r"301 is out of range .* from -300 to 300"):
             client.write(speed.number, 301)
     text = daemon.ctl("pdos", "-p", "0").stdout
-    assert "0x60FF:00  32 bit  INTEGER32   speed  [rpm, -30 to 30, safe 0]" in text
+    assert "0x60FF:00  32 bit  INTEGER32   speed  [rpm = raw * 0.1, -30 to 30, safe 0]" in text
     (slave,) = daemon.ctl_json("pdos", "-p", "0")["slaves"]
     entries = {e["index"]: e for pdo in slave["outputs"] for e in pdo["entries"]}
     assert {key: entries[0x60FF][key] for key in ("unit", "minimum", "maximum", "safe")} == {

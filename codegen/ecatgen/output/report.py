@@ -28,6 +28,7 @@ class Report:
         regenerated: Files that are generated otherwise than in the run before.
         differences: What is different on the bus, by slave and connector.
         otherwise: Those of `regenerated` that would be so for the same bus, too.
+        notes: What of the bus the library has no block for, and why; a sentence each.
     """
 
     library: Path
@@ -41,6 +42,7 @@ class Report:
     regenerated: tuple[str, ...] = ()
     differences: tuple[Difference, ...] = ()
     otherwise: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def is_change(self) -> bool:
@@ -60,11 +62,12 @@ class Report:
             "conflicts": dict(self.conflicts),
             "differences": [item.to_dict() for item in self.differences],
             "generator": list(self.otherwise),
+            "notes": list(self.notes),
         }
 
     def details(self) -> list[str]:
         """What is different, a sentence a line."""
-        text = lines(self.differences)
+        text = [*self.notes, *lines(self.differences)]
         if self.otherwise:
             text.append(
                 f"{_files(len(self.otherwise))} would differ for the same bus, too "

@@ -15,7 +15,7 @@ partial block DriveParameters "Parameters of a drive with the device profile CiA
     "= true, if faults are reset by an input of their own, not by switching enable on again"
     annotation (Evaluate = true, HideResult = true, choices(checkBox = true), Dialog(group = "Operation"));
 
-  parameter Real encoderResolution(min = 1, start = 65536)
+  parameter Real encoderResolution(min = 0, start = 65536)
     "Increments of the position per revolution of the motor (0x608F)"
     annotation (Dialog(group = "Motor and gear"));
   parameter Real gearRatio = 1

@@ -1,0 +1,106 @@
+"""Parameters of a CiA 402 drive that follow from the units of its process data.
+
+`EtherCAT.Drives.CiA402` converts between raw values and SI units by parameters: increments a
+revolution, raw speed at one revolution a second, rated torque and current. Where the bus
+description has a unit for an object, the parameter follows from it, and is not asked for twice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from ecatd.model.units import si_unit
+
+from .ir import Connector, DriveParameter
+
+
+@dataclass(frozen=True, slots=True)
+class _Quantity:
+    """A quantity of a drive.
+
+    Attributes:
+        objects: Objects that have it, all of them with the same raw unit.
+        unit: SI unit of its physical value.
+        parameter: Parameter of EtherCAT.Interfaces.DriveParameters.
+        member: The same in `ecatm_drive_settings`.
+        inverse: Whether the parameter is the raw value of one revolution (a second), and not the
+            physical value of 1000 digits (CiA 402 counts in 1/1000 of rated values).
+    """
+
+    objects: frozenset[int]
+    unit: str
+    parameter: str
+    member: str
+    inverse: bool
+
+    def value(self, scale: float) -> float:
+        """The parameter at a scale in SI units: of one revolution, or of 1000 digits."""
+        return 2 * math.pi / scale if self.inverse else 1000 * scale
+
+
+_QUANTITIES = (
+    _Quantity(frozenset({0x6064, 0x607A}), "rad", "encoderResolution", "encoder", True),
+    _Quantity(frozenset({0x606C, 0x60FF}), "rad/s", "velocityScale", "velocity_scale", True),
+    _Quantity(frozenset({0x6071, 0x6072, 0x6077}), "N.m", "ratedTorque", "rated_torque", False),
+    _Quantity(frozenset({0x6078}), "A", "ratedCurrent", "rated_current", False),
+)
+_CLOSE = 1e-9
+"""Scales that differ by less than this are the same: people round them."""
+
+
+class UnsuitableError(Exception):
+    """What entries mean cannot be had in a block in SI units; the text says which and why."""
+
+
+def parameters(connectors: Iterable[Connector]) -> Iterator[DriveParameter]:
+    """The parameters that follow from the meaning of the connectors of one axis.
+
+    Args:
+        connectors: Those that the state machine is connected with.
+
+    Raises:
+        UnsuitableError: Meanings contradict each other, or the state machine has no room for one.
+    """
+    connectors = list(connectors)
+    for quantity in _QUANTITIES:
+        found: tuple[float, Connector] | None = None
+        for connector in connectors:
+            scale = _si_scale(quantity, connector)
+            if scale is None:
+                continue
+            if found is not None and not math.isclose(scale, found[0], rel_tol=_CLOSE):
+                raise UnsuitableError(
+                    f"{_shown(found[1])}, but {_shown(connector)}: the drive counts both in the "
+                    f"same unit"
+                )
+            found = found or (scale, connector)
+        if found is not None:
+            yield DriveParameter(
+                quantity.parameter, quantity.member, repr(quantity.value(found[0]))
+            )
+
+
+def _si_scale(quantity: _Quantity, connector: Connector) -> float | None:
+    """SI units a digit; None where the connector has no such quantity."""
+    unit, wanted = si_unit(connector.unit_name), si_unit(quantity.unit)
+    if connector.index not in quantity.objects or unit is None or wanted is None:
+        return None
+    if not unit.is_like(wanted):
+        return None
+    if connector.offset != 0:
+        raise UnsuitableError(
+            f"{connector.address} has an offset of {connector.offset:g} {connector.unit_name}; "
+            f"add it in the model"
+        )
+    if connector.scale < 0:
+        raise UnsuitableError(
+            f"{connector.address} has the negative scale {connector.scale:g}; let gearRatio turn "
+            f"the drive round"
+        )
+    return connector.scale * unit.factor
+
+
+def _shown(connector: Connector) -> str:
+    return f"{connector.address} has {connector.scale:g} {connector.unit_name} a digit"

@@ -1,0 +1,26 @@
+within EtherCAT.Drives.Utilities;
+block ToRaw "Raw value of an entry that the bus gives as a physical value"
+  extends EtherCAT.Drives.Utilities.PartialConversion;
+
+  parameter Integer domainID(min = 1) = 1 "Domain of the entry";
+
+  Modelica.Blocks.Interfaces.RealInput u "Physical value"
+    annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
+  Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true) "Raw value"
+    annotation (Placement(transformation(extent = {{100, -20}, {140, 20}})));
+protected
+  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
+equation
+  when etherCATMaster.sampled[domainID] then
+    y = integer(floor((u - offset)/scale + 0.5));
+  end when;
+
+  annotation (
+    defaultComponentName = "toRaw",
+    Documentation(info = "<html>
+<p>
+<code>y = (u - offset)/scale</code>: gives the state machine of a drive the number that the slave has sent.
+The division leaves a whole number but for its rounding error, so it does not matter how halves are rounded.
+</p>
+</html>"));
+end ToRaw;
