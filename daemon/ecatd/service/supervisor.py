@@ -61,6 +61,7 @@ class Supervisor:
 
     async def run(self) -> int:
         """Runs until SIGTERM or SIGINT; returns the exit status."""
+        _leave(self._config.realtime.cpu)
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stop.set)
@@ -236,6 +237,17 @@ def _give(child: asyncio.subprocess.Process, settings: dict[str, Any]) -> None:
     assert child.stdin is not None
     child.stdin.write(json.dumps(settings).encode())
     child.stdin.close()
+
+
+def _leave(cpu: int) -> None:
+    """Leaves the processor of the engine to it: this process and its children use the others.
+
+    A program that computes there between two cycles takes the engine's data out of the caches, and
+    a system call of it that takes long makes the engine wait.
+    """
+    others = os.sched_getaffinity(0) - {cpu}
+    if others:
+        os.sched_setaffinity(0, others)
 
 
 def _status(returncode: int) -> int:

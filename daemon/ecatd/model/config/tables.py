@@ -18,7 +18,8 @@ class RealTimeConfig:
 
     Attributes:
         priority: SCHED_FIFO priority of the engine, 1 to 98; 0 for ordinary scheduling.
-        cpu: CPU that the engine is pinned to, -1 for none.
+        cpu: CPU that the engine is pinned to, and that the rest of the daemon leaves to it; -1 for
+            none.
         lock_memory: Lock the memory of the bus server.
         busy_receive: Poll for the answer of the slaves and never sleep: faster, but a core is busy
             whenever frames are under way.
