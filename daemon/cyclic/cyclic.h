@@ -20,9 +20,8 @@ enum cyclic_command { CYCLIC_LRD = 10, CYCLIC_LWR = 11, CYCLIC_LRW = 12 };
 
 /* Indices of the first datagram of a frame, by which sockets choose their frames. */
 enum cyclic_index {
-  CYCLIC_INDEX_SOEM = 0x00,      /* SOEM counts to 15 */
-  CYCLIC_INDEX_REGISTERS = 0x10, /* register access of the control side */
-  CYCLIC_INDEX_ENGINE = 0x80,    /* the engine, to the end */
+  CYCLIC_INDEX_CONTROL = 0x00, /* mailboxes and registers, by the control side */
+  CYCLIC_INDEX_ENGINE = 0x80,  /* the engine, to the end */
   CYCLIC_INDEX_LAST = 0xFF
 };
 

@@ -33,7 +33,7 @@ enum { APRD = 1, APWR = 2, APRW = 3, ARMW = 13 };
 struct cyclic_relay {
   pthread_mutex_t lock;
   cyclic_relay_settings settings;
-  int client[CYCLIC_RELAY_CLIENTS]; /* -1: gone */
+  int client;           /* -1: gone */
   int port[MAX_PORTS];
   uint32_t ports;
   int stop_fd;
@@ -278,22 +278,17 @@ static void account(cyclic_relay_t *r, uint64_t came_ns, uint64_t sent_ns, uint6
   }
 }
 
-static int has_index_of(const uint8_t *frame, uint32_t client) {
-  static const uint8_t first[] = {CYCLIC_INDEX_SOEM, CYCLIC_INDEX_REGISTERS, CYCLIC_INDEX_ENGINE};
-  return frame[INDEX_AT] >= first[client] && frame[INDEX_AT] < first[client + 1];
-}
-
-static void serve(cyclic_relay_t *r, uint32_t client) {
+static void serve(cyclic_relay_t *r) {
   uint64_t came, sent, back;
-  ssize_t length = recv(r->client[client], r->frame, sizeof r->frame, MSG_DONTWAIT);
-  if (length == 0) r->client[client] = -1;
+  ssize_t length = recv(r->client, r->frame, sizeof r->frame, MSG_DONTWAIT);
+  if (length == 0) r->client = -1;
   if (length <= 0) return;
   r->length = (size_t)length;
   if (r->length > FRAME_BYTES || !is_sound(r->frame, r->length) ||
-      !has_index_of(r->frame, client))
+      r->frame[INDEX_AT] >= CYCLIC_INDEX_ENGINE)
     return;
-  /* Above the port a number, so that a frame given up that comes late is not taken for one like it:
-   * SOEM has but 16 indices. */
+  /* Above the port a number, so that a frame given up that comes late is not taken for one with the
+   * same index. */
   r->frame[SOURCE_PORT_AT] = (uint8_t)(++r->number << 1);
   came = cyclic_now();
   if (r->engine != NULL) {
@@ -305,32 +300,27 @@ static void serve(cyclic_relay_t *r, uint32_t client) {
   back = receive(r, sent + r->settings.answer_ns);
   account(r, came, sent, back);
   /* A client that does not read is not waited for. */
-  if (back > 0) (void)send(r->client[client], r->answer, r->length, MSG_DONTWAIT | MSG_NOSIGNAL);
+  if (back > 0) (void)send(r->client, r->answer, r->length, MSG_DONTWAIT | MSG_NOSIGNAL);
 }
 
 static void *thread_main(void *argument) {
   cyclic_relay_t *r = argument;
-  struct pollfd fds[CYCLIC_RELAY_CLIENTS + 1];
-  uint32_t i;
   (void)cyclic_thread_become("ecat-relay", r->settings.priority); /* the engine reports it */
   prctl(PR_SET_TIMERSLACK, 1);
   for (;;) {
-    fds[CYCLIC_RELAY_CLIENTS] = (struct pollfd){r->stop_fd, POLLIN, 0};
-    for (i = 0; i < CYCLIC_RELAY_CLIENTS; i++) fds[i] = (struct pollfd){r->client[i], POLLIN, 0};
-    (void)ppoll(fds, CYCLIC_RELAY_CLIENTS + 1, NULL, NULL);
-    if (fds[CYCLIC_RELAY_CLIENTS].revents) return NULL;
-    for (i = 0; i < CYCLIC_RELAY_CLIENTS; i++) {
-      if (!fds[i].revents) continue;
-      pthread_mutex_lock(&r->lock);
-      serve(r, i);
-      pthread_mutex_unlock(&r->lock);
-    }
+    struct pollfd fds[] = {{r->stop_fd, POLLIN, 0}, {r->client, POLLIN, 0}};
+    (void)ppoll(fds, 2, NULL, NULL);
+    if (fds[0].revents) return NULL;
+    if (!fds[1].revents) continue;
+    pthread_mutex_lock(&r->lock);
+    serve(r);
+    pthread_mutex_unlock(&r->lock);
   }
 }
 
 /* --- life ----------------------------------------------------------------------------------- */
 
-cyclic_relay_t *cyclic_relay_new(int soem_fd, int registers_fd, int first_fd, int second_fd,
+cyclic_relay_t *cyclic_relay_new(int client_fd, int first_fd, int second_fd,
                                  const cyclic_relay_settings *settings) {
   cyclic_relay_t *r;
   int code;
@@ -341,8 +331,7 @@ cyclic_relay_t *cyclic_relay_new(int soem_fd, int registers_fd, int first_fd, in
   r = calloc(1, sizeof *r);
   if (r == NULL) return NULL;
   r->settings = *settings;
-  r->client[0] = soem_fd;
-  r->client[1] = registers_fd;
+  r->client = client_fd;
   r->port[0] = first_fd;
   r->port[1] = second_fd;
   r->ports = second_fd >= 0 ? 2 : 1;

@@ -1,6 +1,6 @@
 /* The relay: a thread through which everything goes to the slaves that is not the cyclic exchange,
- * so that SDOs and register access never get in its way. It lets frames of SOEM and of the control
- * side's register access (ecatd/bus/datagrams.py) pass in the time that the cycle leaves free.
+ * so that SDOs and register access never get in its way. It lets the frames of the control side
+ * (ecatd/bus/datagrams.py) pass in the time that the cycle leaves free.
  */
 #ifndef ECAT_RELAY_H
 #define ECAT_RELAY_H
@@ -10,7 +10,6 @@
 typedef struct cyclic_relay cyclic_relay_t;
 
 enum {
-  CYCLIC_RELAY_CLIENTS = 2,
   CYCLIC_RELAY_WINDOW_NS = 1000000 /* the longest time that a frame waits for the exchange to end */
 };
 
@@ -21,12 +20,12 @@ typedef struct cyclic_relay_settings {
   int32_t priority;      /* SCHED_FIFO priority, below that of the engine; 0: ordinary scheduling */
 } cyclic_relay_settings;
 
-/* A relay between two local sockets that carry frames (SOCK_SEQPACKET; the first has the indices
- * of SOEM, the second those of register access) and one or two ports (`second_fd` -1: no cable
- * redundancy; from cyclic_open_socket()). With two, clients need not know it: a frame leaves by
- * both, and what its copies bring is put together. All sockets stay the caller's. NULL and errno. */
-CYCLIC_API cyclic_relay_t *cyclic_relay_new(int soem_fd, int registers_fd, int first_fd,
-                                            int second_fd, const cyclic_relay_settings *settings);
+/* A relay between a local socket that carries frames (SOCK_SEQPACKET) and one or two ports
+ * (`second_fd` -1: no cable redundancy; from cyclic_open_socket()). With two, the client need not
+ * know it: a frame leaves by both, and what its copies bring is put together. All sockets stay the
+ * caller's. NULL and errno. */
+CYCLIC_API cyclic_relay_t *cyclic_relay_new(int client_fd, int first_fd, int second_fd,
+                                            const cyclic_relay_settings *settings);
 /* Has frames wait for the free time of an engine's cycle; until cyclic_stop(), or with NULL, they
  * pass at once. From the same moment on they are counted in the engine's ecat_shm_health. */
 CYCLIC_API void cyclic_relay_follow(cyclic_relay_t *r, cyclic_t *engine);

@@ -5,12 +5,11 @@ The only module of ecatsim that is a master: it uses the project's own.
 
 from __future__ import annotations
 
-import socket
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ecatd.bus.interface import look
 from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.dictionary import read_dictionary
 from ecatd.bus.mailbox.mailboxes import Talk, converse
@@ -30,8 +29,7 @@ _TIMEOUT = 5.0
 _CHIP, _DL_STATUS = 0x0000, 0x0110
 _CHIP_SIZE = 10
 _COE = 0x04
-_ETHERTYPE = 0x88A4
-_BRD, _AL_STATUS, _INDEX = 7, 0x0130, 0x40
+_STATE = 0x0F  # of the AL status
 _SIZE_WORD, _FIRST_CATEGORY, _END = 0x3E, 0x40, 0xFFFF
 _MAX_WORDS = 0x40000  # 4 MBit, the largest EEPROM of ETG.1000.6
 _MAX_CATEGORIES = 256
@@ -96,13 +94,14 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
     """
     master = Master([interface])
     try:
-        before = _states(interface)
+        before = int.from_bytes(look(interface).data, "little") & _STATE
         if before & (AlState.SAFEOP | AlState.OP):
             raise StateError(
                 f"slaves on '{interface}' are in SAFEOP or OP: a master is using them, and would "
                 f"lose them by the scan; stop it first"
             )
-        count = master.scan()
+        master.scan(_TIMEOUT)
+        count = len(master.stations)
         try:
             master.reach(AlState.PREOP, _TIMEOUT)
             clocks = clock_bits(master)
@@ -115,31 +114,6 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
     finally:
         master.close()
     return slaves
-
-
-def _states(interface: str) -> int:
-    """The AL states of all slaves, as bits; 0 if none answers.
-
-    SOEM has no way to ask before its scan, which resets the slaves.
-    """
-    datagram = struct.pack("<BBHHHH", _BRD, _INDEX, 0, _AL_STATUS, 2, 0) + bytes(4)
-    frame = b"\xff" * 6 + b"\x02" + bytes(5) + struct.pack(">H", _ETHERTYPE)
-    frame += struct.pack("<H", 0x1000 | len(datagram)) + datagram
-    with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_ETHERTYPE)) as raw:
-        raw.bind((interface, _ETHERTYPE))
-        for _ in range(3):  # one frame may be lost
-            raw.send(frame.ljust(60, b"\0"))
-            deadline = time.monotonic() + 0.1
-            while (left := deadline - time.monotonic()) > 0:
-                raw.settimeout(left)
-                try:
-                    answer, address = raw.recvfrom(2048)
-                except TimeoutError:
-                    break
-                if address[2] != socket.PACKET_OUTGOING and answer[17:18] == bytes([_INDEX]):
-                    state, counter = struct.unpack_from("<HH", answer, 26)
-                    return state & 0x0F if counter else 0
-    return 0
 
 
 def _slave(

@@ -182,6 +182,12 @@ def _line(argument: str) -> Rig:
     return rig(int(argument))
 
 
+def _terminals(argument: str) -> Rig:
+    from .rigs.terminals import rig
+
+    return rig(int(argument))
+
+
 @dataclass(frozen=True, slots=True)
 class _Named:
     """A rig of the library: the pattern of its name, how it is listed, and what makes it."""
@@ -204,6 +210,12 @@ _LIBRARY = (
         "line:N",
         "N slaves of 32 bytes in and 32 bytes out; each returns its outputs as inputs",
         _line,
+    ),
+    _Named(
+        re.compile(r"terminals:(\d{1,4})"),
+        "terminals:N",
+        "N couplers and digital terminals of one byte; inputs return the outputs before them",
+        _terminals,
     ),
     _Named(
         re.compile(r"branches()"),
@@ -244,6 +256,8 @@ def make(name: str) -> Rig:
         return rig_file.load(Path(name))
     if name.startswith("line:"):
         raise UsageError(f"{name}: a line has 1 to 1024 slaves, as in line:8")
+    if name.startswith("terminals:"):
+        raise UsageError(f"{name}: there can be 1 to 1024 slaves, as in terminals:64")
     if Path(name).suffix.lower() in (".bin", ".xml") and Path(name).is_file():
         key = "esi" if name.lower().endswith(".xml") else "sii"
         raise UsageError(

@@ -103,7 +103,7 @@ def master_that_scans(*trouble: str) -> Any:
     master = Master([FIRST])
     try:
         with Simulator() as simulator:
-            master.scan()
+            master.scan(5)
             master.reach(AlState.PREOP, 5)
             found = mapping.scan_slaves(master)
     except EcatError as error:

@@ -208,24 +208,25 @@ def master_on_a_ring() -> Any:
     with Simulator() as simulator:
         master = Master([FIRST, SECOND])
         try:
-            count = master.scan()
+            master.scan(5)
+            count = len(master.stations)
             master.reach(AlState.PREOP, 5)
             found = [count, looks(master)]
             for broken in (1, 4, 7):
                 simulator.faults.break_link(broken)
-                wait_for_link(simulator, broken, False)
+                wait_for_link(simulator, broken, 0, False)
                 found.append(looks(master))
                 simulator.faults.heal_link(broken)
-                wait_for_link(simulator, broken, True)
+                wait_for_link(simulator, broken, 0, True)
             found.append(looks(master))
         finally:
             master.close()
     return found
 
 
-def wait_for_link(simulator: Simulator, slave: int, there: bool) -> None:
-    """Until the slave behind a cable sees a link at its port 0, or none (0x0110, bit 4)."""
-    while bool(simulator.registers(slave, 0x0110, 1)[0] & 0x10) != there:
+def wait_for_link(simulator: Simulator, slave: int, port: int, there: bool) -> None:
+    """Until a slave sees a link at one of its ports, or none (0x0110, from bit 4 on)."""
+    while bool(simulator.registers(slave, 0x0110, 1)[0] & 0x10 << port) != there:
         time.sleep(0.001)
 
 

@@ -114,6 +114,7 @@ def test_help_version_and_rigs():
     assert [line.split()[0] for line in listed.stdout.splitlines()] == [
         "troll",
         "line:N",
+        "terminals:N",
         "branches",
         "empty",
     ]
@@ -153,7 +154,7 @@ def test_check_lists_what_is_in_a_rig(tmp_path):
         (
             ["run", "nonsense"],
             2,
-            "there is no rig 'nonsense': use one of troll, line:N, branches, empty",
+            "there is no rig 'nonsense': use one of troll, line:N, terminals:N, branches, empty",
         ),
         (["run", "line:9999"], 2, "line:9999: a line has 1 to 1024 slaves"),
         (["run", "missing.py"], 2, "there is no rig file 'missing.py'"),

@@ -55,7 +55,7 @@ def test_the_model_imports_nothing_of_ours() -> None:
 
 
 def test_pysoem_is_known_in_one_module() -> None:
-    assert importers("pysoem") == {"ecatd.bus.master"}
+    assert importers("pysoem") == {"ecatd.bus.soem"}
 
 
 def test_zenoh_is_known_to_gateway_and_client_only() -> None:

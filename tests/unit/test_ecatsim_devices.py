@@ -394,17 +394,37 @@ def test_wires_and_blinking_inputs_of_troll():
     assert inputs.give()[0] == 0x75, "10 Hz is off"
 
 
+def test_terminals_return_the_outputs_before_them():
+    devices = rig.make("terminals:70").devices
+    assert [device.order for device in devices[:5]] == [*("EK1100", *("EL2008", "EL1018") * 2)]
+    assert [place for place, device in enumerate(devices) if device.order == "EK1100"] == [
+        0,
+        32,
+        64,
+    ]
+    for place, device in enumerate(devices):
+        if device.order == "EL2008":
+            device.receive(bytes([place]))
+    for place, device in enumerate(devices):
+        if device.order == "EL1018":
+            assert device.give() == bytes([place - 1])
+
+
 def test_rig_names():
     assert len(rig.make("line:3").devices) == 3
     assert rig.make("empty").devices == []
-    assert [name for name, _ in rig.library()] == ["troll", "line:N", "branches", "empty"]
+    assert [name for name, _ in rig.library()] == [
+        *("troll", "line:N", "terminals:N", "branches", "empty"),
+    ]
     for wrong in ("line:", "line:x", "line:100000"):
         with pytest.raises(UsageError, match="a line has 1 to 1024 slaves"):
             rig.make(wrong)
     for wrong in ("trol", ""):
-        with pytest.raises(UsageError, match=r"use one of troll, line:N, branches, empty"):
+        with pytest.raises(
+            UsageError, match=r"use one of troll, line:N, terminals:N, branches, empty"
+        ):
             rig.make(wrong)
-    for wrong in ("line:0", "line:1025"):
+    for wrong in ("line:0", "line:1025", "terminals:0", "terminals:1025", "terminals:x"):
         with pytest.raises(UsageError, match="1 to 1024 slaves"):
             rig.make(wrong)
 

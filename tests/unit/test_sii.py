@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ecatd.model.errors import StateError
-from ecatd.model.sii import Sii, SiiError, read_sii
+from ecatd.model.sii import Sii, SiiError, SiiSyncManager, read_mailbox, read_sii
 
 
 def image(*categories: tuple[int, bytes]) -> bytes:
@@ -51,6 +51,42 @@ def test_everything_a_master_needs() -> None:
     (pdo,) = sii.inputs
     assert (pdo.index, pdo.name, pdo.sync_manager) == (0x1A00, "ä", 3)
     assert (pdo.entries[0].address, pdo.entries[0].name) == ("0x6000:01", "EL")
+
+
+def mailbox(data: bytes, *words: int) -> list[SiiSyncManager]:
+    """The mailbox of an image whose words 0x18 to 0x1B say this."""
+    whole = data[:0x30] + struct.pack("<4H", *words) + data[0x38:]
+    return read_mailbox(lambda word, n: whole[2 * word : 2 * (word + n)].ljust(2 * n, b"\xff"))
+
+
+WRITTEN, READ = SiiSyncManager(0x1000, 128, 0x26, 1, 1), SiiSyncManager(0x1080, 96, 0x22, 1, 2)
+STANDARD = 0x1000, 128, 0x1080, 96
+
+
+@pytest.mark.parametrize(
+    "categories",
+    [
+        (),
+        ((41, struct.pack("<HHBBBB", 0x1100, 1, 0x44, 0, 9, 3)),),
+        ((41, struct.pack("<HHBBBB", 0x1000, 0, 0x26, 0, 1, 1) * 2),),
+        ((41, b"\0" * 16), (0, b"")),
+    ],
+)
+def test_the_standard_mailbox(categories: tuple[tuple[int, bytes], ...]) -> None:
+    assert mailbox(image(*categories), *STANDARD) == [WRITTEN, READ]
+    assert mailbox(image(*categories), 0x1000, 128, 0x1080, 0)[1].length == 128
+    assert mailbox(image(*categories), 0, 0, 0, 0) == []
+
+
+def test_the_mailbox_as_its_sync_managers_are_described() -> None:
+    rows = [(0x1200, 64, 0x36, 0, 1, 1), (0x1240, 48, 0x32, 0, 1, 2), (0x1400, 8, 0x64, 0, 1, 3)]
+    described = image((41, b"".join(struct.pack("<HHBBBB", *row) for row in rows)))
+    assert mailbox(described, *STANDARD) == [
+        SiiSyncManager(0x1200, 64, 0x36, 1, 1),
+        SiiSyncManager(0x1240, 48, 0x32, 1, 2),
+    ]
+    assert mailbox(described, 0, 0, 0, 0) == [], "a slave without a mailbox"
+    assert mailbox(b"\xff" * 256, *[0xFFFF] * 4) == [], "an empty EEPROM"
 
 
 def test_an_empty_eeprom_has_nothing() -> None:

@@ -1,8 +1,8 @@
 """Register access in batches: many EtherCAT datagrams in as few frames as possible.
 
-SOEM sends one datagram per frame and waits for it, which is slow where all slaves are asked for the
-same thing. Frames of this module carry datagram indices of their own, so that neither SOEM nor the
-cyclic engine takes them for its own. Commands and addressing: ETG.1000.4, 5.4.
+One datagram per frame would be slow where all slaves are asked for the same thing. Frames of this
+module have datagram indices below those of the cyclic engine, which tells them apart. Commands and
+addressing: ETG.1000.4, 5.4.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class Datagrams:
         self._poll = select.poll()
         self._poll.register(link, select.POLLIN)
         self._ethernet = b"\xff" * 6 + source + struct.pack(">H", _ETHERTYPE)
-        self._next_index = int(Index.REGISTERS)
+        self._next_index = int(Index.CONTROL)
 
     def exchange(self, datagrams: Sequence[Datagram], *, repeat: bool = True) -> list[Answer]:
         """Sends datagrams, in order, and waits for what comes back.
@@ -212,7 +212,7 @@ class Datagrams:
 
     def _take_index(self) -> int:
         index = self._next_index
-        self._next_index = index + 1 if index + 1 < Index.ENGINE else int(Index.REGISTERS)
+        self._next_index = index + 1 if index + 1 < Index.ENGINE else int(Index.CONTROL)
         return index
 
     def _send(self, frame: _Frame, datagrams: Sequence[Datagram]) -> None:

@@ -55,8 +55,7 @@ class Event(ctypes.Structure):
 class Index(IntEnum):
     """`cyclic_index`: by the index of its first datagram a socket chooses its frames."""
 
-    SOEM = 0x00
-    REGISTERS = 0x10
+    CONTROL = 0x00
     ENGINE = 0x80
     LAST = 0xFF
 

@@ -10,10 +10,12 @@ from collections.abc import Iterator
 
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
 
+from .datagrams import Answer, Datagrams, brd, source_address
 from .engine import Index, open_socket
 
 _SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
 _FLAGS = struct.Struct("16sH14x")  # ifreq
+_AL_STATUS = 0x0130
 
 
 def needs_rights(interface: str) -> str:
@@ -26,16 +28,29 @@ def needs_rights(interface: str) -> str:
 
 
 def open_for_control(interface: str) -> socket.socket:
-    """A raw socket for the frames of SOEM and of register access.
+    """A raw socket for the frames of the control side.
 
     Raises:
         UnreachableError: The interface cannot be used.
         NotPermittedError: The process may not use raw sockets.
     """
     try:
-        return open_socket(interface, Index.SOEM, Index.ENGINE - 1)
+        return open_socket(interface, Index.CONTROL, Index.ENGINE - 1)
     except NotPermittedError as error:
         raise NotPermittedError(needs_rights(interface)) from error
+
+
+def look(interface: str) -> Answer:
+    """Reads the AL status of all slaves behind an interface, ORed; this changes nothing on the bus.
+
+    The working counter is the number of slaves. On a closed ring the frame does not come back here.
+    Raises as `open_for_control`.
+    """
+    link = Datagrams(open_for_control(interface), source_address(0, 0))
+    try:
+        return link.exchange([brd(_AL_STATUS, 2)])[0]
+    finally:
+        link.close()
 
 
 @contextlib.contextmanager

@@ -1,39 +1,32 @@
-"""The only module that knows pysoem: scan, states and registers of one bus.
-
-All calls belong on one thread, the worker: SOEM has no lock. The traps of pysoem that this module
-keeps others from are listed with the calls.
-"""
+"""The master: scan, states and registers of one bus. All calls belong on one thread, the worker."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import socket
 import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-import pysoem
-
+from ecatd import shm
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.bus import positions_text
-from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
+from ecatd.model.errors import StateError, UnreachableError
+from ecatd.model.sii import read_mailbox
 
-from .datagrams import Datagram, Datagrams, Station, aprd, bwr, fprd, fpwr, source_address
-from .interface import needs_rights, open_for_control, own
+from . import soem
+from .datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
+from .interface import open_for_control, own
 from .mailbox.coe import Coe
 from .mailbox.mailboxes import Line
 from .relay import Relay
+from .scan import count_slaves, has_stations, number_slaves, stations
 from .start.eeprom import Words, read_eeproms
 from .steps import Steps, finish
 
-_SLAVES_MAX = 199
-_TOO_MANY = -4
-"""What `config_init` returns for more slaves than SOEM has room for."""
-
-_STATION_ADDRESS, _AL_CONTROL, _AL_STATUS = 0x0010, 0x0120, 0x0130
+_AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
+_SYNC_MANAGERS = 0x0800
 
 _TRIES = 3
 _ASK_AGAIN = 0.5
@@ -59,7 +52,7 @@ class SlaveState:
 
 
 class Master:
-    """An EtherCAT master.
+    """An EtherCAT master; the interfaces are its own from now on.
 
     Args:
         interfaces: Names of its interfaces: one, or two with cable redundancy.
@@ -69,15 +62,18 @@ class Master:
         priority: SCHED_FIFO priority of the relay, below that of the engine; 0 for none.
 
     Attributes:
-        relay: The way of all frames of the master.
-        registers: Access to registers, of many slaves at once.
-        stations: Configured station addresses by position, from `scan` on.
+        relay: The way of all frames of the master; from `scan` on.
+        registers: Access to registers, of many slaves at once; from `scan` on.
+        stations: Configured station addresses by position; from `scan` on.
 
     Raises:
         UnreachableError: There is no such interface.
-        NotPermittedError: The process may not use raw sockets or configure the interface.
+        NotPermittedError: The process may not configure the interface.
         StateError: Another ecatd uses the interface.
     """
+
+    relay: Relay
+    registers: Datagrams
 
     def __init__(
         self,
@@ -88,41 +84,18 @@ class Master:
         share: float = 1.0,
         priority: int = 0,
     ) -> None:
-        self._interface = interfaces[0]
-        self._names = list(interfaces)
+        self._interfaces = list(interfaces)
         self._cancelled = cancelled
-        self._master = pysoem.Master()
-        self._master.always_release_gil = True
-        # SOEM would ask for SAFEOP by itself when mapping; the state machine is ours.
-        self._master.manual_state_change = 1
+        self._run = run
+        self._share = share
+        self._priority = priority
         self.stations: list[int] = []
+        self._names: list[str] = []
         self._lines: list[Line] = []
         with contextlib.ExitStack() as stack:
             for name in interfaces:
                 stack.enter_context(own(name))
-            self.relay = Relay(
-                [open_for_control(name) for name in interfaces],
-                share,
-                priority,
-            )
-            stack.callback(self.relay.close)
-            self._connect_soem()
-            stack.callback(self._master.close)
-            self.registers = Datagrams(
-                self.relay.registers, source_address(0, run), self.relay.timeout_us * 1e-6
-            )
             self._opened = stack.pop_all()
-
-    def _connect_soem(self) -> None:
-        """Has SOEM talk to the relay in place of the interface, which it does not notice."""
-        before = _packet_sockets()
-        try:
-            self._master.open(self._interface)
-        except ConnectionError as error:
-            raise NotPermittedError(needs_rights(self._interface)) from error
-        for fd in _packet_sockets() - before:
-            os.dup2(self.relay.soem.fileno(), fd, inheritable=False)
-        pysoem.settings.timeouts.ret = self.relay.timeout_us
 
     def reopen(self, port: int) -> None:
         """Opens a new socket on an interface that went and came back.
@@ -134,48 +107,70 @@ class Master:
             UnreachableError: The interface is not there.
             NotPermittedError: The process may not use raw sockets any more.
         """
-        self.relay.set_socket(port, open_for_control(self._names[port]))
+        self.relay.set_socket(port, open_for_control(self._interfaces[port]))
 
-    def scan(self) -> int:
-        """Finds the slaves and asks all of them for PREOP; returns their number.
+    def scan(self, timeout: float) -> str:
+        """Finds the slaves, numbers them, sets their mailboxes up, and leaves them in INIT.
+
+        SOEM meets them first, and closes the interfaces again before the relay opens them. Where
+        what it has found is not what stands on the wire, they are numbered once more.
+
+        Args:
+            timeout: Seconds that slaves have to reach INIT.
+
+        Returns:
+            Why SOEM's numbers were not taken, in words; empty if they were.
 
         Raises:
             UnreachableError: No slave answers.
-            StateError: There are too many.
+            NotPermittedError: The process may not use raw sockets.
+            StateError: There are too many, they come and go meanwhile, or one does not reach INIT.
         """
-        for _ in range(_TRIES):  # a machine that is busy for a moment is no reason to give a bus up
-            count = self._master.config_init()
-            if count > 0 or count == _TOO_MANY:
-                break
-        if count == _TOO_MANY:
-            raise StateError(
-                f"there are more than {_SLAVES_MAX} slaves on '{self._interface}', the most that "
-                f"SOEM can have on one interface"
-            )
-        if count <= 0:
+        self._names = soem.scan(self._interfaces)
+        self._open_relay()
+        count = count_slaves(self.registers)
+        if count == 0:
             raise UnreachableError(
-                f"no EtherCAT slave answers on '{self._interface}': check cable and power of the "
-                f"first slave, and that this is the right interface"
+                f"no EtherCAT slave answers on '{self._interfaces[0]}': check cable and power of "
+                f"the first slave, and that this is the right interface"
             )
-        answers = self.registers.exchange(
-            [aprd(position, _STATION_ADDRESS, 2) for position in range(count)]
+        if count > shm.MAX_SLAVES:
+            raise StateError(
+                f"there are {count} slaves on '{self._interfaces[0]}', but a bus can have "
+                f"{shm.MAX_SLAVES} at most"
+            )
+        found, why = len(self._names), ""
+        if count != found or not has_stations(self.registers, count):
+            number_slaves(self.registers, count)
+            why = f"SOEM has room for {soem.SLAVES_MAX}" if count > soem.SLAVES_MAX else ""
+            why = why or f"SOEM's scan found {found or 'none'}"
+            self._names = []
+        self.stations = [*stations(count)]
+        self._lines = [Line() for _ in self.stations]
+        self.reach(AlState.INIT, timeout)
+        self._set_mailboxes_up()
+        return why
+
+    def _open_relay(self) -> None:
+        sockets = [open_for_control(name) for name in self._interfaces]
+        self.relay = Relay(sockets, self._share, self._priority)
+        self._opened.callback(self.relay.close)
+        self.registers = Datagrams(
+            self.relay.client, source_address(0, self._run), self.relay.timeout_us * 1e-6
         )
-        for position, answer in enumerate(answers):
-            if answer.wkc != 1:
-                raise StateError(
-                    f"{self._label(position)} does not tell its address: is the connection "
-                    f"reliable?"
-                )
-        self.stations = [int.from_bytes(answer.data, "little") for answer in answers]
-        self._lines = [Line() for _ in answers]
-        return int(count)
+
+    def _set_mailboxes_up(self) -> None:
+        """Sync managers 0 and 1, in one datagram, of all slaves that have a mailbox."""
+        writes = []
+        for position, managers in enumerate(self.read_eeproms(read_mailbox)):
+            rows = [struct.pack("<HHBBBB", m.start, m.length, m.control, 0, 1, 0) for m in managers]
+            if rows:
+                writes.append((position, _SYNC_MANAGERS, b"".join(rows)))
+        self.write_registers(writes)
 
     def name(self, position: int) -> str:
-        """What a slave is called before its EEPROM is read: SOEM looks while it scans."""
-        try:
-            return str(self._master.slaves[position].name)
-        except UnicodeDecodeError:
-            return ""  # pysoem insists on UTF-8; the SII reader takes Latin-1
+        """What a slave is called before its EEPROM is read; empty where SOEM does not tell."""
+        return self._names[position] if position < len(self._names) else ""
 
     def read_eeproms(
         self, decode: Callable[[Words], T], positions: Sequence[int] | None = None
@@ -355,27 +350,9 @@ class Master:
         )
 
     def _label(self, position: int) -> str:
-        return f"slave {position} ({self.name(position)})"
+        name = self.name(position)
+        return f"slave {position} ({name})" if name else f"slave {position}"
 
     def close(self) -> None:
         """Closes all sockets, and leaves the interfaces to others as they were."""
         self._opened.close()
-
-
-def _packet_sockets() -> set[int]:
-    """File descriptors of this process that are AF_PACKET sockets; pysoem does not tell its own."""
-    found = set()
-    for name in os.listdir("/proc/self/fd"):  # noqa: PTH208  a Path per entry serves nobody here
-        try:
-            fd = os.dup(int(name))
-        except OSError:
-            continue  # the one that lists the directory
-        try:
-            probe = socket.socket(fileno=fd)
-        except OSError:
-            os.close(fd)
-            continue
-        with probe:
-            if probe.family == socket.AF_PACKET:
-                found.add(int(name))
-    return found

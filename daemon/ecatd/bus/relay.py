@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import socket
-import struct
 from collections.abc import Sequence
 
 from ecatd.model.errors import EcatError
@@ -21,10 +20,7 @@ _ANSWER_US = 2000
 _LONG_US = 500
 """A frame is hardly ever longer on the wire, also where the machine is busy."""
 
-_PATIENCE_MAX_US = 50_000
 _MARGIN_US = 1000
-_RECEIVE_US = 1000
-_SEND_US = 20_000
 
 
 class _Settings(ctypes.Structure):
@@ -41,7 +37,7 @@ class _Settings(ctypes.Structure):
 def _declare(lib: ctypes.CDLL) -> ctypes.CDLL:
     pointer, integer = ctypes.c_void_p, ctypes.c_int
     lib.cyclic_relay_new.restype = pointer
-    lib.cyclic_relay_new.argtypes = [integer, integer, integer, integer, pointer]
+    lib.cyclic_relay_new.argtypes = [integer, integer, integer, pointer]
     lib.cyclic_relay_follow.argtypes = [pointer, pointer]
     lib.cyclic_relay_follow.restype = None
     lib.cyclic_relay_set_socket.argtypes = [pointer, ctypes.c_uint32, integer]
@@ -58,16 +54,15 @@ class Relay:
     """One relay; see `relay.h` for what each call means.
 
     Args:
-        sockets: One from `open_socket` for each interface, with the indices of SOEM and of register
-            access: one, or two with cable redundancy. They are the relay's from now on.
+        sockets: One from `open_for_control` for each interface: one, or two with cable redundancy.
+            They are the relay's from now on.
         share: Share of the time that the cycle leaves free in which its frames may be on the wire,
             above 0 to 1.
         priority: SCHED_FIFO priority, below that of the engine; 0 for ordinary scheduling.
 
     Attributes:
-        soem: The end for SOEM. Receiving blocks for a millisecond at most.
-        registers: The end for `Datagrams`.
-        timeout_us: When a client that got no answer can be sure that none will come.
+        client: The end for `Datagrams`.
+        timeout_us: When it can be sure that no answer will come to a frame.
 
     Raises:
         EcatError: The relay cannot be made.
@@ -77,19 +72,14 @@ class Relay:
         self, sockets: Sequence[socket.socket], share: float = 1.0, priority: int = 0
     ) -> None:
         # No frame should have to go before its share allows it.
-        patience_us = min(round(_LONG_US * (1 - share) / share), _PATIENCE_MAX_US)
+        patience_us = round(_LONG_US * (1 - share) / share)
         self.timeout_us = patience_us + _WINDOW_US + _ANSWER_US + _MARGIN_US
         self._ports = list(sockets)
-        self.soem, soem_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.registers, registers_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._ends = soem_end, registers_end
-        for option, limit_us in ((socket.SO_RCVTIMEO, _RECEIVE_US), (socket.SO_SNDTIMEO, _SEND_US)):
-            limit = struct.pack("@ll", 0, limit_us)  # struct timeval
-            self.soem.setsockopt(socket.SOL_SOCKET, option, limit)
+        self.client, self._end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         settings = _Settings(share, patience_us * 1000, _ANSWER_US * 1000, priority)
-        fds = [item.fileno() for item in (*self._ends, *self._ports)]
+        fds = [item.fileno() for item in self._ports]
         self._relay = _LIB.cyclic_relay_new(
-            *(fds if len(fds) == 4 else (*fds, -1)), ctypes.byref(settings)
+            self._end.fileno(), *(fds if len(fds) == 2 else (*fds, -1)), ctypes.byref(settings)
         )
         if not self._relay:
             reason = os.strerror(ctypes.get_errno())
@@ -114,5 +104,5 @@ class Relay:
             self._close_sockets()
 
     def _close_sockets(self) -> None:
-        for item in (self.soem, self.registers, *self._ends, *self._ports):
+        for item in (self.client, self._end, *self._ports):
             item.close()

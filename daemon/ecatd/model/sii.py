@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -32,6 +33,8 @@ _CATEGORIES_MAX = 256
 _DC_BYTES = 24
 _PADDING = 0xFF
 _FIXED = 0x10  # flag of a PDO
+_UNPROGRAMMED = 0xFFFF  # a word of an EEPROM that nobody has written
+_MAILBOX_WRITTEN, _MAILBOX_READ = 0x26, 0x22  # control of sync managers 0 and 1 (ETG.1000.4)
 
 
 class SiiError(StateError):
@@ -179,6 +182,29 @@ def read_dc_modes(words: Callable[[int, int], bytes]) -> list[SiiDc]:
         SiiError: The content makes no sense.
     """
     return _DcReader(words, 2 * _WORDS_MAX).read().dc
+
+
+def read_mailbox(words: Callable[[int, int], bytes]) -> list[SiiSyncManager]:
+    """Reads how the mailbox is set up: sync managers 0 and 1; empty where there is no mailbox.
+
+    Category 41 describes them; without it, or where that makes no sense, the standard mailbox
+    (words 0x18 to 0x1B) says where they are.
+
+    Args:
+        words: Gives words: the word address and how many.
+    """
+    reader = _MailboxReader(words, 2 * _WORDS_MAX)
+    with suppress(SiiError):  # `read_sii` tells
+        reader.read()
+    box, managers = reader.sii.mailbox, reader.sii.sync_managers[:2]
+    if box.receive_size in (0, _UNPROGRAMMED):
+        return []
+    if [manager.usage for manager in managers if manager.length] == [1, 2]:
+        return managers
+    return [
+        SiiSyncManager(box.receive, box.receive_size, _MAILBOX_WRITTEN, 1, 1),
+        SiiSyncManager(box.send, box.send_size or box.receive_size, _MAILBOX_READ, 1, 2),
+    ]
 
 
 class SiiReader:
@@ -376,6 +402,15 @@ class _DcReader(SiiReader):
     """Decodes the distributed clocks alone."""
 
     wanted = frozenset({CATEGORY_STRINGS, CATEGORY_DC})
+
+
+class _MailboxReader(SiiReader):
+    """Decodes what the mailbox needs."""
+
+    wanted = frozenset({CATEGORY_SYNC_MANAGER})
+
+    def header(self) -> None:
+        self.sii.mailbox = SiiMailbox(*struct.unpack("<4H", self._words(0x18, 4)))
 
 
 def _decode(text: bytes) -> str:

@@ -1,10 +1,10 @@
-/* The relay beside an engine, between clients and a bus that loses, repeats and damages frames.
+/* The relay beside an engine, between a client and a bus that loses, repeats and damages frames.
  *
  * usage: relay SEED FRAMES PORTS
  *
- * Socket pairs stand for the interfaces of both. Two clients send frames of one or two datagrams
- * with a number, and junk; the bus adds to working counters as slaves on a ring would that is open
- * or closed. Meanwhile sockets are replaced, and the engine is followed, or not. What must hold: a
+ * Socket pairs stand for the interfaces of both. The client sends frames of two datagrams with
+ * a number, and junk; the bus adds to working counters as slaves on a ring would that is open
+ * or closed. Meanwhile sockets are replaced, and the engine is followed, or not. What must hold: the
  * client gets answers to its last frame only, each once and complete, and nobody waits for ever.
  * Prints what was reached, as JSON.
  */
@@ -121,11 +121,10 @@ static void *bus(void *argument) {
   return NULL;
 }
 
-/* --- clients ------------------------------------------------------------------------------- */
+/* --- client -------------------------------------------------------------------------------- */
 
 struct client {
   int fd;
-  uint8_t first, count; /* indices */
   uint64_t seed;
 };
 
@@ -175,19 +174,19 @@ static void *client(void *argument) {
       add(&reached.junk);
       /* What looks like a frame may be sent and come back. */
       if (size > INDEX_AT) bytes[FIRST_DATAGRAM + 6] = bytes[FIRST_DATAGRAM + 7] = 0xFF;
-      if (send(me->fd, bytes, size, 0) != (ssize_t)size) die("a client cannot send");
+      if (send(me->fd, bytes, size, 0) != (ssize_t)size) die("the client cannot send");
       continue;
     }
-    index = (uint8_t)((index + 1) % me->count);
-    size = build(bytes, (uint8_t)(me->first + index), ++number);
-    if (send(me->fd, bytes, size, 0) != (ssize_t)size) die("a client cannot send");
+    index = (uint8_t)((index + 1) % CYCLIC_INDEX_ENGINE);
+    size = build(bytes, index, ++number);
+    if (send(me->fd, bytes, size, 0) != (ssize_t)size) die("the client cannot send");
     add(&reached.sent);
     __atomic_fetch_add(&frames, 1, __ATOMIC_RELAXED);
     /* The relay may have been slow to give up: an answer to an older frame says so by its index. */
     for (got = 0; poll(&readable, 1, WAIT_MS) != 0;) {
       got = recv(me->fd, bytes, sizeof bytes, MSG_DONTWAIT);
       if (got <= 0) die("the relay is gone");
-      if (bytes[INDEX_AT] == me->first + index) break;
+      if (bytes[INDEX_AT] == index) break;
       got = 0;
     }
     if (got == 0) {
@@ -245,9 +244,9 @@ static int make_segments(void) {
 int main(int count, char **arguments) {
   cyclic_settings settings = {.cpu = -1};
   cyclic_relay_settings relayed = {.share = 0.5, .patience_ns = 500000, .answer_ns = 2000000};
-  struct client clients[] = {{.first = 0, .count = 16}, {.first = 16, .count = 112}};
-  int near[WIRES] = {-1, -1, -1, -1}, ends[2], i, out_fd;
-  pthread_t threads[3];
+  struct client only;
+  int near[WIRES] = {-1, -1, -1, -1}, end, i, out_fd;
+  pthread_t threads[2];
   unsigned long wanted_frames;
   if (count != 4) die("usage: relay SEED FRAMES PORTS");
   wanted_frames = strtoul(arguments[2], NULL, 0);
@@ -260,16 +259,14 @@ int main(int count, char **arguments) {
     far[i] = -1;
     if (i % MAX_PORTS < ports) near[i] = new_pair(&far[i]);
   }
-  for (i = 0; i < 2; i++) {
-    clients[i].fd = new_pair(&ends[i]);
-    clients[i].seed = strtoull(arguments[1], NULL, 0) + 10 + (uint64_t)i;
-  }
+  only.fd = new_pair(&end);
+  only.seed = strtoull(arguments[1], NULL, 0) + 10;
   engine = cyclic_new(shm, out_fd, near[0], near[1], 0x600DCAFE);
-  relay = cyclic_relay_new(ends[0], ends[1], near[2], near[3], &relayed);
+  relay = cyclic_relay_new(end, near[2], near[3], &relayed);
   if (engine == NULL || relay == NULL) die("no engine or no relay");
   if (cyclic_start(engine, &settings) != 0) die("it does not start");
-  pthread_create(&threads[0], NULL, bus, (void *)(uintptr_t)clients[0].seed);
-  for (i = 0; i < 2; i++) pthread_create(&threads[1 + i], NULL, client, &clients[i]);
+  pthread_create(&threads[0], NULL, bus, (void *)(uintptr_t)only.seed);
+  pthread_create(&threads[1], NULL, client, &only);
   for (i = 0; __atomic_load_n(&frames, __ATOMIC_RELAXED) < wanted_frames; i++) {
     cyclic_relay_follow(relay, i % 8 < 6 ? engine : NULL);
     reached.follows++;
@@ -278,7 +275,7 @@ int main(int count, char **arguments) {
   }
   cyclic_relay_follow(relay, engine);
   __atomic_store_n(&stop, 1, __ATOMIC_RELAXED);
-  for (i = 1; i < 3; i++) pthread_join(threads[i], NULL);
+  pthread_join(threads[1], NULL);
   pthread_join(threads[0], NULL);
   cyclic_stop(engine); /* which the relay no longer follows then */
   printf("{\"sent\": %lu, \"answered\": %lu, \"silent\": %lu, \"junk\": %lu, \"lost\": %lu, "
@@ -291,7 +288,8 @@ int main(int count, char **arguments) {
   cyclic_relay_free(relay);
   for (i = 0; i < WIRES; i++)
     if (near[i] >= 0) close(near[i]), close(far[i]);
-  for (i = 0; i < 2; i++) close(clients[i].fd), close(ends[i]);
+  close(only.fd);
+  close(end);
   close(out_fd);
   free(shm);
   return 0;

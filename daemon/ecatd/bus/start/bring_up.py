@@ -187,8 +187,10 @@ class BringUp:
 
     def _scan(self, master: Master) -> None:
         """Finds the slaves and takes them to PREOP."""
-        count = master.scan()
-        self._log.info(f"{count} slave{'s' * (count != 1)} found on {self._interface}")
+        why = master.scan(self._config.state_timeout_s)
+        count = len(master.stations)
+        text = f"{count} slave{'s' * (count != 1)} found on {self._interface}"
+        self._log.info(f"{text} (numbered by ecatd: {why})" if why else text)
         master.reach(AlState.PREOP, self._config.state_timeout_s)
 
     def _read(self, master: Master) -> None:

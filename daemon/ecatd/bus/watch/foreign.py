@@ -90,7 +90,7 @@ class ForeignWatch:
         self._sockets = [self._open(name) for name in interfaces]
 
     def _open(self, interface: str) -> socket.socket:
-        new = open_socket(interface, Index.SOEM, Index.LAST)
+        new = open_socket(interface, Index.CONTROL, Index.LAST)
         new.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         code = ctypes.create_string_buffer(self._filter, len(self._filter))
         count = len(self._filter) // _INSTRUCTION.size
