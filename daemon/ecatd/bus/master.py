@@ -139,17 +139,26 @@ class Master:
                 f"there are {count} slaves on '{self._interfaces[0]}', but a bus can have "
                 f"{shm.MAX_SLAVES} at most"
             )
-        found, why = len(self._names), ""
-        if count != found or not has_stations(self.registers, count):
+        why = self._why_not_as_soem(count)
+        if why:
             number_slaves(self.registers, count)
-            why = f"SOEM has room for {soem.SLAVES_MAX}" if count > soem.SLAVES_MAX else ""
-            why = why or f"SOEM's scan found {found or 'none'}"
             self._names = []
         self.stations = [*stations(count)]
         self._lines = [Line() for _ in self.stations]
         self.reach(AlState.INIT, timeout)
         self._set_mailboxes_up()
         return why
+
+    def _why_not_as_soem(self, count: int) -> str:
+        """What SOEM has not numbered as it stands on the wire, in words."""
+        found = len(self._names)
+        if count > soem.SLAVES_MAX:
+            return f"SOEM has room for {soem.SLAVES_MAX}"
+        if count != found:
+            return f"SOEM's scan found {found or 'none'}"
+        if not has_stations(self.registers, count):
+            return "SOEM's scan gave them other addresses"
+        return ""
 
     def _open_relay(self) -> None:
         sockets = [open_for_control(name) for name in self._interfaces]

@@ -36,10 +36,11 @@ def count_slaves(registers: Datagrams) -> int:
 
 def has_stations(registers: Datagrams, count: int) -> bool:
     """Whether the first `count` slaves on the wire have their station addresses."""
-    answers = registers.exchange([aprd(place, _STATION_ADDRESS, 2) for place in range(count)])
-    return [(answer.data, answer.wkc) for answer in answers] == [
-        (struct.pack("<H", station), 1) for station in stations(count)
-    ]
+    wanted = [(struct.pack("<H", station), 1) for station in stations(count)]
+    places = [aprd(place, _STATION_ADDRESS, 2) for place in range(count)]
+    # On a broken ring a frame that comes back late is taken for one that was lost, and the slaves
+    # behind the break are counted from 0 then: that is seen by the next look.
+    return any(registers.exchange(places) == wanted for _ in range(_TRIES))
 
 
 def number_slaves(registers: Datagrams, count: int) -> None:
