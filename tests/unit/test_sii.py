@@ -7,7 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ecatd.model.errors import StateError
-from ecatd.model.sii import Sii, SiiError, SiiSyncManager, read_mailbox, read_sii
+from ecatd.model.sii import (
+    Sii,
+    SiiError,
+    SiiMailbox,
+    SiiSyncManager,
+    read_mailbox,
+    read_sii,
+)
 
 
 def image(*categories: tuple[int, bytes]) -> bytes:
@@ -92,6 +99,7 @@ def test_the_mailbox_as_its_sync_managers_are_described() -> None:
 def test_an_empty_eeprom_has_nothing() -> None:
     assert read(b"\xff" * 256) == Sii(
         alias=0xFFFF,
+        bootstrap=SiiMailbox(*4 * (0xFFFF,)),
         vendor=0xFFFFFFFF,
         product=0xFFFFFFFF,
         revision=0xFFFFFFFF,

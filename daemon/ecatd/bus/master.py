@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import struct
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -261,24 +261,31 @@ class Master:
         else:
             self.registers.exchange([fpwr(self.stations[p], _AL_CONTROL, data) for p in positions])
 
-    def _acknowledge(self, positions: set[int]) -> Steps[None]:
+    def acknowledge(self, positions: Collection[int]) -> Steps[set[int]]:
         """Acknowledges errors (AL control bit 4), and gives the slaves time to follow.
+
+        Returns:
+            The slaves that had an error; they stay in the state in which they are.
 
         A controller that emulates its device repeats AL control in AL status, acknowledgement
         included, which looks like an error without a code: it wants the state without it.
         """
         deadline = time.monotonic() + _ACKNOWLEDGE_TIMEOUT
+        wrong: set[int] = set()
         while time.monotonic() < deadline:
             flagged: dict[int, list[int]] = {}
             for item in self.states():
                 if item.al_state & AL_ERROR_FLAG and item.position in positions:
                     bit = AL_ERROR_FLAG if item.al_code else 0
+                    if bit:
+                        wrong.add(item.position)
                     flagged.setdefault((item.al_state & 0x0F) | bit, []).append(item.position)
             if not flagged:
-                return
+                break
             for state, who in flagged.items():
                 self._request(state, who)
             yield
+        return wrong
 
     def states(self) -> list[SlaveState]:
         """The AL status of every slave, freshly read."""
@@ -303,7 +310,7 @@ class Master:
             The slaves that refused, or did not reach it in time, as they are now.
         """
         waiting = set(range(len(self.stations)) if positions is None else positions)
-        yield from self._acknowledge(waiting)
+        yield from self.acknowledge(waiting)
         whom = None if positions is None else waiting
         deadline = time.monotonic() + timeout
         ask_again = 0.0

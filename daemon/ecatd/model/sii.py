@@ -76,6 +76,11 @@ class SiiMailbox:
     send: int = 0
     send_size: int = 0
 
+    @property
+    def exists(self) -> bool:
+        """Whether there is one: words that nobody has written are 0, or 0xFFFF."""
+        return all(0 < size < _UNPROGRAMMED for size in (self.receive_size, self.send_size))
+
 
 @dataclass(slots=True)
 class SiiDc:
@@ -113,6 +118,7 @@ class Sii:
         product: Product code.
         revision: Revision number.
         serial: Serial number.
+        bootstrap: Mailbox in BOOT; it does not exist where there is no such state.
         mailbox_protocols: Bit 2: CoE; bit 3: FoE (word 0x1C).
         name: Device name from the general category, empty if there is none.
         order: Order code from the general category, empty if there is none.
@@ -124,7 +130,6 @@ class Sii:
         pdi_control: Word 0; bit 8: the ESC itself answers AL control (device emulation).
         pdi_config: Word 1.
         mailbox: Standard mailbox.
-        bootstrap: Mailbox in BOOT.
         group: Group type.
         group_name: Name of the group.
         ebus_current: Current taken from the E-bus in mA; negative where it is fed.
@@ -139,6 +144,7 @@ class Sii:
     product: int = 0
     revision: int = 0
     serial: int = 0
+    bootstrap: SiiMailbox = field(default_factory=SiiMailbox)
     mailbox_protocols: int = 0
     name: str = ""
     order: str = ""
@@ -150,7 +156,6 @@ class Sii:
     pdi_control: int = 0
     pdi_config: int = 0
     mailbox: SiiMailbox = field(default_factory=SiiMailbox)
-    bootstrap: SiiMailbox = field(default_factory=SiiMailbox)
     group: str = ""
     group_name: str = ""
     ebus_current: int = 0
@@ -266,6 +271,7 @@ class SiiReader:
         (sii.alias,) = struct.unpack("<H", self._words(0x04, 1))
         identity = self._words(0x08, 8)
         sii.vendor, sii.product, sii.revision, sii.serial = struct.unpack("<IIII", identity)
+        sii.bootstrap = SiiMailbox(*struct.unpack("<HHHH", self._words(0x14, 4)))
         (sii.mailbox_protocols,) = struct.unpack("<H", self._words(0x1C, 1))
 
     def _categories(self) -> dict[int, tuple[int, bytes]]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Pdo, Slave
 from ecatd.model.errors import StateError
+from ecatd.model.sii import SiiMailbox
 
 from ..layout import Image
 from ..mailbox.mailboxes import talk_all
@@ -25,6 +26,7 @@ from .clocks import Clocks
 from .mapping import Scanned, configure
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
+_ACTIVATE = (0x0806, 0x080E)
 _EEPROM_ASSIGNMENT, _TO_DEVICE = 0x0500, b"\x01"
 _DL_STATUS = 0x0110
 
@@ -124,6 +126,10 @@ class SetUp:
         self._clocks = clocks
         self._timeout_s = timeout_s
 
+    def has_boot(self, position: int) -> bool:
+        """Whether the EEPROM of a slave describes a mailbox for BOOT (ETG.1000.6)."""
+        return bool(self._mailboxes[position]) and self._scanned[position].sii.bootstrap.exists
+
     def ask(
         self, positions: Iterable[int], state: AlState = AlState.OP
     ) -> Steps[dict[int, Missed]]:
@@ -141,11 +147,11 @@ class SetUp:
         *,
         begin: AlState = AlState.INIT,
     ) -> Steps[dict[int, Missed]]:
-        """Takes slaves that have their address up to a state; returns those that do not arrive.
+        """Takes slaves that have their address to a state; returns those that do not arrive.
 
         Args:
             positions: Which slaves.
-            state: PREOP, SAFEOP or OP.
+            state: PREOP, SAFEOP or OP; or BOOT, for slaves that have it.
             begin: INIT, or PREOP for slaves whose mailbox works, and is to remember what was
                 written to it.
 
@@ -153,8 +159,9 @@ class SetUp:
             StateError: One does not answer any more.
         """
         here = set(positions)
-        missed = (yield from self._begin_anew(here)) if begin == AlState.INIT else {}
-        if state == AlState.PREOP:
+        first = AlState.BOOT if state == AlState.BOOT else AlState.PREOP
+        missed = (yield from self._begin_anew(here, first)) if begin == AlState.INIT else {}
+        if state == first:
             return missed
         here -= missed.keys()
         missed |= yield from self._compare(here)
@@ -172,24 +179,29 @@ class SetUp:
         missed |= yield from self.ask(here, AlState.OP)
         return missed
 
-    def _begin_anew(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
-        """To PREOP, with mailboxes as at the start; returns those that do not arrive."""
+    def _begin_anew(self, positions: Iterable[int], state: AlState) -> Steps[dict[int, Missed]]:
+        """To PREOP or BOOT, with the mailboxes for it; returns those that do not arrive."""
         here = set(positions)
         missed = yield from self.ask(here, AlState.INIT)
         here -= missed.keys()
-        self._prepare(here)
-        missed |= yield from self.ask(here, AlState.PREOP)
+        self._prepare(here, state)
+        missed |= yield from self.ask(here, state)
         return missed
 
-    def _prepare(self, positions: Iterable[int]) -> None:
-        """What a slave needs for PREOP: its mailboxes, and access to its EEPROM."""
-        writes = []
+    def _prepare(self, positions: Iterable[int], state: AlState) -> None:
+        """What a slave needs for PREOP or BOOT: its mailboxes, and access to its EEPROM."""
+        off, writes = [], []
         for position in positions:
             if self._scanned[position].slave.sync0_ns:
                 writes.append((position, SYNC_CONTROL, bytes(2)))
-            if self._mailboxes[position]:
-                writes.append((position, _SYNC_MANAGERS, self._mailboxes[position]))
+            if mailboxes := self._mailboxes[position]:
+                off += [(position, register, b"\0") for register in _ACTIVATE]
+                if state == AlState.BOOT:
+                    mailboxes = _for_boot(mailboxes, self._scanned[position].sii.bootstrap)
+                writes.append((position, _SYNC_MANAGERS, mailboxes))
             writes.append((position, _EEPROM_ASSIGNMENT, _TO_DEVICE))
+        # What a sync manager is set to can be changed only while it is off (ETG.1000.4).
+        self._master.write_registers(off)
         self._master.write_registers(writes)
 
     def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
@@ -210,6 +222,15 @@ class SetUp:
             if text := _difference(items[number].slave, outputs, inputs):
                 missed[items[number].slave.position] = Missed(text, changed=True)
         return missed
+
+
+def _for_boot(mailboxes: bytes, box: SiiMailbox) -> bytes:
+    """The sync managers of the mailboxes, at other places."""
+    places = ((box.receive, box.receive_size), (box.send, box.send_size))
+    return b"".join(
+        struct.pack("<HH", *place) + mailboxes[at + 4 : at + 8]
+        for at, place in zip((0, 8), places, strict=True)
+    )
 
 
 def _difference(slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo]) -> str:

@@ -132,6 +132,10 @@ class Recovery:
             down_since = self._slaves[position].down_since
             self._slaves[position] = _Slave(wanted=state, down_since=down_since, busy=True)
 
+    def wanted(self, position: int) -> AlState:
+        """The state in which a slave is wanted."""
+        return self._slaves[position].wanted
+
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave, and in words where there is more to say."""
         slave = self._slaves[position]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 
 from ecatd.log import Log
 from ecatd.model.al import AlState
@@ -76,14 +77,41 @@ class Repair:
     async def change(self, positions: Sequence[int], state: AlState) -> None:
         """Brings slaves to a state because somebody wants it; they stay there.
 
+        What a slave refuses, it has not been asked for: its error is acknowledged, and it is wanted
+        where it was wanted before. Only one that refuses OP keeps its error, which says why.
+
         Raises:
             StateError: Slaves did not reach it; the message names each, and why.
         """
+        if state == AlState.BOOT:
+            self._check_boot(positions)
+        before = {position: self._recovery.wanted(position) for position in positions}
         self._want(positions, state)
         try:
             await self._worker.run_steps(self._change(positions, state))
+        except StateError:
+            if state != AlState.OP:
+                with suppress(StateError):  # the bus is being stopped
+                    await self._take_back(before)
+            raise
         finally:
             self._settled(positions)
+
+    def _check_boot(self, positions: Sequence[int]) -> None:
+        without = [item for item in positions if not self._running.set_up.has_boot(item)]
+        if without:
+            one = len(without) == 1
+            raise StateError(
+                f"{name_slaves(self._bus, without)} {'has' if one else 'have'} no state BOOT: "
+                f"{'its EEPROM describes' if one else 'their EEPROMs describe'} no mailbox for it "
+                f"(SII words 0x14 to 0x17); nothing was asked for"
+            )
+
+    async def _take_back(self, before: dict[int, AlState]) -> None:
+        """Forgets a request as far as slaves have refused it."""
+        refused = await self._worker.run_steps(self._running.master.acknowledge(before))
+        for position in refused:
+            self._recovery.want([position], before[position])
 
     def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         """Sets up on the way what has begun anew; on the worker."""
@@ -94,8 +122,12 @@ class Repair:
         _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
         if failures:  # nobody is there: they are waited for, and named if they do not come
             yield from running.master.expect(min(state, AlState.PREOP), timeout, failures)
+        if state == AlState.BOOT:
+            elsewhere = [p for p in positions if seen[p] != AlState.BOOT and p not in failures]
+            yield from self._bring(elsewhere, state, AlState.INIT)
         if state in (AlState.PREOP, AlState.SAFEOP, AlState.OP):
-            anew = [*found, *(p for p in positions if seen[p] == AlState.INIT)]
+            below = (AlState.INIT, AlState.BOOT)
+            anew = [*found, *(p for p in positions if seen[p] in below)]
             yield from self._bring(anew, state, AlState.INIT)
         if state in (AlState.SAFEOP, AlState.OP):
             mapped_anew = [p for p in positions if seen[p] == AlState.PREOP or p in failures]
@@ -147,7 +179,7 @@ class Repair:
         here, failures = [], {}
         for position in lost:
             if position in found.places:
-                self._take_back(position, found.places[position])
+                self._give_address(position, found.places[position])
                 here.append(position)
             elif position in found.exchanged:
                 failures[position] = Failure(found.exchanged[position], Condition.EXCHANGED)
@@ -156,7 +188,7 @@ class Repair:
                 failures[position] = Failure(text, Condition.MISSING)
         return here, failures
 
-    def _take_back(self, position: int, place: int) -> None:
+    def _give_address(self, position: int, place: int) -> None:
         """Gives an identified slave its address; the reference clock is followed from then on."""
         clocks = self._running.clocks
         if clocks is not None and clocks.reference.position == position:

@@ -1,0 +1,80 @@
+"""AL states that a user asks for, and what becomes of a slave that refuses."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, one_line_error, wait_for
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+RIG = Path(__file__).parents[1] / "rigs" / "boot.py"
+WITHOUT_MAILBOX, WITHOUT_BOOT, BOOTABLE, PRETENDER, TIRED = range(5)
+
+
+@pytest.fixture
+def daemon(start_daemon: Callable[..., Daemon]) -> Daemon:
+    return start_daemon(str(RIG))
+
+
+def states(daemon: Daemon) -> list[str]:
+    return [row["text"] for row in daemon.ctl_json("state")["slaves"]]
+
+
+def refused(daemon: Daemon, *arguments: str) -> str:
+    result = daemon.ctl("state", *arguments, check=False)
+    assert result.returncode == 7
+    return one_line_error(result.stderr, "ecatctl")
+
+
+@pytest.mark.parametrize("position", [WITHOUT_MAILBOX, WITHOUT_BOOT])
+def test_boot_is_not_asked_for_where_there_is_none(daemon: Daemon, position: int) -> None:
+    name = ("EL2008", "EL3008")[position]
+    assert refused(daemon, "BOOT", "-p", str(position)) == (
+        f"slave {position} ({name}) has no state BOOT: its EEPROM describes no mailbox for it (SII "
+        f"words 0x14 to 0x17); nothing was asked for"
+    )
+    assert states(daemon) == 5 * ["OP"]
+    assert "ERROR" not in daemon.log  # and it has not been otherwise
+
+
+def test_boot_of_all_slaves_is_not_asked_for_where_one_has_none(daemon: Daemon) -> None:
+    assert refused(daemon, "BOOT").startswith("slaves 0-1, 4 have no state BOOT: ")
+    assert states(daemon) == 5 * ["OP"]
+
+
+def test_boot_is_reached_and_left_from_and_to_op(daemon: Daemon) -> None:
+    daemon.ctl("state", "BOOT", "-p", str(BOOTABLE))
+    assert states(daemon) == ["OP", "OP", "BOOT", "OP", "OP"]
+    text = daemon.ctl("sdo-read", str(BOOTABLE), "0x1018", "1", check=False).stderr
+    assert "is in BOOT, and its objects can be reached from PREOP on" in text
+    daemon.ctl("state", "PREOP", "-p", str(BOOTABLE))
+    assert daemon.ctl("sdo-read", str(BOOTABLE), "0x1018", "1").stdout.startswith("0x00000002")
+    daemon.ctl("state", "BOOT", "-p", str(BOOTABLE))
+    daemon.ctl("state", "OP", "-p", str(BOOTABLE))
+    assert states(daemon) == 5 * ["OP"]
+
+
+def test_a_slave_that_refuses_boot_is_in_op_again(daemon: Daemon) -> None:
+    text = refused(daemon, "BOOT", "-p", str(PRETENDER))
+    assert text.startswith(
+        "slave 3 (EL3008): it does not reach BOOT: INIT+ERROR (AL status 0x0013: Bootstrap not "
+        "supported)"
+    )
+    wait_for(lambda: states(daemon) == 5 * ["OP"], daemon)
+
+
+def test_a_slave_that_refuses_stays_where_it_was_without_an_error(daemon: Daemon) -> None:
+    daemon.ctl("state", "PREOP", "-p", str(TIRED))
+    text = refused(daemon, "SAFEOP", "-p", str(TIRED))
+    assert "slave 4 (EL2008)" in text
+    assert "AL status 0x001D" in text
+    assert states(daemon) == ["OP", "OP", "OP", "OP", "PREOP"]
+
+
+def test_a_slave_that_refuses_op_keeps_its_reason(daemon: Daemon) -> None:
+    daemon.ctl("state", "PREOP", "-p", str(TIRED))
+    refused(daemon, "OP", "-p", str(TIRED))
+    wait_for(lambda: "slave 4 (EL2008) stays out of OP: AL status 0x001D" in daemon.log, daemon)
+    assert states(daemon)[TIRED].startswith("PREOP+ERROR (AL status 0x001D")
