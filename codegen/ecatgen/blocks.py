@@ -22,7 +22,7 @@ EXAMPLE_COMPONENTS = (
 """Names that the example models use beside those of the blocks."""
 
 # What a generated library has beside its blocks.
-_PACKAGES = ("UsersGuide", "Examples", "Drives", "fingerprint", "generateCommand")
+_PACKAGES = ("UsersGuide", "Examples", "Drives", "Channels", "fingerprint", "generateCommand")
 
 # Names that the blocks and their base class use, and so no connector can have.
 _RESERVED = (

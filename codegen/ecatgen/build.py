@@ -6,6 +6,7 @@ from ecatd.model.bus import Bus
 
 from . import names, static_library
 from .blocks import build_blocks
+from .channels import build_channels
 from .drives import build_drives
 from .examples import build_examples
 from .ir import Library
@@ -30,6 +31,7 @@ def build_library(bus: Bus, name: str) -> Library:
         version=static_library.VERSION,
         blocks=blocks,
         drives=drives,
+        channels=build_channels(blocks),
         notes=notes,
         examples=build_examples(bus, name, blocks, drives),
     )

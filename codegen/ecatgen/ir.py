@@ -388,6 +388,82 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
+class Vector:
+    """A connector of a block with vectors: channels that are alike, or a single one.
+
+    Attributes:
+        name: Name of the connector.
+        kind: Type of its elements in the model: `Boolean`, `Integer` or `Real`.
+        class_name: Modelica class of the connector.
+        dimension: Its dimension in brackets, empty for a single connector.
+        modifiers: Modifications of the connector: unit and quantity.
+        description: What the slave calls it, with its addresses.
+        members: The connectors of the slave's block that are its elements.
+        place: Its place in the icon.
+        diagram_place: Its place in the diagram.
+        label: Its name in the icon, shortened if it is long.
+        label_extent: Place of the label.
+    """
+
+    name: str
+    kind: Kind
+    class_name: str
+    dimension: str
+    modifiers: tuple[str, ...]
+    description: str
+    members: tuple[str, ...]
+    place: Extent
+    diagram_place: Extent
+    label: str
+    label_extent: Extent
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """A block around that of a slave, with vectors for channels that are alike.
+
+    Attributes:
+        name: Class name, that of the slave.
+        instance: Usual name of a component.
+        title: Text in the icon.
+        description: Description of the class.
+        block: The block of the slave.
+        vectors: Its connectors.
+        left: Those on the left, which the model writes.
+        right: Those on the right, which it reads.
+        icon: Extent of the icon.
+        symbol: What the icon shows, as Modelica.
+        name_extent: Place of the component's name.
+        title_extent: Place of the title.
+        valid_label: Place of the label of the connector `valid`.
+        valid_place: Place of that connector in the diagram.
+        rule: Line below the title.
+        slave_extent: Place of the slave in the diagram.
+        connections: Lines between the vectors and the slave.
+        diagram: Extent of the diagram.
+    """
+
+    name: str
+    instance: str
+    title: str
+    description: str
+    block: Block
+    vectors: tuple[Vector, ...]
+    left: tuple[Vector, ...]
+    right: tuple[Vector, ...]
+    icon: Extent
+    symbol: tuple[str, ...]
+    name_extent: Extent
+    title_extent: Extent
+    valid_label: Extent
+    valid_place: Extent
+    rule: Extent
+    slave_extent: Extent
+    connections: tuple[Connection, ...]
+    diagram: Extent
+
+
+@dataclass(frozen=True, slots=True)
 class Library:
     """A generated library.
 
@@ -401,6 +477,7 @@ class Library:
         version: Version of the library EtherCAT that it uses.
         blocks: Blocks by position.
         drives: Blocks in SI units around those of drives.
+        channels: Blocks with vectors around those of slaves with channels that are alike.
         notes: What could not be made, and why; a sentence each.
         examples: Example models.
     """
@@ -414,5 +491,6 @@ class Library:
     version: str
     blocks: tuple[Block, ...]
     drives: tuple[Drive, ...]
+    channels: tuple[Channels, ...]
     notes: tuple[str, ...]
     examples: tuple[Example, ...]

@@ -109,6 +109,13 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
     files |= {
         f"Drives/{drive.name}.mo": write("drive.mo.j2", drive=drive) for drive in library.drives
     }
+    if library.channels:
+        files["Channels/package.mo"] = write("channels.mo.j2")
+        files["Channels/package.order"] = write("channels.order.j2")
+    files |= {
+        f"Channels/{item.name}.mo": write("channel_block.mo.j2", item=item)
+        for item in library.channels
+    }
     return files
 
 

@@ -95,7 +95,7 @@ def test_the_calls_for_c_are_c89(out: Path, compiler: str) -> None:
 
 def test_package_order_is_not_the_order_of_the_alphabet(troll: Path) -> None:
     order = (troll / LIBRARY / "package.order").read_text().split()
-    assert order[:4] == ["UsersGuide", "Examples", "Drives", "GoldGCONDrive"]
+    assert order[:5] == ["UsersGuide", "Examples", "Drives", "Channels", "GoldGCONDrive"]
     assert order[-2:] == ["fingerprint", "generateCommand"]
 
 

@@ -59,6 +59,33 @@ def test_for_openmodelica(tmp_path: Path) -> None:
     assert (tmp_path / ".openmodelica" / "libraries" / FOLDER / "package.mo").is_file()
 
 
+@pytest.mark.parametrize(
+    ("variable", "folder"),
+    [
+        ("{0}/locked/none:{0}/mine:{0}/other", "mine"),
+        ("{0}/mine:{0}/home/.openmodelica/libraries", "home/.openmodelica/libraries"),
+        ("", "home/.openmodelica/libraries"),
+        ("{0}/locked/none", None),
+    ],
+)
+def test_the_folders_of_openmodelica_are_those_of_its_variable(
+    tmp_path: Path, variable: str, folder: str | None
+) -> None:
+    for name in ("mine", "other"):
+        (tmp_path / name).mkdir()
+    env = os.environ | {
+        "HOME": str(tmp_path / "home"),
+        "OPENMODELICALIBRARY": variable.format(tmp_path),
+    }
+    result = run_module("ecatd.cli", "library", "--openmodelica", env=env)
+    if folder is None:
+        assert result.returncode == 6
+        assert "OPENMODELICALIBRARY names no folder" in one_line_error(result.stderr, "ecatctl")
+        return
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / folder / FOLDER / "package.mo").is_file()
+
+
 @needs_omc
 def test_openmodelica_finds_it(tmp_path: Path) -> None:
     """Also when it loads a library that uses it."""

@@ -20,7 +20,8 @@ from ..render import FILTERS
 
 CLASSES = (
     *(ir.Library, ir.Block, ir.Connector, Value, ir.Skipped),
-    *(ir.Drive, ir.DriveLine),
+    *(ir.Drive, ir.DriveLine, ir.DriveParameter),
+    *(ir.Channels, ir.Vector),
     *(ir.Example, ir.Component, ir.Connection, ir.Variable, ir.Extent, ir.Point),
 )
 """What templates see, from the whole to its parts."""

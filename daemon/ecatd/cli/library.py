@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.errors import EcatError, NotPermittedError, UsageError
 from ecatd.paths import user_config
 
 from .bus_source import get_bus
@@ -50,9 +51,29 @@ def library(options: argparse.Namespace) -> int:
 
     if (options.out is None) != options.openmodelica:
         raise UsageError("say where to put the library: DIR, or --openmodelica, and not both")
-    out = options.out or Path.home() / ".openmodelica" / "libraries"
+    out = options.out or _openmodelica_folder()
     report = install_library(out, check=options.check, force=options.force)
     return _tell_report(options, report, {})
+
+
+def _openmodelica_folder() -> Path:
+    """Where `loadModel` of OpenModelica looks: in the user's folder, or by OPENMODELICALIBRARY.
+
+    Raises:
+        NotPermittedError: The variable names no folder that can be written.
+    """
+    usual = Path.home() / ".openmodelica" / "libraries"
+    value = os.environ.get("OPENMODELICALIBRARY", "")
+    named = [Path(folder) for folder in value.split(os.pathsep) if folder]
+    if not named or usual in named:
+        return usual
+    for folder in named:
+        if folder.is_dir() and os.access(folder, os.W_OK):
+            return folder
+    raise NotPermittedError(
+        f"OPENMODELICALIBRARY names no folder that can be written ({value}), and OpenModelica "
+        f"looks nowhere else: add {usual} to it, or give DIR"
+    )
 
 
 def _tell_report(

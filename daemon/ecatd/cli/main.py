@@ -273,7 +273,8 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--openmodelica",
         action="store_true",
-        help="put it where OpenModelica finds it: ~/.openmodelica/libraries",
+        help="put it where OpenModelica finds it: ~/.openmodelica/libraries, or a folder of "
+        "$OPENMODELICALIBRARY",
     )
     _add_rewrite(command)
     command.add_argument("--json", action="store_true", help="print JSON for programs")
