@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 
 @dataclass(frozen=True)
 class Processors:
-    """Processors of the parts of a benchmark; all of them where there are too few.
+    """Processors of the parts of a benchmark.
 
     Attributes:
         master: For what sends and waits.
@@ -30,13 +30,21 @@ class Processors:
 
     @staticmethod
     def plan() -> Processors:
-        """Cores of their own for master and peer, taken from the end: interrupts prefer 0."""
-        all_of_them = sorted(os.sched_getaffinity(0))
-        every = frozenset(all_of_them)
-        if len(all_of_them) < 2:
-            return Processors(every, every, every)
-        *rest, master, peer = all_of_them
-        return Processors(frozenset([master]), frozenset([peer]), frozenset(rest) or every)
+        """Cores of their own for master and peer, taken from the end: interrupts prefer 0.
+
+        Of two cores the master has one, and everything else the other one.
+        """
+        *rest, peer = sorted(os.sched_getaffinity(0))
+        if not rest:
+            return Processors.together()
+        *others, master = rest
+        return Processors(frozenset([master]), frozenset([peer]), frozenset(others or [peer]))
+
+    @staticmethod
+    def together() -> Processors:
+        """Nobody has a core of its own."""
+        every = frozenset(os.sched_getaffinity(0))
+        return Processors(every, every, every)
 
     def to_json(self) -> dict[str, list[int]]:
         """Their numbers."""

@@ -24,11 +24,6 @@ def pace(rate: float) -> str:
     return f"{rate / 1000:g} kHz" if rate else "free-running"
 
 
-def met(yes: bool) -> str:
-    """Whether a target is met."""
-    return "yes" if yes else "**no**"
-
-
 def slaves(count: int) -> str:
     """A number of slaves."""
     return f"{count} slave" + "s" * (count != 1)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..words import met, pace, table, us
+from ..target import verdicts
+from ..words import pace, table, us
 from .comparison import comparison
 from .plot import plot
 from .targets import exchange, targets
@@ -23,10 +24,9 @@ both waits until the one before it has ended, as in a program that does it once 
 wait is subtracted."""
 
 _READERS = """\
-Readers are processes, pinned in turns to the processors that neither the engine nor the \
-simulator has ({processors}). With more readers than processors they share them, and a time is \
+Readers are processes, pinned in turns to the processors that {who} ({processors}). With more \
+readers than processors they share them, and a time is \
 that of one who has its processor; more at the same instant there cannot be on this machine."""
-
 
 _COSTS = """\
 What clients cost the engine: time and instructions (outside the kernel) of its thread in a cycle \
@@ -43,16 +43,14 @@ _AXES = {
 
 def section(result: dict[str, Any]) -> str:
     """What the results say, in Markdown."""
-    rows = [(t.what, t.target, t.measured, met(t.met)) for t in targets(result)]
-    processors = len(result["processors"]["rest"])
     return "\n\n".join(
         part
         for part in (
             f"## {TITLE}",
             _HOW,
             "![Snapshots with many readers](performance/client.svg)",
-            table(("what", "target", "measured", "met"), rows),
-            _READERS.format(processors=processors),
+            verdicts(targets(result), result["machine"]["cores"]),
+            _readers(result["processors"]),
             _snapshots(result["snapshots"]),
             "A commit, and a whole step of a program (sample, 20 reads, 4 writes, commit), in ns:",
             _commits(result["commits"]),
@@ -68,6 +66,12 @@ def section(result: dict[str, Any]) -> str:
         )
         if part
     )
+
+
+def _readers(processors: dict[str, list[int]]) -> str:
+    rest, peer = processors["rest"], processors["peer"]
+    alone, shared = "neither the engine nor the simulator has", "the engine does not have"
+    return _READERS.format(who=shared if set(rest) & set(peer) else alone, processors=len(rest))
 
 
 def _snapshots(cases: list[dict[str, Any]]) -> str:

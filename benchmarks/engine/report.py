@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..words import met, pace, slaves, table, us
+from ..target import verdicts
+from ..words import pace, slaves, table, us
 from .plot import plot
 from .targets import RATE, targets
 
@@ -60,7 +61,6 @@ Bytes are those of the whole image:"""
 
 def section(result: dict[str, Any]) -> str:
     """What the results say, in Markdown."""
-    rows = [(t.what, t.target, t.measured, met(t.met)) for t in targets(result)]
     return "\n\n".join(
         part
         for part in (
@@ -69,7 +69,7 @@ def section(result: dict[str, Any]) -> str:
             _AWAKE if result.get("awake") else "",
             _missing(result),
             "![Exchange, its ratio to the bare loop, rates, and work](performance/engine.svg)",
-            table(("what", "target", "measured", "met"), rows),
+            verdicts(targets(result), result["machine"]["cores"]),
             "Exchange in µs, blocking:",
             _exchange(result, ("bare", "engine", "pysoem", "kickcat")),
             "Exchange in µs, busy:",

@@ -20,6 +20,8 @@ DONE = 0.95
 """Smallest part of a load that must have been done for anything to be said about it."""
 WORK, WORK_SLAVE, WORK_BYTE = 3000, 60, 1
 """Instructions of a cycle with 8 slaves, and of each slave and byte more."""
+CORES = 3
+"""For the engine, for the simulator's frames, and for what disturbs both."""
 CLOCKS_NS = 1000
 """Largest difference of a slave's clock to the reference clock."""
 START = {8: 3.0, 199: 15.0}
@@ -78,6 +80,7 @@ def _deadlines(line: dict[str, Any]) -> Iterator[Target]:
                 f"≤ {most:.1f} (sleep: {sleep['missed_cycles']} of {sleep['cycles']})",
                 str(loop["missed_cycles"]),
                 loop["missed_cycles"] <= most,
+                cores=CORES,
             )
 
 
@@ -92,6 +95,7 @@ def _loads(loads: list[dict[str, Any]]) -> Iterator[Target]:
                 f"≤ {before} (without)",
                 f"{bad} of {on['cycles']}",
                 bad <= before,
+                cores=CORES,
             )
             continue
         wanted = WANTED.get(load["load"], 0)
@@ -103,12 +107,14 @@ def _loads(loads: list[dict[str, Any]]) -> Iterator[Target]:
             f"≤ {LOAD:.2f} × without",
             f"{load['ratio_p99']:.2f} × ({low:.2f} to {high:.2f}){done}",
             enough and load["ratio_p99"] <= LOAD,
+            cores=CORES,
         )
         yield Target(
             f"frames lost beside {name}",
             "0",
             f"{on['lost_frames']} of {on['frames']} (without: {off['lost_frames']}){done}",
             enough and on["lost_frames"] == 0,
+            cores=CORES,
         )
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..words import met, slaves, table, us
+from ..target import verdicts
+from ..words import slaves, table, us
 from .targets import targets
 
 TITLE = "Models"
@@ -30,7 +31,6 @@ plant again and again): {seconds:.2f} s into an empty folder ({files} files, {mb
 
 def section(result: dict[str, Any]) -> str:
     """What the results say, in Markdown."""
-    rows = [(t.what, t.target, t.measured, met(t.met)) for t in targets(result)]
     generation = result["generation"]
     return "\n\n".join(
         (
@@ -38,7 +38,7 @@ def section(result: dict[str, Any]) -> str:
             _HOW,
             _TRANSLATED if "cases" in result["translated"] else _not_translated(result),
             "![A sample of a model](performance/modelica.svg)",
-            table(("what", "target", "measured", "met"), rows),
+            verdicts(targets(result), result["machine"]["cores"]),
             _samples(result),
             _GENERATION.format(
                 **{**generation, "slaves": slaves(generation["slaves"])},

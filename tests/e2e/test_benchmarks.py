@@ -22,7 +22,7 @@ def benchmarks(*arguments: object) -> subprocess.CompletedProcess[str]:
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "MPLCONFIGDIR": "/tmp"},
         text=True,
         capture_output=True,
-        timeout=100,
+        timeout=300,
         check=False,
     )
 
@@ -188,6 +188,23 @@ def test_a_load_that_was_not_reached_meets_no_target(tmp_path: Path) -> None:
         "beside SDO reads without pause | 0 | 0 of 1000 (without: 0) | yes |",
     ):
         assert row in page
+
+
+def test_what_needs_more_cores_is_said(tmp_path: Path) -> None:
+    folder = tmp_path / "performance"
+    shutil.copytree(ROOT / "docs" / "performance", folder)
+    result = json.loads((folder / "engine.json").read_text())
+    for load in result["loads"]:
+        load |= {"ratio_p99": 2.4, "ratio_p99_quartiles": [2.0, 2.8], "rate": 1000.0}
+    beside = "exchange beside a busy Python thread in the bus server, 99th percentile"
+    for cores, row in (
+        (2, f"{beside} | ≤ 1.10 × without, with 3 cores | 2.40 × (2.00 to 2.80) | needs 3 cores |"),
+        (3, f"{beside} | ≤ 1.10 × without | 2.40 × (2.00 to 2.80) | **no** |"),
+    ):
+        result["machine"]["cores"] = cores
+        (folder / "engine.json").write_text(json.dumps(result))
+        assert benchmarks("--report-only", "--out", tmp_path).returncode == 0
+        assert row in (tmp_path / "performance.md").read_text()
 
 
 def test_without_results() -> None:
