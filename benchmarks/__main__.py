@@ -13,12 +13,13 @@ from ecatd.model.errors import EcatError, UsageError
 
 from . import machine, report
 from .client import benchmark as client
+from .cores import benchmark as cores
 from .engine import benchmark as engine
 from .modelica import benchmark as modelica
 from .simulator import benchmark as simulator
 
 BENCHMARKS: dict[str, Any] = {
-    module.NAME: module for module in (simulator, engine, client, modelica)
+    module.NAME: module for module in (simulator, engine, cores, client, modelica)
 }
 """By name: modules with `SETTINGS` and `measure`."""
 

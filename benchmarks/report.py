@@ -9,6 +9,7 @@ from typing import Any
 from ecatd.model.errors import UsageError
 
 from .client import report as client_report
+from .cores import report as cores_report
 from .engine import report as engine_report
 from .modelica import report as modelica_report
 from .simulator import report as simulator_report
@@ -16,6 +17,7 @@ from .simulator import report as simulator_report
 SECTIONS: dict[str, Any] = {
     "simulator": simulator_report,
     "engine": engine_report,
+    "cores": cores_report,
     "client": client_report,
     "modelica": modelica_report,
 }
@@ -24,17 +26,18 @@ SECTIONS: dict[str, Any] = {
 _HEAD = """\
 # Performance
 
-`make bench` measures for ten minutes, `make bench-full` more, for an hour. Both need gcc and g++
-and leave such a page and its results in `bench/`, or where `OUT=docs` says; the last line of each
-section names the one that wrote it. They need no root, but an ordinary user gets no real-time
-priority, and then the load of the machine shows in the numbers. Compare ratios, not times: both
-sides of a ratio are measured in one run, in turns.
+`make bench` measures for a quarter of an hour, `make bench-full` more, for over an hour. Both need
+gcc and g++ and leave such a page and its results in `bench/`, or where `OUT=docs` says; the last
+line of each section names the one that wrote it. They need no root, but an ordinary user gets no
+real-time priority, and then the load of the machine shows in the numbers, and no frames are
+answered in the kernel. Compare ratios, not times: both sides of a ratio are measured in one run,
+in turns. A target that assumes more cores than a machine has, and is not met, says so.
 """
 
 _COMMANDS = {
     "quick": "`python -m benchmarks --quick` (a trial of seconds)",
-    "normal": "`make bench` (ten minutes for all sections)",
-    "full": "`make bench-full` (an hour for all sections)",
+    "normal": "`make bench` (a quarter of an hour for all sections)",
+    "full": "`make bench-full` (over an hour for all sections)",
 }
 """By the extent of a result."""
 

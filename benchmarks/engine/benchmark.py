@@ -15,7 +15,7 @@ from typing import Any
 from ecatsim.net import namespace, netlink
 
 from ..segment.peers import SIMULATOR
-from . import clocks, deadlines, exchange, loads, start_up, work
+from . import beside, clocks, deadlines, exchange, start_up, work
 from .turns import Tools, awake, on_line
 
 NAME = "engine"
@@ -109,7 +109,7 @@ def _measure(tools: Tools, settings: Settings, say: Callable[[str], None]) -> di
     return {
         "lines": [_line(tools, settings, line, say) for line in settings.lines],
         "work": work.measure(tools, settings.work_lines, settings.work_seconds, say),
-        "loads": loads.measure(
+        "loads": beside.measure(
             tools, settings.load_rounds, settings.load_seconds, busy=settings.load_busy, say=say
         ),
         "clocks": clocks.measure(tools, settings.clock_seconds, say),

@@ -53,34 +53,54 @@ class Tools:
         folder: For files that are needed meanwhile.
         ping: The program of (a).
         nanosleep: The program of (b).
+        responder: Answers the frames of the cycle in the kernel; see `segment.responder`.
     """
 
     processors: Processors
     folder: Path
     ping: Path
     nanosleep: Path
+    responder: Path
 
     @staticmethod
     def make(folder: Path) -> Tools:
         """Builds the programs."""
-        ping, nanosleep = (native.build(folder, name) for name in ("ping", "nanosleep"))
-        return Tools(Processors.plan(), folder, ping, nanosleep)
+        programs = (native.build(folder, name) for name in ("ping", "nanosleep", "responder"))
+        return Tools(Processors.plan(), folder, *programs)
 
     @property
     def cpu(self) -> int:
         """Where masters run."""
         return min(self.processors.master)
 
+    def sleep(self, rate: float, seconds: float) -> dict[str, Any]:
+        """What (b) finds.
+
+        Raises:
+            NoAnswerError: It failed.
+        """
+        command = [str(self.nanosleep), "--rate", str(rate), "--seconds", str(seconds)]
+        result = subprocess.run(
+            command, capture_output=True, check=False, preexec_fn=on(self.processors.master)
+        )
+        if result.returncode != 0:
+            raise NoAnswerError(f"nanosleep: {result.stderr.decode().strip()}")
+        found: dict[str, Any] = json.loads(result.stdout)
+        return found
+
 
 @contextlib.contextmanager
 def awake(tools: Tools) -> Iterator[bool]:
     """Keeps the processors of master and simulator from sleeping; whether they have their own.
 
+    What shares them with the simulator comes before it, as everything does.
+
     An idle processor of a virtual machine is given away by its host, and comes back late: that
     would be measured, and not the loops. Elsewhere `idle=poll` or `/dev/cpu_dma_latency` does it.
     """
     processors = tools.processors
-    chosen = (processors.master | processors.peer) - processors.rest
+    apart = not processors.master & processors.rest
+    chosen = processors.master | processors.peer if apart else frozenset()
     program = native.build(tools.folder, "awake")
     found = [subprocess.Popen([program], preexec_fn=on(frozenset([number]))) for number in chosen]
     try:
@@ -128,7 +148,7 @@ class Turns:
             more: For the engine.
         """
         if loop == SLEEP:
-            return self._sleep(rate, seconds)
+            return self._tools.sleep(rate, seconds)
         self._give_turn(self._numbers.get(loop, 0))
         if loop == BARE:
             options = ("--seconds", seconds, "--rate", rate, "--counter", self._counter)
@@ -148,16 +168,6 @@ class Turns:
             with wire() as opened, self._line.over(opened.exchange):
                 self._line.turn(number)
         self._turn = number
-
-    def _sleep(self, rate: float, seconds: float) -> dict[str, Any]:
-        command = [str(self._tools.nanosleep), "--rate", str(rate), "--seconds", str(seconds)]
-        result = subprocess.run(
-            command, capture_output=True, check=False, preexec_fn=on(self._tools.processors.master)
-        )
-        if result.returncode != 0:
-            raise NoAnswerError(f"nanosleep: {result.stderr.decode().strip()}")
-        found: dict[str, Any] = json.loads(result.stdout)
-        return found
 
 
 @contextlib.contextmanager

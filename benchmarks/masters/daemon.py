@@ -24,7 +24,7 @@ class Daemon:
 
     Args:
         folder: For its files.
-        processors: Where its threads run; the engine has that of the master for itself.
+        processors: Where its threads run; if the master has one, that is the engine's.
         busy_receive: Whether its engine polls the socket.
         more: What else stands in its configuration.
 
@@ -43,7 +43,7 @@ class Daemon:
         file, address = folder / "ecatd.toml", folder / "notify"
         file.write_text(
             f'bus = "{self.bus}"\ninterface = "{SIMULATOR.near}"\n[realtime]\n'
-            f"cpu = {min(processors.master)}\nbusy_receive = {str(busy_receive).lower()}\n"
+            f"cpu = {_own(processors)}\nbusy_receive = {str(busy_receive).lower()}\n"
             f"[gateway]\nlisten = []\n{more}"
         )
         self.environment = {
@@ -106,3 +106,8 @@ class Daemon:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _own(processors: Processors) -> int:
+    """The processor of the engine, -1 if it has none of its own."""
+    return min(processors.master) if len(processors.master) == 1 else -1

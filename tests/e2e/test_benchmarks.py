@@ -95,6 +95,33 @@ def test_engine(tmp_path: Path) -> None:
     assert "free-running, 8 slaves, busy" in page
 
 
+@pytest.mark.timeout(360)
+def test_two_cores(tmp_path: Path) -> None:
+    result, page = measured("cores", tmp_path)
+    who = ["simulator"] if result["obstacle"] else ["simulator", "kernel"]
+    assert [case["responder"] for case in result["alone"]] == who
+    for case in result["alone"]:
+        engine, sleep = case["loops"]["engine"], case["loops"]["sleep"]
+        assert 0 < engine["exchange_p50"] <= engine["exchange_p99"]
+        assert min(sleep["cycles"], sleep["wakeup_p50"]) > 0
+    found = [(load["responder"], load["place"]) for load in result["loads"]]
+    assert found == [(name, "own") for name in who for _ in range(2)] + [(who[-1], "shared")] * 2
+    for load in result["loads"]:
+        assert min(load["on"]["cycles"], load["off"]["cycles"], load["sleep"]["cycles"]) > 0
+        assert load["rate"] > 0 or not load["counted"], load
+    assert len(set(result["processors"]["master"] + result["processors"]["peer"])) <= 2
+    if result["obstacle"]:
+        assert f"Not measured with frames answered in the kernel: {result['obstacle']}." in page
+        pytest.skip(f"frames cannot be answered in the kernel here: {result['obstacle']}")
+    for case in (*result["alone"], *result["loads"]):
+        if case["responder"] == "kernel":
+            cycles = case["loops"]["engine"]["cycles"] if "loops" in case else case["on"]["cycles"]
+            assert case["answered"] >= cycles - 10, "but for those before and after"
+    registers = [load for load in result["loads"] if load["responder"] == "kernel"]
+    assert all(load["passed"] > 0 for load in registers if "SDO" in load["load"])
+    assert "| frames lost beside SDO reads without pause | 0 |" in page
+
+
 def test_client(tmp_path: Path) -> None:
     result, page = measured("client", tmp_path)
     cases = result["snapshots"]
