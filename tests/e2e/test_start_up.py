@@ -13,6 +13,8 @@ import pytest
 from conftest import SHM, Daemon, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
 from ecatd.model.al import AlState
+from ecatd.shm import WkcState
+from ecatsim.control import Simulator
 
 RIGS = Path(__file__).parents[1] / "rigs"
 
@@ -114,10 +116,88 @@ def test_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
     assert "AL status 0x001D: Invalid output configuration" in text
 
 
-def test_slaves_that_do_not_answer_their_mailboxes(env: dict[str, str]) -> None:
-    text = refused(7, "--simulate", str(RIGS / "silent.py"), "--bus", f"t{os.getpid()}", env=env)
-    where = "slave {}, 0x1C12:00: the slave does not answer its mailbox"
-    assert text == f"error: {where.format(2)}; {where.format(3)}"
+SILENT = """
+[gateway]
+listen = []
+[[domain]]
+name = "others"
+[[domain]]
+name = "silent"
+slaves = [3]
+[[outputs.safe]]
+slave = 4
+value = "hold"
+[[signal]]
+slave = 3
+entry = "0x6000:11"
+scale = 0.5
+"""
+
+
+def test_slaves_that_do_not_answer_their_mailboxes(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon(str(RIGS / "silent.py"), config=SILENT)
+    told = [line for line in daemon.log.splitlines() if "mailbox" in line]
+    cure = "; switch it off and on, then restart ecatd"
+    used = "is used with the process data of its EEPROM, and its objects cannot be reached"
+    idle = "stays in PREOP and takes no part"
+    assert told[0] == (
+        "ecatd: warning: slave 2, 0x1C12:00: the slave does not answer its mailbox; slave 2 "
+        f"(EL3008) {used}{cure}"
+    )
+    assert told[1].endswith(
+        f"mailbox; slave 3 (EL3008) {idle}: its EEPROM describes no process data{cure}"
+    )
+    assert "it does not take messages; slave 4 (EL4008) " + idle in told[2]
+    assert "with the process data of its EEPROM it does not reach SAFEOP: PREOP+ERROR" in told[2]
+    assert len(told) == 3
+    with daemon.client() as client:
+        states = [slave.al_state for slave in client.slaves()]
+        assert states == [AlState.OP] * 3 + [AlState.PREOP] * 2 + [AlState.OP]
+        value = client.signal(2, 0x6000, 0x11)
+
+        def all_is_well() -> bool:
+            client.wait()
+            client.sample()
+            return client.domain(0).wkc_state == WkcState.COMPLETE and value.raw == 16384
+
+        wait_for(all_is_well, daemon)
+    rows = {row["position"]: row for row in daemon.ctl_json("slaves")["slaves"]}
+    assert [rows[n]["recovery"] for n in range(6)] == ["", "", "silent", "silent", "silent", ""]
+    assert [rows[n]["input_bytes"] for n in (1, 2, 3)] == [32, 32, 0]
+    assert rows[2]["recovery_text"] == f"its mailbox did not answer at the start, so it {used}"
+    assert " PREOP, silent " in daemon.ctl("slaves").stdout
+    assert f"OP; silent; its mailbox did not answer at the start, so it {used}" in (
+        daemon.ctl("state").stdout
+    )
+    assert "slaves 2-4: silent" in daemon.ctl("info").stdout
+    result = daemon.ctl("sdo-read", "2", "0x1018", "1", check=False)
+    assert result.returncode == 4
+    assert "Traceback" not in daemon.log
+
+
+def test_a_silent_slave_comes_back_to_op(
+    start_daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = start_daemon(str(RIGS / "silent.py"))
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+
+    def condition() -> str:
+        row = remote.states()[2]
+        return f"{row['text']}, {row['recovery']}"
+
+    simulated = Simulator(str(daemon.child_pid("ecatsim")))
+    with Remote(daemon.bus) as remote, simulated as simulator:
+        assert condition() == "OP, silent"
+        simulator.faults.power_off(2)
+        wait_for(lambda: condition() == "no answer, missing", daemon)
+        simulator.faults.power_on(2)
+        wait_for(lambda: condition() == "OP, silent", daemon)
+        simulator.faults.power_off(2)
+        wait_for(lambda: condition() == "no answer, missing", daemon)
+        simulator.faults.mailbox(2, "none")
+        simulator.faults.power_on(2)
+        wait_for(lambda: condition() == "OP, ", daemon)
+        assert remote.sdo_read(2, 0x1018, 1).data == b"\x02\0\0\0"
 
 
 def test_an_emergency_while_slaves_are_read(start_daemon: Callable[..., Daemon]) -> None:
@@ -292,7 +372,7 @@ def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemo
 
 def test_sigterm_while_mailboxes_do_not_answer(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIGS / "silent.py"), ready=False)
-    while "4 slaves found" not in daemon.log:
+    while "6 slaves found" not in daemon.log:
         assert daemon.process.poll() is None
     assert daemon.stop() == 0
     assert "error" not in daemon.log

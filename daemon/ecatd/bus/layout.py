@@ -11,7 +11,7 @@ are cut at slave boundaries, so that the working counter of each datagram is kno
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Collection, Iterable, Sequence, Set
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Bus, Domain, Slave
@@ -77,12 +77,15 @@ class Image:
         return sum(domain.output_bytes for domain in self.domains)
 
 
-def assign_domains(bus: Bus, configured: Sequence[DomainConfig]) -> None:
+def assign_domains(
+    bus: Bus, configured: Sequence[DomainConfig], idle: Collection[int] = ()
+) -> None:
     """Puts every slave into the domain that the configuration says, else into domain 0.
 
     Args:
         bus: Scanned slaves with their PDOs; `domains` and the `domain` of each slave are set.
         configured: Domains of the configuration.
+        idle: Positions of slaves whose process data are unknown: a domain may have no others.
 
     Raises:
         ConfigError: A domain names a slave that is not there.
@@ -102,6 +105,7 @@ def assign_domains(bus: Bus, configured: Sequence[DomainConfig]) -> None:
             bus.slaves[position].domain = number
     if len(bus.domains) > 1:
         used = {slave.domain for slave in bus.slaves if slave.output_bytes or slave.input_bytes}
+        used |= {bus.slaves[position].domain for position in idle}
         for number in range(len(bus.domains)):
             if number not in used:
                 raise StateError(

@@ -335,19 +335,32 @@ class Master:
             whom = waiting
             yield
 
-    def reach(self, state: AlState, timeout: float, positions: Iterable[int] | None = None) -> None:
-        """`approach` to its end.
+    def reach(
+        self,
+        state: AlState,
+        timeout: float,
+        positions: Iterable[int] | None = None,
+        *,
+        optional: Collection[int] = (),
+    ) -> None:
+        """`approach` to its end; of those in `optional`, nothing is said.
 
         Raises:
             StateError: Slaves did not reach it; the message names each, with its AL status.
         """
-        finish(self.expect(state, timeout, positions))
+        finish(self.expect(state, timeout, positions, optional=optional))
 
     def expect(
-        self, state: AlState, timeout: float, positions: Iterable[int] | None = None
+        self,
+        state: AlState,
+        timeout: float,
+        positions: Iterable[int] | None = None,
+        *,
+        optional: Collection[int] = (),
     ) -> Steps[None]:
         """`approach` that raises as `reach` does."""
         missed = yield from self.approach(state, timeout, positions)
+        missed = [item for item in missed if item.position not in optional]
         # What a slave has refused is the news; others were perhaps waiting for it.
         refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]
         if missed:

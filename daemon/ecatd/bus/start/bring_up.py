@@ -37,6 +37,7 @@ from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .round_trip import measure_round_trip
 from .safe import SafeOutputs, safe_outputs
 from .set_up import SetUp, count_links, read_mailboxes, wait_for_outputs
+from .silent import fitting, settle
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
@@ -56,6 +57,8 @@ class RunningBus:
         master: The master.
         engine: The cyclic engine.
         clocks: The distributed clocks, where they are used.
+        silent: Slaves whose mailboxes did not answer, and what is known of them.
+        idle: Those of them that stay in PREOP and take no part.
         set_up: Sets slaves up again that have begun anew.
         finder: Finds slaves again that have forgotten their address.
         recovery: Which slaves come back by themselves.
@@ -69,6 +72,8 @@ class RunningBus:
     master: Master
     engine: Engine
     clocks: Clocks | None
+    silent: dict[int, str]
+    idle: list[int]
     set_up: SetUp
     finder: Finder
     recovery: RecoveryConfig
@@ -106,6 +111,7 @@ class BringUp:
         self._begin = time.monotonic()
         self._profiles = Profiles()
         self._scanned: list[Scanned] = []
+        self._silent: dict[int, str] = {}
         self._mailboxes: list[bytes] = []
         self._ends: list[int] = []
         self._interfaces = [name for name in (interface, config.second_interface) if name]
@@ -132,7 +138,7 @@ class BringUp:
         master, image = self._describe()
         engine = self._exchange(segment, master, image)
         self._synchronise(segment)
-        master.reach(AlState.SAFEOP, self._config.state_timeout_s)
+        self._reach(master, AlState.SAFEOP)
         self._reach_op(master, segment)
         engine.restart_counting()  # until now working counters could not be complete
         self.summary = self._summarise(image)
@@ -144,6 +150,8 @@ class BringUp:
             master,
             engine,
             self.clocks,
+            self._silent,
+            self._idle,
             SetUp(
                 master,
                 segment,
@@ -152,6 +160,7 @@ class BringUp:
                 image,
                 self._mailboxes,
                 self.clocks,
+                self._silent,
                 self._config.state_timeout_s,
             ),
             Finder(master.registers, self.bus.slaves, self._ends),
@@ -198,19 +207,39 @@ class BringUp:
         self._scanned = scan_slaves(master, self._cancelled)
         for item in self._scanned:
             tell_emergencies(self._log, [(item.slave, *found) for found in item.emergencies])
+        self._silent = settle(
+            master, self._scanned, self._config.state_timeout_s, self._log.warning
+        )
         for item, bits in zip(self._scanned, clock_bits(master), strict=True):
             item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]
         self._mailboxes = read_mailboxes(master)
         self._ends = branch_ends(count_links(master), ring=bool(self._config.second_interface))
 
+    @property
+    def _idle(self) -> list[int]:
+        """Silent slaves that take no part in the exchange."""
+        slaves = self.bus.slaves
+        return [n for n in self._silent if not (slaves[n].outputs or slaves[n].inputs)]
+
+    def _reach(self, master: Master, state: AlState) -> None:
+        """Takes all slaves to a state but those that take no part.
+
+        A silent one that does not come along does not keep the others: recovery looks after it.
+        """
+        idle = set(self._idle)
+        used = [n for n in range(len(self.bus.slaves)) if n not in idle] if idle else None
+        master.reach(state, self._config.state_timeout_s, used, optional=self._silent)
+
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""
-        give_meanings(self.bus, self._profiles, self._config.signal)
+        signals = fitting(self._config.signal, self.bus, self._silent)
+        give_meanings(self.bus, self._profiles, signals)
         for warning in unused_profiles(self.bus, self._profiles):
             self._log.warning(warning)
-        self.safe = safe_outputs(self.bus, self._config.outputs.safe)
-        assign_domains(self.bus, self._config.domain)
+        safe = fitting(self._config.outputs.safe, self.bus, self._silent)
+        self.safe = safe_outputs(self.bus, safe)
+        assign_domains(self.bus, self._config.domain, self._idle)
         self.image = image = lay_out(self.bus, without_lrw(master, self._scanned))
         self.wire = wire_time(
             image,
@@ -316,7 +345,7 @@ class BringUp:
         """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
         timeout = self._config.state_timeout_s
         finish(wait_for_outputs(segment, self.bus, timeout, self._cancelled))
-        master.reach(AlState.OP, timeout)
+        self._reach(master, AlState.OP)
 
     def _summarise(self, image: Image) -> str:
         count = len(self.bus.slaves)

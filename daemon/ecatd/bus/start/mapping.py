@@ -1,7 +1,7 @@
 """From a scanned slave to its process data: which PDOs it has, and how its ESC is set up for them.
 
 Slaves with CoE say what is assigned now (`assignment.py`), those without are fixed by their SII
-(categories 50 and 51).
+(categories 50 and 51). What becomes of slaves that do not answer, `silent.py` decides.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Pdo, Slave
-from ecatd.model.errors import StateError
+from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.sii import UNASSIGNED, Sii, SiiSyncManager, read_sii
 
 from ..layout import Image
-from ..mailbox.mailboxes import converse
+from ..mailbox.coe import Coe
+from ..mailbox.mailboxes import Talk, converse
 from ..master import Master
 from .assignment import USAGE_INPUTS, USAGE_OUTPUTS, Assignment
 
@@ -36,18 +37,20 @@ class Scanned:
         slave: The slave.
         sii: Its SII.
         emergencies: Error code and error register of each emergency that it sent meanwhile.
+        silence: Where its mailbox does not answer, what was asked in vain: its process data are
+            those of its SII then.
     """
 
     slave: Slave
     sii: Sii
     emergencies: list[tuple[int, int]] = field(default_factory=list)
+    silence: str = ""
 
 
 def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -> list[Scanned]:
     """Reads everything about the slaves, which must be in PREOP.
 
     Raises:
-        NoAnswerError: A slave does not answer its mailbox.
         StateError: An EEPROM or object dictionary makes no sense, or `cancelled` says so.
     """
     scanned = [
@@ -56,14 +59,23 @@ def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -
     ]
     with_coe = [item for item in scanned if item.slave.coe]
     coe = [master.coe(item.slave.position) for item in with_coe]
-    talks = [
-        Assignment(item.slave, item.sii, way).read()
-        for item, way in zip(with_coe, coe, strict=True)
-    ]
-    converse(master.registers, talks, cancelled)
+    converse(master.registers, list(map(_read_assignment, with_coe, coe)), cancelled)
     for item, way in zip(with_coe, coe, strict=True):
         item.emergencies = way.emergencies
     return scanned
+
+
+def _read_assignment(item: Scanned, coe: Coe) -> Talk[None]:
+    try:
+        yield from Assignment(item.slave, item.sii, coe).read()
+    except NoAnswerError as error:
+        item.silence = str(error)
+        _take_from_sii(item.slave, item.sii)
+
+
+def _take_from_sii(slave: Slave, sii: Sii) -> None:
+    slave.outputs = [pdo for pdo in sii.outputs if pdo.sync_manager != UNASSIGNED]
+    slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != UNASSIGNED]
 
 
 def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
@@ -79,8 +91,7 @@ def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
     )
     if not slave.coe:
-        slave.outputs = [pdo for pdo in sii.outputs if pdo.sync_manager != UNASSIGNED]
-        slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != UNASSIGNED]
+        _take_from_sii(slave, sii)
     return Scanned(slave, sii)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Pdo, Slave
-from ecatd.model.errors import StateError
+from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.sii import SiiMailbox
 
 from ..layout import Image
@@ -103,6 +103,7 @@ class SetUp:
         image: Where their process data are.
         mailboxes: See `read_mailboxes`.
         clocks: The distributed clocks, where they are used.
+        silent: Slaves whose mailboxes did not answer; without those that answer again.
         timeout_s: Seconds that slaves have to reach a state.
     """
 
@@ -115,6 +116,7 @@ class SetUp:
         image: Image,
         mailboxes: Sequence[bytes],
         clocks: Clocks | None,
+        silent: dict[int, str],
         timeout_s: float,
     ) -> None:
         self._master = master
@@ -124,6 +126,7 @@ class SetUp:
         self._image = image
         self._mailboxes = mailboxes
         self._clocks = clocks
+        self._silent = silent
         self._timeout_s = timeout_s
 
     def has_boot(self, position: int) -> bool:
@@ -216,11 +219,15 @@ class SetUp:
         found, failed = yield from talk_all(self._master.registers, talks)
         missed = {}
         for number, error in failed.items():
-            text = f"its PDO assignment cannot be read: {error}"
-            missed[items[number].slave.position] = Missed(text)
+            position = items[number].slave.position
+            if position not in self._silent or not isinstance(error, NoAnswerError):
+                missed[position] = Missed(f"its PDO assignment cannot be read: {error}")
         for number, (outputs, inputs) in found.items():
+            position = items[number].slave.position
             if text := _difference(items[number].slave, outputs, inputs):
-                missed[items[number].slave.position] = Missed(text, changed=True)
+                missed[position] = Missed(text, changed=True)
+            else:
+                self._silent.pop(position, None)
         return missed
 
 

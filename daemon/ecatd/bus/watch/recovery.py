@@ -37,7 +37,7 @@ that is at work on it betrays itself in this time."""
 
 
 class Condition(StrEnum):
-    """What is known of a slave that should be in OP and is not."""
+    """What is known of a slave that should be in OP and is not, or has no mailbox."""
 
     FINE = ""
     MISSING = "missing"
@@ -46,6 +46,7 @@ class Condition(StrEnum):
     WAITING = "waiting"
     REFUSED = "refused"
     LEFT = "left"
+    SILENT = "silent"
 
 
 @dataclass(frozen=True, slots=True)

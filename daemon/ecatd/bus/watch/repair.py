@@ -55,11 +55,16 @@ class Repair:
         self._recovery = Recovery(
             len(running.bus.slaves), running.recovery.slaves, running.recovery.retry_s
         )
+        self._recovery.want(running.idle, AlState.PREOP)
+        self._settled(running.idle)
         self._jobs: dict[asyncio.Task[None], set[int]] = {}
 
     def condition(self, position: int) -> tuple[Condition, str]:
-        """What is known of a slave that should be in OP and is not."""
-        return self._recovery.condition(position)
+        """What is known of a slave that is not as it should be."""
+        condition, text = self._recovery.condition(position)
+        if not condition and (text := self._running.silent.get(position, "")):
+            condition = Condition.SILENT
+        return condition, text
 
     def _want(self, positions: Iterable[int], state: AlState) -> None:
         """Somebody brings slaves to a state: what is done to them here ends."""
