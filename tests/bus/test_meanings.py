@@ -115,7 +115,7 @@ def test_folders_count_in_their_order(
 @pytest.mark.parametrize(
     ("profile", "message"),
     [
-        ("[[device]]\nvendor = 1\n", "mine/tests.toml:1: device.description: is missing"),
+        ("[[device]]\nvendor = 1\n", "mine/tests.toml:1: device[0].description: is missing"),
         (None, "mine: is no folder; 'profiles' names folders with device profiles"),
     ],
 )

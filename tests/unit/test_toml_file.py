@@ -224,6 +224,8 @@ def test_values() -> None:
         ("zzz = 1", "1: zzz: is no key; valid are name, count, share, free, least, on, place, way"),
         ("x.y = 1", "1: x: is no key; valid are "),
         ('"a\\nb" = 1', "1: 'a\\nb': is no key; valid are "),
+        ("'' = 1", "1: '': is no key; valid are "),
+        ("inner.'' = 1", "1: inner.'': is no key; valid are "),
         ("[inner]\n[inner.inner]\non = 1", "3: inner.inner.on: must be true or false, not 1"),
         ("inner.on = 1", "1: inner.on: must be true or false, not 1"),
         ("\ninner = { name = 'a', on = 1 }", "2: inner.on: must be true or false, not 1"),

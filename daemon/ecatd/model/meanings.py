@@ -11,9 +11,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from .bus import Bus, Entry, Pdo, Slave
+from .bus import Bus, Entry, Pdo, Slave, Value
 from .config import SignalConfig
-from .config.signals import named_values
 from .datatypes import is_real, type_name, value_range
 from .errors import ConfigError
 from .profiles import DeviceProfile, Profiles
@@ -151,7 +150,7 @@ def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -
             quantity="",
         )
     if rule.values:
-        known.values = list(named_values(rule.values))
+        known.values = [Value(int(number), name) for number, name in rule.values.items()]
     if output and rule.minimum is not None:
         known.minimum = rule.minimum
     if output and rule.maximum is not None:

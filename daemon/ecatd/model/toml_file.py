@@ -132,13 +132,13 @@ class Table:
 
     # --- what is wrong ---------------------------------------------------------------------------
 
-    def fail(self, key: Key, message: str) -> NoReturn:
-        """Raises `ConfigError` for a key of the table; "" means the table itself."""
+    def fail(self, key: Key | None, message: str) -> NoReturn:
+        """Raises `ConfigError` for a key of the table; None means the table itself."""
         raise ConfigError(f"{self.where(key)}: {message}")
 
-    def where(self, key: Key = "") -> str:
-        """File, line and key; "" means the table itself."""
-        return self.document.where(self.path if key == "" else (*self.path, key))
+    def where(self, key: Key | None = None) -> str:
+        """File, line and key; None means the table itself."""
+        return self.document.where(self.path if key is None else (*self.path, key))
 
     def only(self, allowed: Iterable[str]) -> None:
         """Refuses keys that are not allowed."""
@@ -157,7 +157,7 @@ class Table:
                     hint = hint.format(key)
             self.fail(key, f"is no key; {hint}")
 
-    def explain(self, key: Key, make: Callable[[], T]) -> T:
+    def explain(self, key: Key | None, make: Callable[[], T]) -> T:
         """Calls a function; what it finds wrong is reported as this key's fault.
 
         Errors of other files, which name themselves, stay as they are.
@@ -302,8 +302,10 @@ class Table:
         return f"[{names}]" if isinstance(key, str) else f"[[{names}]]"
 
 
-Rule = Callable[[Table, str], Any]
+Rule = Callable[[Table, Key], Any]
 """Reads the value of a key: a method of `Table` such as `Table.text`, or what follows."""
+Rules = dict[str, Rule]
+"""The keys of a table, each with its rule."""
 
 
 def integer(low: int, high: int) -> Callable[[Table, Key], int]:
@@ -314,6 +316,31 @@ def integer(low: int, high: int) -> Callable[[Table, Key], int]:
 def number(low: float = -math.inf, high: float = math.inf) -> Callable[[Table, Key], float]:
     """A rule for finite numbers within bounds."""
     return lambda table, key: table.number(key, low=low, high=high)
+
+
+def printable(most: int) -> Callable[[Table, Key], str]:
+    """A rule for texts for people, of which shared memory has room for `most` bytes in UTF-8."""
+
+    def rule(table: Table, key: Key) -> str:
+        text = table.text(key)
+        if not text.isprintable() or len(text.encode("utf-8", "replace")) > most:
+            table.fail(
+                key, f"{show(text)} must be printable and at most {most} bytes long in UTF-8"
+            )
+        return text
+
+    return rule
+
+
+def word(words: Iterable[str]) -> Callable[[Table, Key], str]:
+    """A rule for one of several words."""
+    known = {text: text for text in words}
+    return lambda table, key: table.choice(key, known)
+
+
+def array(rule: Callable[[Table, Key], T]) -> Callable[[Table, Key], list[T]]:
+    """A rule for arrays with a rule for their elements."""
+    return lambda table, key: table.array(key, rule)
 
 
 def show(value: object) -> str:

@@ -149,7 +149,7 @@ class _Reader:
         except ConfigError:
             raise
         except EcatError as error:
-            self._table.fail("", str(error))
+            self._table.fail(None, str(error))
         return device
 
     def _read_name(self) -> None:
@@ -183,7 +183,9 @@ class _Reader:
             for number, manager in enumerate(managers):
                 if manager.type == wanted:
                     return number
-            table.fail("", f"there is no sync manager for {wanted.name.lower()} to carry this PDO")
+            table.fail(
+                None, f"there is no sync manager for {wanted.name.lower()} to carry this PDO"
+            )
         if self._attributes.get("mailbox"):
             return 2 if output else 3
         return 0 if output else int(any_outputs)

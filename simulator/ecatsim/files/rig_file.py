@@ -77,7 +77,7 @@ def _slave(table: Table, number: int) -> Device:
         known = (*_SOURCES, *device_file.keys(), *_PLACE)
         table.only(dict.fromkeys(known))
         table.fail(
-            "",
+            None,
             'says no device: it needs `device = "EL2004"` (see `ecatsim devices`) or the name of '
             "a file, `sii`, `esi`, or `vendor` and `product`",
         )
@@ -95,7 +95,7 @@ def _identify(table: Table, device: Device) -> None:
         entries = device.dictionary.object(0x1018).entries
         if 4 in entries:
             entries[4].value = device.serial
-    image = table.explain("", device.sii_image)
+    image = table.explain(None, device.sii_image)
     wanted = sources.patched(image, device.alias, device.serial)
     if image != wanted:
         vars(device)["sii_image"] = lambda: wanted
@@ -208,7 +208,7 @@ def _add_plant(table: Table, rig: Rig) -> None:
         return
     table.only(("python", "fmu", "parameters", "period", "catch_up"))
     if "python" not in table:
-        table.fail("", 'needs `python = "motor.py:Motor"` or `fmu = "motor.fmu"`')
+        table.fail(None, 'needs `python = "motor.py:Motor"` or `fmu = "motor.fmu"`')
     name, colon, function = table.text("python").rpartition(":")
     if not colon or not name.endswith(".py"):
         table.fail("python", 'must be a file and a name in it, as in "motor.py:Motor"')

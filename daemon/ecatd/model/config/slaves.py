@@ -3,134 +3,156 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
-from .reader import Reader, Rules, shown
-from .tables import Config, DomainConfig
+from ..toml_file import Key, Rules, Table, integer, number, printable
+from .tables import Config, DcConfig, DcSlaveConfig, DomainConfig
 
 DOMAINS_MAX = 16
 POSITION_MAX = 65535
 SYNC_MAX_US = 4_000_000
 """Registers 0x09A0 and 0x09A4 count nanoseconds in 32 bits."""
 
+POSITION = integer(0, POSITION_MAX)
+"""The rule for the position of a slave."""
+
 _POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
-_NAME_BYTES = 31
 _DOMAIN: Rules = {
-    "name": (str, 0, 0),
-    "divider": (int, 1, 65535),
-    "phase": (int, 0, 65534),
-    "slaves": (list, 0, 0),
+    "name": printable(31),
+    "divider": integer(1, 65535),
+    "phase": integer(0, 65534),
+    "slaves": Table.elements,
 }
 
 
-def read_domains(reader: Reader, rows: list[Any]) -> list[DomainConfig]:
+def read_domains(top: Table, key: Key) -> list[DomainConfig]:
     """The domains, 0 first."""
+    rows = top.tables(key)
     if len(rows) > DOMAINS_MAX:
-        reader.fail("", "domain", f"{len(rows)} tables, but there can be {DOMAINS_MAX} domains")
+        top.fail(key, f"{len(rows)} tables, but there can be {DOMAINS_MAX} domains")
     domains: list[DomainConfig] = []
-    for row, values in reader.rows(rows, _DOMAIN, "domain"):
-        name = reader.text(values, "name", _NAME_BYTES, "domain", row)
-        if name and name in (other.name for other in domains):
-            reader.fail("domain", "name", f"'{name}' is the name of another domain, too", row)
-        divider, phase = values.get("divider", 1), values.get("phase", 0)
-        if phase >= divider:
-            reader.fail(
-                "domain",
+    for row in rows:
+        values = row.read(_DOMAIN, required=["slaves"])
+        domain = DomainConfig(**values | {"slaves": _positions(values["slaves"], domains)})
+        if domain.name and domain.name in (other.name for other in domains):
+            row.fail("name", f"'{domain.name}' is the name of another domain, too")
+        if domain.phase >= domain.divider:
+            row.fail(
                 "phase",
-                f"is {phase}, but must be less than the divider, {divider}: the domain is "
-                f"exchanged in cycles whose number leaves this remainder",
-                row,
+                f"is {domain.phase}, but must be less than the divider, {domain.divider}: the "
+                f"domain is exchanged in cycles whose number leaves this remainder",
             )
-        values["slaves"] = _positions(reader, values.get("slaves", []), domains, row)
-        if row > 0 and not values["slaves"]:
-            reader.fail(
-                "domain",
+        if domains and not domain.slaves:
+            row.fail(
                 "slaves",
-                f'domain {row} has none: write its positions, as in slaves = [0, 3, "5-7"], '
-                f"or leave the table out",
-                row,
+                f'domain {len(domains)} has none: write its positions, as in slaves = [0, 3, "5-7"]'
+                ", or leave the table out",
             )
-        domains.append(DomainConfig(**values))
+        domains.append(domain)
     return domains
 
 
-def _positions(
-    reader: Reader, items: list[Any], domains: list[DomainConfig], row: int
-) -> list[int]:
+def _positions(items: Table, domains: list[DomainConfig]) -> list[int]:
     """Positions written out; `domains` are those in front, which must not have them."""
     taken = {position: n for n, domain in enumerate(domains) for position in domain.slaves}
     positions = []
-    for item in items:
-        for position in _position_row(reader, item, row):
+    for item in items.data:
+        for position in _position_row(items, item):
             if position in taken:
-                reader.fail(
-                    "domain",
-                    "slaves",
+                items.fail(
+                    item,
                     f"slave {position} is already in domain {taken[position]}; a slave is in "
                     f"one domain, and named once",
-                    row,
                 )
-            taken[position] = row
+            taken[position] = len(domains)
             positions.append(position)
     return positions
 
 
-def _position_row(reader: Reader, item: Any, row: int) -> range:
+def _position_row(items: Table, key: Key) -> range:
     """The positions of one element of a list: 5, "5" or "5-7"."""
+    item = items.data[key]
     match = _POSITIONS.fullmatch(item.strip()) if isinstance(item, str) else None
     if match:
         first, last = int(match[1]), int(match[2] or match[1])
-    elif type(item) is int:
-        first = last = item
     else:
-        first, last = -1, -1
+        first = last = item if type(item) is int else -1
     if not 0 <= first <= last <= POSITION_MAX:
-        reader.fail(
-            "domain",
-            "slaves",
-            f'{shown(item)} is neither a position, 0 to {POSITION_MAX}, nor a row such as "5-7"',
-            row,
+        items.fail(
+            key,
+            f"{items.show(key)} is neither a position, 0 to {POSITION_MAX}, nor a row such as "
+            '"5-7"',
         )
     return range(first, last + 1)
 
 
-def check_clocks(reader: Reader, config: Config) -> None:
+_SLAVE: Rules = {
+    "slave": POSITION,
+    "sync0_us": number(0, SYNC_MAX_US),
+    "shift_us": number(-SYNC_MAX_US, SYNC_MAX_US),
+    "sync1_us": number(0, SYNC_MAX_US),
+}
+_DC: Rules = {
+    "enabled": Table.boolean,
+    "reference": integer(-1, POSITION_MAX),
+    "phase_us": number(0, 1_000_000),
+    "lock_us": number(0.1, 500_000),
+    "timeout_s": number(0.1, 300),
+    "slave": lambda table, key: [
+        DcSlaveConfig(**row.read(_SLAVE, required=["slave"])) for row in table.tables(key)
+    ],
+}
+
+
+def read_clocks(top: Table, key: Key) -> DcConfig:
+    """`[dc]` with its `[[dc.slave]]`."""
+    table = top.table(key)
+    values = table.read(_DC)
+    values.setdefault("enabled", bool(values.get("slave")))
+    dc = DcConfig(**values)
+    for name in values if "enabled" not in table and not dc.slave else ():
+        if values[name] != getattr(DcConfig(), name):
+            table.fail(
+                name,
+                "does nothing, since no clock is synchronised: add enabled = true, or a "
+                "[[dc.slave]]",
+            )
+    return dc
+
+
+def check_clocks(top: Table, config: Config) -> None:
     """Raises `ConfigError` where clocks do not fit the cycles of their slaves."""
+    table = top.table("dc", None)
+    if table is None:
+        return
     cycle, dc = config.cycle_time_us, config.dc
     if dc.phase_us >= cycle:
-        reader.fail(
-            "dc",
+        table.fail(
             "phase_us",
             f"is {dc.phase_us:g}, but frames leave within the base cycle, {cycle} µs",
         )
     if dc.lock_us > cycle / 2:
-        reader.fail(
-            "dc",
+        table.fail(
             "lock_us",
             f"is {dc.lock_us:g}, but no phase is more than half the base cycle, "
             f"{cycle / 2:g} µs, from where it should be",
         )
     seen: set[int] = set()
-    for row, slave in enumerate(dc.slave):
+    for row, slave in zip(table.tables("slave"), dc.slave, strict=True):
         if slave.slave in seen:
-            reader.fail("dc.slave", "slave", f"slave {slave.slave} has two tables", row)
+            row.fail("slave", f"slave {slave.slave} has two tables")
         seen.add(slave.slave)
         domain = config.domain_cycle_us(slave.slave)
         # In nanoseconds, as the register has it: SYNC0 must not drift against the frames.
         sync0, frames = round(config.sync0_us(slave) * 1000), domain * 1000
         if not 0 < sync0 <= SYNC_MAX_US * 1000:
-            reader.fail(
-                "dc.slave",
+            row.fail(
                 "sync0_us",
                 f"is the cycle of the domain, {domain} µs, but SYNC0 comes at least every "
                 f"{SYNC_MAX_US} µs: choose a fraction of the cycle",
-                row,
             )
         if sync0 % frames and frames % sync0:
-            reader.fail(
-                "dc.slave",
+            row.fail(
                 "sync0_us",
                 f"is {slave.sync0_us:g}, but slave {slave.slave} is exchanged every {domain} "
                 f"µs: it must be a multiple or a whole fraction of that",
-                row,
             )

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .reader import Reader
+from typing import Any
 
 _ENTRY = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
 
@@ -124,12 +121,6 @@ class MailboxConfig:
     share: float = 0.5
 
 
-def check_address(reader: Reader, entry: str, table: str, row: int) -> None:
-    """Raises `ConfigError` unless a text is the address of an entry, as "0x60FF:00"."""
-    if entry_address(entry) is None:
-        reader.fail(table, "entry", f'{entry!r} is no address such as "0x60FF:00"', row)
-
-
 def entry_address(entry: str) -> tuple[int, int] | None:
     """Index and subindex of an entry such as "0x60FF:00"; None if it is no address."""
     match = _ENTRY.fullmatch(entry)
@@ -213,8 +204,7 @@ class SignalConfig:
         minimum: Smallest physical value that an output may get from a client; None: as the type
             allows.
         maximum: Largest one.
-        values: What the numbers stand for, by number as the file has it; none: as the profile
-            says.
+        values: What the numbers stand for, by decimal number; none: as the profile says.
     """
 
     slave: int
