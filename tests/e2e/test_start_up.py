@@ -283,7 +283,7 @@ def test_unknown_rig(env: dict[str, str]) -> None:
     ("text", "what"),
     [
         ("cycle_time = 1", "{file}:1: cycle_time: is no key; did you mean 'cycle_time_us'?"),
-        ("[realtime\n", "{file}: is no valid TOML: "),
+        ("[realtime\n", "{file}:1: is no valid TOML: "),
         ("\n\ncycle_time_us = 1", "{file}:3: cycle_time_us: is 1, but must be from 100"),
     ],
 )

@@ -332,10 +332,9 @@ def printable(most: int) -> Callable[[Table, Key], str]:
     return rule
 
 
-def word(words: Iterable[str]) -> Callable[[Table, Key], str]:
-    """A rule for one of several words."""
-    known = {text: text for text in words}
-    return lambda table, key: table.choice(key, known)
+def choice(choices: Mapping[str, T]) -> Callable[[Table, Key], T]:
+    """A rule for one of several words, which stands for something."""
+    return lambda table, key: table.choice(key, choices)
 
 
 def array(rule: Callable[[Table, Key], T]) -> Callable[[Table, Key], list[T]]:

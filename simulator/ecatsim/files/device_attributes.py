@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any, TypeVar
 
-from ecatd.model.toml_file import REQUIRED, Table, integer
+from ecatd.model.toml_file import Rules, Table, choice, integer
 
 from ..chip import MODELS, Chip
 from ..slave.device import Device
 from ..slave.sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from . import sources
-from .device_objects import INPUTS, OUTPUTS, latin1
+from .device_objects import INPUTS, OUTPUTS, read_latin1
 
 T = TypeVar("T")
 Bounds = dict[str, tuple[int, int]]
@@ -66,13 +66,22 @@ _MAILBOX: Bounds = {
     "send": (0x1000, _U16),
     "send_size": (32, 1486),
 }
-_DC_MODE: Bounds = {
-    "assign_activate": (0, _U16),
-    "sync0_cycle_ns": (0, _U32),
-    "sync0_factor": (-32768, 32767),
-    "sync0_shift_ns": (-(1 << 31), (1 << 31) - 1),
-    "sync1_cycle_factor": (-32768, 32767),
-    "sync1_shift_ns": (-(1 << 31), (1 << 31) - 1),
+_SYNC_MANAGER: Rules = {
+    "type": choice(_SM_TYPES),
+    "start": integer(0, _U16),
+    "size": integer(0, _U16),
+    "control": integer(0, _U8),
+    "enable": integer(0, _U8),
+}
+_DC_MODE: Rules = {
+    "name": read_latin1,
+    "description": read_latin1,
+    "assign_activate": integer(0, _U16),
+    "sync0_cycle_ns": integer(0, _U32),
+    "sync0_factor": integer(-32768, 32767),
+    "sync0_shift_ns": integer(-(1 << 31), (1 << 31) - 1),
+    "sync1_cycle_factor": integer(-32768, 32767),
+    "sync1_shift_ns": integer(-(1 << 31), (1 << 31) - 1),
 }
 _MAX_MAPPED = 1486
 
@@ -117,7 +126,7 @@ def read(table: Table, known: dict[str, Any]) -> None:
 
 def _scalar(table: Table, key: str, kind: str) -> int | float | str | bool:
     if kind == "str":
-        return latin1(table, key, table.text(key))
+        return read_latin1(table, key)
     if kind == "bool":
         return table.boolean(key)
     if kind == "float":
@@ -180,7 +189,7 @@ def _mailbox(table: Table, key: str, known: dict[str, Any]) -> None:
     values["coe_details"] = _bits(inner, "coe_details", _COE_DETAILS, old.coe_details)
     box = Mailbox(**values)
     if box.send < box.receive + box.receive_size and box.receive < box.send + box.send_size:
-        place = next((k for k in ("send", "receive", "receive_size") if k in inner), "")
+        place = next((k for k in ("send", "receive", "receive_size") if k in inner), None)
         inner.fail(
             place,
             f"the mailboxes overlap: the master writes 0x{box.receive:04X} to "
@@ -190,18 +199,8 @@ def _mailbox(table: Table, key: str, known: dict[str, Any]) -> None:
 
 
 def _sync_managers(table: Table, key: str, known: dict[str, Any]) -> None:
-    managers = []
-    for row in table.tables(key):
-        row.only([field.name for field in fields(SyncManager)])
-        managers.append(
-            SyncManager(
-                row.choice("type", _SM_TYPES),
-                row.integer("start", 0, _U16),
-                row.integer("size", 0, _U16),
-                row.integer("control", 0, _U8),
-                row.integer("enable", 0, _U8, 1),
-            )
-        )
+    needed = ("type", "start", "size", "control")
+    managers = [SyncManager(**row.read(_SYNC_MANAGER, needed)) for row in table.tables(key)]
     room = known.get("chip", Device.chip).sync_managers
     if len(managers) > room:
         table.fail(key, f"has {len(managers)} sync managers, but the chip has {room}")
@@ -209,16 +208,8 @@ def _sync_managers(table: Table, key: str, known: dict[str, Any]) -> None:
 
 
 def _dc_modes(table: Table, key: str, known: dict[str, Any]) -> None:
-    modes = []
-    for row in table.tables(key):
-        row.only([field.name for field in fields(DcMode)])
-        values: dict[str, Any] = {
-            name: row.integer(name, *bounds) for name, bounds in _DC_MODE.items() if name in row
-        }
-        for name in ("name", "description"):
-            values[name] = latin1(row, name, row.text(name, "" if name != "name" else REQUIRED))
-        modes.append(DcMode(**values))
-    known["dc_modes"] = tuple(modes)
+    rows = table.tables(key)
+    known["dc_modes"] = tuple(DcMode(**row.read(_DC_MODE, ["name"])) for row in rows)
 
 
 def _fmmus(table: Table, key: str, known: dict[str, Any]) -> None:

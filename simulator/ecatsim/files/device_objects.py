@@ -133,6 +133,11 @@ def latin1(table: Table, key: Key, text: str) -> str:
     return text
 
 
+def read_latin1(table: Table, key: Key) -> str:
+    """A text of the slave."""
+    return latin1(table, key, table.text(key))
+
+
 # --- object dictionary ---------------------------------------------------------------------------
 
 
@@ -189,7 +194,7 @@ def _apply_array(objects: Dictionary, table: Table, index: int) -> set[int]:
     count = len(values.data)
     if count > 254:
         table.fail("values", f"has {count} values, but an array has at most 254")
-    names = table.array("names", lambda array, number: latin1(array, number, array.text(number)))
+    names = table.array("names", read_latin1)
     if names and len(names) != count:
         table.fail("names", f"has {len(names)} names for {count} values")
     names = names or [f"SubIndex {number:03d}" for number in range(1, count + 1)]

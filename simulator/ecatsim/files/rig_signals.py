@@ -3,72 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
-from ecatd.model.toml_file import Table
+from ecatd.model.toml_file import Key, Rules, Table, integer, number
 
 from ..plants import signals
 from ..plants.signals import Signal
 
 
-def _constant(table: Table) -> Signal:
-    return signals.constant(table.number("value"))
+def _table(file: Path, column: str | int = 1, time: str | int = 0, repeat: bool = False) -> Signal:
+    return signals.table(file, column, time, repeat=repeat)
 
 
-def _sine(table: Table) -> Signal:
-    return signals.sine(
-        table.number("amplitude"),
-        _frequency(table),
-        table.number("phase", 0.0),
-        table.number("offset", 0.0),
-    )
-
-
-def _square(table: Table) -> Signal:
-    low, high = table.number("low", 0.0), table.number("high", 1.0)
-    return signals.square(_frequency(table), low, high)
-
-
-def _ramp(table: Table) -> Signal:
-    return signals.ramp(table.number("low"), table.number("high"), _frequency(table))
-
-
-def _triangle(table: Table) -> Signal:
-    return signals.triangle(table.number("low"), table.number("high"), _frequency(table))
-
-
-def _noise(table: Table) -> Signal:
-    return signals.noise(
-        table.number("deviation", low=0.0),
-        table.number("mean", 0.0),
-        table.integer("seed", 0, 0xFFFFFFFF, 1),
-    )
-
-
-def _table(table: Table) -> Signal:
-    columns = {key: _column(table, key, default) for key, default in (("column", 1), ("time", 0))}
-    path, repeat = table.file("file"), table.boolean("repeat", False)
-    return table.explain("file", lambda: signals.table(path, **columns, repeat=repeat))
-
-
-def _frequency(table: Table) -> float:
-    return table.number("frequency", low=0.0, high=1e9)
-
-
-def _column(table: Table, key: str, default: int) -> str | int:
-    if isinstance(table.data.get(key), str):
+def _column(table: Table, key: Key) -> str | int:
+    """The name of a column, or its number."""
+    if isinstance(table.data[key], str):
         return table.text(key)
-    return table.integer(key, 0, 0xFFFF, default)
+    return table.integer(key, 0, 0xFFFF)
 
 
-_SHAPES: dict[str, tuple[tuple[str, ...], Callable[[Table], Signal]]] = {
-    "constant": (("value",), _constant),
-    "sine": (("amplitude", "frequency", "phase", "offset"), _sine),
-    "square": (("frequency", "low", "high"), _square),
-    "ramp": (("low", "high", "frequency"), _ramp),
-    "triangle": (("low", "high", "frequency"), _triangle),
-    "noise": (("deviation", "mean", "seed"), _noise),
-    "table": (("file", "column", "time", "repeat"), _table),
+_FREQUENCY = number(0, 1e9)
+_LEVELS: Rules = {"low": number(), "high": number(), "frequency": _FREQUENCY}
+_SINE: Rules = {
+    "amplitude": number(),
+    "frequency": _FREQUENCY,
+    "phase": number(),
+    "offset": number(),
 }
+_NOISE: Rules = {"deviation": number(0), "mean": number(), "seed": integer(0, 0xFFFFFFFF)}
+_FILE: Rules = {
+    "file": Table.file,
+    "column": _column,
+    "time": _column,
+    "repeat": Table.boolean,
+}
+_SHAPES: dict[str, tuple[Callable[..., Signal], Rules, tuple[str, ...]]] = {
+    "constant": (signals.constant, {"value": number()}, ("value",)),
+    "sine": (signals.sine, _SINE, ("amplitude", "frequency")),
+    "square": (signals.square, _LEVELS, ("frequency",)),
+    "ramp": (signals.ramp, _LEVELS, ("low", "high", "frequency")),
+    "triangle": (signals.triangle, _LEVELS, ("low", "high", "frequency")),
+    "noise": (signals.noise, _NOISE, ("deviation",)),
+    "table": (_table, _FILE, ("file",)),
+}
+"""For each shape what makes the signal, its keys, and those that must be there."""
 
 
 def read(table: Table) -> Signal:
@@ -77,6 +55,7 @@ def read(table: Table) -> Signal:
     Raises:
         ConfigError: Something in it is wrong.
     """
-    keys, make = table.choice("shape", _SHAPES)
-    table.only(("to", "shape", *keys))
-    return make(table)
+    make, rules, required = table.choice("shape", _SHAPES)
+    values = table.read({"to": Table.table, "shape": Table.text, **rules}, required)
+    del values["to"], values["shape"]
+    return table.explain("file", lambda: make(**values))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError
-from ..toml_file import Document, Key, Rules, Table, array, integer, number, read_toml, word
+from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml
 from .outputs import read_outputs
 from .signals import read_signals
 from .slaves import check_clocks, read_clocks, read_domains
@@ -93,7 +93,10 @@ _REALTIME: Rules = {
     "dma_latency_us": integer(-1, 1_000_000),
 }
 _MAILBOX: Rules = {"share": number(0.01, 1)}
-_RECOVERY: Rules = {"slaves": word(RECOVERY_MODES), "retry_s": number(0.1, 3600)}
+_RECOVERY: Rules = {
+    "slaves": choice({mode: mode for mode in RECOVERY_MODES}),
+    "retry_s": number(0.1, 3600),
+}
 _GATEWAY: Rules = {"listen": array(_endpoint), "publish_hz": number(0, 1000)}
 _TOP: Rules = {
     "bus": _bus,
