@@ -110,6 +110,7 @@ int ecat_read(ecat_t *bus, int number, double *value) {
 
 /* A real entry as an integer. */
 static int rounded(ecat_t *bus, double real, int64_t *value) {
+  real = ecat_round(real);
   if (!(real >= -9223372036854775808.0 && real < 9223372036854775808.0)) /* also not a number */
     return ecat_fail(bus, ECAT_ERANGE, "%g is no 64-bit integer", real);
   *value = (int64_t)real;

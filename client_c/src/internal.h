@@ -10,6 +10,7 @@
 #include <ecat/ecat_shm.h>
 
 #include "entries.h"
+#include "values.h"
 
 #define NS_PER_S 1000000000u
 #define LATE_NS 20000000u         /* since the last cycle, until it is asked whether the daemon lives */
@@ -37,7 +38,6 @@ struct signal {
   uint8_t reading;   /* enum reading */
   uint8_t up, down;  /* shifts that leave nothing but the entry of that word */
   uint8_t sign, real, output;
-  uint8_t limited; /* outputs: has a declared range */
 };
 
 /* The last sample of one domain. */
@@ -75,6 +75,7 @@ struct ecat_client {
   ecat_shm_signal *signals;
   ecat_shm_domain *domains;
   struct signal *signal;
+  struct rule *rule;     /* of each signal, what is written to it has to keep to */
   struct snapshot *snapshot;
   uint64_t *retired;     /* images of domains that have another size now, for who has their address */
   uint64_t waited_cycle; /* last cycle seen by ecat_wait or ecat_sample */

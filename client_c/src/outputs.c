@@ -1,7 +1,6 @@
 /* Staged outputs, and commits. */
 #include "internal.h"
 
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -56,54 +55,32 @@ static const struct signal *writable(ecat_t *bus, int number, int *code) {
   return NULL;
 }
 
-/* The raw values that an output can have. */
-static void limits(const ecat_t *bus, int number, double *low, double *high) {
-  const struct signal *signal = &bus->signal[number];
+/* The values that an output can have, as raw ones or as the program sees them. */
+static int out_of_range(ecat_t *bus, int number, const struct value *value) {
   const ecat_shm_signal *entry = &bus->signals[number];
-  *low = signal->sign ? -ldexp(1, signal->bits - 1) : 0;
-  *high = ldexp(1, signal->sign ? signal->bits - 1 : signal->bits) - 1;
-  if (signal->real) *low = -(*high = signal->bits == 32 ? (double)FLT_MAX : DBL_MAX);
-  if (entry->minimum > *low) *low = entry->minimum;
-  if (entry->maximum < *high) *high = entry->maximum;
-}
-
-static int out_of_range(ecat_t *bus, int number, double value) {
-  const struct signal *signal = &bus->signal[number];
-  const ecat_shm_signal *entry = &bus->signals[number];
-  double low, high;
-  limits(bus, number, &low, &high);
+  const struct rule *rule = &bus->rule[number];
+  const char *what = value->analog ? "values" : rule->real ? "numbers" : "whole numbers";
+  int own = value->scale != entry->scale || value->offset != entry->offset;
+  const char *unit = value->analog && !own ? entry->unit : "", *space = unit[0] != '\0' ? " " : "";
+  double first, last;
+  value_limits(rule, &first, &last);
+  first = first * value->scale + value->offset;
+  last = last * value->scale + value->offset;
   return ecat_fail(bus, ECAT_ERANGE,
-                   "%.15g is out of range for 0x%04X:%02X (%s) of slave %d (%s): %s from %.15g to "
-                   "%.15g are allowed",
-                   value, entry->index, entry->subindex, entry->name, signal->slave,
-                   bus->slaves[signal->slave].name, signal->real ? "numbers" : "whole numbers", low,
-                   high);
+                   "%.15g%s%s is out of range for 0x%04X:%02X (%s) of slave %d (%s): %s from %.15g to "
+                   "%.15g%s%s are allowed",
+                   value->is_whole ? (double)value->whole : value->real, space, unit, entry->index,
+                   entry->subindex, entry->name, entry->slave, bus->slaves[entry->slave].name, what,
+                   fmin(first, last), fmax(first, last), space, unit);
 }
 
-/* The same as the program sees it, which gave a physical value. */
-static int out_of_physical_range(ecat_t *bus, int number, double value) {
-  const ecat_shm_signal *entry = &bus->signals[number];
-  const char *space = entry->unit[0] != '\0' ? " " : "";
-  double first, second;
-  limits(bus, number, &first, &second);
-  first = first * entry->scale + entry->offset;
-  second = second * entry->scale + entry->offset;
-  return ecat_fail(bus, ECAT_ERANGE,
-                   "%.15g%s%s is out of range for 0x%04X:%02X (%s) of slave %d (%s): values from "
-                   "%.15g to %.15g%s%s are allowed",
-                   value, space, entry->unit, entry->index, entry->subindex, entry->name,
-                   entry->slave, bus->slaves[entry->slave].name, fmin(first, second),
-                   fmax(first, second), space, entry->unit);
-}
-
-/* Puts the bits of a value, which fits its type, where the next commit takes them from. */
-static int stage(ecat_t *bus, int number, uint64_t bits) {
-  const struct signal *signal = &bus->signal[number];
-  if (signal->limited) {
-    double value = raw_to_double(bits, signal->bits, signal->sign, signal->real);
-    if (!(value >= bus->signals[number].minimum && value <= bus->signals[number].maximum))
-      return out_of_range(bus, number, value);
-  }
+/* Puts the bits of a value where the next commit takes them from. */
+static int stage(ecat_t *bus, int number, const struct value *value) {
+  const struct signal *signal;
+  uint64_t bits;
+  int code = 0;
+  if ((signal = writable(bus, number, &code)) == NULL) return code;
+  if (value_encode(&bus->rule[number], value, &bits) != 0) return out_of_range(bus, number, value);
   if (signal->staged % 8 == 0 && signal->bits % 8 == 0)
     memcpy((uint8_t *)bus->stage + signal->staged / 8, &bits, signal->bits / 8u);
   else
@@ -114,59 +91,34 @@ static int stage(ecat_t *bus, int number, uint64_t bits) {
   return 0;
 }
 
-int ecat_write_int(ecat_t *bus, int number, int64_t value) {
-  int code = 0;
-  uint64_t bits;
-  const struct signal *signal = writable(bus, number, &code);
-  if (signal == NULL) return code;
-  if (signal->real) return ecat_write(bus, number, (double)value);
-  if (signal->bits < 64) {
-    int64_t low = signal->sign ? -((int64_t)1 << (signal->bits - 1)) : 0;
-    int64_t high = (int64_t)((1ull << (signal->bits - signal->sign)) - 1);
-    if (value < low || value > high) return out_of_range(bus, number, (double)value);
-  }
-  bits = (uint64_t)value;
-  if (signal->bits < 64) bits &= (1ull << signal->bits) - 1;
-  return stage(bus, number, bits);
+int ecat_write(ecat_t *bus, int number, double value) {
+  struct value given = {value, 0, 1, 0, 0, 0};
+  return stage(bus, number, &given);
 }
 
-int ecat_write(ecat_t *bus, int number, double value) {
-  int code = 0;
-  uint64_t bits = 0;
-  const struct signal *signal = writable(bus, number, &code);
-  if (signal == NULL) return code;
-  if (signal->real) {
-    if (!isfinite(value)) return out_of_range(bus, number, value);
-    if (signal->bits == 32) {
-      float single = (float)value;
-      if (!isfinite(single)) return out_of_range(bus, number, value);
-      memcpy(&bits, &single, 4);
-    } else {
-      memcpy(&bits, &value, 8);
-    }
-    return stage(bus, number, bits);
-  }
-  /* NaN fails both comparisons; 2^63 and 2^64 are exact as double, so the casts below are sound. */
-  if (!(value >= -9223372036854775808.0 && value < 18446744073709551616.0) ||
-      value != floor(value))
-    return out_of_range(bus, number, value);
-  if (value >= 9223372036854775808.0) {
-    if (signal->sign || signal->bits < 64) return out_of_range(bus, number, value);
-    return stage(bus, number, (uint64_t)value);
-  }
-  if (value < 0 && !signal->sign) return out_of_range(bus, number, value);
-  return ecat_write_int(bus, number, (int64_t)value);
+int ecat_write_int(ecat_t *bus, int number, int64_t value) {
+  struct value given = {0, value, 1, 0, 1, 0};
+  return stage(bus, number, &given);
+}
+
+int ecat_write_scaled(ecat_t *bus, int number, double value, double scale, double offset) {
+  struct value given = {value, 0, scale, offset, 0, 1};
+  if (scale == 0 || !isfinite(scale) || !isfinite(offset))
+    return ecat_fail(bus, ECAT_EARG, "a value cannot be scaled by %g with an offset of %g: the scale "
+                     "must be a finite number other than 0", scale, offset);
+  return stage(bus, number, &given);
 }
 
 int ecat_write_physical(ecat_t *bus, int number, double value) {
   const ecat_shm_signal *entry;
-  double raw;
-  int code;
-  if (number < 0 || number >= ecat_signal_count(bus)) return ecat_write(bus, number, value);
-  entry = &bus->signals[number];
-  raw = (value - entry->offset) / entry->scale;
-  code = ecat_write(bus, number, bus->signal[number].real ? raw : nearbyint(raw));
-  return code == ECAT_ERANGE ? out_of_physical_range(bus, number, value) : code;
+  struct value given = {value, 0, 1, 0, 0, 0};
+  if (number >= 0 && number < ecat_signal_count(bus)) {
+    entry = &bus->signals[number];
+    given.scale = entry->scale;
+    given.offset = entry->offset;
+    given.analog = value_is_analog(entry->unit, entry->scale, entry->offset);
+  }
+  return stage(bus, number, &given);
 }
 
 int ecat_commit(ecat_t *bus) {

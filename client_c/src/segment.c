@@ -78,6 +78,8 @@ static int check_signal(ecat_t *bus, unsigned number) {
       memchr(from->pdo_name, 0, sizeof from->pdo_name) == NULL ||
       memchr(from->unit, 0, sizeof from->unit) == NULL)
     return damaged(bus, "signal name");
+  if (from->scale == 0 || !isfinite(from->scale) || !isfinite(from->offset))
+    return damaged(bus, "signal scale");
   to->bit = from->bit_offset;
   to->staged = 8 * domain->output_base + from->bit_offset;
   to->bits = (uint8_t)from->bit_length;
@@ -91,7 +93,7 @@ static int check_signal(ecat_t *bus, unsigned number) {
   to->reading = READ_OTHERWISE;
   if (!to->real && from->bit_offset % 64 + from->bit_length <= 64 && (to->sign || to->bits < 64))
     to->reading = to->sign ? READ_SIGNED : READ_UNSIGNED;
-  to->limited = from->minimum > -HUGE_VAL || from->maximum < HUGE_VAL;
+  bus->rule[number] = value_rule(from->type, from->bit_length, from->minimum, from->maximum);
   return 0;
 }
 
@@ -154,11 +156,13 @@ static int check_tables(ecat_t *bus) {
 
   if (copy_tables(bus) != 0) return ecat_fail(bus, ECAT_ESYS, "out of memory");
   bus->signal = calloc(h->signal_count + 1, sizeof *bus->signal);
+  bus->rule = calloc(h->signal_count + 1, sizeof *bus->rule);
   bus->snapshot = calloc(h->domain_count + 1, sizeof *bus->snapshot);
   bus->sets = (h->signal_count + 63) / 64;
   bus->claims = calloc(3 * bus->sets + h->signal_count + 1, 8);
   bus->stage = calloc(2, (size_t)h->output_bytes + 32); /* bits_get() reads beyond the last byte */
-  if (bus->signal == NULL || bus->snapshot == NULL || bus->stage == NULL || bus->claims == NULL)
+  if (bus->signal == NULL || bus->rule == NULL || bus->snapshot == NULL || bus->stage == NULL ||
+      bus->claims == NULL)
     return ecat_fail(bus, ECAT_ESYS, "out of memory");
   bus->written = bus->claims + bus->sets;
   bus->wish = bus->written + bus->sets;
@@ -237,6 +241,7 @@ void ecat_segment_close(ecat_t *bus) {
     for (i = 0; i < bus->header->domain_count; i++) free_image(bus->snapshot[i].image);
   free(bus->snapshot);
   free(bus->signal);
+  free(bus->rule);
   free(bus->stage);
   free(bus->claims);
   free(bus->tables);
@@ -244,6 +249,7 @@ void ecat_segment_close(ecat_t *bus) {
   if (bus->fd >= 0) close(bus->fd);
   bus->snapshot = NULL;
   bus->signal = NULL;
+  bus->rule = NULL;
   bus->stage = NULL;
   bus->claims = NULL;
   bus->tables = NULL;

@@ -124,7 +124,7 @@ def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[str]:
 
 def _scaling(entry: Entry) -> str:
     """Arguments in the syntax of Modelica and of C, whose numbers are alike."""
-    if entry.scale == 1 and entry.offset == 0:
+    if not entry.is_physical:
         return ""
     return f", {entry.scale!r}, {entry.offset!r}"
 

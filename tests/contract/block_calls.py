@@ -16,7 +16,7 @@ LIBRARY = "Plant"
 
 _MO_PDO = re.compile(
     r"parameter EtherCAT\.Objects\.PDO (\w+) = EtherCAT\.Objects\.PDO\(\s*slaveConfiguration, "
-    r"(\d+), (\d+), (true|false), (\d+), (\d+)(?:, (\S+), (\S+))?\) \""
+    r"(\d+), (\d+), (true|false), (\d+), (\d+)(?:, (\S+), (\S+), \"(.*)\")?\) \""
 )
 _MO_READ = re.compile(r"(\w+) = EtherCAT\.Functions\.read(\w+)\((\w+), time, (\S+)\);")
 _MO_WRITE = re.compile(r"(\w+) = EtherCAT\.Functions\.write(\w+)\((\w+), time, (\S+), (\w+)\);\n")
@@ -27,7 +27,7 @@ _MO_SLAVE = re.compile(
 _H_SLAVE = re.compile(r"ecatm_slave_open\(block->domain, (.+?), (.+?), (.+?), (.+?),\n")
 _H_PDO = re.compile(
     r"block->(\w+) = ecatm_pdo_open\(block->slave, (\w+), (\d+), ([01]), (\d+), (\d+), (\S+), "
-    r"(\S+)\);"
+    r"(\S+), \"(.*)\"\);"
 )
 _H_READ = re.compile(r"block->(\w+) = ecatm_read_(\w+)\(block->(\w+), time, cycle\);")
 _H_WRITE = re.compile(r"cycle = ecatm_write_(\w+)\(block->(\w+), time, cycle, block->(\w+)\);")
@@ -54,6 +54,7 @@ class Entry:
     bits: int
     scale: float
     offset: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,8 @@ def of_modelica(text: str) -> Calls:
     slave = _MO_SLAVE.search(text)
     assert slave is not None
     opened = [
-        (handle, _entry(index, subindex, output == "true", kind, bits, scale or 1, offset or 0))
-        for handle, index, subindex, output, kind, bits, scale, offset in _MO_PDO.findall(text)
+        (handle, _entry(index, subindex, output == "true", *words))
+        for handle, index, subindex, output, *words in _MO_PDO.findall(text)
     ]
     reads = _MO_READ.findall(text)
     assert all(after == "etherCATMaster.cycle" for *_, after in reads)
@@ -112,8 +113,8 @@ def of_header(text: str) -> dict[str, Calls]:
         assert slave is not None
         assert body.count("ecatm_slave_state(block->slave, time, cycle, ") == 1
         opened = [
-            (handle, _entry(index, subindex, output == "1", kind, bits, scale, offset))
-            for handle, index, subindex, output, kind, bits, scale, offset in _H_PDO.findall(body)
+            (handle, _entry(index, subindex, output == "1", *words))
+            for handle, index, subindex, output, *words in _H_PDO.findall(body)
         ]
         for handle, _ in opened:
             assert body.count(f"ecatm_pdo_close(block->{handle});") == 1
@@ -127,11 +128,11 @@ def of_header(text: str) -> dict[str, Calls]:
     return result
 
 
-def _entry(index: str, subindex: str, output: bool, *numbers: str | float) -> Entry:
-    kind, bits, scale, offset = numbers
+def _entry(index: str, subindex: str, output: bool, *words: str) -> Entry:
+    kind, bits, scale, offset, unit = words
     return Entry(
-        *(int(index, 0), int(subindex), output),
-        *(int(kind), int(bits), float(scale), float(offset)),
+        *(int(index, 0), int(subindex), output, int(kind), int(bits)),
+        *(float(scale or 1), float(offset or 0), unit),
     )
 
 

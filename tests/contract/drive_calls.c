@@ -27,8 +27,8 @@ axis *axis_open(const char *bus, double sample_time, int failure, int position, 
   a->domain = ecatm_domain_open(a->master, 1);
   a->slave = ecatm_slave_open(a->domain, position, vendor, product, 0, "a drive", "", "nothing");
   for (n = 0; n < count; n++) {
-    a->outputs[n] = ecatm_pdo_open(a->slave, writes[n].index, 0, 1, writes[n].type, writes[n].bits, 1, 0);
-    a->inputs[n] = ecatm_pdo_open(a->slave, reads[n].index, 0, 0, reads[n].type, reads[n].bits, 1, 0);
+    a->outputs[n] = ecatm_pdo_open(a->slave, writes[n].index, 0, 1, writes[n].type, writes[n].bits, 1, 0, "");
+    a->inputs[n] = ecatm_pdo_open(a->slave, reads[n].index, 0, 0, reads[n].type, reads[n].bits, 1, 0, "");
   }
   a->drive = ecatm_drive_new(a->master, position, settings, start_up, (size_t)rows);
   return a;

@@ -4,6 +4,7 @@
  * Argument: name of the bus. Says "restart" when the daemon is to be killed and started again, and
  * ends with "done". */
 #include <ecat/ecat.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -192,11 +193,16 @@ static void writing(ecat_t *bus, const char *name) {
     CHECK(ecat_claim_entries(other, both, 1, 10) == 0); /* what was not granted is free */
     CHECK(ecat_release_entries(other, both, 1) == 0);
   }
-  CHECK(ecat_write(bus, one, 2) == ECAT_ERANGE && ecat_write(bus, one, 0.5) == ECAT_ERANGE);
+  CHECK(ecat_write(bus, one, 2) == ECAT_ERANGE && ecat_write(bus, one, 1.5) == ECAT_ERANGE);
   CHECK(ecat_write(bus, one, -1) == ECAT_ERANGE && ecat_write(bus, one, 1e30) == ECAT_ERANGE);
   CHECK(ecat_write_int(bus, one, -1) == ECAT_ERANGE && ecat_write_int(bus, -1, 0) == ECAT_EARG);
   CHECK(ecat_write(bus, one, strtod("nan", NULL)) == ECAT_ERANGE);
-  CHECK(ecat_write_physical(bus, -1, 0) == ECAT_EARG);
+  CHECK(ecat_write_physical(bus, -1, 0) == ECAT_EARG && ecat_write_scaled(bus, -1, 0, 1, 0) == ECAT_EARG);
+  CHECK(ecat_write_scaled(bus, one, 1, 0, 0) == ECAT_EARG);
+  CHECK(strstr(ecat_error(bus), "the scale must be a finite number other than 0") != NULL);
+  CHECK(ecat_write_scaled(bus, one, 1, 1, strtod("inf", NULL)) == ECAT_EARG);
+  CHECK(ecat_write_scaled(bus, one, strtod("nan", NULL), 2, 0) == ECAT_ERANGE);
+  CHECK(ecat_write_scaled(bus, one, -1e300, 24, 0) == 0 && ecat_write(bus, one, 0.5) == 0);
   CHECK(ecat_write(bus, one, 1) == 0 && ecat_commit(bus) == 0);
   CHECK(ecat_write_physical(other, two, 1) == 0 && ecat_commit(other) == 0);
   await(bus, one, 1);
@@ -217,6 +223,31 @@ static void writing(ecat_t *bus, const char *name) {
   CHECK(ecat_wait(bus, 3000, 60) == 0 && ecat_commit(bus) == ECAT_ELEASE);
   CHECK(ecat_write(bus, one, 1) == ECAT_ELEASE && ecat_commit(bus) == ECAT_ELEASE);
   CHECK(ecat_claim(bus, LAMPS, 10) == 0 && ecat_release(bus, LAMPS) == 0);
+}
+
+/* What needs no bus. */
+static void values(const ecat_t *bus) {
+  ecat_signal_info entry;
+  uint64_t bits = 0;
+  double low, high;
+  memset(&entry, 0, sizeof entry);
+  entry.type = 0x0003; /* INTEGER16 */
+  entry.bit_length = 16;
+  entry.scale = 0.5;
+  entry.unit = "V";
+  entry.minimum = -100;
+  entry.maximum = HUGE_VAL;
+  ecat_limits(&entry, &low, &high);
+  CHECK(low == -100 && high == 32767);
+  CHECK(ecat_encode(&entry, 2.5, &bits) == 0 && bits == 2);
+  CHECK(ecat_encode(&entry, -101, &bits) == ECAT_ERANGE && ecat_encode(&entry, 1e300, &bits) < 0);
+  CHECK(ecat_encode_int(&entry, -1, &bits) == 0 && bits == 0xFFFF);
+  CHECK(ecat_encode_int(&entry, INT64_MIN, &bits) == ECAT_ERANGE);
+  CHECK(ecat_encode_physical(&entry, -1e300, &bits) == 0 && bits == 0x10000 - 100);
+  CHECK(ecat_encode_physical(&entry, strtod("nan", NULL), &bits) == ECAT_ERANGE);
+  CHECK(ecat_round(2.5) == 2 && ecat_round(3.5) == 4 && ecat_round(-0.5) == 0);
+  CHECK(ecat_round(-1.5) == -2 && ecat_round(0.49999999999999994) == 0);
+  CHECK(ecat_round(4503599627370495.5) == 4503599627370496.0 && ecat_round(1e300) == 1e300);
 }
 
 static void requests(ecat_t *bus) {
@@ -279,6 +310,7 @@ int main(int count, char **arguments) {
   directory(bus, arguments[1]);
   reading(bus);
   writing(bus, arguments[1]);
+  values(bus);
   requests(bus);
   restart(bus);
   __atomic_store_n(&stop, 1, __ATOMIC_RELEASE);

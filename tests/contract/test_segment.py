@@ -13,7 +13,7 @@ from ecatd.bus.layout import lay_out
 from ecatd.bus.segment import Segment
 from ecatd.client import Client
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
-from ecatd.model.errors import NoAnswerError, StateError, UnreachableError
+from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
 
 pytestmark = pytest.mark.unprivileged
 
@@ -102,6 +102,21 @@ def test_values_of_all_shapes_are_read(segment: Segment) -> None:
         assert client.read_physical(4) == 1.75
 
 
+def test_a_real_entry_is_rounded_to_an_integer_as_it_is_written(segment: Segment) -> None:
+    import struct
+
+    with Client(name_of(segment)) as client:
+        for number, whole in ((2.5, 2), (3.5, 4), (-0.5, 0), (-1.5, -2), (-2.6, -3), (7.0, 7)):
+            put_image(segment, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
+            client.sample()
+            assert [client.read_int(n) for n in (4, 5)] == [whole, whole]
+        for number in (float("nan"), float("inf"), 2.0**63):
+            put_image(segment, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
+            client.sample()
+            with pytest.raises(UsageError, match="is no 64-bit integer"):
+                client.read_int(5)
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [
@@ -135,6 +150,8 @@ def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -
         ("signal", "bit_length", 65),
         ("signal", "slave", 99),
         ("signal", "domain", 1),
+        ("signal", "scale", 0.0),
+        ("signal", "offset", float("nan")),
         ("domain", "page_offset", 0xFFFFFFF8),
         ("domain", "image_bytes", 0xFFFFFFFF),
         ("domain", "output_base", 0xFFFFFFFF),
@@ -142,7 +159,7 @@ def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -
     ],
 )
 def test_a_damaged_table_is_refused(
-    segment: Segment, table: str, field: str, value: int | bytes
+    segment: Segment, table: str, field: str, value: float | bytes
 ) -> None:
     offset = getattr(segment.header, f"{table}s_offset")
     row = shm.struct(f"ecat_shm_{table}").from_address(segment.address + offset)

@@ -1,5 +1,6 @@
 """From the bus description to the variables of an FMU: types, limits, units, the table."""
 
+import math
 import struct
 from dataclasses import replace
 
@@ -91,9 +92,23 @@ def test_the_start_value_is_within_the_limits() -> None:
 def test_the_largest_integers_are_not_rounded_up() -> None:
     """2^63 - 1 is no floating-point number; the next one above would be out of range."""
     found = variable(entry(DataType.INTEGER64, 64), 2)
-    high = struct.unpack(">d", bytes.fromhex(found.row.split()[-1]))[0]
-    assert high < 2**63
     assert float(str(limits(found)[1])) < 2**63
+
+
+def test_a_row_of_the_table_says_what_a_value_means() -> None:
+    limited = entry(DataType.INTEGER16, 16, scale=0.1, offset=-1.0, unit="m/s", maximum=7.5)
+    *_, scale, offset, minimum, maximum, unit = variable(limited, 2).row.split()
+    numbers = [
+        struct.unpack(">d", bytes.fromhex(word))[0] for word in (scale, offset, minimum, maximum)
+    ]
+    assert (numbers, unit) == ([0.1, -1.0, -math.inf, 85], "m/s")
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_limit_that_no_number_can_be_is_left_out(fmi: int) -> None:
+    """XML has no infinity."""
+    found = variable(entry(DataType.INTEGER32, 32, scale=1e300, unit="Pa"), fmi)
+    assert limits(found) == (None, None)
 
 
 @pytest.mark.parametrize("fmi", [2, 3])

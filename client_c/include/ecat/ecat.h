@@ -214,23 +214,42 @@ ECAT_API int ecat_validity(ecat_t *bus, int signal);
 
 /* Raw value of an entry of the last sample: exact for up to 53 bits. */
 ECAT_API int ecat_read(ecat_t *bus, int signal, double *value);
-/* Raw value as integer; unsigned 64-bit values keep their bits. */
+/* Raw value as integer; unsigned 64-bit values keep their bits, and floating-point numbers are rounded
+ * as those that are written, or ECAT_ERANGE. */
 ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
 /* Raw value * scale + offset. */
 ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 
 /* --- Writing ---------------------------------------------------------------------------------- */
 
-/* Stages a raw value of an output; it is checked against the type and the declared range of the
- * entry, and fractions of integers, infinity and NaN are refused. Nothing leaves the process before
- * ecat_commit(). ECAT_ELEASE when the claim has ended with the daemon: claim again. */
+/* Nothing leaves the process before ecat_commit(). Values are rounded to the nearest that the entry can
+ * have, of two equally near ones to the even one, whatever the rounding mode of the thread is. Infinity
+ * and NaN are ECAT_ERANGE, and so is a number that the entry cannot hold, or beyond its declared range:
+ * then nothing is staged. ECAT_ELEASE when the claim has ended with the daemon: claim again. */
+
+/* Stages a raw value of an output. */
 ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
+/* The same of an integer; unsigned 64-bit values keep their bits. */
 ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
-/* Stages (value - offset) / scale, rounded for integers. */
+/* Stages the raw value (value - offset) / scale. An analog quantity, whose entry has a unit, a scale
+ * or an offset, is held at the limits of its entry and not refused beyond them. */
 ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
+/* The same with a meaning of the program's own, always as an analog quantity. */
+ECAT_API int ecat_write_scaled(ecat_t *bus, int signal, double value, double scale, double offset);
 /* Publishes all staged outputs at once; they go out with the next cycle. ECAT_ELEASE, until something
  * is claimed again, when they are no longer owned: the lease is over, or the daemon has ended. */
 ECAT_API int ecat_commit(ecat_t *bus);
+
+/* What the calls above make of a value, without a bus: the bits of an entry with this type, length,
+ * range and, for ecat_encode_physical(), this unit, scale and offset. 0 or ECAT_ERANGE. */
+ECAT_API int ecat_encode(const ecat_signal_info *entry, double value, uint64_t *bits);
+ECAT_API int ecat_encode_int(const ecat_signal_info *entry, int64_t value, uint64_t *bits);
+ECAT_API int ecat_encode_physical(const ecat_signal_info *entry, double value, uint64_t *bits);
+/* The smallest and the largest raw value of such an entry, by its type and its range; those of 64 bits
+ * are rounded. */
+ECAT_API void ecat_limits(const ecat_signal_info *entry, double *low, double *high);
+/* The nearest whole number, of two equally near ones the even one. */
+ECAT_API double ecat_round(double value);
 
 /* --- Waiting ---------------------------------------------------------------------------------- */
 

@@ -150,14 +150,18 @@ class Output : public Signal<T> {
  public:
   using Signal<T>::Signal;
 
-  // Stages a raw value; Client::commit() sends it. It must be claimed before.
-  void write(T value) {
-    if constexpr (std::is_floating_point_v<T>)
-      detail::check(this->bus_, ecat_write(this->bus_, this->number_, static_cast<double>(value)));
-    else
-      detail::check(this->bus_, ecat_write_int(this->bus_, this->number_,
-                                               static_cast<std::int64_t>(value)));
+  // Stages a raw value; Client::commit() sends it. It must be claimed before. A value of another type
+  // than T is not converted before it comes to the rule of ecat_write(): 3.5 becomes 4 in an integer,
+  // and 300 is refused by one of 8 bits.
+  template <class V>
+  void write(V value) {
+    static_assert(std::is_arithmetic_v<V>, "a raw value is bool, integer or floating point");
+    detail::check(this->bus_, is_integer(value) ? ecat_write_int(this->bus_, this->number_,
+                                                                 static_cast<std::int64_t>(value))
+                                                : ecat_write(this->bus_, this->number_,
+                                                             static_cast<double>(value)));
   }
+  // Stages a physical value, in the unit of info(); see ecat_write_physical().
   void write_physical(double value) {
     detail::check(this->bus_, ecat_write_physical(this->bus_, this->number_, value));
   }
@@ -166,6 +170,18 @@ class Output : public Signal<T> {
     ecat_output_info info{};
     detail::check(this->bus_, ecat_output(this->bus_, this->number_, &info));
     return info;
+  }
+
+ private:
+  // Whether ecat_write_int() takes it for what it is: without a sign it has 64 bits, else 63.
+  template <class V>
+  static constexpr bool is_integer(V value) {
+    if constexpr (std::is_floating_point_v<V>)
+      return false;
+    else if constexpr (std::is_signed_v<V>)
+      return std::is_signed_v<T> || value >= 0;
+    else
+      return std::is_unsigned_v<T> || static_cast<std::uint64_t>(value) <= INT64_MAX;
   }
 };
 

@@ -176,11 +176,10 @@ class _Builder:
     def _entry(
         self, number: int, instance: str, connector: Connector, entry: Entry, *, outputs: bool
     ) -> Variable:
-        low, high = _raw_limits(entry)
+        numbers = (connector.scale, connector.offset, *map(float, entry.raw_range()))
         place = (
             f"{number} {entry.index:04x} {entry.subindex:02x} {entry.data_type:04x} "
-            f"{entry.bit_length} "
-            + " ".join(map(_bits, (connector.scale, connector.offset, float(low), _below(high))))
+            f"{entry.bit_length} {' '.join(map(_bits, numbers))} {connector.unit_name}"
         )
         return self._variable(
             (f"{instance}.{connector.name}", connector.description),
@@ -198,7 +197,10 @@ class _Builder:
         if physical or is_real(entry.data_type):
             ends = sorted(limit * connector.scale + connector.offset for limit in (low, high))
             whole = is_real(entry.data_type) and entry.minimum is entry.maximum is None
-            minimum, maximum = (None, None) if whole else ends
+            minimum, maximum = (
+                None if whole or math.isinf(end) else end  # there is no infinity in XML
+                for end in ends
+            )
             first = None if zero is None else float(min(max(0.0, ends[0]), ends[1]))
             element = _FLOAT[self._fmi]
             unit = connector.unit or connector.unit_name

@@ -6,6 +6,7 @@ their bits mean is said in `client_c/src/entries.h`, and a test compares both.
 
 from __future__ import annotations
 
+import math
 import reprlib
 import struct
 from operator import index as as_integer
@@ -209,8 +210,11 @@ class Signal:
             code = QUICK.ecat_write_int(client._address, self.number, whole)
             if code < 0:
                 client._fail(code)
-        else:  # out of range whatever the entry is: this says so
+        elif self.real:
             client.write(self.number, number_of(whole))
+        else:  # out of range, and this says so; a float could be rounded into it
+            nearest = number_of(whole)
+            client.write(self.number, math.nextafter(nearest, math.copysign(math.inf, nearest)))
 
     @property
     def value(self) -> float:

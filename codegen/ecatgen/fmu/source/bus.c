@@ -2,7 +2,6 @@
 #include "plant.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,17 +34,17 @@ static int check_slave(plant *p, plant_slave *slave) {
 static int bind_entry(plant *p, plant_variable *v, int same_bus) {
   ecat_signal_info found;
   const plant_slave *slave = &p->slaves[v->slave];
-  v->handle = ecat_bind(p->bus, slave->position, v->index, v->subindex,
+  v->handle = ecat_bind(p->bus, slave->position, v->entry.index, v->entry.subindex,
                         v->role == ROLE_INPUT ? ECAT_OUTPUT : ECAT_INPUT);
   if (v->handle < 0)
     return plant_note(p, ECAT_EBUS, "%s, but this FMU uses it; regenerate it with: %s",
                       ecat_error(p->bus), p->command);
   if (ecat_signal(p->bus, v->handle, &found) != 0) return failed(p, ECAT_EBUS);
-  if (same_bus || (found.type == v->data_type && found.bit_length == v->bits)) return 0;
+  if (same_bus || (found.type == v->entry.type && found.bit_length == v->entry.bit_length)) return 0;
   return plant_note(p, ECAT_EBUS, "entry 0x%04X:%02X of slave %d of bus '%s' has %u bits and data type "
                     "0x%04X, but this FMU was generated for %u bits and data type 0x%04X; regenerate "
-                    "it with: %s", v->index, v->subindex, slave->position, ecat_name(p->bus),
-                    found.bit_length, found.type, v->bits, v->data_type, p->command);
+                    "it with: %s", v->entry.index, v->entry.subindex, slave->position, ecat_name(p->bus),
+                    found.bit_length, found.type, v->entry.bit_length, v->entry.type, p->command);
 }
 
 /* Whether this is the bus that the FMU was made for. Other slaves and entries may be there, too. */
@@ -106,16 +105,9 @@ static int claim(plant *p) {
 }
 
 static int write_variable(plant *p, const plant_variable *v) {
-  double raw;
   if (v->type != PLANT_REAL) return ecat_write_int(p->bus, v->handle, v->value.integer);
-  raw = (v->value.real - v->offset) / v->scale;
-  if (v->data_type != 0x0008 && v->data_type != 0x0011) raw = nearbyint(raw); /* REAL32, REAL64 */
-  if (v->scale != 1 || v->offset != 0) {
-    ecat_signal_info live; /* the configuration of the daemon may allow less than it once did */
-    if (ecat_signal(p->bus, v->handle, &live) != 0) return ECAT_EBUS;
-    raw = fmin(fmax(raw, fmax(v->low, live.minimum)), fmin(v->high, live.maximum));
-  }
-  return ecat_write(p->bus, v->handle, raw);
+  if (!v->analog) return ecat_write(p->bus, v->handle, v->value.real);
+  return ecat_write_scaled(p->bus, v->handle, v->value.real, v->entry.scale, v->entry.offset);
 }
 
 int bus_write(plant *p) {
@@ -216,7 +208,7 @@ static int publish_slave(plant *p, plant_variable *v) {
 static int read_entry(plant *p, plant_variable *v) {
   int code = v->type == PLANT_REAL ? ecat_read(p->bus, v->handle, &v->value.real)
                                    : ecat_read_int(p->bus, v->handle, &v->value.integer);
-  v->value.real = v->value.real * v->scale + v->offset;
+  v->value.real = v->value.real * v->entry.scale + v->entry.offset;
   if (v->type == PLANT_BOOLEAN) v->value.integer = v->value.integer != 0;
   return code != 0 ? failed(p, code) : 0;
 }

@@ -104,9 +104,9 @@ typedef struct plant_variable {
   char *name;
   int slave; /* index in `slaves` */
   /* Entries: */
-  unsigned index, subindex, data_type, bits;
-  double scale, offset; /* physical value = raw value * scale + offset */
-  double low, high;     /* raw values that it may have */
+  ecat_signal_info entry; /* as it was when the FMU was made, without names */
+  char *unit;           /* of it; it has scale and offset, too */
+  int analog;           /* it has a physical meaning, so `value` is a physical one */
   int handle;           /* of the client, while attached */
   int set;              /* inputs: the importer has set it, so it is written */
   plant_value start, value;

@@ -8,7 +8,8 @@
  *     slaves COUNT
  *     slave POSITION VENDOR PRODUCT REVISION LABEL
  *     variables COUNT                    in the order of their value references, 0 first
- *     variable TYPE ROLE START NAME [SLAVE [INDEX SUBINDEX DATATYPE BITS SCALE OFFSET LOW HIGH]]
+ *     variable TYPE ROLE START NAME [SLAVE [INDEX SUBINDEX DATATYPE BITS SCALE OFFSET MINIMUM
+ *         MAXIMUM UNIT]]             the unit is the rest of the line, and may be empty
  *
  * Floating-point numbers are the 16 hexadecimal digits of their IEEE 754 bits: exact, and the same in
  * every locale.
@@ -126,6 +127,7 @@ static void read_slave(reader *r, plant_slave *slave) {
 }
 
 static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
+  ecat_signal_info *entry = &variable->entry;
   if (!next_line(r) || strcmp(word(r), "variable") != 0) r->wrong = 1;
   if (r->wrong) return;
   variable->type = (enum plant_type)name(r, type_names, PLANT_TYPES);
@@ -141,15 +143,17 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   if (variable->role < ROLE_VALID) return;
   variable->slave = (int)number(r, 10, 0, (int64_t)slaves - 1);
   if (variable->role < ROLE_INPUT) return;
-  variable->index = (unsigned)number(r, 16, 1, 0xFFFF);
-  variable->subindex = (unsigned)number(r, 16, 0, 0xFF);
-  variable->data_type = (unsigned)number(r, 16, 0, 0xFFFF);
-  variable->bits = (unsigned)number(r, 10, 1, 64);
-  variable->scale = real(r);
-  variable->offset = real(r);
-  variable->low = real(r);
-  variable->high = real(r);
-  if (!(variable->scale < 0 || variable->scale > 0)) r->wrong = 1;
+  entry->index = (unsigned)number(r, 16, 1, 0xFFFF);
+  entry->subindex = (unsigned)number(r, 16, 0, 0xFF);
+  entry->type = (unsigned)number(r, 16, 0, 0xFFFF);
+  entry->bit_length = (unsigned)number(r, 10, 1, 64);
+  entry->scale = real(r);
+  entry->offset = real(r);
+  entry->minimum = real(r);
+  entry->maximum = real(r);
+  entry->unit = variable->unit = copy(r, r->line == NULL ? "" : r->line);
+  variable->analog = entry->scale != 1 || entry->offset != 0 || (!r->wrong && entry->unit[0] != '\0');
+  if (!(entry->scale < 0 || entry->scale > 0)) r->wrong = 1;
 }
 
 /* The parameters and diagnostics that the plant asks for by role; it relies on their types. */
@@ -259,7 +263,10 @@ int plant_load(plant *p, const char *resources) {
 void plant_unload(plant *p) {
   size_t i;
   for (i = 0; i < p->slave_count; i++) free(p->slaves[i].label);
-  for (i = 0; i < p->variable_count; i++) free(p->variables[i].name);
+  for (i = 0; i < p->variable_count; i++) {
+    free(p->variables[i].name);
+    free(p->variables[i].unit);
+  }
   free(p->slaves);
   free(p->variables);
   free(p->token);

@@ -87,36 +87,39 @@ static int settable(plant *p, const plant_variable *v) {
 }
 
 static int refuse(plant *p, const plant_variable *v, double value) {
-  double low = v->low * v->scale + v->offset, high = v->high * v->scale + v->offset;
+  double low, high;
+  ecat_limits(&v->entry, &low, &high);
   return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %.15g: %.15g to %.15g are allowed; it keeps "
-                   "its value", v->name, value, fmin(low, high), fmax(low, high));
+                   "its value", v->name, value, low, high);
+}
+
+/* Whether a parameter can have this value. */
+static int acceptable_parameter(plant *p, const plant_variable *v, double number) {
+  int failure = v->role == ROLE_WHEN_MISSING || v->role == ROLE_WHEN_FAILED;
+  if (failure && (number < FAILURE_ERROR || number > FAILURE_CONTINUE))
+    return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: 1 is Error, 2 Wait, 3 Continue",
+                     v->name, number);
+  if (number < 0)
+    return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is a time", v->name, number);
+  return PLANT_OK;
 }
 
 /* Whether an entry, or a parameter, can have this value. */
 static int acceptable(plant *p, const plant_variable *v, plant_value value) {
-  double number = v->type == PLANT_REAL ? value.real : (double)value.integer;
+  double number = v->type == PLANT_REAL     ? value.real
+                  : v->type == PLANT_UINT64 ? (double)(uint64_t)value.integer
+                                            : (double)value.integer;
+  uint64_t bits;
+  int code;
   if (v->type == PLANT_REAL && !isfinite(number))
     return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is no finite number; it keeps its "
                      "value", v->name, number);
-  if (is_parameter(v)) {
-    int failure = v->role == ROLE_WHEN_MISSING || v->role == ROLE_WHEN_FAILED;
-    if (failure && (number < FAILURE_ERROR || number > FAILURE_CONTINUE))
-      return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: 1 is Error, 2 Wait, 3 Continue",
-                       v->name, number);
-    if (number < 0)
-      return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is a time", v->name, number);
-    return PLANT_OK;
-  }
-  if (v->type == PLANT_REAL && (v->scale != 1 || v->offset != 0))
-    return PLANT_OK; /* held at its limits when it is written */
-  if (v->type == PLANT_INT64 || v->type == PLANT_UINT64) {
-    if (v->bits == 64) return PLANT_OK; /* the client knows the limits exactly */
-  } else if (v->type == PLANT_BOOLEAN) {
-    return PLANT_OK;
-  }
-  if (v->type == PLANT_REAL && v->data_type != 0x0008 && v->data_type != 0x0011)
-    number = nearbyint(number);
-  return number >= v->low && number <= v->high ? PLANT_OK : refuse(p, v, number);
+  if (is_parameter(v)) return acceptable_parameter(p, v, number);
+  if (v->type != PLANT_REAL)
+    code = ecat_encode_int(&v->entry, value.integer, &bits);
+  else
+    code = ecat_encode_physical(&v->entry, number, &bits);
+  return code == 0 ? PLANT_OK : refuse(p, v, number);
 }
 
 int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value value) {

@@ -15,7 +15,8 @@ equation
     Documentation(info = "<html>
 <p>
 Downloads <code>(u - offset)/scale</code>, with the <code>u</code> of the request, to an object of the
-slave at <code>position</code> through its mailbox; for integer types it is rounded. <code>done</code>
+slave at <code>position</code> through its mailbox; integer types get the nearest whole
+number, of two equally near ones the even one. <code>done</code>
 becomes true when the slave has accepted it. A value that the data type cannot hold ends the simulation.
 </p>
 <p>

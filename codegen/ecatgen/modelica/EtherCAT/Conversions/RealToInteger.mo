@@ -15,14 +15,14 @@ protected
   outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
 equation
   when etherCATMaster.sampled[domainID] then
-    y = integer(floor(max(yMin, min(yMax, k * u)) + 0.5));
+    y = EtherCAT.Functions.nearestInteger(max(yMin, min(yMax, k * u)));
   end when;
 
   annotation (
     defaultComponentName = "realToInteger",
     Documentation(info = "<html>
 <p>
-Unlike the block of the same name in the Modelica Standard Library it converts only when a sample is
+Rounds to the nearest, of two equally near integers to the even one, as entries do. Unlike the block of the same name in the Modelica Standard Library it converts only when a sample is
 taken, and so makes no event for each step of the output.
 </p>
 </html>"),

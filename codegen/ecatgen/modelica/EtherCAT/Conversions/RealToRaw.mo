@@ -15,7 +15,7 @@ protected
 equation
   when etherCATMaster.sampled[domainID] then
     raw = range.rawMin + (u - range.min)/k;
-    y = integer(floor(max(range.rawMin, min(range.rawMax, raw)) + 0.5));
+    y = EtherCAT.Functions.nearestInteger(max(range.rawMin, min(range.rawMax, raw)));
     saturated = raw <= range.rawMin or raw >= range.rawMax;
   end when;
 

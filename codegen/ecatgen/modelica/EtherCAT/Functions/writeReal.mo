@@ -16,13 +16,13 @@ impure function writeReal "Note the value of an entry for the commit of its slav
   annotation (Documentation(info = "<html>
 <p>
 Writes the value less <code>offset</code> over <code>scale</code> of the <a
-href=\"modelica://EtherCAT.Objects.PDO\">PDO</a>, rounded for integer entries. The value leaves with the <a
+href=\"modelica://EtherCAT.Objects.PDO\">PDO</a>; an integer entry gets the nearest whole number, of two equally near ones the even one. The value leaves with the <a
 href=\"modelica://EtherCAT.Functions.commit\">commit</a> of the slave. Pass the result of the write before,
 or the <code>cycle</code> of the EtherCATMaster, as <code>order</code>: so the calls have an order.
 </p>
 <p>
-With a scale, a value out of range is held at the end of the range. Without one it is an error of the
-commit.
+With a scale, an offset or a unit, a value out of range is held at the end of the range. Without them it is an error
+of the commit.
 </p>
 </html>"));
 end writeReal;

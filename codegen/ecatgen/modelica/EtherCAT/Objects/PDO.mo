@@ -11,8 +11,9 @@ class PDO "One entry of the process data of a slave"
     input Integer bitLength "Expected number of bits";
     input Real scale = 1 "Physical value = raw value * scale + offset";
     input Real offset = 0 "See scale, in the unit of the physical value";
+    input String unit = "" "Unit of the physical value";
     output PDO pdo "Entry";
-    external "C" pdo = ecatm_pdo_open(slaveConfiguration, index, subindex, isOutput, dataType, bitLength, scale, offset)
+    external "C" pdo = ecatm_pdo_open(slaveConfiguration, index, subindex, isOutput, dataType, bitLength, scale, offset, unit)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",
@@ -39,7 +40,8 @@ too.
 <p>
 <code>dataType</code> is the number of a CoE data type (ETG.1000.6): 1 BOOLEAN, 2 INTEGER8, 3 INTEGER16, 4
 INTEGER32, 5 UNSIGNED8, 6 UNSIGNED16, 7 UNSIGNED32, 8 REAL32, 17 REAL64, and others. A physical value is the
-raw value times <code>scale</code> plus <code>offset</code>.
+raw value times <code>scale</code> plus <code>offset</code>. With one of them, or a <code>unit</code>, the entry is an
+analog quantity: what is written beyond its limits is held there, and not refused.
 </p>
 </html>"));
 end PDO;

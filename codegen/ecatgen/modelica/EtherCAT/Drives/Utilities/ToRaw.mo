@@ -12,7 +12,7 @@ protected
   outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
 equation
   when etherCATMaster.sampled[domainID] then
-    y = integer(floor((u - offset)/scale + 0.5));
+    y = EtherCAT.Functions.nearestInteger((u - offset)/scale);
   end when;
 
   annotation (
@@ -20,7 +20,7 @@ equation
     Documentation(info = "<html>
 <p>
 <code>y = (u - offset)/scale</code>: gives the state machine of a drive the number that the slave has sent.
-The division leaves a whole number but for its rounding error, so it does not matter how halves are rounded.
+The division leaves a whole number but for its rounding error.
 </p>
 </html>"));
 end ToRaw;

@@ -35,7 +35,7 @@ ECATM_FUNCTION int ecatm_drive_state_of(int status) {
 
 /* A position as a counter of 32 bits has it. */
 ECATM_FUNCTION int ecatm_drive_wrap(double position) {
-  double rest = fmod(floor(position + 0.5), 4294967296.0);
+  double rest = fmod(ecat_round(position), 4294967296.0);
   if (rest >= 2147483648.0) rest -= 4294967296.0;
   if (rest < -2147483648.0) rest += 4294967296.0;
   return (int)rest;
@@ -184,7 +184,7 @@ ECATM_FUNCTION void ecatm_drive_offer(ecatm_drive *drive) {
 }
 
 ECATM_FUNCTION int ecatm_drive_hold(double value, double low, double high) {
-  value = floor(value + 0.5);
+  value = ecat_round(value);
   return (int)(value < low ? low : value > high ? high : value);
 }
 

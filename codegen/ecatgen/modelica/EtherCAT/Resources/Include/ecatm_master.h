@@ -113,6 +113,19 @@ ECATM_FUNCTION void ecatm_check(ecatm_master *master, int code) {
   if (ecatm_client(master, code) < 0) ecatm_stop(master);
 }
 
+/* --- Numbers ------------------------------------------------------------------------------- */
+
+/* Whether a Modelica Integer can hold a number when it is rounded. */
+ECATM_FUNCTION int ecatm_is_integer(double value) {
+  return value >= -2147483648.5 && value < 2147483647.5;
+}
+
+ECATM_FUNCTION int ecatm_nearest_integer(double value) {
+  if (ecatm_is_integer(value)) return (int)ecat_round(value);
+  ModelicaFormatError("EtherCAT: %g is no number that a Modelica Integer can hold", value);
+  return 0;
+}
+
 /* --- Memory -------------------------------------------------------------------------------- */
 
 /* An object in the master's memory. Call it last in a constructor: it cannot be taken back. */

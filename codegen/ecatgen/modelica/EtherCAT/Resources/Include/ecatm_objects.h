@@ -31,11 +31,9 @@ typedef struct ecatm_pdo {
   ecatm_node node;
   int signal;                    /* handle of the client */
   int pending;                   /* value was written by the model */
-  double value;                  /* raw: to be written, or last one read */
+  double value;                  /* to be written; or the last one read, raw */
   double scale, offset;          /* physical value = raw value * scale + offset */
-  int scaled;                    /* it is another than the raw one */
-  double low, high;              /* raw values that the entry may have */
-  int integer;                   /* the entry holds a whole number */
+  int analog;                    /* it has a physical meaning */
   int index, subindex, output, type, bits;
   ecatm_slave *slave;
   struct ecatm_pdo *next_output;
@@ -124,21 +122,6 @@ ECATM_FUNCTION void ecatm_slave_close(void *object) { ecatm_close(object); }
 
 /* --- PDO entries --------------------------------------------------------------------------- */
 
-/* Whether a CoE data type has a sign: INTEGER8, 16, 32, 24, 40, 48, 56, 64. */
-ECATM_FUNCTION int ecatm_signed(int type) {
-  return (type >= 0x02 && type <= 0x04) || type == 0x10 || (type >= 0x12 && type <= 0x15);
-}
-
-/* The raw values that an entry can hold, and may hold by the configuration of the daemon. */
-ECATM_FUNCTION void ecatm_limits(ecatm_pdo *pdo, const ecat_signal_info *found) {
-  double size = ldexp(1, pdo->bits);
-  pdo->low = ecatm_signed(pdo->type) ? -size / 2 : 0;
-  pdo->high = (ecatm_signed(pdo->type) ? size / 2 : size) - 1;
-  if (!pdo->integer) pdo->low = -HUGE_VAL, pdo->high = HUGE_VAL;
-  if (found->minimum > pdo->low) pdo->low = found->minimum;
-  if (found->maximum < pdo->high) pdo->high = found->maximum;
-}
-
 ECATM_FUNCTION int ecatm_pdo_resolve(ecatm_node *node) {
   ecatm_pdo *pdo = (ecatm_pdo *)node;
   const ecatm_slave *slave = pdo->slave;
@@ -157,7 +140,6 @@ ECATM_FUNCTION int ecatm_pdo_resolve(ecatm_node *node) {
                       "0x%04X; regenerate it with: %s",
                       (unsigned)pdo->index, (unsigned)pdo->subindex, slave->position, master->name,
                       found.bit_length, found.type, pdo->bits, (unsigned)pdo->type, slave->command);
-  ecatm_limits(pdo, &found);
   return 0;
 }
 
@@ -169,9 +151,9 @@ ECATM_FUNCTION int ecatm_is_scale(double scale, double offset) {
 }
 
 /* An entry in the process data of a slave. `type` (CoE data type) and `bits` are those of the bus
- * that the library was generated for; a physical value is raw value * scale + offset. */
+ * that the library was generated for; a physical value in `unit` is raw value * scale + offset. */
 ECATM_FUNCTION void *ecatm_pdo_open(void *object, int index, int subindex, int output, int type,
-                                    int bits, double scale, double offset) {
+                                    int bits, double scale, double offset, const char *unit) {
   ecatm_slave *slave = (ecatm_slave *)object;
   ecatm_pdo draft, *pdo;
   memset(&draft, 0, sizeof draft);
@@ -183,10 +165,9 @@ ECATM_FUNCTION void *ecatm_pdo_open(void *object, int index, int subindex, int o
   draft.type = type;
   draft.bits = bits;
   draft.signal = -1;
-  draft.integer = type != 0x0008 && type != 0x0011; /* REAL32, REAL64 */
   draft.scale = scale;
   draft.offset = offset;
-  draft.scaled = scale != 1 || offset != 0;
+  draft.analog = scale != 1 || offset != 0 || unit[0] != '\0';
   if (!ecatm_is_scale(scale, offset)) {
     ModelicaFormatError("EtherCAT: entry 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
                         "of %g: the scale must be a finite number other than 0",

@@ -43,10 +43,11 @@ ECATM_FUNCTION int ecatm_claim(ecatm_master *master) {
 
 /* --- Staging ------------------------------------------------------------------------------- */
 
-/* A raw value that an entry can hold, if it has a scale: an analog output is held at its limits. */
-ECATM_FUNCTION double ecatm_limited(const ecatm_pdo *pdo) {
-  if (!pdo->scaled) return pdo->value;
-  return pdo->value < pdo->low ? pdo->low : pdo->value > pdo->high ? pdo->high : pdo->value;
+/* Gives one of them. An analog quantity is held at its limits; a number beyond them is refused. */
+ECATM_FUNCTION int ecatm_stage_value(const ecatm_pdo *pdo) {
+  ecat_t *bus = pdo->node.master->bus;
+  if (!pdo->analog) return ecat_write(bus, pdo->signal, pdo->value);
+  return ecat_write_scaled(bus, pdo->signal, pdo->value, pdo->scale, pdo->offset);
 }
 
 /* Gives the written values of a slave to the client. Returns 0 or a code of it: ECAT_ELEASE, too, where it
@@ -58,7 +59,7 @@ ECATM_FUNCTION int ecatm_stage(ecatm_slave *slave) {
              : ecatm_now() - master->lost < ECATM_RECLAIM ? ECAT_ELEASE
                                                           : ecatm_claim(master);
   for (pdo = slave->outputs; pdo != NULL && code == 0; pdo = pdo->next_output)
-    if (pdo->pending) code = ecat_write(master->bus, pdo->signal, ecatm_limited(pdo));
+    if (pdo->pending) code = ecatm_stage_value(pdo);
   return ecatm_client(master, code);
 }
 
@@ -153,27 +154,17 @@ ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
   return order;
 }
 
-/* Remembers a raw value for the commit. */
-ECATM_FUNCTION int ecatm_note(ecatm_pdo *pdo, int order, double raw) {
-  pdo->value = raw;
+/* Remembers a value, which is physical if the entry has a scale, for the commit. */
+ECATM_FUNCTION int ecatm_write_real(void *object, double time, int order, double value) {
+  ecatm_pdo *pdo = (ecatm_pdo *)object;
+  (void)time;
+  pdo->value = value;
   pdo->pending = 1;
   return order;
 }
 
-/* Remembers a physical value. Raw values of integer entries are rounded. An entry with a scale is held at
- * its limits; others out of range are an error of the commit. */
-ECATM_FUNCTION int ecatm_write_real(void *object, double time, int order, double value) {
-  ecatm_pdo *pdo = (ecatm_pdo *)object;
-  (void)time;
-  if (pdo->scaled) value = (value - pdo->offset) / pdo->scale;
-  if (pdo->integer && fabs(value) < 4503599627370496.0) value = floor(value + 0.5);
-  return ecatm_note(pdo, order, value);
-}
-
 ECATM_FUNCTION int ecatm_write_integer(void *object, double time, int order, int value) {
-  ecatm_pdo *pdo = (ecatm_pdo *)object;
-  if (pdo->scaled) return ecatm_write_real(object, time, order, (double)value);
-  return ecatm_note(pdo, order, (double)value);
+  return ecatm_write_real(object, time, order, (double)value);
 }
 
 ECATM_FUNCTION int ecatm_write_boolean(void *object, double time, int order, int value) {

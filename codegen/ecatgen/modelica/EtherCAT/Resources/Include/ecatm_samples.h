@@ -203,7 +203,7 @@ ECATM_FUNCTION double ecatm_read_real(void *object, double time, int order) {
 
 ECATM_FUNCTION int ecatm_read_integer(void *object, double time, int order) {
   double value = ecatm_read_real(object, time, order);
-  if (value >= -2147483648.0 && value <= 2147483647.0) return (int)value;
+  if (ecatm_is_integer(value)) return ecatm_nearest_integer(value);
   ModelicaFormatError("EtherCAT: entry 0x%04X:%02X of slave %d is %g, which no Modelica Integer can "
                       "hold; read it as a Real", (unsigned)((ecatm_pdo *)object)->index,
                       (unsigned)((ecatm_pdo *)object)->subindex,

@@ -30,27 +30,12 @@ ECATM_FUNCTION int ecatm_type_is_text(int type) {
 
 /* --- Numbers ------------------------------------------------------------------------------- */
 
-/* The smallest and the largest number of an integer type; a double holds that of 64 bits rounded up. */
-ECATM_FUNCTION void ecatm_type_range(int type, double *low, double *high) {
-  int bits = type == 0x01 ? 1 : 8 * ecatm_type_bytes(type);
-  *low = ecatm_signed(type) ? -ldexp(1, bits - 1) : 0;
-  *high = ldexp(1, ecatm_signed(type) ? bits - 1 : bits) - 1;
+/* Whether a type has a sign: INTEGER8, 16, 32, 24, 40, 48, 56, 64. */
+ECATM_FUNCTION int ecatm_signed(int type) {
+  return (type >= 0x02 && type <= 0x04) || type == 0x10 || (type >= 0x12 && type <= 0x15);
 }
 
-/* The 32 or 64 bits of a floating-point number. */
-ECATM_FUNCTION uint64_t ecatm_real_bits(int type, double value) {
-  float single = 0;
-  uint32_t word;
-  uint64_t bits;
-  if (type == ECATM_REAL64) {
-    memcpy(&bits, &value, sizeof bits);
-    return bits;
-  }
-  single = (float)value;
-  memcpy(&word, &single, sizeof word);
-  return word;
-}
-
+/* The number in the bits of a floating-point type. */
 ECATM_FUNCTION double ecatm_bits_real(int type, uint64_t bits) {
   uint32_t word = (uint32_t)bits;
   float single;
@@ -60,28 +45,24 @@ ECATM_FUNCTION double ecatm_bits_real(int type, uint64_t bits) {
   return type == ECATM_REAL64 ? value : single;
 }
 
-/* SDO data of a number, which is rounded for integer types. 0, or ECAT_ERANGE and a text. */
+/* SDO data of a number, which is rounded and refused as one in the process data. 0, or ECAT_ERANGE and a
+ * text. */
 ECATM_FUNCTION int ecatm_encode_number(int type, double value, unsigned char *data, size_t *length,
                                        char *text) {
-  double low = -HUGE_VAL, high = HUGE_VAL, size;
+  ecat_signal_info entry;
+  double low, high;
   uint64_t bits;
   int i, bytes = ecatm_type_bytes(type);
-  if (!ecatm_type_is_real(type)) {
-    ecatm_type_range(type, &low, &high);
-    if (fabs(value) < 4503599627370496.0) value = floor(value + 0.5);
-  } else if (type == ECATM_REAL32) {
-    high = ldexp(2 - ldexp(1, -23), 127);
-    low = -high;
-  }
-  /* Without the negation NaN would pass; what is above 2^63 or 2^64 by rounding must not be converted. */
-  size = ldexp(1, 8 * bytes - (ecatm_signed(type) ? 1 : 0));
-  if (!(value >= low && value <= high) || value - value != 0 ||
-      (!ecatm_type_is_real(type) && value >= size)) {
+  memset(&entry, 0, sizeof entry);
+  entry.type = (unsigned)type;
+  entry.bit_length = type == 0x01 ? 1 : 8 * (unsigned)bytes;
+  entry.maximum = HUGE_VAL;
+  entry.minimum = -HUGE_VAL;
+  if (ecat_encode(&entry, value, &bits) != 0) {
+    ecat_limits(&entry, &low, &high);
     sprintf(text, "%.15g is out of range: %.15g to %.15g are allowed", value, low, high);
     return ECAT_ERANGE;
   }
-  if (ecatm_type_is_real(type)) bits = ecatm_real_bits(type, value);
-  else bits = value < 0 ? ~(uint64_t)-value + 1 : (uint64_t)value;
   for (i = 0; i < bytes; i++) data[i] = (unsigned char)(bits >> (8 * i) & 0xFF);
   *length = (size_t)bytes;
   return 0;
