@@ -18,6 +18,10 @@ from ecatd.bus.start.clocks import clock_bits
 from ecatd.model.al import AlState
 from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
+from ecatd.model.sii_check import check_sii
+
+from .slave.pdo_objects import ASSIGNMENTS
 
 Progress = Callable[[str], None]
 """Takes a line that says what is being done."""
@@ -78,6 +82,13 @@ class CapturedSlave:
     objects: list[DictionaryObject] | None = None
     values: dict[tuple[int, int], Upload] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def assignments(self) -> list[int]:
+        """Objects that assign PDOs to its sync managers: 0x1C10 for the first one, and so on."""
+        sii, _ = check_sii(self.sii)
+        numbers = {*sii.channels(USAGE_OUTPUTS), *sii.channels(USAGE_INPUTS)}
+        return [ASSIGNMENTS + number for number in sorted(numbers)]
 
 
 def capture(interface: str, progress: Progress, *, objects: bool = True) -> list[CapturedSlave]:
@@ -196,7 +207,7 @@ def _read_pdos(slave: CapturedSlave, coe: Coe) -> Talk[None]:
             slave.values[key] = yield from _upload(coe, index, subindex)
         return number(slave.values[key])
 
-    for index in (0x1C12, 0x1C13):
+    for index in slave.assignments:
         for i in range(1, (yield from value(index, 0)) + 1):
             pdo = yield from value(index, i)
             for subindex in range(1, (yield from value(pdo, 0)) + 1 if pdo else 0):

@@ -28,6 +28,9 @@ class Chip:
             time only where SII word 0 switches them on (bits 10 and 11). An ET1200 does so, to save
             power; other chips have all of them whatever the SII says.
         lrw: Whether it can do LRW (register 0x0008, bit 9); some cannot, and need LRD and LWR.
+        read_write: Whether it can do BRW, APRW and FPRW (bit 10).
+        map_bits: Whether FMMUs map single bits (bit 0); else they ignore the registers for that,
+            and map whole bytes.
         features: Bits 4 to 8 of register 0x0008, which change nothing here; without a clock, bits 4
             and 8 are 0.
         eeprom_bytes: Bytes that one read of the EEPROM brings: 8 or 4.
@@ -46,6 +49,8 @@ class Chip:
     dc_bits: int = 64
     dc_by_sii: bool = False
     lrw: bool = True
+    read_write: bool = True
+    map_bits: bool = True
     features: int = 0x01F0
     eeprom_bytes: int = 8
     eeprom_read_us: int = 0
@@ -66,7 +71,8 @@ An IP Core is built with as much as its buyer wants; this one has the most of ev
 """
 
 _NEEDS_CLOCK = 0x0110
-_DC, _DC_64_BITS, _OTHERS, _NO_LRW = 0x0004, 0x0008, 0x01F0, 0x0200
+_DC, _DC_64_BITS, _OTHERS = 0x0004, 0x0008, 0x01F0
+_BYTES_ONLY, _NO_LRW, _NO_READ_WRITE = 0x0001, 0x0200, 0x0400
 
 
 class Config(ctypes.Structure):
@@ -118,7 +124,13 @@ def _features(chip: Chip) -> int:
     features = chip.features if chip.dc else chip.features & ~_NEEDS_CLOCK
     if chip.dc:
         features |= _DC | (_DC_64_BITS if chip.dc_bits == 64 else 0)
-    return features | (0 if chip.lrw else _NO_LRW)
+    for able, bit in (
+        (chip.lrw, _NO_LRW),
+        (chip.read_write, _NO_READ_WRITE),
+        (chip.map_bits, _BYTES_ONLY),
+    ):
+        features |= 0 if able else bit
+    return features
 
 
 def from_registers(registers: bytes, *, clock: bool) -> Chip:
@@ -143,6 +155,8 @@ def from_registers(registers: bytes, *, clock: bool) -> Chip:
         dc_bits=32 if dc and not features & _DC_64_BITS else 64,
         dc_by_sii=dc and not clock,
         lrw=not features & _NO_LRW,
+        read_write=not features & _NO_READ_WRITE,
+        map_bits=not features & _BYTES_ONLY,
         features=features & _OTHERS | (0 if dc else _NEEDS_CLOCK),
     )
 

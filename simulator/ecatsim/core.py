@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
@@ -35,6 +36,7 @@ from .wire import (
 __all__ = [
     "MAX_FAULTS",
     "MAX_SLAVES",
+    "Area",
     "Chip",
     "Clock",
     "Counters",
@@ -43,7 +45,6 @@ __all__ = [
     "FrameFault",
     "InjectedFault",
     "Passage",
-    "ProcessDataMap",
     "Segment",
 ]
 
@@ -67,15 +68,20 @@ class Event(IntFlag):
 
 
 @dataclass(frozen=True, slots=True)
-class ProcessDataMap:
-    """Where a slave's process data lie: in its memory, and in the images of the segment."""
+class Area:
+    """Where the process data of a sync manager lie.
 
-    output_address: int
-    output_size: int
-    output_offset: int
-    input_address: int
-    input_size: int
-    input_offset: int
+    Attributes:
+        output: Whether they are outputs; else inputs.
+        address: First byte in the memory of the slave.
+        size: Bytes.
+        offset: First byte in the image of the outputs, or of the inputs, of the segment.
+    """
+
+    output: bool
+    address: int
+    size: int
+    offset: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,14 +105,12 @@ class _Event(ctypes.Structure):
     _fields_ = (("position", ctypes.c_uint32), ("bits", ctypes.c_uint32))
 
 
-class _Map(ctypes.Structure):
+class _Area(ctypes.Structure):
     _fields_ = (
-        ("output_address", ctypes.c_uint16),
-        ("output_size", ctypes.c_uint16),
-        ("output_offset", ctypes.c_uint32),
-        ("input_address", ctypes.c_uint16),
-        ("input_size", ctypes.c_uint16),
-        ("input_offset", ctypes.c_uint32),
+        ("address", ctypes.c_uint16),
+        ("size", ctypes.c_uint16),
+        ("offset", ctypes.c_uint32),
+        ("output", ctypes.c_uint32),
     )
 
 
@@ -143,10 +147,11 @@ def _library() -> ctypes.CDLL:
         "esc_lock_sync_manager": (number, [segment, number, number, number]),
         "esc_mailbox_take": (number, [segment, number, ctypes.c_void_p, size]),
         "esc_mailbox_put": (number, [segment, number, data, size, number]),
-        "esc_map": (number, [segment, number, ctypes.POINTER(_Map)]),
+        "esc_map": (number, [segment, number, ctypes.POINTER(_Area), ctypes.c_uint]),
         "esc_await_outputs": (number, [segment, number]),
         "esc_get_outputs": (number, [segment, ctypes.c_void_p, size, ctypes.c_int64]),
         "esc_put_inputs": (number, [segment, ctypes.c_void_p, size]),
+        "esc_refused_fmmus": (number, [segment, number]),
         "esc_sii": (number, [segment, number, ctypes.c_void_p, size]),
         "esc_set_sii": (number, [segment, number, data, size]),
         "esc_get_counters": (None, [segment, ctypes.POINTER(_Counters)]),
@@ -326,19 +331,11 @@ class Segment(Wire, Clocks):
         self.outputs = memoryview(buffers[0]).cast("B")[:output_size]
         self.inputs = memoryview(buffers[1]).cast("B")[:input_size]
 
-    def map(self, position: int, where: ProcessDataMap | None) -> None:
-        """Connects the process data of a slave with the images, or disconnects it."""
-        entry = None
-        if where is not None:
-            entry = _Map(
-                where.output_address,
-                where.output_size,
-                where.output_offset,
-                where.input_address,
-                where.input_size,
-                where.input_offset,
-            )
-        checked(self._lib.esc_map(self._handle, position, entry))
+    def map(self, position: int, areas: Sequence[Area] = ()) -> None:
+        """Connects the process data of a slave with the images; none disconnects it."""
+        rows = [_Area(area.address, area.size, area.offset, area.output) for area in areas]
+        array = (_Area * len(rows))(*rows)
+        checked(self._lib.esc_map(self._handle, position, array, len(rows)))
 
     def await_outputs(self, position: int) -> None:
         """Asks for `Event.OUTPUTS` when the master has written complete output data.
@@ -357,6 +354,11 @@ class Segment(Wire, Clocks):
     def put_inputs(self) -> None:
         """Copies `inputs` to the inputs of all slaves."""
         checked(self._lib.esc_put_inputs(self._handle, self._images[1], len(self.inputs)))
+
+    def refused_fmmus(self, position: int) -> list[int]:
+        """FMMUs of a slave that take no part: real controllers do not allow them (fmmu.c)."""
+        bits = checked(self._lib.esc_refused_fmmus(self._handle, position))
+        return [number for number in range(bits.bit_length()) if bits >> number & 1]
 
     def sii(self, position: int) -> bytes:
         """The SII image of a slave, with what the master wrote into it."""

@@ -173,11 +173,14 @@ class Simulation:
         """What is not as it should be with a slave, in words."""
         place, device = self._places[position], self.rig.devices[position]
         mode = device.mailbox_fault.mode
+        refused = self.segment.refused_fmmus(position)
+        numbers = ", ".join(map(str, refused))
         found = {
             "no power": not place.on,
             "swapped": device is not place.original,
             f"mailbox {mode}": mode != MailboxMode.NONE,
             "EEPROM changed": place.eeprom not in (None, self.segment.sii(position)),
+            f"FMMUs {numbers} are too close to each other to map bits": bool(refused),
         }
         return [text for text, applies in found.items() if applies]
 

@@ -55,18 +55,18 @@ struct esc_config {
     uint8_t dc_bits;       /* width of the distributed clock: 0 = none, 32, 64 */
     uint8_t eeprom_bytes;  /* bytes that one read of the EEPROM brings: 4 or 8 */
     uint8_t dc_by_sii;     /* SII word 0 switches the units of the clock on (bits 10 and 11) */
-    uint16_t features;     /* register 0x0008: bit 2 and 3 as `dc_bits`, bit 9 if LRW passes by */
+    uint16_t features;     /* register 0x0008: bit 0 if FMMUs map bytes only, 2 and 3 as `dc_bits`,
+                              9 if LRW passes by, 10 if BRW, APRW and FPRW do */
     uint32_t eeprom_read_us, eeprom_write_us; /* how long the EEPROM is busy */
 };
 
-/* Where the process data of a slave lie in its memory and in the images of the device side. */
-struct esc_process_data {
-    uint16_t output_address;
-    uint16_t output_size;
-    uint32_t output_offset;
-    uint16_t input_address;
-    uint16_t input_size;
-    uint32_t input_offset;
+/* Where the process data of a sync manager lie in the memory of a slave, and in one of the images of
+ * the device side: that of the outputs or that of the inputs. */
+struct esc_area {
+    uint16_t address;
+    uint16_t size;
+    uint32_t offset;
+    uint32_t output;
 };
 
 struct esc_counters {
@@ -195,9 +195,9 @@ ESC_API int esc_mailbox_take(struct esc_segment *segment, int position, uint8_t 
 ESC_API int esc_mailbox_put(struct esc_segment *segment, int position, const uint8_t *mail,
                             size_t size, int again);
 
-/* Registers (or with NULL forgets) the process data of a slave. */
-ESC_API int esc_map(struct esc_segment *segment, int position,
-                    const struct esc_process_data *map);
+/* Registers (or with NULL forgets) the process data of a slave: at most ESC_MAX_CHANNELS areas. */
+ESC_API int esc_map(struct esc_segment *segment, int position, const struct esc_area *areas,
+                    unsigned count);
 /* Arms ESC_OUTPUTS: it comes with complete output data; at once if there have been any since `esc_map`,
  * or since OP was left. */
 ESC_API int esc_await_outputs(struct esc_segment *segment, int position);
@@ -209,6 +209,10 @@ ESC_API int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t 
 /* Copies the image to the inputs of all mapped slaves; where the master has moved a sync manager so
  * that it begins before them, they stay as they are. */
 ESC_API int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t size);
+
+/* FMMUs of a slave that take no part, a bit for each: it and another one of the same direction are
+ * closer than the three bytes that there must be between them where one of the two maps bits. */
+ESC_API int esc_refused_fmmus(struct esc_segment *segment, int position);
 
 /* Copies the SII image. Returns its size. */
 ESC_API int esc_sii(struct esc_segment *segment, int position, uint8_t *image, size_t capacity);

@@ -1,7 +1,14 @@
-/* Logical addressing: the FMMUs (registers 0x0600 upward) map logical bits to physical memory. */
+/* Logical addressing: the FMMUs (registers 0x0600 upward) map logical bits to physical memory.
+ *
+ * Restrictions are those of the ESC data sheet, section I, "Restrictions on FMMU settings" and what
+ * follows it. What a chip does where it forbids something is not said there; here such an FMMU takes no
+ * part, so that the working counter shows it.
+ */
 #include "slave.h"
 
-enum { TYPE_READ = 1, TYPE_WRITE = 2, ACTIVATE = 1 };
+#include <errno.h>
+
+enum { TYPE_READ = 1, TYPE_WRITE = 2, ACTIVATE = 1, FREE_BYTES = 3 };
 
 /* The buffered sync manager that holds [from, to) alone, and no other channel touches it. */
 static struct sync_manager *only_buffer(struct slave *slave, uint32_t from, uint32_t to, bool write)
@@ -27,10 +34,12 @@ static void decode(struct slave *slave, const uint8_t *reg, struct fmmu *fmmu)
     uint8_t type = reg[11];
     fmmu->start = load32(reg);
     fmmu->end = fmmu->start + size < fmmu->start ? UINT32_MAX : fmmu->start + size;
-    fmmu->first_bit = reg[6] & 7;
-    fmmu->last_bit = reg[7] & 7;
+    bool bits = (slave->config.features & FEATURE_BYTE_FMMUS) == 0; /* else these are ignored */
+    fmmu->first_bit = bits ? reg[6] & 7 : 0;
+    fmmu->last_bit = bits ? reg[7] & 7 : 7;
     fmmu->address = load16(reg + 8);
-    fmmu->physical_bit = reg[10] & 7;
+    fmmu->physical_bit = bits ? reg[10] & 7 : 0;
+    fmmu->contested = false;
     fmmu->read = (type & TYPE_READ) != 0;
     fmmu->write = (type & TYPE_WRITE) != 0;
     fmmu->aligned = fmmu->first_bit == 0 && fmmu->last_bit == 7 && fmmu->physical_bit == 0;
@@ -40,17 +49,69 @@ static void decode(struct slave *slave, const uint8_t *reg, struct fmmu *fmmu)
         fmmu->fast = only_buffer(slave, fmmu->address, fmmu->address + size, fmmu->write);
 }
 
+static bool share_direction(const struct fmmu *a, const struct fmmu *b)
+{
+    return (a->read && b->read) || (a->write && b->write);
+}
+
+/* Whether there are fewer than `bytes` between two windows; with 0, whether they overlap. */
+static bool are_closer(const struct fmmu *a, const struct fmmu *b, uint32_t bytes)
+{
+    const struct fmmu *low = a->start <= b->start ? a : b, *high = low == a ? b : a;
+    return high->start < (uint64_t)low->end + bytes;
+}
+
+/* Decodes the active channels of a slave. Those that its chip does not allow are not among them:
+ * their numbers are bits of the result. */
+static unsigned decode_all(struct slave *slave, struct fmmu *fmmus, unsigned *count)
+{
+    unsigned numbers[ESC_MAX_CHANNELS], found = 0, refused = 0;
+    for (unsigned k = 0; k < slave->fmmus; k++) {
+        const uint8_t *reg = slave->memory + REG_FMMU + 16 * k;
+        if ((reg[12] & ACTIVATE) == 0 || load16(reg + 4) == 0)
+            continue;
+        decode(slave, reg, &fmmus[found]);
+        numbers[found++] = k;
+    }
+    for (unsigned i = 0; i < found; i++) {
+        for (unsigned k = i + 1; k < found; k++) {
+            if (!share_direction(&fmmus[i], &fmmus[k]))
+                continue;
+            if (!(fmmus[i].aligned && fmmus[k].aligned) &&
+                are_closer(&fmmus[i], &fmmus[k], FREE_BYTES))
+                refused |= 1U << numbers[i] | 1U << numbers[k];
+            else
+                fmmus[k].contested |= are_closer(&fmmus[i], &fmmus[k], 0);
+        }
+    }
+    *count = 0;
+    for (unsigned i = 0; i < found; i++)
+        if ((refused >> numbers[i] & 1) == 0)
+            fmmus[(*count)++] = fmmus[i];
+    return refused;
+}
+
+int esc_refused_fmmus(struct esc_segment *segment, int position)
+{
+    struct fmmu fmmus[ESC_MAX_CHANNELS];
+    unsigned count;
+    int result = -ENODEV;
+    pthread_mutex_lock(&segment->lock);
+    if (position >= 0 && (unsigned)position < segment->count)
+        result = (int)decode_all(segment->slaves[position], fmmus, &count);
+    pthread_mutex_unlock(&segment->lock);
+    return result;
+}
+
 /* Collects the active channels of the slaves on a route, in the order in which a frame passes. */
 static void collect(struct esc_segment *segment, struct route *route)
 {
     route->active_count = 0;
     for (unsigned i = 0; i < route->count; i++) {
-        struct slave *slave = segment->slaves[route->order[i]];
-        for (unsigned k = 0; k < slave->fmmus; k++) {
-            const uint8_t *reg = slave->memory + REG_FMMU + 16 * k;
-            if ((reg[12] & ACTIVATE) != 0 && load16(reg + 4) > 0)
-                decode(slave, reg, &route->active[route->active_count++]);
-        }
+        unsigned count;
+        (void)decode_all(segment->slaves[route->order[i]], route->active + route->active_count,
+                         &count);
+        route->active_count += count;
     }
     route->collected = true;
 }
@@ -90,7 +151,8 @@ static void copy_bit(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t
 }
 
 /* Any alignment, any memory: bits are merged into whole bytes, and those go the way of physical
- * access. */
+ * access. Only digital outputs are written bit by bit; in other bytes that are written, bits that are not
+ * mapped get undefined values: ones, which do not pass for what a master or a device had there. */
 static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_t *data, bool write)
 {
     struct slave *slave = fmmu->slave;
@@ -102,7 +164,10 @@ static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_
         return false;
     if (write) {
         uint8_t merged[0x800 + 1];
-        memcpy(merged, slave->memory + from, to - from);
+        if (from >= REG_DIGITAL_OUTPUT && to <= REG_DIGITAL_OUTPUT_END)
+            memcpy(merged, slave->memory + from, to - from);
+        else
+            memset(merged, 0xFF, to - from);
         for (uint32_t i = 0; i < bits; i++)
             copy_bit(merged, shift + i, data, span->datagram_bit + i);
         return access_write(slave, (uint16_t)from, merged, to - from);
@@ -113,11 +178,10 @@ static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_
     return memory != NULL;
 }
 
-static bool access_channel(const struct fmmu *fmmu, uint32_t address, uint8_t *data, uint32_t end,
-                           bool write)
+/* The logical bytes [from, to) of a channel, which the datagram has. */
+static bool access_window(const struct fmmu *fmmu, uint32_t address, uint8_t *data, uint32_t from,
+                          uint32_t to, bool write)
 {
-    uint32_t from = address > fmmu->start ? address : fmmu->start;
-    uint32_t to = end < fmmu->end ? end : fmmu->end;
     if (fmmu->fast != NULL) {
         struct slave *slave = fmmu->slave;
         struct sync_manager *sm = fmmu->fast;
@@ -138,6 +202,40 @@ static bool access_channel(const struct fmmu *fmmu, uint32_t address, uint8_t *d
     }
     struct span span;
     return clip(fmmu, from, to, address, &span) && access_bits(fmmu, &span, data, write);
+}
+
+/* The same, where channels with lower numbers (from `first` on) have a part of it: each logical byte
+ * belongs to the first one that maps it. */
+static bool access_rest(const struct fmmu *first, const struct fmmu *fmmu, uint32_t address,
+                        uint8_t *data, uint32_t from, uint32_t to, bool write)
+{
+    bool any = false;
+    while (from < to) {
+        uint32_t end = to;
+        bool taken = false;
+        for (const struct fmmu *other = first; other < fmmu; other++) {
+            if (!(write ? other->write : other->read) || other->end <= from || other->start >= end)
+                continue;
+            taken = other->start <= from;
+            end = !taken ? other->start : other->end < end ? other->end : end;
+            if (taken)
+                break;
+        }
+        if (!taken)
+            any |= access_window(fmmu, address, data, from, end, write);
+        from = end;
+    }
+    return any;
+}
+
+static bool access_channel(const struct fmmu *first, const struct fmmu *fmmu, uint32_t address,
+                           uint8_t *data, uint32_t end, bool write)
+{
+    uint32_t from = address > fmmu->start ? address : fmmu->start;
+    uint32_t to = end < fmmu->end ? end : fmmu->end;
+    if (fmmu->contested)
+        return access_rest(first, fmmu, address, data, from, to, write);
+    return access_window(fmmu, address, data, from, to, write);
 }
 
 /* Finds the first and the last channel that a datagram concerns. The device side, on another
@@ -190,11 +288,11 @@ unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *dat
         }
         for (; fmmu < last && fmmu->slave == slave; fmmu++)
             if (write && fmmu->write && fmmu->start < end && address < fmmu->end)
-                written |= access_channel(fmmu, address, data, end, true);
+                written |= access_channel(first, fmmu, address, data, end, true);
         if (read)
             for (fmmu = first; fmmu < last && fmmu->slave == slave; fmmu++)
                 if (fmmu->read && fmmu->start < end && address < fmmu->end)
-                    was_read |= access_channel(fmmu, address, data, end, false);
+                    was_read |= access_channel(first, fmmu, address, data, end, false);
         count += (unsigned)was_read + (unsigned)written * (read ? 2U : 1U);
     }
     return count;

@@ -64,11 +64,16 @@ static unsigned swap_slave(struct slave *slave, uint16_t address, uint8_t *data,
     return count + 2 * written;
 }
 
+static bool can_read_and_write(const struct slave *slave)
+{
+    return (slave->config.features & FEATURE_NO_READ_WRITE) == 0;
+}
+
 static unsigned access_slave(struct slave *slave, uint16_t address, uint8_t *data, unsigned size,
                              bool read, bool write)
 {
     if (read && write)
-        return swap_slave(slave, address, data, size);
+        return can_read_and_write(slave) ? swap_slave(slave, address, data, size) : 0;
     return read ? read_slave(slave, address, data, size) : write_slave(slave, address, data, size);
 }
 
@@ -83,6 +88,8 @@ static unsigned broadcast(struct esc_segment *segment, uint16_t address, uint8_t
     const struct route *route = segment->route;
     for (unsigned i = 0; i < route->count; i++) {
         struct slave *slave = segment->slaves[route->order[i]];
+        if (read && write && !can_read_and_write(slave))
+            continue;
         if (read) {
             const uint8_t *memory = access_read(slave, address, size);
             if (memory != NULL) {

@@ -240,26 +240,27 @@ int esc_mailbox_put(struct esc_segment *segment, int position, const uint8_t *ma
     return result;
 }
 
-int esc_map(struct esc_segment *segment, int position, const struct esc_process_data *map)
+int esc_map(struct esc_segment *segment, int position, const struct esc_area *areas, unsigned count)
 {
+    if (areas == NULL)
+        count = 0;
+    if (count > ESC_MAX_CHANNELS)
+        return -EINVAL;
+    for (unsigned i = 0; i < count; i++)
+        if (areas[i].address + areas[i].size > ESC_MEMORY)
+            return -EINVAL;
     struct slave *slave = enter(segment, position);
     if (slave == NULL)
         return -ENODEV;
-    int result = 0;
-    if (map != NULL && (map->output_address + map->output_size > ESC_MEMORY ||
-                        map->input_address + map->input_size > ESC_MEMORY)) {
-        result = -EINVAL;
-    } else {
-        slave->mapped = map != NULL;
-        slave->has_outputs = slave->awaits_outputs = false;
-        slave->deadline_ns = 0;
-        slave->fed = false;
-        slave->expired = false;
-        if (map != NULL)
-            slave->map = *map;
-    }
+    slave->has_outputs = slave->awaits_outputs = false;
+    slave->deadline_ns = 0;
+    slave->fed = false;
+    slave->expired = false;
+    slave->area_count = count;
+    if (count > 0)
+        memcpy(slave->areas, areas, count * sizeof *areas);
     leave(segment);
-    return result;
+    return 0;
 }
 
 int esc_await_outputs(struct esc_segment *segment, int position)
@@ -277,16 +278,19 @@ int esc_await_outputs(struct esc_segment *segment, int position)
 
 static int get_outputs(struct slave *slave, uint8_t *image, size_t size)
 {
-    const struct esc_process_data *map = &slave->map;
-    uint32_t from = map->output_address;
-    if (!slave->mapped || map->output_size == 0)
-        return 0;
-    if ((size_t)map->output_offset + map->output_size > size)
-        return -EINVAL;
-    if ((slave->memory[REG_AL_STATUS] & AL_STATE_MASK) == AL_OP && !slave->expired)
-        buffers_read(slave, from, from + map->output_size, image + map->output_offset);
-    else
-        memset(image + map->output_offset, 0, map->output_size);
+    bool valid = (slave->memory[REG_AL_STATUS] & AL_STATE_MASK) == AL_OP && !slave->expired;
+    for (unsigned i = 0; i < slave->area_count; i++) {
+        const struct esc_area *area = &slave->areas[i];
+        uint32_t from = area->address, to = from + area->size;
+        if (!area->output)
+            continue;
+        if ((size_t)area->offset + area->size > size)
+            return -EINVAL;
+        if (valid)
+            buffers_read(slave, from, to, image + area->offset);
+        else
+            memset(image + area->offset, 0, area->size);
+    }
     return 0;
 }
 
@@ -308,20 +312,28 @@ int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size, in
     return result;
 }
 
+static int put_inputs(struct slave *slave, const uint8_t *image, size_t size)
+{
+    for (unsigned i = 0; i < slave->area_count; i++) {
+        const struct esc_area *area = &slave->areas[i];
+        if (area->output)
+            continue;
+        if ((size_t)area->offset + area->size > size)
+            return -EINVAL;
+        /* Refused where the master has moved the sync manager since: no new inputs then. */
+        (void)buffers_write(slave, area->address, (uint32_t)area->address + area->size,
+                            image + area->offset);
+    }
+    return 0;
+}
+
 int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t size)
 {
     struct slave *slave;
     int result = 0;
     for (int position = 0; (slave = enter(segment, position)) != NULL; position++) {
-        const struct esc_process_data *map = &slave->map;
-        if (slave->mapped && map->input_size > 0) {
-            uint32_t from = map->input_address;
-            if ((size_t)map->input_offset + map->input_size > size)
-                result = -EINVAL;
-            else /* refused where the master has moved the sync manager since: no new inputs then */
-                (void)buffers_write(slave, from, from + map->input_size,
-                                    image + map->input_offset);
-        }
+        int error = put_inputs(slave, image, size);
+        result = error != 0 ? error : result;
         leave(segment);
     }
     return result;

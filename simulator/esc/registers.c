@@ -33,7 +33,7 @@ static const struct {
     {REG_DC + 0x90, REG_DC + 0x98},
     {REG_DC + 0xA0, REG_LATCH},
     {REG_LATCH, REG_LATCH + 2},
-    {REG_DIGITAL_OUTPUT, 0x0F04},
+    {REG_DIGITAL_OUTPUT, REG_DIGITAL_OUTPUT_END},
     {0x0F10, 0x0F18}, /* general purpose outputs */
     {0x0F80, REG_RAM} /* user RAM */
 };
@@ -106,7 +106,7 @@ void registers_power_on(struct slave *slave)
     eeprom_load(slave, true);
     update_station(slave);
     slave->ecat_events = slave->al_events = 0;
-    slave->mapped = false;
+    slave->area_count = 0;
     slave->segment->event_word_stale = true;
 }
 

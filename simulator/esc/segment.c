@@ -114,7 +114,7 @@ static void switch_power(struct slave *slave, bool on)
     topology_refresh(slave->segment);
     slave->off = !on;
     slave->events = 0;
-    slave->mapped = false;
+    slave->area_count = 0;
     topology_update(slave->segment); /* the neighbours see the links come or go */
 }
 

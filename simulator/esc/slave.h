@@ -60,6 +60,7 @@ enum esc_register {
     REG_LATCH = 0x09A8,
     REG_DC_END = 0x0A00,
     REG_DIGITAL_OUTPUT = 0x0F00,
+    REG_DIGITAL_OUTPUT_END = 0x0F04,
     REG_RAM = 0x1000
 };
 
@@ -78,7 +79,11 @@ enum al_event_bits {
     AL_EVENT_WATCHDOG = 0x0040,
     AL_EVENT_SM0 = 0x0100 /* to SM15; levels, not kept in `slave.al_events` */
 };
-enum feature_bits { FEATURE_NO_LRW = 0x0200 }; /* of register 0x0008 */
+enum feature_bits { /* of register 0x0008 */
+    FEATURE_BYTE_FMMUS = 0x0001,
+    FEATURE_NO_LRW = 0x0200,
+    FEATURE_NO_READ_WRITE = 0x0400
+};
 enum dl_status_bits { DL_PDI_OPERATIONAL = 0x01, DL_PDI_WATCHDOG = 0x02 };
 enum { AL_STATE_MASK = 0x0F, AL_OP = 8, AL_ERROR = 0x10 };
 enum { PORTS = 4, NO_PORT = 0xFF, INTERFACES = 2, LOST = -1 };
@@ -102,6 +107,7 @@ struct fmmu {
     uint16_t address;    /* first physical byte */
     uint8_t first_bit, last_bit, physical_bit;
     bool read, write, aligned;
+    bool contested; /* channels with lower numbers have some of its logical bytes */
     struct slave *slave;
     struct sync_manager *fast; /* the buffered channel that holds all its bytes, else NULL */
 };
@@ -139,10 +145,10 @@ struct slave {
     int64_t deadline_ns; /* process data watchdog; 0 = not started */
     int64_t pdi_ns;      /* PDI watchdog: last access of the device; 0 = none yet */
     bool pdi_expired;    /* PDI watchdog */
-    bool mapped;
     uint8_t reset_step[2]; /* letters of the reset sequence seen: of the master, of the device */
     uint64_t write_enabled, esc_write_enabled; /* frames, see `frame_number` */
-    struct esc_process_data map;
+    unsigned area_count;
+    struct esc_area areas[ESC_MAX_CHANNELS];
     struct esc_config config;
     struct eeprom eeprom;
     struct dc dc;

@@ -28,6 +28,7 @@ from masters import (
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
+from ecatsim.control import Simulator
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device
 from ecatsim.slave.objects import Access
@@ -39,6 +40,7 @@ pytestmark = pytest.mark.bus
 HERE = Path(__file__)
 LONG = bytes(range(250)) * 3
 LONG_LINE = HERE.parents[1] / "rigs" / "long_line.py"
+LAYOUTS = HERE.parents[1] / "rigs" / "layouts.py"
 
 
 class Sample(Device):
@@ -125,6 +127,28 @@ def master_frugal():
 
 def test_outputs_of_one_exchange_in_safeop_are_enough_for_op():
     assert run("troll", master_frugal) == [8, [OP] * 8]
+
+
+def master_that_packs():
+    """The four bits of each of two sync managers lie in one byte of the image."""
+    master = new_master()
+    master.open(INTERFACE)
+    master.config_init()
+    master.config_map()
+    (slave,) = master.slaves
+    for number, (first, start) in enumerate(((0, 0x1000), (4, 0x1200))):
+        fmmu = struct.pack("<IHBBHBBB3x", 0, 1, first, first + 3, start, 0, 2, 1)
+        slave._fpwr(0x0600 + 16 * number, fmmu)
+    with Simulator() as simulator:
+        return cycle(master), simulator.status().slaves[0].faults
+
+
+def test_bits_that_lie_side_by_side_are_refused(tmp_path):
+    rig = tmp_path / "nibbles.toml"
+    rig.write_text(f'[[slave]]\ndevice = "{LAYOUTS}:Nibbles"\n')
+    counter, faults = run(rig, master_that_packs)
+    assert counter == 0
+    assert faults == ["FMMUs 0, 1 are too close to each other to map bits"]
 
 
 def master_line():

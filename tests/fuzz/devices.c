@@ -18,11 +18,11 @@ static void follow(unsigned position)
 {
     uint8_t control[2];
     uint32_t at = 32 * (position % (IMAGE / 32));
-    struct esc_process_data where = {0x1100, 16, at, 0x1200, 16, at + 16};
+    struct esc_area where[] = {{0x1100, 16, at, 1}, {0x1200, 16, at + 16, 0}};
     if (esc_read(segment, (int)position, 0x0120, control, 2) != 0)
         die("AL control cannot be read");
     unsigned state = control[0] & 0x0FU;
-    (void)esc_map(segment, (int)position, state >= 4 ? &where : NULL);
+    (void)esc_map(segment, (int)position, where, state >= 4 ? 2 : 0);
     (void)esc_set_al_status(segment, (int)position, (uint16_t)state, 0);
 }
 
@@ -77,13 +77,14 @@ void exchange_images(struct source *source)
 static void map(struct source *source)
 {
     int slave = any_slave(source);
-    struct esc_process_data where = {0x1100, 16, 32U * (uint32_t)slave,
-                                     0x1200, 16, 32U * (uint32_t)slave + 16};
+    uint32_t at = 32U * (uint32_t)slave;
+    struct esc_area where[] = {
+        {0x1100, 16, at, 1}, {0x1200, 16, at + 16, 0}, {0x1300, 4, at + 8, one_in(source, 2)}};
     if (one_in(source, 4))
-        where.output_address = (uint16_t)draw(source);
+        where[0].address = (uint16_t)draw(source);
     if (one_in(source, 4))
-        where.input_size = (uint16_t)draw(source);
-    (void)esc_map(segment, slave, one_in(source, 8) ? NULL : &where);
+        where[1].size = (uint16_t)draw(source);
+    (void)esc_map(segment, slave, where, below(source, 4));
     (void)esc_await_outputs(segment, slave);
 }
 

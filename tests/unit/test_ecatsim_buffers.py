@@ -20,7 +20,7 @@ from test_ecatsim_frames import (
 )
 
 from ecatd.model.errors import StateError
-from ecatsim.core import Chip, ProcessDataMap, Segment
+from ecatsim.core import Area, Chip, Segment
 from ecatsim.slave.sii import Description, build
 
 OUT, IN = 0x1100, 0x1400
@@ -209,7 +209,7 @@ def test_images_are_whole_while_frames_come(segment):
     set_fmmu(segment, 0, 0, 0, SIZE, (0, 7, 0), OUT, 2)
     set_fmmu(segment, 0, 1, 0x100, SIZE, (0, 7, 0), IN, 1)
     segment.make_images(SIZE, SIZE)
-    segment.map(0, ProcessDataMap(OUT, SIZE, 0, IN, SIZE, 0))
+    segment.map(0, [Area(True, OUT, SIZE, 0), Area(False, IN, SIZE, 0)])
     segment.set_al_status(0, 8, 0)
     mixed = []
 
@@ -265,7 +265,7 @@ def test_process_data_ram_is_closed_without_a_valid_sii():
 
 def test_inputs_stay_where_the_master_has_moved_the_sync_manager(segment):
     segment.make_images(0, SIZE)
-    segment.map(0, ProcessDataMap(0, 0, 0, IN, SIZE, 0))
+    segment.map(0, [Area(False, IN, SIZE, 0)])
     segment.inputs[:] = b"old data"
     segment.put_inputs()
     send(segment, APWR, 0, 0x081E, b"\0")

@@ -19,7 +19,7 @@ from test_ecatsim_frames import (
     set_sm,
 )
 
-from ecatsim.core import Chip, Event, ProcessDataMap, Segment
+from ecatsim.core import Area, Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 
 OUT, IN = 0x1100, 0x1400
@@ -174,7 +174,7 @@ def test_the_al_event_mask_belongs_to_the_device(segment):
 def watched(segment, address=OUT, size=2):
     set_sm(segment, 0, 2, address, size, 0x64)
     segment.make_images(size, 1)
-    segment.map(0, ProcessDataMap(address, size, 0, IN, 0, 0))
+    segment.map(0, [Area(True, address, size, 0)])
     segment.set_al_status(0, 8, 0)
 
 

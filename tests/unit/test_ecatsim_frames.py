@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from ecatsim.core import Chip, Event, ProcessDataMap, Segment
+from ecatsim.core import Area, Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 
 APRD, APWR, APRW, FPRD, FPWR, FPRW, BRD, BWR, BRW, LRD, LWR, LRW, ARMW, FRMW = range(1, 15)
@@ -341,7 +341,7 @@ def test_events_come_once_and_together(segment):
 def watchdog_rig(segment):
     set_sm(segment, 0, 2, 0x1100, 2, 0x64)
     segment.make_images(2, 2)
-    segment.map(0, ProcessDataMap(0x1100, 2, 0, 0x1180, 2, 0))
+    segment.map(0, [Area(True, 0x1100, 2, 0), Area(False, 0x1180, 2, 0)])
     segment.set_al_status(0, 8, 0)
 
 

@@ -9,6 +9,7 @@ from ecatd.model.al import al_state_text
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.datatypes import type_name
 from ecatd.model.errors import StateError
+from ecatd.model.pdo_layout import places
 
 from .output import print_json, print_table
 
@@ -117,12 +118,12 @@ def pdos(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _print_pdos(kind: str, group: list[Pdo]) -> None:
-    bit = 0
+    bits = {id(entry): bit for _, entry, bit in places(group)}
     for pdo in group:
         print(f"    {kind} 0x{pdo.index:04X}  {pdo.name}".rstrip() + f"  (SM{pdo.sync_manager})")
         for entry in pdo.entries:
-            place = f"{bit // 8:4d}.{bit % 8}"
-            bit += entry.bit_length
+            byte, bit = divmod(bits[id(entry)], 8)
+            place = f"{byte:4d}.{bit}"
             if entry.is_gap:
                 print(f"      {place}  -          {entry.bit_length:2d} bit  (gap)")
                 continue

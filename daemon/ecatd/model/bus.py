@@ -16,6 +16,7 @@ from itertools import groupby
 from typing import Any
 
 from .datatypes import is_real, nearest_real
+from .pdo_layout import byte_length, places
 
 SCHEMA = 1
 
@@ -118,7 +119,7 @@ def _inwards(limit: float, rounded: Callable[[float], int]) -> float:
 
 @dataclass(slots=True)
 class Pdo:
-    """One PDO in the order of the process image.
+    """One PDO.
 
     Attributes:
         index: Index of the mapping object, 0x1600… (outputs) or 0x1A00… (inputs).
@@ -153,8 +154,8 @@ class Slave:
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
         profiles: Device profiles that meanings of its entries are from, each with its source.
-        outputs: RxPDOs, in the order of the process image.
-        inputs: TxPDOs, in the order of the process image.
+        outputs: RxPDOs; `pdo_layout` says where they lie.
+        inputs: TxPDOs.
         domain: Number of the domain, 0 first.
         output_offset: First byte of its outputs in the output part of the domain's image.
         input_offset: First byte of its inputs in the domain's image.
@@ -188,13 +189,13 @@ class Slave:
 
     @property
     def output_bytes(self) -> int:
-        """Bytes of the outputs in the process image (whole bytes for every slave)."""
-        return (sum(pdo.bit_length for pdo in self.outputs) + 7) // 8
+        """Bytes of the outputs in the process image, see `pdo_layout`."""
+        return byte_length(self.outputs)
 
     @property
     def input_bytes(self) -> int:
-        """Bytes of the inputs in the process image (whole bytes for every slave)."""
-        return (sum(pdo.bit_length for pdo in self.inputs) + 7) // 8
+        """Bytes of the inputs in the process image, see `pdo_layout`."""
+        return byte_length(self.inputs)
 
     @property
     def label(self) -> str:
@@ -203,12 +204,9 @@ class Slave:
 
     def entries(self, *, outputs: bool) -> Iterator[tuple[Pdo, Entry, int]]:
         """Entries of one direction without gaps, with the bit offset within the slave's bytes."""
-        bit = 0
-        for pdo in self.outputs if outputs else self.inputs:
-            for entry in pdo.entries:
-                if not entry.is_gap:
-                    yield pdo, entry, bit
-                bit += entry.bit_length
+        for pdo, entry, bit in places(self.outputs if outputs else self.inputs):
+            if not entry.is_gap:
+                yield pdo, entry, bit
 
 
 def positions_text(positions: Iterable[int]) -> str:
@@ -271,8 +269,8 @@ class Bus:
     def fingerprint(self) -> int:
         """64 bits that differ when identities, order or mappings of the slaves differ.
 
-        Names, serial numbers, addresses, domains and the cycle time do not count: clients find
-        values by slave and entry, and these do not change what a value means.
+        Names, serial numbers, addresses, sync managers, domains and the cycle time do not count:
+        clients find values by slave and entry, and these do not change what a value means.
         """
         facts = [
             [

@@ -24,6 +24,9 @@ CATEGORY_TXPDO = 50
 CATEGORY_RXPDO = 51
 CATEGORY_DC = 60
 CATEGORY_END = 0xFFFF
+USAGE_OUTPUTS, USAGE_INPUTS = 3, 4
+"""What a sync manager is for (category 41)."""
+
 UNASSIGNED = 0xFF
 """In place of a sync manager: the PDO is not mapped by default."""
 
@@ -163,6 +166,14 @@ class Sii:
     fmmus: list[int] = field(default_factory=list)
     dc: list[SiiDc] = field(default_factory=list)
     fixed: set[int] = field(default_factory=set)
+
+    def channels(self, usage: int) -> list[int]:
+        """Numbers of the sync managers for process data of a usage.
+
+        Where the SII has none they are the usual ones of ETG.1000.4: 2 for outputs, 3 for inputs.
+        """
+        found = [n for n, item in enumerate(self.sync_managers) if item.usage == usage]
+        return found or ([2] if usage == USAGE_OUTPUTS else [3])
 
 
 def read_sii(words: Callable[[int, int], bytes]) -> Sii:

@@ -6,13 +6,16 @@ from dataclasses import replace
 
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType, bit_length
+from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
+from ecatd.model.sii_check import check_sii
 
 from ..capture import CapturedSlave, Upload, number
 from ..slave.device import Device
-from ..slave.sii import UNASSIGNED, SmType
+from ..slave.pdo_objects import ASSIGNMENTS
+from ..slave.sii import UNASSIGNED
 from .device_objects import INPUTS, OUTPUTS
 
-_ASSIGNMENTS = ((0x1C12, OUTPUTS, SmType.OUTPUTS, 2), (0x1C13, INPUTS, SmType.INPUTS, 3))
+_DIRECTIONS = ((OUTPUTS, USAGE_OUTPUTS), (INPUTS, USAGE_INPUTS))
 
 
 def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
@@ -23,20 +26,24 @@ def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
         base: The device that its SII describes.
     """
     result: list[Pdo] = []
-    for assignment, indices, purpose, usual in _ASSIGNMENTS:
-        managers = [sm.type for sm in base.sync_managers or ()]
-        manager = managers.index(purpose) if purpose in managers else usual
+    sii, _ = check_sii(slave.sii)
+    for indices, usage in _DIRECTIONS:
         from_sii = base.rx_pdos if indices is OUTPUTS else base.tx_pdos
-        if slave.values.get((assignment, 0), Upload()).data is None:
+        channels = {
+            channel: _uploads(slave, ASSIGNMENTS + channel)
+            for channel in sii.channels(usage)
+            if slave.values.get((ASSIGNMENTS + channel, 0), Upload()).data is not None
+        }
+        if not channels:
             result += from_sii
             continue
-        assigned = _uploads(slave, assignment)
+        places = {i: channel for channel, assigned in channels.items() for i in assigned}
         mapped = {item.index for item in slave.objects or () if item.index in indices}
-        mapped |= {index for index in assigned if index in indices}
-        others = sorted(mapped - set(assigned))
+        mapped |= {index for index in places if index in indices}
+        others = sorted(mapped - places.keys())
         known = {pdo.index: pdo for pdo in from_sii}
-        for index in (*(i for i in assigned if i in mapped), *others):
-            place = manager if index in assigned else UNASSIGNED
+        for index in (*(i for i in places if i in mapped), *others):
+            place = places.get(index, UNASSIGNED)
             result.append(_pdo(slave, index, place, known.get(index)))
         if slave.objects is None:  # there may be more of them than are assigned
             result += [pdo for pdo in from_sii if pdo.index not in mapped]
@@ -47,7 +54,7 @@ def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
 def _facts(pdos: list[Pdo]) -> tuple[list[object], dict[int, object]]:
     """What makes process data different: the assigned PDOs in order, and what each one maps."""
     return (
-        [pdo.index for pdo in pdos if pdo.sync_manager != UNASSIGNED],
+        [(pdo.sync_manager, pdo.index) for pdo in pdos if pdo.sync_manager != UNASSIGNED],
         {pdo.index: [(e.index, e.subindex, e.bit_length) for e in pdo.entries] for pdo in pdos},
     )
 

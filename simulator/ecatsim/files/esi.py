@@ -25,6 +25,8 @@ from ecatd.model.sii_check import check_sii, in_memory, is_description
 from ..slave import sii
 from ..slave.device import Device
 from ..slave.objects import Access, ObjectCode, Value, Variable
+from ..slave.pdo_objects import ASSIGNMENTS
+from ..slave.sync_managers import channels_of
 from .sii_image import DeviceFromSii
 
 _PORTS = {" ": 0, "Y": 1, "H": 1, "K": 3}
@@ -191,11 +193,22 @@ class DeviceFromEsi(DeviceFromSii):
         if self.mailbox and self.mailbox.protocols & 0x04:
             for item in self._esi.objects:
                 self._add_object(item)
-        for index, pdos in ((0x1C12, self._esi.outputs), (0x1C13, self._esi.inputs)):
-            count = self.dictionary[index, 0]
-            if count.on_write is not None:
-                members = self.dictionary.object(index).entries
-                count.on_write = _with_rules(pdos, count.on_write, members)
+        for kind, pdos in (
+            (sii.SmType.OUTPUTS, self._esi.outputs),
+            (sii.SmType.INPUTS, self._esi.inputs),
+        ):
+            channels = channels_of(self._process_data.settings, kind)
+            for channel in channels:
+                members = self.dictionary.object(ASSIGNMENTS + channel).entries
+                check = members[0].on_write
+                if check is not None:
+                    alone = len(channels) == 1
+                    mandatory = {
+                        pdo.index
+                        for pdo in pdos
+                        if pdo.mandatory and (alone or pdo.sync_manager == channel)
+                    }
+                    members[0].on_write = _with_rules(pdos, mandatory, check, members)
 
     def _add_object(self, item: EsiObject) -> None:
         objects = self.dictionary
@@ -250,10 +263,12 @@ def _limit(variable: Variable, data: bytes | None) -> float | None:
 
 
 def _with_rules(
-    pdos: Sequence[EsiPdo], check: Callable[[Value], None], members: dict[int, Variable]
+    pdos: Sequence[EsiPdo],
+    mandatory: set[int],
+    check: Callable[[Value], None],
+    members: dict[int, Variable],
 ) -> Callable[[Value], None]:
     """Adds to the check of a PDO assignment which PDOs must be in it and which exclude others."""
-    mandatory = {pdo.index for pdo in pdos if pdo.mandatory}
     excludes = {pdo.index: set(pdo.excludes) for pdo in pdos}
 
     def write_count(count: Value) -> None:

@@ -90,7 +90,7 @@ def _rights(slave: CapturedSlave, base: Device) -> Iterator[str]:
     def writable(index: int) -> bool:
         return any(entry.access & Access.WRITE_PREOP for entry in rights[index].values())
 
-    known = [index for index in (0x1C12, 0x1C13) if index in rights]
+    known = [index for index in slave.assignments if index in rights]
     assignment = any(writable(index) for index in known)
     if known and assignment != base.variable_assignment:
         yield f"variable_assignment = {'true' if assignment else 'false'}"

@@ -68,7 +68,6 @@ class Device(DeviceType):
         self._add_objects()
         self.describe()
         self._process_data.rebuild()
-        self._process_data.set_up(self.sync_managers, self.mailbox)
         standard_objects.add_sync_managers(self.dictionary, self._process_data.settings)
         self.dictionary.remember()
         self._services = (
@@ -169,7 +168,7 @@ class Device(DeviceType):
         self._sync.stop()
         self._awaited = Event(0)
         if self._on_bus:
-            self._on_bus.map(self.position, None)
+            self._on_bus.map(self.position)
             self._lock_process_data(True)
             self._mask_events(_EVENTS)
         self.machine.reset()
@@ -214,6 +213,7 @@ class Device(DeviceType):
             self.dictionary,
             self.rx_pdos,
             self.tx_pdos,
+            self._settings(),
             assignment=self.variable_assignment,
             mapping=mapping,
             limits=self.mapping_limits,
@@ -340,7 +340,7 @@ class Device(DeviceType):
         if old == AlState.OP:
             self._stop_outputs()
         if new < AlState.SAFEOP <= old:
-            self._segment.map(self.position, None)
+            self._segment.map(self.position)
             self._lock_process_data(True)
             self._sync.stop()
         if new == AlState.SAFEOP and old == AlState.PREOP:

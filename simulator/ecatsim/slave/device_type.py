@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 from ecatd.model.bus import Pdo
+from ecatd.model.pdo_layout import byte_length
 
 from ..core import Chip
 from . import sii
 from .sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
+from .sync_managers import default_size, derive
 
 _SYNC_TO_DEVICE = 0xCC00  # registers 0x0150 and 0x0151: SYNC0 and SYNC1 are outputs and AL events
 
@@ -109,6 +112,16 @@ class DeviceType:
     firmware_valid: bool = True
     files: dict[str, bytes] = {}  # noqa: RUF012  each device has a copy
     period: float = 0.001
+
+    def _settings(self) -> Sequence[SyncManager]:
+        """The sync managers, the usual ones for the PDOs if none are given."""
+        if self.sync_managers is not None:
+            return list(self.sync_managers)
+        room = byte_length(replace(pdo, sync_manager=0) for pdo in self.rx_pdos)
+        if self.variable_mapping:
+            room = max(room, self.mapping_limits[0])
+        sizes = default_size(self.rx_pdos), default_size(self.tx_pdos)
+        return derive(self.mailbox, *sizes, room)
 
     def _build_sii(self, settings: Sequence[SyncManager]) -> bytes:
         """The SII image that follows from the description."""

@@ -1,4 +1,4 @@
-"""PDO mapping (0x1600…, 0x1A00…) and assignment (0x1C12, 0x1C13) as a master may change them.
+"""PDO mapping (0x1600…, 0x1A00…) and assignment (0x1C10 to 0x1C1F) as a master may change them.
 
 Both follow CiA 301: the master writes 0 to entry 0, then the entries, then their number to entry 0,
 with which they become valid. Complete access does the same in one transfer.
@@ -7,15 +7,21 @@ with which they become valid. Complete access does the same in one transfer.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
 
 from ecatd.model import abort_codes
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError, UsageError
+from ecatd.model.pdo_layout import byte_length
 
 from . import units
 from .objects import Access, Dictionary, DictionaryObject, ObjectCode, Value, Variable
 from .sii import UNASSIGNED
+
+ASSIGNMENTS = 0x1C10
+"""Object that assigns PDOs to sync manager 0; those of the others follow."""
 
 _MAPPING_STRUCTURE = 0x0021
 _MAPPING_ENTRIES = 32  # of a mapping that a master may write
@@ -29,7 +35,8 @@ class ProcessDataObjects:
         objects: The dictionary, which gets the mapping objects, the assignment and the entries
             that the PDOs map.
         pdos: All PDOs of the direction with their default entries.
-        outputs: Whether they are RxPDOs, assigned by 0x1C12; else TxPDOs, assigned by 0x1C13.
+        outputs: Whether they are RxPDOs; else TxPDOs.
+        channels: The sync managers that may carry them; 0x1C10 + n assigns those of channel n.
         assignment: Whether a master may write the assignment.
         mapping: Indices of the PDOs whose mapping a master may write.
         limit: Bytes of process data that a mapping may reach.
@@ -41,6 +48,7 @@ class ProcessDataObjects:
         pdos: Sequence[Pdo],
         *,
         outputs: bool,
+        channels: Sequence[int],
         assignment: bool,
         mapping: Collection[int],
         limit: int,
@@ -50,15 +58,22 @@ class ProcessDataObjects:
         self._right = Access.RX_PDO if outputs else Access.TX_PDO
         self._variable = frozenset(mapping) & self._defaults.keys()
         total = sum(pdo.bit_length for pdo in pdos)
-        self.room = max((total + 7) // 8, limit if self._variable else 0)
+        share = max(0, len(channels) - 1)  # of a byte, which each of the others may begin
+        self.room = max((total + 7) // 8 + share, limit if self._variable else 0)
         for pdo in pdos:
             self._add_mapping(pdo)
-        self._add_assignment(0x1C12 if outputs else 0x1C13, assignment)
+        self._assignments: dict[int, DictionaryObject] = {}
+        for channel in channels:
+            self._add_assignment(channel, channel == channels[0], channels, assignment)
 
     @property
     def pdos(self) -> list[Pdo]:
-        """The assigned PDOs as they are mapped, in the order of the process image."""
-        return [self._pdo(int(index)) for index in _members(self._assignment)]
+        """The assigned PDOs as they are mapped."""
+        return [
+            replace(self._pdo(index), sync_manager=channel)
+            for channel, item in self._assignments.items()
+            for index in _members(item)
+        ]
 
     # --- the objects ---------------------------------------------------------------------------
 
@@ -106,19 +121,27 @@ class ProcessDataObjects:
         else:
             objects.record(entry.index, f"Object 0x{entry.index:04X}", [variable])
 
-    def _add_assignment(self, index: int, variable: bool) -> None:
-        assigned = [pdo.index for pdo in self._defaults.values() if pdo.sync_manager != UNASSIGNED]
+    def _add_assignment(
+        self, channel: int, first: bool, channels: Sequence[int], variable: bool
+    ) -> None:
+        """The first channel also takes PDOs whose sync manager carries no such data."""
+        assigned = [
+            pdo.index
+            for pdo in self._defaults.values()
+            if pdo.sync_manager == channel
+            or (first and pdo.sync_manager not in (*channels, UNASSIGNED))
+        ]
         room = len(self._defaults) if variable else len(assigned)
-        self._assignment = self._objects.array(
-            index,
+        item = self._assignments[channel] = self._objects.array(
+            ASSIGNMENTS + channel,
             "RxPDO assign" if self._right == Access.RX_PDO else "TxPDO assign",
             DataType.UNSIGNED16,
             assigned + [0] * (room - len(assigned)),
             _CONFIGURABLE if variable else Access.RO,
         )
-        self._assignment.entries[0].value = len(assigned)
+        item.entries[0].value = len(assigned)
         if variable:
-            _guard(self._assignment, self._check_assigned, self._check_assignment)
+            _guard(item, self._check_assigned, partial(self._check_assignment, channel))
 
     # --- what the master writes ----------------------------------------------------------------
 
@@ -154,10 +177,12 @@ class ProcessDataObjects:
         if value not in self._defaults:
             raise SdoAbortError(abort_codes.VALUE_RANGE)
 
-    def _check_assignment(self, values: Sequence[int]) -> None:
+    def _check_assignment(self, channel: int, values: Sequence[int]) -> None:
         if len(set(values)) < len(values):
             raise SdoAbortError(abort_codes.VALUE_RANGE)
-        self._check_length(sum(self._pdo(index).bit_length for index in values))
+        pdos = [pdo for pdo in self.pdos if pdo.sync_manager != channel]
+        pdos += [replace(self._pdo(index), sync_manager=channel) for index in values]
+        self._check_length(8 * byte_length(pdos))
 
     def _check_length(self, bits: int) -> None:
         if bits > 8 * self.room:

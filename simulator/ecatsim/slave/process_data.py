@@ -6,13 +6,13 @@ from collections.abc import Collection, Sequence
 
 from ecatd.model.bus import Pdo
 
-from ..core import ProcessDataMap, Segment
-from . import sync_managers
+from ..core import Area, Segment
 from .objects import Dictionary
 from .pdo_objects import ProcessDataObjects
 from .process_image import ProcessImage
-from .sii import Mailbox, SmType, SyncManager
+from .sii import SmType, SyncManager
 from .state_machine import AlCode, RefusedError
+from .sync_managers import channels_of, check_process_data
 
 
 class ProcessData:
@@ -22,14 +22,16 @@ class ProcessData:
         objects: The dictionary, which gets the objects of the PDOs.
         rx_pdos: RxPDOs (outputs).
         tx_pdos: TxPDOs (inputs).
+        settings: The sync managers.
         assignment: Whether a master may write the assignment.
         mapping: Indices of the PDOs whose mapping a master may write.
         limits: Bytes of outputs and inputs that a mapping may reach.
 
     Attributes:
+        settings: The sync managers.
         outputs: The outputs as they are mapped now.
         inputs: The inputs as they are mapped now.
-        settings: The sync managers.
+        at: Where they begin in the images of the segment.
     """
 
     def __init__(
@@ -37,25 +39,36 @@ class ProcessData:
         objects: Dictionary,
         rx_pdos: Sequence[Pdo],
         tx_pdos: Sequence[Pdo],
+        settings: Sequence[SyncManager],
         *,
         assignment: bool,
         mapping: Collection[int],
         limits: tuple[int, int],
     ) -> None:
         self._objects = objects
+        self.settings = settings
         self._rx, self._tx = (
             ProcessDataObjects(
                 objects,
                 pdos,
-                outputs=outputs,
+                outputs=kind == SmType.OUTPUTS,
+                channels=self._channels(kind, usual),
                 assignment=assignment,
                 mapping=mapping,
                 limit=limit,
             )
-            for pdos, outputs, limit in ((rx_pdos, True, limits[0]), (tx_pdos, False, limits[1]))
+            for pdos, kind, usual, limit in (
+                (rx_pdos, SmType.OUTPUTS, 2, limits[0]),
+                (tx_pdos, SmType.INPUTS, 3, limits[1]),
+            )
         )
-        self.settings: Sequence[SyncManager] = ()
         self.at = (0, 0)
+
+    def _channels(self, kind: SmType, usual: int) -> list[int]:
+        """Those of a kind; a device without one has an empty assignment for the usual one."""
+        others = {SmType.OUTPUTS, SmType.INPUTS} - {kind}
+        free = usual >= len(self.settings) or self.settings[usual].type not in others
+        return channels_of(self.settings, kind) or [usual] * free
 
     @property
     def room(self) -> tuple[int, int]:
@@ -76,40 +89,38 @@ class ProcessData:
             raise RefusedError(AlCode.INPUT_MAPPING)
         self.outputs, self.inputs = outputs, inputs
 
-    def set_up(self, settings: Sequence[SyncManager] | None, mailbox: Mailbox | None) -> None:
-        """Takes the sync managers, or derives them from the default PDOs."""
-        self.settings = (
-            sync_managers.derive(mailbox, self.outputs.size, self.inputs.size, self._rx.room)
-            if settings is None
-            else list(settings)
-        )
-
     def check(self, segment: Segment, position: int) -> None:
         """Checks the sync managers that the master set.
 
         Raises:
             RefusedError: They do not hold exactly the mapped PDOs.
         """
-        sizes = self.outputs.size, self.inputs.size
-        sync_managers.check_process_data(segment, position, self.settings, *sizes)
+        areas = (*self.outputs.areas, *self.inputs.areas)
+        sizes = {area.number: area.size for area in areas}
+        check_process_data(segment, position, self.settings, sizes)
 
     def start(self, segment: Segment, position: int) -> None:
         """Connects the process data with the images of the segment."""
-        # Several sync managers of a direction follow each other in memory.
-        starts = {sm.type: sm.start for sm in reversed(self.settings)}
-        where = ProcessDataMap(
-            starts.get(SmType.OUTPUTS, 0),
-            self.outputs.size,
-            self.at[0],
-            starts.get(SmType.INPUTS, 0),
-            self.inputs.size,
-            self.at[1],
-        )
-        segment.map(position, where)
+        areas = []
+        for kind, image, at in (
+            (SmType.OUTPUTS, self.outputs, self.at[0]),
+            (SmType.INPUTS, self.inputs, self.at[1]),
+        ):
+            usable = channels_of(self.settings, kind)
+            areas += [
+                Area(
+                    kind == SmType.OUTPUTS,
+                    self.settings[area.number].start,
+                    area.size,
+                    at + area.offset,
+                )
+                for area in image.areas
+                if area.number in usable
+            ]
+        segment.map(position, areas)
 
     def lock(self, segment: Segment, position: int, locked: bool) -> None:
         """Closes or opens the process data channels to the master."""
         for kind in (SmType.OUTPUTS, SmType.INPUTS):
-            channel = sync_managers.channel_of(self.settings, kind)
-            if channel is not None:
+            for channel in channels_of(self.settings, kind):
                 segment.lock_sync_manager(position, channel, locked)

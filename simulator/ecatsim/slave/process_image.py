@@ -1,36 +1,39 @@
-"""Process data of one direction of a device: bits in its memory, values in its dictionary."""
+"""Process data of one direction of a device: bits in its bytes, values in its dictionary."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from ecatd.model.bus import Pdo
 from ecatd.model.datatypes import STRINGS, is_real, is_signed
+from ecatd.model.pdo_layout import byte_length, places, sync_manager_bytes
 
 from .objects import Dictionary, Variable
 
 
 class ProcessImage:
-    """Moves values between the dictionary and the bytes of a sync manager.
+    """Moves values between the dictionary and the bytes of the sync managers.
 
     Args:
-        pdos: PDOs in the order of the process image.
+        pdos: The PDOs.
         dictionary: The dictionary that holds the mapped entries.
+
+    Attributes:
+        areas: The bytes of each sync manager.
+        size: Bytes of all of them.
     """
 
-    def __init__(self, pdos: Iterable[Pdo], dictionary: Dictionary) -> None:
+    def __init__(self, pdos: Sequence[Pdo], dictionary: Dictionary) -> None:
         self._fields: list[tuple[Variable, int, int, int, bool]] = []
-        bit = 0
-        for pdo in pdos:
-            for entry in pdo.entries:
-                if not entry.is_gap:
-                    variable = dictionary[entry.index, entry.subindex]
-                    mask = (1 << entry.bit_length) - 1
-                    sign = (mask + 1) >> 1 if is_signed(variable.type) else 0
-                    plain = not is_real(variable.type) and variable.type not in STRINGS
-                    self._fields.append((variable, bit, mask, sign, plain))
-                bit += entry.bit_length
-        self.size = (bit + 7) // 8
+        for _, entry, bit in places(pdos):
+            if not entry.is_gap:
+                variable = dictionary[entry.index, entry.subindex]
+                mask = (1 << entry.bit_length) - 1
+                sign = (mask + 1) >> 1 if is_signed(variable.type) else 0
+                plain = not is_real(variable.type) and variable.type not in STRINGS
+                self._fields.append((variable, bit, mask, sign, plain))
+        self.areas = sync_manager_bytes(pdos)
+        self.size = byte_length(pdos)
 
     @property
     def variables(self) -> Sequence[Variable]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from ecatd.model.bus import Pdo
+from ecatd.model.pdo_layout import byte_length
 
 from ..core import Segment
 from .sii import UNASSIGNED, Mailbox, SmType, SyncManager
@@ -33,7 +34,7 @@ _LENGTH, _ADDRESS, _SETTINGS = 0, 1, 2
 
 def default_size(pdos: Iterable[Pdo]) -> int:
     """Bytes of the PDOs that are mapped by default."""
-    return (sum(pdo.bit_length for pdo in pdos if pdo.sync_manager != UNASSIGNED) + 7) // 8
+    return byte_length(pdo for pdo in pdos if pdo.sync_manager != UNASSIGNED)
 
 
 def derive(
@@ -64,12 +65,9 @@ def derive(
     return result
 
 
-def channel_of(sync_managers: Sequence[SyncManager], kind: SmType) -> int | None:
-    """The channel with a purpose, or None."""
-    for channel, sm in enumerate(sync_managers):
-        if sm.type == kind:
-            return channel
-    return None
+def channels_of(sync_managers: Sequence[SyncManager], kind: SmType) -> list[int]:
+    """The channels with a purpose."""
+    return [channel for channel, sm in enumerate(sync_managers) if sm.type == kind]
 
 
 def _as_set(segment: Segment, position: int, channel: int) -> tuple[int, int, int, bool]:
@@ -106,29 +104,33 @@ def check_process_data(
     segment: Segment,
     position: int,
     sync_managers: Sequence[SyncManager],
-    output_size: int,
-    input_size: int,
+    sizes: Mapping[int, int],
 ) -> None:
     """Checks the process data channels before SAFEOP and OP.
+
+    Args:
+        segment: The segment.
+        position: Position of the slave.
+        sync_managers: Its sync managers.
+        sizes: Bytes of the mapped PDOs by channel.
 
     Raises:
         RefusedError: They do not hold exactly the mapped PDOs.
     """
-    for kind, wanted, direction, code in (
-        (SmType.OUTPUTS, output_size, _MASTER_WRITES, AlCode.OUTPUTS),
-        (SmType.INPUTS, input_size, _MASTER_READS, AlCode.INPUTS),
+    for kind, direction, code in (
+        (SmType.OUTPUTS, _MASTER_WRITES, AlCode.OUTPUTS),
+        (SmType.INPUTS, _MASTER_READS, AlCode.INPUTS),
     ):
-        channel = channel_of(sync_managers, kind)
-        if channel is None:
-            continue
-        start, size, control, enabled = _as_set(segment, position, channel)
-        if wanted != (size if enabled else 0):
-            raise _refusal(code, channel, _LENGTH, wanted)
-        if wanted and start != sync_managers[channel].start:
-            raise _refusal(code, channel, _ADDRESS, sync_managers[channel].start)
-        mode = control & _MODE_MASK == _MODE_BUFFERED and control & _DIRECTION_MASK == direction
-        if wanted and not mode:
-            raise _refusal(code, channel, _SETTINGS, sync_managers[channel].control)
+        for channel in channels_of(sync_managers, kind):
+            wanted = sizes.get(channel, 0)
+            start, size, control, enabled = _as_set(segment, position, channel)
+            if wanted != (size if enabled else 0):
+                raise _refusal(code, channel, _LENGTH, wanted)
+            if wanted and start != sync_managers[channel].start:
+                raise _refusal(code, channel, _ADDRESS, sync_managers[channel].start)
+            mode = control & _MODE_MASK == _MODE_BUFFERED and control & _DIRECTION_MASK == direction
+            if wanted and not mode:
+                raise _refusal(code, channel, _SETTINGS, sync_managers[channel].control)
 
 
 def check_unused(segment: Segment, position: int, used: int, existing: int) -> None:
@@ -156,10 +158,10 @@ def check_watchdog(
     Raises:
         RefusedError: The watchdog is off, or longer.
     """
-    channel = channel_of(sync_managers, SmType.OUTPUTS)
-    if channel is None:
+    channels = channels_of(sync_managers, SmType.OUTPUTS)
+    if not channels:
         return
-    triggers = _as_set(segment, position, channel)[2] & _WATCHDOG
+    triggers = any(_as_set(segment, position, channel)[2] & _WATCHDOG for channel in channels)
     divider, count = (
         int.from_bytes(segment.read(position, register, 2), "little")
         for register in (_WATCHDOG_DIVIDER, _WATCHDOG_DATA)

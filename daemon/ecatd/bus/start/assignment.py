@@ -11,15 +11,12 @@ from typing import TypeVar
 
 from ecatd.model.bus import Entry, Pdo, Slave
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
-from ecatd.model.sii import Sii
+from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
 from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Talk
 
 T = TypeVar("T")
-
-USAGE_OUTPUTS, USAGE_INPUTS = 3, 4
-"""What a sync manager is for (category 41 of the SII)."""
 
 _INFORMATION, _COMPLETE_ACCESS = 0x02, 0x20  # of the CoE details in the SII
 _ASSIGNMENT = 0x1C10
@@ -66,7 +63,7 @@ class Assignment:
 
     def _pdos(self, usage: int) -> Talk[list[Pdo]]:
         pdos = []
-        for number in _sync_managers(self._sii, usage):
+        for number in self._sii.channels(usage):
             for index in (yield from self._list(_ASSIGNMENT + number, 2, _PDOS_MAX)):
                 values = yield from self._list(index, 4, _ENTRIES_MAX)
                 entries = [
@@ -189,12 +186,6 @@ class Assignment:
         except (NoAnswerError, StateError):
             self._describes = False
             return None
-
-
-def _sync_managers(sii: Sii, usage: int) -> list[int]:
-    """Numbers of the sync managers of a kind; ETG.1000.4 makes SM2 and SM3 the usual ones."""
-    numbers = [n for n, item in enumerate(sii.sync_managers) if item.usage == usage]
-    return numbers or ([2] if usage == USAGE_OUTPUTS else [3])
 
 
 def _type_by_size(bits: int) -> int:

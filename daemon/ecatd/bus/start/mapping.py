@@ -10,15 +10,23 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from ecatd.model.bus import Pdo, Slave
+from ecatd.model.bus import Slave
 from ecatd.model.errors import NoAnswerError, StateError
-from ecatd.model.sii import UNASSIGNED, Sii, SiiSyncManager, read_sii
+from ecatd.model.pdo_layout import sync_manager_bytes
+from ecatd.model.sii import (
+    UNASSIGNED,
+    USAGE_INPUTS,
+    USAGE_OUTPUTS,
+    Sii,
+    SiiSyncManager,
+    read_sii,
+)
 
 from ..layout import Image
 from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Talk, converse
 from ..master import Master
-from .assignment import USAGE_INPUTS, USAGE_OUTPUTS, Assignment
+from .assignment import Assignment
 
 _PROTOCOL_COE = 0x04
 _FEATURES, _NO_LRW = 0x0008, 0x0200
@@ -115,15 +123,17 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
     writes: list[tuple[int, int, bytes]] = []
     for item, count in zip(scanned, counts, strict=True):
         slave, available = item.slave, count[0]
-        fmmus = []
+        start = image.domains[slave.domain].address
+        fmmus: list[_Fmmu] = []
         for pdos, kind, offset in (
             (slave.outputs, _FMMU_WRITE, slave.output_offset),
             (slave.inputs, _FMMU_READ, slave.input_offset),
         ):
-            address = image.domains[slave.domain].address + offset
-            managers, mapped = _sync_managers_with_fmmus(slave, item.sii, pdos, kind, address)
-            writes += managers
-            fmmus += mapped
+            for area in sync_manager_bytes(pdos):
+                manager = _find(slave, item.sii, area.number)
+                content = _sync_manager(manager, area.size)
+                writes.append((slave.position, _SYNC_MANAGER + 8 * area.number, content))
+                _map(fmmus, _Fmmu(start + offset + area.offset, area.size, manager.start, kind))
         writes += _unused(slave, item.sii)
         if len(fmmus) > available:
             raise StateError(
@@ -131,50 +141,46 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
             )
         # All of them, so that nothing of an earlier master answers in our logical addresses.
         for number in range(min(available, _FMMUS_MAX)):
-            content = fmmus[number] if number < len(fmmus) else bytes(16)
+            content = fmmus[number].registers() if number < len(fmmus) else bytes(16)
             writes.append((slave.position, _FMMU + 16 * number, content))
     master.write_registers(writes)
 
 
-def _sync_managers_with_fmmus(
-    slave: Slave, sii: Sii, pdos: list[Pdo], kind: int, address: int
-) -> tuple[list[tuple[int, int, bytes]], list[bytes]]:
-    """The sync managers of one direction, and FMMUs that map them one by one.
+@dataclass(slots=True)
+class _Fmmu:
+    """An FMMU: whole bytes of the image, and where they are in the slave."""
 
-    PDOs of one slave follow each other without a gap between sync managers, as
-    `Slave.output_bytes` counts them, so an FMMU may begin within a byte.
-    """
-    managers = []
-    fmmus = []
-    bit = 0
-    for number in dict.fromkeys(pdo.sync_manager for pdo in pdos):
-        bits = sum(pdo.bit_length for pdo in pdos if pdo.sync_manager == number)
-        if bits == 0:
-            continue
-        if number >= len(sii.sync_managers):
-            raise StateError(
-                f"{slave.label} wants process data in sync manager {number}, but its EEPROM "
-                f"describes only {len(sii.sync_managers)}"
-            )
-        manager = sii.sync_managers[number]
-        content = _sync_manager(manager, (bits + 7) // 8)
-        managers.append((slave.position, _SYNC_MANAGER + 8 * number, content))
-        last = bit + bits - 1
-        fmmus.append(
-            struct.pack(
-                "<IHBBHBBB3x",
-                address + bit // 8,
-                last // 8 - bit // 8 + 1,
-                bit % 8,
-                last % 8,
-                manager.start,
-                0,
-                kind,
-                1,
-            )
+    logical: int
+    length: int
+    physical: int
+    kind: int
+
+    def registers(self) -> bytes:
+        head = (self.logical, self.length, 0, 7, self.physical, 0, self.kind, 1)
+        return struct.pack("<IHBBHBBB3x", *head)
+
+
+def _map(fmmus: list[_Fmmu], new: _Fmmu) -> None:
+    """Adds an FMMU; some controllers have but a few, so what goes on where another ends is one."""
+    last = fmmus[-1] if fmmus else None
+    if (
+        last is not None
+        and last.kind == new.kind
+        and last.logical + last.length == new.logical
+        and last.physical + last.length == new.physical
+    ):
+        last.length += new.length
+    else:
+        fmmus.append(new)
+
+
+def _find(slave: Slave, sii: Sii, number: int) -> SiiSyncManager:
+    if number >= len(sii.sync_managers):
+        raise StateError(
+            f"{slave.label} wants process data in sync manager {number}, but its EEPROM "
+            f"describes only {len(sii.sync_managers)}"
         )
-        bit += bits
-    return managers, fmmus
+    return sii.sync_managers[number]
 
 
 def _sync_manager(manager: SiiSyncManager, length: int) -> bytes:

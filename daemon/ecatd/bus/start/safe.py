@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Entry, Slave
 from ecatd.model.config import STOPS, SafeConfig
 from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
 from ecatd.model.errors import ConfigError
@@ -186,15 +186,8 @@ class _SlaveOutputs:
 
     def note(self) -> None:
         """Writes into the bus description what each output is while nobody owns it."""
-        pdos, bit = [], 0
-        for pdo in self._slave.outputs:
-            entries = []
-            for entry in pdo.entries:
-                noted = entry if entry.is_gap else replace(entry, safe=self._safe(entry, bit))
-                entries.append(noted)
-                bit += entry.bit_length
-            pdos.append(Pdo(pdo.index, pdo.name, pdo.sync_manager, entries))
-        self._slave.outputs = pdos
+        for entry, bit in self._entries():
+            entry.safe = self._safe(entry, bit)
 
     def _safe(self, entry: Entry, bit: int) -> int | float | str:
         raw = self._value >> bit & ((1 << entry.bit_length) - 1)
