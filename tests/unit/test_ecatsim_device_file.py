@@ -850,4 +850,4 @@ def test_mistakes_never_end_in_anything_but_a_message(
     else:
         simulation.step()
         simulation.close()
-    assert re.fullmatch(rf"({re.escape(str(folder))}/device\.toml.*)?", said)
+    assert re.fullmatch(rf"({re.escape(str(folder))}/device\.toml(:\d+)?: .+)?", said)

@@ -656,4 +656,4 @@ def test_mistakes_never_end_in_anything_but_a_message(
     else:
         simulation.step()
         simulation.close()
-    assert re.fullmatch(rf"({re.escape(str(folder))}/(rig\.toml|counter\.py).*)?", said)
+    assert re.fullmatch(rf"({re.escape(str(folder))}/(rig\.toml|counter\.py)(:\d+)?: .+)?", said)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
@@ -19,6 +20,7 @@ from .datatypes import is_real, nearest_real
 from .pdo_layout import byte_length, places
 
 SCHEMA = 1
+_ADDRESS = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,12 @@ class Entry:
         if is_real(self.data_type):
             return nearest_real(self.data_type, low), nearest_real(self.data_type, high)
         return _inwards(low, math.ceil), _inwards(high, math.floor)
+
+
+def parse_address(text: str) -> tuple[int, int] | None:
+    """Index and subindex in an address such as "0x60FF:00"; None if it is none."""
+    match = _ADDRESS.fullmatch(text)
+    return (int(match[1], 16), int(match[2], 16)) if match else None
 
 
 def _inwards(limit: float, rounded: Callable[[float], int]) -> float:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from . import toml_places
+from .bus import parse_address
 from .errors import ConfigError, UsageError
 from .text_file import read_text
 from .toml_places import Key as Key
@@ -29,7 +30,6 @@ T = TypeVar("T")
 REQUIRED: Any = object()
 """Default of a key that must be there."""
 
-_ADDRESS = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
 _SHOWN = 40
 _DIGITS = re.compile(r"[0-9][0-9_]{4300,}")  # more than Python makes a number of
 _SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", re.DOTALL)
@@ -266,10 +266,8 @@ class Table:
         value = self._get(key, default, str, words)
         if value is None:
             return default
-        match = _ADDRESS.fullmatch(value)
-        if match is None:
-            self.fail(key, f"must be {words}, not {show(value)}")
-        return int(match[1], 16), int(match[2], 16)
+        address = parse_address(value)
+        return address or self.fail(key, f"must be {words}, not {show(value)}")
 
     def file(self, key: Key) -> Path:
         """A path, relative to the folder of the document."""

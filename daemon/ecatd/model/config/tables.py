@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-_ENTRY = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
+from ..bus import parse_address
 
 
 @dataclass(slots=True)
@@ -121,12 +120,6 @@ class MailboxConfig:
     share: float = 0.5
 
 
-def entry_address(entry: str) -> tuple[int, int] | None:
-    """Index and subindex of an entry such as "0x60FF:00"; None if it is no address."""
-    match = _ENTRY.fullmatch(entry)
-    return (int(match[1], 16), int(match[2], 16)) if match else None
-
-
 STOPS = ("quick_stop", "disable")
 """Safe values that bring a drive to a stop first."""
 
@@ -155,7 +148,7 @@ class SafeConfig:
     @property
     def address(self) -> tuple[int, int] | None:
         """Index and subindex of `entry`, or None for the whole slave."""
-        return entry_address(self.entry)
+        return parse_address(self.entry)
 
     @property
     def patience(self) -> float:
@@ -220,7 +213,7 @@ class SignalConfig:
     @property
     def address(self) -> tuple[int, int]:
         """Index and subindex of `entry`."""
-        address = entry_address(self.entry)
+        address = parse_address(self.entry)
         assert address is not None, "checked when the configuration was read"
         return address
 
