@@ -43,7 +43,7 @@ static int check_outputs(ecat_t *bus, int position) {
   if (code != 0) return code;
   if (bus->slaves[position].output_bytes == 0)
     return ecat_fail(bus, ECAT_EARG, "slave %d (%s) of bus '%s' has no outputs", position,
-                     bus->slaves[position].name, bus->name);
+                     ecat_shown(bus->slaves[position].name), bus->name);
   return 0;
 }
 
@@ -54,7 +54,7 @@ int ecat_check_output(ecat_t *bus, int number) {
   entry = &bus->signals[number];
   return ecat_fail(bus, ECAT_EARG, "0x%04X:%02X of slave %d (%s) is an input: it has no owner and "
                    "cannot be written", entry->index, entry->subindex, entry->slave,
-                   bus->slaves[entry->slave].name);
+                   ecat_shown(bus->slaves[entry->slave].name));
 }
 
 /* What a client calls itself, without what could change a terminal or a log. */
@@ -81,7 +81,7 @@ static int refused(ecat_t *bus, int conflict) {
   return ecat_fail(bus, ECAT_EOWNED,
                    "output 0x%04X:%02X of slave %d (%s) of bus '%s' belongs to %s (pid %u); end it "
                    "first", entry->index, entry->subindex, entry->slave,
-                   bus->slaves[entry->slave].name, bus->name,
+                   ecat_shown(bus->slaves[entry->slave].name), bus->name,
                    program[0] != '\0' ? program : "another client", (unsigned)other->pid);
 }
 

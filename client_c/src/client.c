@@ -189,7 +189,7 @@ int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product, ui
   if (revision != 0 && slave->revision != revision)
     return ecat_fail(bus, ECAT_EBUS,
                      "slave %d of bus '%s' (%s) has revision 0x%08X, but expected is 0x%08X",
-                     position, bus->name, slave->name, (unsigned)slave->revision,
+                     position, bus->name, ecat_shown(slave->name), (unsigned)slave->revision,
                      (unsigned)revision);
   return position;
 }
@@ -207,7 +207,7 @@ int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subindex, int 
       return (int)i;
   }
   return ecat_fail(bus, ECAT_ESIGNAL, "slave %d (%s) of bus '%s' has no %s 0x%04X:%02X in its process data",
-                   position, slave->name, bus->name,
+                   position, ecat_shown(slave->name), bus->name,
                    direction == ECAT_INPUT ? "input" : direction == ECAT_OUTPUT ? "output" : "entry",
                    index, subindex);
 }

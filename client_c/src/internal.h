@@ -136,6 +136,10 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
 /* client.c */
 int ecat_check_position(ecat_t *bus, int position);
 int ecat_no_signal(ecat_t *bus, int number);
+/* A name as messages show it in brackets: some slaves and entries have none. */
+static inline const char *ecat_shown(const char *name) {
+  return name[0] != '\0' ? name : "no name";
+}
 static inline int ecat_check_signal(ecat_t *bus, int number) {
   return (uint32_t)number < bus->header->signal_count ? 0 : ecat_no_signal(bus, number);
 }

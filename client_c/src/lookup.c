@@ -77,12 +77,12 @@ int ecat_lookup(ecat_t *bus, const char *name, int direction) {
     return ecat_fail(bus, ECAT_ESIGNAL,
                      "slave %d (%s) of bus '%s' has more than one entry '%s': name the PDO, as in "
                      "'%d/%s/%s', or the address, as in '%d/0x%04X:%02X'",
-                     position, slave->name, bus->name, slash + 1, position, other->pdo_name,
+                     position, ecat_shown(slave->name), bus->name, slash + 1, position, other->pdo_name,
                      other->name, position, other->index, other->subindex);
   }
   if (found >= 0) return found;
   return ecat_fail(bus, ECAT_ESIGNAL, "slave %d (%s) of bus '%s' has no %s '%s' in its process data; "
-                   "'ecatctl pdos %d' lists what it has", position, slave->name, bus->name,
+                   "'ecatctl pdos %d' lists what it has", position, ecat_shown(slave->name), bus->name,
                    direction == ECAT_INPUT ? "input" : direction == ECAT_OUTPUT ? "output" : "entry",
                    slash + 1, position);
 }

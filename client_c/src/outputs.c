@@ -51,7 +51,7 @@ static const struct signal *writable(ecat_t *bus, int number, int *code) {
   }
   *code = ecat_fail(bus, ECAT_ECLAIM, "0x%04X:%02X of slave %d (%s) must be claimed before it is "
                     "written", bus->signals[number].index, bus->signals[number].subindex,
-                    signal->slave, bus->slaves[signal->slave].name);
+                    signal->slave, ecat_shown(bus->slaves[signal->slave].name));
   return NULL;
 }
 
@@ -70,8 +70,8 @@ static int out_of_range(ecat_t *bus, int number, const struct value *value) {
                    "%.15g%s%s is out of range for 0x%04X:%02X (%s) of slave %d (%s): %s from %.15g to "
                    "%.15g%s%s are allowed",
                    value->is_whole ? (double)value->whole : value->real, space, unit, entry->index,
-                   entry->subindex, entry->name, entry->slave, bus->slaves[entry->slave].name, what,
-                   fmin(first, last), fmax(first, last), space, unit);
+                   entry->subindex, ecat_shown(entry->name), entry->slave,
+                   ecat_shown(bus->slaves[entry->slave].name), what, fmin(first, last), fmax(first, last), space, unit);
 }
 
 /* Puts the bits of a value where the next commit takes them from. */

@@ -48,7 +48,7 @@ def frame(message: dict[str, Any]) -> bytes:
 async def read_frame(
     reader: asyncio.StreamReader, limit: int = MAX_MESSAGE
 ) -> dict[str, Any] | None:
-    """The next message, or None when the other side has closed.
+    """The next message, or None when the other side has closed, or is gone.
 
     Raises:
         UsageError: The message is too long or malformed.
@@ -58,6 +58,6 @@ async def read_frame(
         if length > limit:
             raise UsageError(f"a message of {length} bytes is too long: {limit} are allowed")
         data = await reader.readexactly(length)
-    except (asyncio.IncompleteReadError, ConnectionResetError):
+    except (asyncio.IncompleteReadError, ConnectionError):  # also one that a write has met
         return None
     return unpack(data, limit)

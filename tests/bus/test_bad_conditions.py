@@ -462,6 +462,21 @@ def test_a_ring_that_is_cut_anywhere(ring: Bench, place: int) -> None:
     assert "slaves missing" not in ring.daemon.log
 
 
+def test_a_ring_from_which_nothing_comes_back(ring: Bench) -> None:
+    """What was last known of it says nothing then."""
+    ring.wait_for_log("the ring is closed")
+    for interface, end in ((SIMULATOR, 0), ("ecat-sim2", SLAVES - 1)):
+        ring.inside("switch", interface, "down")
+        near = MASTER if interface == SIMULATOR else SECOND
+        ring.wait_for_log(
+            f"{near}: no carrier: check the cable, and the power of slave {end} (Loopback32)"
+        )
+    ring.wait_for(lambda: ring.health().slaves_found == 0)
+    assert ring_of(ring).split(maxsplit=1)[1] == (
+        "unknown while no frame comes back, second interface no carrier"
+    )
+
+
 @pytest.mark.parametrize(
     ("cable", "text"),
     [

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ from ecatd.client.remote import Remote
 from ecatd.gateway.keys import bus_key, session_config
 from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
 from ecatd.paths import control_socket
-from ecatd.wire import pack, unpack
+from ecatd.wire import frame, pack, unpack
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -55,10 +56,10 @@ def ask(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[
 def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     daemon: Daemon, tmp_path: Path
 ) -> None:
-    socket = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     mine = tmp_path / "mine"  # the gateway of the daemon has its own socket in the other folder
     mine.mkdir()
-    (mine / socket.name).symlink_to(socket)
+    (mine / path.name).symlink_to(path)
     settings = {
         "parent": os.getpid(),
         "log_level": "info",
@@ -113,6 +114,23 @@ def test_a_bus_server_that_does_not_answer(daemon: Daemon, monkeypatch: pytest.M
         os.kill(server, signal.SIGKILL)
     daemon.process.wait(20)
     assert "never retrieved" not in daemon.log
+
+
+def test_a_gateway_that_ends_before_it_has_its_answers(daemon: Daemon) -> None:
+    """The bus server finds the connection broken while it answers, and thinks nothing of it."""
+    path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    with socket.socket(socket.AF_UNIX) as gateway:
+        gateway.connect(str(path))
+        gateway.shutdown(socket.SHUT_RD)  # what is written to it fails; it has not said farewell
+        gateway.send(frame({"id": 1, "op": "read_states"}))
+        assert gateway.recv(1) == b""
+        # The other side has closed it when this fails, too.
+        with pytest.raises(ConnectionError):
+            while True:
+                gateway.send(frame({"id": 2, "op": "read_states"}))
+    assert daemon.ctl_json("state")["slaves"]
+    assert daemon.stop() == 0
+    assert "Traceback" not in daemon.log
 
 
 def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session) -> None:

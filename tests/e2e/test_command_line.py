@@ -1,6 +1,7 @@
 """`ecatctl` against a live daemon: what it prints, and its exit statuses."""
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, one_line_error, run_module
+from ecatd.model.errors import EcatError, StateError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -87,6 +89,13 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
     ("arguments", "status", "what"),
     [
         ("sdo-read 0 0x7777", 5, "SDO abort 0x06020000: The object does not exist"),
+        (
+            "sdo-read 0 6060",
+            5,
+            "not exist in the object dictionary (6060 is decimal, that is 0x17AC; did you mean "
+            "0x6060?)",
+        ),
+        ("sdo-write 0 6060 0 1", 5, "did you mean 0x6060?)"),
         ("sdo-read 0 0x1018 99", 5, "Subindex does not exist"),
         ("sdo-write 0 0x1018 1 5", 5, "read-only"),
         ("sdo-read 9 0x1018", 7, "there is no slave 9: bus"),
@@ -134,6 +143,23 @@ def test_every_document_names_its_bus(troll: Daemon, tmp_path: Path) -> None:
         *("sdo-read 0 0x6060", "sdo-write 0 0x6060 0 8", f"generate Named {tmp_path}"),
     ):
         assert troll.ctl_json(*arguments.split())["bus"] == troll.bus, arguments
+
+
+def test_slaves_without_a_name_are_shown_as_such(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon(str(Path(__file__).parents[1] / "rigs" / "odd_names.py"))
+    for command in ("slaves", "state"):
+        assert daemon.ctl(command).stdout.splitlines()[3].count(" (no name) ") == 1
+    with daemon.client() as client, pytest.raises(StateError, match=r"slave 2 \(no name\) of bus"):
+        client.bind(2, 0x1234)
+
+
+@pytest.mark.parametrize("module", ["ecatd.service", "ecatd.cli"])
+def test_every_exit_status_is_in_the_help(module: str) -> None:
+    text = run_module(module, "--help").stdout
+    listed = {
+        int(code) for code in re.findall(r"(?<= )([0-9]+)(?= )", text.split("exit status")[1])
+    }
+    assert {error.exit_code for error in EcatError.__subclasses__()} <= listed
 
 
 def test_options_may_stand_before_the_command(troll: Daemon) -> None:

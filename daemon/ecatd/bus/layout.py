@@ -1,4 +1,7 @@
-"""The logical address space (decision D2): a window per domain, whole bytes per slave.
+"""The logical address space: a window per domain, whole bytes per slave.
+
+Addresses are ours, and not those that SOEM would give, so that there can be several domains, and
+bits of two slaves never share a byte.
 
 A domain's image is, slave after slave:
 

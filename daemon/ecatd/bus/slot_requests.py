@@ -1,5 +1,6 @@
-"""Carries out what clients ask for in their slots (decision D9), as any other request.
+"""Carries out what clients ask for in their slots, as any other request.
 
+The engine only tells that somebody has asked: nothing that waits for a slave may hold the cycle up.
 Each slot is served by itself, one request after the other, so no client can keep the mailbox from
 the others by asking for much. One that asks for nonsense is looked at less and less often.
 """

@@ -66,6 +66,12 @@ def _bounded(low: int, high: int) -> Callable[[str], int]:
     return convert
 
 
+def _index(text: str) -> sdo.Index:
+    index = sdo.Index(_bounded(0, 0xFFFF)(text))
+    index.typed = text
+    return index
+
+
 def _position(text: str) -> int:
     value = _number(text)
     if not 0 <= value <= 0xFFFF:
@@ -215,7 +221,7 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command = add(name, run, summary, alias)
         command.add_argument("slave", type=_position, metavar="POS", help="position of the slave")
-        command.add_argument("index", type=_bounded(0, 0xFFFF), help="object index, as 0x6060")
+        command.add_argument("index", type=_index, help="object index, as 0x6060")
         reading = name == "sdo-read"
         command.add_argument(
             "subindex",

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ecatd.model import abort_codes
@@ -25,12 +28,19 @@ from .show import pick_slaves
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
+_FOUR_DIGITS = re.compile("[1-9][0-9]{3}")
 _BY_SIZE = {
     1: DataType.UNSIGNED8,
     2: DataType.UNSIGNED16,
     4: DataType.UNSIGNED32,
     8: DataType.UNSIGNED64,
 }
+
+
+class Index(int):
+    """An object index, and how it was typed."""
+
+    typed: str
 
 
 def _known(slave: Slave, index: int, subindex: int) -> tuple[str, int] | None:
@@ -51,12 +61,10 @@ def _guess(data: bytes) -> DataType:
 def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     """Uploads an object and prints it as `ethercat upload` does: hexadecimal and decimal."""
     (slave,) = pick_slaves(remote.describe(), options.slave)
-    try:
+    with _hint(options.index):
         value = remote.sdo_read(
             slave.position, options.index, options.subindex, complete=options.complete
         )
-    except SdoAbortError as error:
-        raise _with_hint(error, options.index) from error
     name, data_type = _known(slave, options.index, options.subindex) or ("", 0)
     if options.complete:
         data_type = 0
@@ -89,13 +97,16 @@ def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     print(text)
 
 
-def _with_hint(error: SdoAbortError, index: int) -> SdoAbortError:
+@contextmanager
+def _hint(index: Index) -> Iterator[None]:
     """Objects are known by hexadecimal numbers, and 6060 is easily typed for 0x6060."""
-    if error.code != abort_codes.NO_OBJECT or not 1000 <= index <= 9999:
-        return error
-    return SdoAbortError(
-        error.code, f"{error} (if you typed {index}: that is decimal; did you mean 0x{index}?)"
-    )
+    try:
+        yield
+    except SdoAbortError as error:
+        if error.code != abort_codes.NO_OBJECT or not _FOUR_DIGITS.fullmatch(index.typed):
+            raise
+        hint = f"{index.typed} is decimal, that is 0x{index:04X}; did you mean 0x{index.typed}?"
+        raise SdoAbortError(error.code, f"{error} ({hint})") from error
 
 
 def _wrong_size(data_type: int, data: bytes) -> bool:
@@ -106,13 +117,14 @@ def _wrong_size(data_type: int, data: bytes) -> bool:
 def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
     """Downloads a value to an object."""
     (slave,) = pick_slaves(remote.describe(), options.slave)
-    data_type = (
-        parse_type(options.type) if options.type else _type_for_write(remote, slave, options)
-    )
-    data = encode(data_type, options.value)
-    remote.sdo_write(
-        slave.position, options.index, options.subindex, data, complete=options.complete
-    )
+    with _hint(options.index):
+        data_type = (
+            parse_type(options.type) if options.type else _type_for_write(remote, slave, options)
+        )
+        data = encode(data_type, options.value)
+        remote.sdo_write(
+            slave.position, options.index, options.subindex, data, complete=options.complete
+        )
     if options.json:
         print_json(
             {

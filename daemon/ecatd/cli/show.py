@@ -169,7 +169,9 @@ def state(remote: Remote, options: argparse.Namespace) -> None:
         print_json({"bus": remote.bus, "slaves": rows})
         return
     print_table(
-        ("POS", "NAME", "STATE"), ((row["position"], row["name"], _told(row)) for row in rows), ">"
+        ("POS", "NAME", "STATE"),
+        ((row["position"], row["name"] or "(no name)", _told(row)) for row in rows),
+        ">",
     )
 
 

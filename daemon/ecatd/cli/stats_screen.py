@@ -99,6 +99,8 @@ def ring_line(snapshot: Snapshot) -> str:
     second = f"second interface {word(snapshot.links[1])}"
     if snapshot.ring == shm.Ring.NONE:
         return "none: one interface"
+    if not snapshot.slaves_found:
+        return f"ring unknown while no frame comes back, {second}"
     if snapshot.ring == shm.Ring.CLOSED:
         return f"ring closed, {second}"
     before = snapshot.ring_break

@@ -1,4 +1,7 @@
-"""The Zenoh keys (decision D10), in one place for gateway and clients."""
+"""The Zenoh keys, in one place for gateway and clients.
+
+Each begins with `ro` or `rw` behind the bus, so that access control can tell reading from writing.
+"""
 
 from __future__ import annotations
 

@@ -22,9 +22,12 @@ examples:
   sudo ecatd --interface eth1        the slaves on a network interface
   ecatd --config /etc/ecatd/ecat0.toml
 
-`ecatctl slaves` then shows what is on the bus. Exit status: 0 stopped by a signal, 2 wrong usage or
-configuration, 3 no such interface or no slaves, 6 not permitted, 7 the bus does not reach OP,
-70 a defect.
+`ecatctl slaves` then shows what is on the bus.
+
+exit status:
+  0 stopped by a signal   2 wrong usage or configuration   3 no such interface or no slaves
+  4 a slave does not answer in time   5 a slave refuses an SDO   6 not permitted
+  7 the bus does not reach OP   70 a defect of ours
 """
 
 

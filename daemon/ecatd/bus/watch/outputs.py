@@ -204,8 +204,9 @@ class OutputWatch:
         entry = self._entry(event.value)
         low = "any" if entry.minimum is None else f"{entry.minimum:g}"
         high = "any" if entry.maximum is None else f"{entry.maximum:g}"
+        slave = self._bus.slaves[event.slave].label
         return (
-            f"{entry.address} ({entry.name}) of {self._bus.slaves[event.slave].label} out of its "
-            f"declared range, {low} to {high} {entry.unit}".rstrip()
+            f"{entry.address} ({entry.name or 'no name'}) of {slave} out of its declared range, "
+            f"{low} to {high} {entry.unit}".rstrip()
             + "; the value before is kept"
         )

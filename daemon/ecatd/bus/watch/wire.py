@@ -42,8 +42,8 @@ _COUNTERS = {
 
 _LINKS = {
     shm.Link.UP: "the link is up",
-    shm.Link.NO_CARRIER: "no carrier: check the cable, and the power of the first slave",
-    shm.Link.DOWN: "was switched off: no frames until somebody does `ip link set {} up`",
+    shm.Link.NO_CARRIER: "no carrier: check the cable, and the power of {slave}",
+    shm.Link.DOWN: "was switched off: no frames until somebody does `ip link set {interface} up`",
     shm.Link.GONE: "is gone: waiting for an interface of this name",
 }
 
@@ -245,7 +245,8 @@ class WireWatch:
     def _tell_link(self, event: Event) -> None:
         """Tells the state of a link; at most once a second, as a loose plug changes it for long."""
         interface, link = self._interfaces[event.slot], shm.Link(event.value)
-        text = f"{interface}: {_LINKS[link].format(interface)}"
+        slave = self._bus.slaves[-1 if event.slot else 0].label  # at the other end of the cable
+        text = f"{interface}: {_LINKS[link].format(interface=interface, slave=slave)}"
         (self._log.info if link == shm.Link.UP else self._log.error)(text)
         self._tell("link", interface=interface, state=link.name.lower(), text=text)
 
