@@ -25,7 +25,8 @@ static struct {
 static void open_model(const char *name)
 {
     int i;
-    model.master = ecatm_master_open(name, 0, SAMPLE_TIME, 1, LEASE, ECATM_ERROR, ECATM_ERROR, 0);
+    model.master = ecatm_master_open(name, 0, SAMPLE_TIME, 1, LEASE, ECAT_FAILURE_ERROR,
+                                     ECAT_FAILURE_ERROR, 0);
     model.bus = ((ecatm_master *)model.master)->bus;
     Bench_open(&model.blocks, model.master, 1);
     for (i = 0; i < ecat_signal_count(model.bus) && i < MOST_SIGNALS; i++) {

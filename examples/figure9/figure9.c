@@ -133,7 +133,8 @@ int main(int argc, char **argv) {
   signal(SIGINT, interrupt);
   signal(SIGTERM, interrupt);
 
-  run.master = ecatm_master_open(bus, 1, SAMPLE_TIME, 1, LEASE, ECATM_ERROR, ECATM_ERROR, 0);
+  run.master = ecatm_master_open(bus, 1, SAMPLE_TIME, 1, LEASE, ECAT_FAILURE_ERROR,
+                                 ECAT_FAILURE_ERROR, 0);
   experiment(seconds);
   return interrupted ? 130 : 0;
 }

@@ -240,7 +240,7 @@ def test_a_paused_simulation_loses_its_outputs(model: Model, troll: Daemon) -> N
                 assert "did not sample in time and lost its outputs" in error
                 continue
             until(player, lambda: outputs(troll)[3] == 1)
-            assert player.warnings()[0].endswith("; this FMU does so")
+            assert player.warnings()[0].endswith("; the FMU has done so")
 
 
 VICTIM = """

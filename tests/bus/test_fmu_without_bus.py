@@ -152,7 +152,7 @@ def test_goes_on_while_the_bus_is_away(model: Model, start_daemon: Callable[...,
         until(player, lambda: player.get("state") == MISSING)
         assert not player.get("el2008.valid")
         assert player.get("el2008.channel2Output")  # what the model wants
-        assert player.warnings()[-1].endswith("; going on without it")
+        assert player.warnings()[-1].endswith("; the FMU goes on without it")
         again = restart(start_daemon, daemon)
         until(player, lambda: player.get("el2008.valid") and outputs(again)[1] == 1)
         assert player.errors() == []
@@ -171,7 +171,7 @@ def test_waits_while_the_bus_is_away(model: Model, start_daemon: Callable[..., D
         assert not stepped.is_alive()
         until(player, lambda: player.get("connected") and outputs(again)[1] == 1)
         assert player.errors() == []
-        assert any(text.endswith("; waiting for it") for text in player.warnings())
+        assert any("; the FMU waits for it" in text for text in player.warnings())
 
 
 def test_patience_has_an_end(model: Model, start_daemon: Callable[..., Daemon]) -> None:

@@ -94,9 +94,9 @@ def sentence(result: subprocess.CompletedProcess[str]) -> str:
 
 
 @contextmanager
-def served(bus: Bus) -> Iterator[str]:
+def served(bus: Bus, name: str = "") -> Iterator[str]:
     """The shared memory of a bus, without anything that exchanges it; yields its name."""
-    bus.name = f"m{uuid.uuid4().hex[:8]}"
+    bus.name = name or f"m{uuid.uuid4().hex[:8]}"
     image = lay_out(bus, set())
     segment = Segment(bus.name)
     segment.fill(bus, image, 5_000_000, 500_000_000)

@@ -128,8 +128,8 @@ def test_an_entry_of_another_type(opener: Path, data_type: int, bits: int) -> No
     with served(bus) as name:
         line = sentence(run(opener, name))
     assert (
-        f"entry 0x6000:11 of slave 4 of bus '{name}' has {bits} bits and data type "
-        f"0x{data_type:04X}, but this library was generated for 16 bits and data type 0x0003; rege"
+        f"entry 0x6000:11 (Value) of slave 4 (EL3008) of bus '{name}' has {bits} bits and data "
+        f"type 0x{data_type:04X}, but this library was generated for 16 bits and data type 0x0003;"
     ) in line
 
 

@@ -233,7 +233,7 @@ def test_the_logger_writes_csv(troll: Daemon) -> None:
         *("--every", "20", "--seconds", "1", *logged),
     )
     names, *rows = list(csv.reader(text.splitlines()))
-    assert names == ["time_s", "cycle", *logged]
+    assert names == ["time_s", "cycle", logged[0] + " [V]", logged[1]]
     cycles = [int(row[1]) for row in rows]
     assert len(cycles) >= 2
     assert all(b - a >= 20 for a, b in pairwise(cycles))

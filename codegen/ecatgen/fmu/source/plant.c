@@ -9,12 +9,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-#define LOOK_AGAIN_NS 20000000u /* between two looks whether the bus is there */
-#define RECLAIM_NS 100000000u /* between two tries to own outputs again */
-#define QUIET_NS 1000000000u  /* in which the same is not told twice */
-#define ROUNDING 1e-6   /* of a bus cycle, by which a step may be shorter */
+#define ROUNDING 1e-6 /* of a bus cycle, by which a step may be shorter */
 
 /* --- messages ------------------------------------------------------------------------------ */
 
@@ -24,7 +20,7 @@ static const char *const log_categories[CATEGORIES] = {"logEvents", "logStatusWa
                                              "logStatusError", "logStatusFatal"};
 
 static void log_text(plant *p, enum plant_status status, const char *format, va_list arguments) {
-  char text[sizeof p->message];
+  char text[sizeof p->session.problem];
   vsnprintf(text, sizeof text, format, arguments);
   if (p->log != NULL) p->log(p->log_context, status, log_categories[status], text);
 }
@@ -44,12 +40,11 @@ void plant_event(plant *p, const char *format, ...) {
   va_end(arguments);
 }
 
-int plant_note(plant *p, int code, const char *format, ...) {
-  va_list arguments;
-  va_start(arguments, format);
-  vsnprintf(p->message, sizeof p->message, format, arguments);
-  va_end(arguments);
-  return code;
+static void tell(void *context, int warning, const char *sentence) {
+  if (warning)
+    plant_say(context, PLANT_WARNING, "%s", sentence);
+  else
+    plant_event(context, "%s", sentence);
 }
 
 int plant_log_categories(plant *p, int on, size_t count, const char *const categories[]) {
@@ -67,52 +62,25 @@ int plant_log_categories(plant *p, int on, size_t count, const char *const categ
   return PLANT_OK;
 }
 
-/* The end of the simulation by an error: the outputs fall to their safe values at once. */
-static int fail(plant *p, int code) {
-  p->state = PLANT_FAILED;
-  bus_detach(p);
-  bus_invalidate(p, code);
-  return plant_say(p, PLANT_ERROR, "%s", p->message);
-}
-
-/* --- time ---------------------------------------------------------------------------------- */
-
-uint64_t plant_now(void) {
-  struct timespec now;
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
-}
-
-static void sleep_until(uint64_t ns) {
-  struct timespec until;
-  until.tv_sec = (time_t)(ns / 1000000000u);
-  until.tv_nsec = (long)(ns % 1000000000u);
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL) != 0) continue;
-}
-
-/* Takes the place of the bus cycle while there is none. */
-static void pace(plant *p, double step) {
-  uint64_t now = plant_now(), length = step < 1e6 ? (uint64_t)(step * 1e9) : (uint64_t)1e15;
-  if (!plant_integer(p, ROLE_WAIT_FOR_BUS)) return;
-  if (p->pace_ns == 0 || p->pace_ns + length < now) p->pace_ns = now;
-  p->pace_ns += length;
-  sleep_until(p->pace_ns);
-}
-
 /* --- life ---------------------------------------------------------------------------------- */
 
 plant *plant_new(const char *token, const char *resources, plant_log *log, void *context,
                  int events) {
+  static const ecat_session_settings settings = {
+      NULL, 0, 0, 0, 0, "this FMU", "the FMU", "'patience'", tell, NULL, NULL};
   plant *p = calloc(1, sizeof *p);
   if (p == NULL) return NULL;
   p->log = log;
   p->log_context = context;
   p->log_events = events;
+  ecat_session_init(&p->session, &settings);
+  p->session.settings.context = p;
   if (plant_load(p, resources) == 0 && (token == NULL || strcmp(token, p->token) != 0))
-    plant_note(p, -1, "the importer asks for a model with token '%s', but resources/plant.txt is of "
-               "'%s': files of two FMUs were mixed", token == NULL ? "" : token, p->token);
-  if (p->message[0] != '\0') {
-    plant_say(p, PLANT_ERROR, "%s", p->message);
+    ecat_session_fail(&p->session, -1, "the importer asks for a model with token '%s', but "
+                      "resources/plant.txt is of '%s': files of two FMUs were mixed",
+                      token == NULL ? "" : token, p->token);
+  if (p->session.problem[0] != '\0') {
+    plant_say(p, PLANT_ERROR, "%s", p->session.problem);
     plant_unload(p);
     free(p);
     return NULL;
@@ -123,7 +91,7 @@ plant *plant_new(const char *token, const char *resources, plant_log *log, void 
 
 void plant_free(plant *p) {
   if (p == NULL) return;
-  bus_detach(p);
+  ecat_session_end(&p->session);
   plant_unload(p);
   free(p->bus_name);
   free(p);
@@ -136,127 +104,86 @@ int plant_allow(plant *p, const char *call, unsigned states) {
   return plant_say(p, PLANT_ERROR, "%s is not allowed %s", call, names[p->state]);
 }
 
+void plant_detach(plant *p) {
+  ecat_session_end(&p->session);
+  p->begun = 0;
+}
+
 int plant_terminate(plant *p) {
-  bus_detach(p);
+  plant_detach(p);
   p->state = PLANT_TERMINATED;
   plant_event(p, "the outputs of bus '%s' are released", p->bus_name);
   return PLANT_OK;
 }
 
 int plant_reset(plant *p) {
-  bus_detach(p);
-  p->begun = p->seen = 0;
-  p->missed = p->pace_ns = p->exchanged_ns = p->reclaimed_ns = 0;
+  plant_detach(p);
   p->owed = 0;
-  p->lost = 0;
   p->state = PLANT_INSTANTIATED;
   plant_start_values(p);
   return PLANT_OK;
 }
 
-/* --- a bus that is missing or fails ---------------------------------------------------------- */
+/* --- what the bus delivers ----------------------------------------------------------------- */
 
-/* Whether time may mend it. A wrong bus, an output of somebody else, or a missing right are not of
- * this kind. */
-static int passes(int code) {
-  return code == ECAT_EDOWN || code == ECAT_ESTALE || code == ECAT_ETIMEOUT || code == ECAT_ELEASE;
-}
-
-/* Connects again. The client itself goes on with a bus that came back as it was. */
-static int reconnect(plant *p) {
+static int publish_entry(plant_variable *v) {
   int code;
-  if (p->bus != NULL) {
-    code = ecat_sample(p->bus);
-    if (code == 0) return 0;
-    if (code != ECAT_EBUS) return plant_note(p, code, "%s", ecat_error(p->bus));
-    bus_detach(p); /* it came back otherwise: perhaps what this FMU uses is still the same */
-  }
-  return bus_attach(p);
-}
-
-/* Hands the inputs over. Outputs that were lost are claimed again, but not too often: what is written
- * until then goes nowhere. */
-static int write_inputs(plant *p) {
-  uint64_t now = plant_now(), since = now - p->reclaimed_ns;
-  int code;
-  if (p->lost && since < RECLAIM_NS) return 0;
-  code = bus_write(p);
-  if (code == ECAT_ELEASE && plant_integer(p, ROLE_WHEN_FAILED) != FAILURE_ERROR) {
-    p->lost = 1;
-    if (since < RECLAIM_NS) return 0;
-    if (since > QUIET_NS) plant_say(p, PLANT_WARNING, "%s; this FMU does so", p->message);
-    p->reclaimed_ns = now;
-    code = bus_write(p);
-    if (code == ECAT_ELEASE) return 0;
-  }
-  if (code == 0) p->lost = 0;
+  if (v->type == PLANT_REAL) return ecat_session_read(&v->on_bus, &v->value.real);
+  code = ecat_session_read_int(&v->on_bus, &v->value.integer);
+  if (v->type == PLANT_BOOLEAN) v->value.integer = v->value.integer != 0;
   return code;
 }
 
-/* What a step does with the bus. */
-static int exchange(plant *p, uint64_t cycles) {
-  int code = p->connected ? 0 : reconnect(p);
-  if (code == 0) code = write_inputs(p);
-  if (code == 0) code = bus_wait(p, cycles);
-  return code == 0 ? bus_sample(p) : code;
-}
-
-/* Tries until it succeeds or the patience is at its end. */
-static int wait_for_bus(plant *p, int code) {
-  double patience = plant_real(p, ROLE_PATIENCE), waited = 0;
-  uint64_t since = plant_now();
-  plant_say(p, PLANT_WARNING, "%s; waiting for it", p->message);
-  while (passes(code) && (patience <= 0 || waited < patience)) {
-    sleep_until(plant_now() + LOOK_AGAIN_NS);
-    p->connected = 0;
-    code = p->begun ? exchange(p, 0) : reconnect(p);
-    if (code == 0 && !p->begun) code = bus_sample(p);
-    waited = (double)(plant_now() - since) * 1e-9;
-  }
-  if (passes(code)) {
-    char why[sizeof p->message / 2];
-    snprintf(why, sizeof why, "%.*s", (int)sizeof why - 1, p->message);
-    plant_note(p, code, "%s; it was waited for %.1f s, as long as 'patience' allows", why, waited);
+/* Entries keep their last values while there is no bus; all else tells that nothing is delivered. */
+static int publish(plant *p) {
+  const ecat_session *session = &p->session;
+  int code = 0;
+  size_t i;
+  plant_publish(p, ROLE_CONNECTED, 0, session->state >= ECAT_SESSION_INCOMPLETE);
+  plant_publish(p, ROLE_STATE, 0, session->state);
+  plant_publish(p, ROLE_CYCLE, 0, session->cycle);
+  plant_publish(p, ROLE_AGE, session->age, 0);
+  plant_publish(p, ROLE_MISSED, 0, (int64_t)(session->missed & 0x7FFFFFFF));
+  plant_publish(p, ROLE_WORKING_COUNTER, 0, session->wkc);
+  plant_publish(p, ROLE_WORKING_COUNTER_EXPECTED, 0, session->wkc_expected);
+  for (i = 0; i < p->variable_count && code == 0; i++) {
+    plant_variable *v = &p->variables[i];
+    const ecat_session_slave *slave = &p->slaves[v->slave].on_bus;
+    if (v->role == ROLE_VALID) v->value.integer = slave->valid;
+    if (v->role == ROLE_AL_STATE) v->value.integer = slave->al_state;
+    if (v->role == ROLE_AL_STATUS_CODE) v->value.integer = slave->al_code;
+    if (v->role == ROLE_OUTPUT) code = publish_entry(v);
   }
   return code;
 }
 
-/* Notes that the bus delivers. */
-static int delivered(plant *p) {
-  if (!p->connected)
-    plant_event(p, "attached to bus '%s', cycle %ld", p->bus_name,
-                (long)plant_integer(p, ROLE_CYCLE));
-  p->connected = p->seen = 1;
-  p->pace_ns = 0;
-  return PLANT_OK;
-}
-
-/* Goes on without the bus. */
-static int go_on(plant *p, int code, double step) {
-  if (p->connected || !p->begun)
-    plant_say(p, PLANT_WARNING, "%s; going on without it", p->message);
-  p->connected = 0;
-  bus_invalidate(p, code);
-  pace(p, step);
-  return PLANT_OK;
-}
-
-/* What comes of an exchange that ended with `code`, by the parameters. */
-static int settle(plant *p, int code, double step) {
-  int64_t wanted = plant_integer(p, p->seen ? ROLE_WHEN_FAILED : ROLE_WHEN_MISSING);
-  if (passes(code) && wanted == FAILURE_WAIT) code = wait_for_bus(p, code);
-  if (code == 0) return delivered(p);
-  return passes(code) && wanted == FAILURE_CONTINUE ? go_on(p, code, step) : fail(p, code);
+/* The end of what the session was asked to do. An error ends the simulation: the outputs fall to their
+ * safe values at once. */
+static int settle(plant *p, int code) {
+  if (code == 0) code = publish(p);
+  if (code == 0) return PLANT_OK;
+  p->state = PLANT_FAILED;
+  ecat_session_end(&p->session);
+  publish(p);
+  return plant_say(p, PLANT_ERROR, "%s", p->session.problem);
 }
 
 /* --- initialization and steps ---------------------------------------------------------------- */
 
 int plant_begin(plant *p) {
-  int code = bus_attach(p), status;
-  if (code == 0) code = bus_sample(p);
-  status = settle(p, code, 0);
+  ecat_session *session = &p->session;
+  int code;
+  session->settings.bus = p->bus_name;
+  session->settings.lease = plant_real(p, ROLE_LEASE);
+  session->settings.when_missing = (int)plant_integer(p, ROLE_WHEN_MISSING);
+  session->settings.when_failed = (int)plant_integer(p, ROLE_WHEN_FAILED);
+  session->settings.patience = plant_real(p, ROLE_PATIENCE);
+  code = ecat_session_begin(session);
+  if (code == 0) code = ecat_session_sample(session);
   p->begun = 1;
-  return status;
+  if (code == 0 && session->outage == 0)
+    plant_event(p, "attached to bus '%s', cycle %d", p->bus_name, session->cycle);
+  return settle(p, code);
 }
 
 int plant_leave_initialization(plant *p) {
@@ -265,18 +192,37 @@ int plant_leave_initialization(plant *p) {
   return status;
 }
 
-int plant_step(plant *p, double time, double step) {
+/* Hands over what was set. */
+static int write_inputs(plant *p) {
+  size_t i;
+  int code = 0;
+  if (plant_integer(p, ROLE_READ_ONLY)) return 0;
+  for (i = 0; i < p->slave_count && code == 0; i++)
+    if (p->slaves[i].on_bus.writes) code = ecat_session_stage(&p->slaves[i].on_bus);
+  return code != 0 ? code : ecat_session_commit(&p->session);
+}
+
+/* Waits for as many bus cycles as a step has, and keeps what is left of a cycle for the next one. */
+static int pace(plant *p, double time, double step) {
   double cycles = 0;
-  int status;
-  if (!(isfinite(time) && isfinite(step) && step > 0))
-    return plant_say(p, PLANT_ERROR, "doStep: from %g s, for %g s, is no communication step", time,
-                     step);
-  if (p->connected && plant_integer(p, ROLE_WAIT_FOR_BUS)) {
-    p->owed += fmin(step / ecat_cycle_time(p->bus), 1e15);
+  if (!plant_integer(p, ROLE_WAIT_FOR_BUS)) return 0;
+  if (p->session.bus != NULL && p->session.outage == 0) {
+    p->owed += fmin(step / ecat_cycle_time(p->session.bus), 1e9);
     cycles = fmax(floor(p->owed + ROUNDING), 0);
     p->owed -= cycles;
   }
-  status = settle(p, exchange(p, (uint64_t)cycles), step);
+  return ecat_session_pace(&p->session, (unsigned)cycles, time + step);
+}
+
+int plant_step(plant *p, double time, double step) {
+  int code, status;
+  if (!(isfinite(time) && isfinite(step) && step > 0))
+    return plant_say(p, PLANT_ERROR, "doStep: from %g s, for %g s, is no communication step", time,
+                     step);
+  code = write_inputs(p);
+  if (code == 0) code = pace(p, time, step);
+  if (code == 0) code = ecat_session_sample(&p->session);
+  status = settle(p, code);
   if (status == PLANT_OK) p->time = time + step;
   return status;
 }

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include <ecat/ecat.h>
+#include <ecat/ecat_session.h>
 
 /* fmi2Status and fmi3Status have the same numbers. */
 enum plant_status { PLANT_OK, PLANT_WARNING, PLANT_DISCARD, PLANT_ERROR, PLANT_FATAL };
@@ -68,21 +68,6 @@ enum plant_role {
   ROLES
 };
 
-/* EtherCAT.Types.BusFailure */
-enum plant_failure { FAILURE_ERROR = 1, FAILURE_WAIT, FAILURE_CONTINUE };
-
-/* EtherCAT.Types.BusState */
-enum plant_bus_state {
-  BUS_MISSING = 1,
-  BUS_STANDS_STILL,
-  BUS_INCOMPLETE,
-  BUS_NOT_OPERATIONAL,
-  BUS_OPERATIONAL
-};
-
-/* EtherCAT.Types.ALState */
-enum plant_al_state { AL_NOT_AVAILABLE = 1, AL_INIT, AL_PREOP, AL_BOOTSTRAP, AL_SAFEOP, AL_OP };
-
 /* A value as its type needs it: `real` for REAL, `integer` for all others but strings. */
 typedef struct plant_value {
   double real;
@@ -91,11 +76,8 @@ typedef struct plant_value {
 
 /* A slave that the bus must have. */
 typedef struct plant_slave {
-  int position;
-  uint32_t vendor, product, revision;
+  ecat_session_slave on_bus;
   char *label;
-  int wanted;  /* an input of the FMU that belongs to it was set */
-  int claimed; /* its outputs are ours */
 } plant_slave;
 
 typedef struct plant_variable {
@@ -103,12 +85,8 @@ typedef struct plant_variable {
   enum plant_role role;
   char *name;
   int slave; /* index in `slaves` */
-  /* Entries: */
-  ecat_signal_info entry; /* as it was when the FMU was made, without names */
-  char *unit;           /* of it; it has scale and offset, too */
-  int analog;           /* it has a physical meaning, so `value` is a physical one */
-  int handle;           /* of the client, while attached */
-  int set;              /* inputs: the importer has set it, so it is written */
+  ecat_session_entry on_bus; /* of an entry; the range is that of when the FMU was made */
+  char *unit;
   plant_value start, value;
 } plant_variable;
 
@@ -134,25 +112,12 @@ typedef struct plant {
   /* Parameters; the others are values of variables. */
   char *bus_name, *bus_start;
 
-  /* The connection. */
-  ecat_t *bus;
-  int begun;            /* initialization has attached to the bus, or decided to go on without it */
-  int seen;             /* it has delivered once since then: what fails now is no missing bus */
-  int connected;        /* the last step delivered */
-  uint64_t complete; /* domains of the last sample in whose exchange all slaves took part, as bits */
-  uint64_t exchanged_ns; /* time stamp of the newest domain of the last sample */
-  uint64_t instance; /* of the daemon at the last wait */
-  int in_step;          /* `last_cycle` is of this instance */
-  uint64_t last_cycle; /* bus cycle at the end of the last wait */
-  double owed;          /* bus cycles of steps shorter than a cycle */
-  uint64_t missed; /* waits that came too late for their cycle */
-  int lost;             /* outputs were lost, and are not claimed again yet */
-  uint64_t reclaimed_ns; /* when they were claimed again, or it was tried */
-  uint64_t pace_ns; /* end of the last step that was paced by the clock, 0: none */
-  char message[1024];   /* the last sentence */
+  ecat_session session;
+  int begun;   /* initialization has attached to the bus, or decided to go on without it */
+  double owed; /* bus cycles of steps shorter than a cycle */
 } plant;
 
-/* table.c. All return NULL or a negative value, with the sentence in `message`, on failure. */
+/* table.c: a negative value, with the sentence in `session.problem`, on failure. */
 int plant_load(plant *p, const char *resources);
 void plant_unload(plant *p);
 
@@ -166,16 +131,6 @@ int plant_get_string(plant *p, unsigned reference, const char **value);
 int plant_set_string(plant *p, unsigned reference, const char *value);
 void plant_start_values(plant *p);
 
-uint64_t plant_now(void); /* CLOCK_MONOTONIC in ns */
-
-/* bus.c: calls of the client. They return 0 or an ECAT_E... code with the sentence in `message`. */
-int bus_attach(plant *p);
-void bus_detach(plant *p);
-int bus_write(plant *p);
-int bus_wait(plant *p, uint64_t cycles);
-int bus_sample(plant *p);
-void bus_invalidate(plant *p, int code); /* because of an ECAT_E... code */
-
 /* plant.c: the life of an instance. */
 plant *plant_new(const char *token, const char *resources, plant_log *log, void *context,
                  int events);
@@ -184,6 +139,7 @@ int plant_allow(plant *p, const char *call, unsigned states); /* bits 1 << enum 
 int plant_begin(plant *p); /* attaches to the bus, unless that was done */
 int plant_leave_initialization(plant *p);
 int plant_step(plant *p, double time, double step);
+void plant_detach(plant *p); /* the outputs fall to their safe values */
 int plant_terminate(plant *p);
 /* Whether events are logged; without categories all are meant. Errors and warnings always are. */
 int plant_log_categories(plant *p, int on, size_t count, const char *const categories[]);
@@ -194,7 +150,5 @@ __attribute__((format(printf, 3, 4))) int plant_say(plant *p, enum plant_status 
                                                     const char *format, ...);
 /* Logs what an importer hears only when it asks for events. */
 __attribute__((format(printf, 2, 3))) void plant_event(plant *p, const char *format, ...);
-/* Puts a sentence into `message` and returns `code`. */
-__attribute__((format(printf, 3, 4))) int plant_note(plant *p, int code, const char *format, ...);
 
 #endif

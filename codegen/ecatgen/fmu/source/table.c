@@ -119,15 +119,15 @@ static size_t count(reader *r, const char *key) {
 static void read_slave(reader *r, plant_slave *slave) {
   if (!next_line(r) || strcmp(word(r), "slave") != 0) r->wrong = 1;
   if (r->wrong) return;
-  slave->position = (int)number(r, 10, 0, 65535);
-  slave->vendor = (uint32_t)number(r, 16, 0, UINT32_MAX);
-  slave->product = (uint32_t)number(r, 16, 0, UINT32_MAX);
-  slave->revision = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  slave->on_bus.position = (int)number(r, 10, 0, 65535);
+  slave->on_bus.vendor = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  slave->on_bus.product = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  slave->on_bus.revision = (uint32_t)number(r, 16, 0, UINT32_MAX);
   slave->label = copy(r, r->line);
 }
 
 static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
-  ecat_signal_info *entry = &variable->entry;
+  ecat_signal_info *entry = &variable->on_bus.expected;
   if (!next_line(r) || strcmp(word(r), "variable") != 0) r->wrong = 1;
   if (r->wrong) return;
   variable->type = (enum plant_type)name(r, type_names, PLANT_TYPES);
@@ -139,7 +139,6 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   else
     variable->start.integer = number(r, 10, INT64_MIN, INT64_MAX);
   variable->name = copy(r, word(r));
-  variable->handle = -1;
   if (variable->role < ROLE_VALID) return;
   variable->slave = (int)number(r, 10, 0, (int64_t)slaves - 1);
   if (variable->role < ROLE_INPUT) return;
@@ -152,7 +151,7 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   entry->minimum = real(r);
   entry->maximum = real(r);
   entry->unit = variable->unit = copy(r, r->line == NULL ? "" : r->line);
-  variable->analog = entry->scale != 1 || entry->offset != 0 || (!r->wrong && entry->unit[0] != '\0');
+  entry->output = variable->role == ROLE_INPUT;
   if (!(entry->scale < 0 || entry->scale > 0)) r->wrong = 1;
 }
 
@@ -189,6 +188,24 @@ static void read_table(reader *r, plant *p) {
     read_variable(r, &p->variables[p->variable_count++], p->slave_count);
   if (p->slaves == NULL || p->variables == NULL) r->wrong = 1;
   if (!r->wrong) check_roles(r, p);
+}
+
+/* What the session has to find on the bus. */
+static void add_all(plant *p) {
+  size_t i;
+  for (i = 0; i < p->slave_count; i++) {
+    ecat_session_slave *slave = &p->slaves[i].on_bus;
+    slave->name = p->slaves[i].label;
+    slave->command = p->command;
+    slave->fingerprint = p->fingerprint;
+    ecat_session_add_slave(&p->session, slave);
+  }
+  for (i = 0; i < p->variable_count; i++) {
+    plant_variable *variable = &p->variables[i];
+    if (variable->role < ROLE_INPUT) continue;
+    variable->on_bus.slave = &p->slaves[variable->slave].on_bus;
+    ecat_session_add_entry(&variable->on_bus);
+  }
 }
 
 /* --- the file ------------------------------------------------------------------------------ */
@@ -233,7 +250,7 @@ static char *contents(plant *p, const char *path) {
     }
   }
   if (text == NULL)
-    plant_note(p, -1, "%s cannot be read (%s): the importer must unpack the FMU as a whole and say "
+    ecat_session_fail(&p->session, -1, "%s cannot be read (%s): the importer must unpack the FMU as a whole and say "
                "where its resources are", path, strerror(errno));
   if (file != NULL) fclose(file);
   return text;
@@ -243,15 +260,17 @@ int plant_load(plant *p, const char *resources) {
   reader r = {NULL, NULL, 0, 0, ""};
   char *text, *path;
   if (resources == NULL)
-    return plant_note(p, -1, "the importer does not say where the resources of the FMU are");
+    return ecat_session_fail(&p->session, -1, "the importer does not say where the resources of the FMU are");
   path = path_of(resources, "plant.txt");
-  if (path == NULL) return plant_note(p, -1, "out of memory");
+  if (path == NULL) return ecat_session_fail(&p->session, -1, "out of memory");
   text = contents(p, path);
   if (text != NULL) {
     r.next = text;
     read_table(&r, p);
-    if (r.wrong)
-      plant_note(p, -1, "%s, line %d: this is not what ecatctl has written; generate the FMU again",
+    if (!r.wrong)
+      add_all(p);
+    else
+      ecat_session_fail(&p->session, -1, "%s, line %d: this is not what ecatctl has written; generate the FMU again",
                  path, r.number);
   }
   r.wrong |= text == NULL;

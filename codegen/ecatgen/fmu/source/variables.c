@@ -31,9 +31,9 @@ void plant_start_values(plant *p) {
   size_t i;
   for (i = 0; i < p->variable_count; i++) {
     p->variables[i].value = p->variables[i].start;
-    p->variables[i].set = 0;
+    p->variables[i].on_bus.pending = 0;
   }
-  for (i = 0; i < p->slave_count; i++) p->slaves[i].wanted = 0;
+  for (i = 0; i < p->slave_count; i++) p->slaves[i].on_bus.writes = 0;
   free(p->bus_name);
   p->bus_name = strdup(p->bus_start);
 }
@@ -81,14 +81,13 @@ static int settable(plant *p, const plant_variable *v) {
   if (p->state != PLANT_INSTANTIATED && p->state != PLANT_INITIALIZATION)
     return plant_say(p, PLANT_ERROR, "set: the parameter '%s' is fixed: it can be set until the "
                      "initialization ends", v->name);
-  bus_detach(p);
-  p->begun = p->seen = 0;
+  plant_detach(p);
   return PLANT_OK;
 }
 
 static int refuse(plant *p, const plant_variable *v, double value) {
   double low, high;
-  ecat_limits(&v->entry, &low, &high);
+  ecat_limits(&v->on_bus.expected, &low, &high);
   return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %.15g: %.15g to %.15g are allowed; it keeps "
                    "its value", v->name, value, low, high);
 }
@@ -96,7 +95,7 @@ static int refuse(plant *p, const plant_variable *v, double value) {
 /* Whether a parameter can have this value. */
 static int acceptable_parameter(plant *p, const plant_variable *v, double number) {
   int failure = v->role == ROLE_WHEN_MISSING || v->role == ROLE_WHEN_FAILED;
-  if (failure && (number < FAILURE_ERROR || number > FAILURE_CONTINUE))
+  if (failure && (number < ECAT_FAILURE_ERROR || number > ECAT_FAILURE_CONTINUE))
     return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: 1 is Error, 2 Wait, 3 Continue",
                      v->name, number);
   if (number < 0)
@@ -116,9 +115,9 @@ static int acceptable(plant *p, const plant_variable *v, plant_value value) {
                      "value", v->name, number);
   if (is_parameter(v)) return acceptable_parameter(p, v, number);
   if (v->type != PLANT_REAL)
-    code = ecat_encode_int(&v->entry, value.integer, &bits);
+    code = ecat_encode_int(&v->on_bus.expected, value.integer, &bits);
   else
-    code = ecat_encode_physical(&v->entry, number, &bits);
+    code = ecat_encode_physical(&v->on_bus.expected, number, &bits);
   return code == 0 ? PLANT_OK : refuse(p, v, number);
 }
 
@@ -130,8 +129,11 @@ int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value va
     return status;
   v->value = value;
   if (v->role != ROLE_INPUT) return PLANT_OK;
-  v->set = 1;
-  p->slaves[v->slave].wanted = 1;
+  if (type == PLANT_REAL)
+    ecat_session_write(&v->on_bus, value.real);
+  else
+    ecat_session_write_int(&v->on_bus, value.integer);
+  p->slaves[v->slave].on_bus.writes = 1;
   return PLANT_OK;
 }
 

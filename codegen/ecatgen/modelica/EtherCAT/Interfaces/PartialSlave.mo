@@ -6,7 +6,7 @@ partial block PartialSlave "Base of every block that stands for a slave"
     annotation (Dialog(tab = "Identity"));
   parameter String hwName = "" "Name of the slave, for error messages"
     annotation (Dialog(tab = "Identity"));
-  parameter String fingerprint = "" "Fingerprint of the bus that the block was generated for"
+  parameter String fingerprint = "" "Fingerprint of the bus that the block was generated for, empty: it was written by hand"
     annotation (Dialog(tab = "Identity"));
   parameter String generateCommand = "ecatctl generate NAME DIR"
     "Command that generates the block again, for error messages"

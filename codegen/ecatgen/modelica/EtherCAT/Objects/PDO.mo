@@ -35,7 +35,8 @@ class PDO "One entry of the process data of a slave"
 <p>
 One entry of the process data, by index and subindex. When there is a bus, the entry must be there; if the
 fingerprint of the slave is not that of the bus, its data type and number of bits must be the expected ones,
-too.
+too. If the slave has a fingerprint at all, <code>scale</code>, <code>offset</code> and <code>unit</code> must be those
+of the bus. A block that was written by hand has none, and a meaning of its own.
 </p>
 <p>
 <code>dataType</code> is the number of a CoE data type (ETG.1000.6): 1 BOOLEAN, 2 INTEGER8, 3 INTEGER16, 4

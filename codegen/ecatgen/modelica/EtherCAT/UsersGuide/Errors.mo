@@ -20,6 +20,9 @@ the library again with the command in the message, or put the right slave back.
 <tr><td>slave ... has no input ..., but this library uses it</td><td>Its process data are mapped otherwise.
 Generate the library again.</td></tr>
 <tr><td>entry ... has ... bits ..., but this library was generated for ...</td><td>The same.</td></tr>
+<tr><td>entry ... has values in ..., but this library was generated for ...</td><td>The configuration or a device
+profile has another unit, scale or offset now. Generate the library again, or undo the change and start the daemon
+again.</td></tr>
 <tr><td>output ... of slave ... belongs to ...</td><td>Another program writes it: end that
 first. If it is this one, a second EtherCATMaster of the model does.</td></tr>
 <tr><td>two blocks of this model write the outputs of slave ...</td><td>Remove one of them.</td></tr>

@@ -26,8 +26,9 @@ to compute where its values are, or to write a library for a family of slaves. R
 revision number 0 for any. Modelica has no hexadecimal numbers: 0x03FA3052 is 66728018.</li>
 <li>Declare a <code>parameter EtherCAT.Objects.PDO</code> for each entry: index, subindex, direction, data type
 and bits as <code>ecatctl pdos</code> shows them; the data type as a number, such as
-<code>Integer(EtherCAT.Types.DataType.INTEGER32)</code>. With a <code>scale</code> and an <code>offset</code> its
-values are physical.</li>
+<code>Integer(EtherCAT.Types.DataType.INTEGER32)</code>. With a <code>scale</code>, an <code>offset</code> or a
+<code>unit</code> its values are physical. They are computed from raw values, whatever unit and scale the bus has: only a
+block with a <code>fingerprint</code> is compared with the bus, and a block of yours has none.</li>
 <li>Read in one <code>when etherCATMaster.sampled[domainID]</code>, with <code>etherCATMaster.cycle</code>
 as the last argument, so that reads come after the sample was taken.</li>
 <li>Write and commit in a second one, each write with the result of the one before: this makes the order of the

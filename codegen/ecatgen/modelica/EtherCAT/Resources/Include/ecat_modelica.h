@@ -1,4 +1,5 @@
-/* What the Modelica library EtherCAT calls: the objects of a model and their life.
+/* What the Modelica library EtherCAT calls: the objects of a model and their life. What they do with the
+ * bus is in the client (ecat_session.h), for FMUs as well; here is what Modelica makes of it.
  *
  * Valid C89, static functions only: a Modelica tool may put every external function into a
  * translation unit of its own. So nothing here is shared through global variables; an orphan (older
@@ -11,8 +12,8 @@
  * takes the sample, all reads at that time see it; a write only remembers its value, the last commit
  * of the slaves of a domain hands all of them over at once, and doing so twice is harmless.
  *
- * A model may live without a bus: constructors note what they stand for, and all of it is looked up when
- * there is a bus, and again when that has come back (ecatm_master.h).
+ * A model may live without a bus: constructors note what they stand for, and the session looks all of it up
+ * when there is a bus, and again when that has come back.
  *
  * The master owns the memory of all objects, so that they may be destroyed in any order.
  * ModelicaFormatError() does not return; nothing may be held that no object owns when it is called.

@@ -29,7 +29,7 @@ typedef struct ecatm_transfer {
   ecatm_node node;
   int position, index, subindex;
   int handle;                    /* of the client, -1: not sent yet */
-  unsigned session;              /* of the master, when it was sent */
+  unsigned connection;           /* of the master, when it was sent */
   int download;
   unsigned char data[ECAT_REQUEST_BYTES]; /* to be written, or what was read */
   size_t length;
@@ -67,19 +67,23 @@ typedef struct ecatm_sdo {
 
 /* Whether there is a bus to ask. */
 ECATM_FUNCTION int ecatm_sdo_connected(const ecatm_master *master) {
-  return master->bus != NULL && master->outage == 0;
+  return master->session.bus != NULL && master->session.outage == 0;
 }
 
-/* Whether the bus has the slave. */
-ECATM_FUNCTION int ecatm_transfer_resolve(ecatm_node *node) {
+/* Whether the bus has a slave: 0, or what ecat_session_fail() returns. */
+ECATM_FUNCTION int ecatm_check_position(ecatm_master *master, int position) {
+  ecat_session *session = &master->session;
   ecat_slave_info info;
-  return ecatm_client(node->master, ecat_slave(node->master->bus, ((ecatm_transfer *)node)->position,
-                                               &info));
+  return ecat_session_client(session, ecat_slave(session->bus, position, &info));
+}
+
+ECATM_FUNCTION int ecatm_transfer_check(ecatm_node *node) {
+  return ecatm_check_position(node->master, ((ecatm_transfer *)node)->position);
 }
 
 ECATM_FUNCTION void ecatm_transfer_open(ecatm_transfer *transfer, int position, int index,
                                         int subindex) {
-  transfer->node.resolve = ecatm_transfer_resolve;
+  transfer->node.check = ecatm_transfer_check;
   transfer->position = position;
   transfer->index = index;
   transfer->subindex = subindex;
@@ -97,9 +101,8 @@ ECATM_FUNCTION void ecatm_check_range(int position, int index, int subindex) {
 
 /* The same, or if there is a bus that has no such slave. */
 ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, int position, int index, int subindex) {
-  ecat_slave_info info;
   ecatm_check_range(position, index, subindex);
-  if (master->bus != NULL) ecatm_check(master, ecat_slave(master->bus, position, &info));
+  if (master->session.bus != NULL) ecatm_check(master, ecatm_check_position(master, position));
 }
 
 /* The end of a transfer that did not succeed. It does not end the simulation; the log says so once,
@@ -122,15 +125,16 @@ ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const
 ECATM_FUNCTION int ecatm_transfer_lose(ecatm_transfer *transfer) {
   ecatm_master *master = transfer->node.master;
   if (transfer->handle >= 0) {
-    if (master->bus != NULL && transfer->session == master->session)
-      (void)ecat_cancel(master->bus, transfer->handle);
+    if (master->session.bus != NULL && transfer->connection == master->session.connections)
+      (void)ecat_cancel(master->session.bus, transfer->handle);
     transfer->handle = -1;
     master->requests--;
   }
   if (ecatm_sdo_connected(master))
     return ecatm_transfer_fail(transfer, ECAT_EDOWN, "the bus was lost during the request");
-  return ecatm_transfer_fail(transfer, master->outage != 0 ? master->outage : ECAT_EDOWN,
-                             master->problem);
+  return ecatm_transfer_fail(transfer,
+                             master->session.outage != 0 ? master->session.outage : ECAT_EDOWN,
+                             master->session.problem);
 }
 
 /* Sends the transfer or asks for its answer: busy, done or failed. While the client has as many
@@ -140,28 +144,28 @@ ECATM_FUNCTION int ecatm_transfer_step(ecatm_transfer *transfer) {
   uint32_t reason = 0;
   int code;
   if (!ecatm_sdo_connected(master) ||
-      (transfer->handle >= 0 && transfer->session != master->session))
+      (transfer->handle >= 0 && transfer->connection != master->session.connections))
     return ecatm_transfer_lose(transfer);
   if (transfer->handle < 0) {
-    code = ecat_sdo_start(master->bus, transfer->position, (unsigned)transfer->index,
+    code = ecat_sdo_start(master->session.bus, transfer->position, (unsigned)transfer->index,
                           (unsigned)transfer->subindex,
                           transfer->download ? transfer->data : NULL,
                           transfer->download ? transfer->length : 0);
     if (code == ECAT_EFULL && master->requests > 0) return ECATM_SDO_BUSY;
-    if (code == ECAT_EBUS) ecatm_check(master, code);
-    if (code < 0) return ecatm_transfer_fail(transfer, code, ecat_error(master->bus));
+    if (code == ECAT_EBUS) ecatm_check(master, ecat_session_client(&master->session, code));
+    if (code < 0) return ecatm_transfer_fail(transfer, code, ecat_error(master->session.bus));
     transfer->handle = code;
-    transfer->session = master->session;
+    transfer->connection = master->session.connections;
     master->requests++;
   }
-  code = ecat_poll(master->bus, transfer->handle, transfer->download ? NULL : transfer->data,
+  code = ecat_poll(master->session.bus, transfer->handle, transfer->download ? NULL : transfer->data,
                    sizeof transfer->data, transfer->download ? NULL : &transfer->length, &reason);
   if (code == ECAT_EBUSY) return ECATM_SDO_BUSY;
   transfer->handle = -1;
   master->requests--;
   if (code != 0)
     return ecatm_transfer_fail(transfer, code == ECAT_EABORT ? (int)reason : code,
-                               ecat_error(master->bus));
+                               ecat_error(master->session.bus));
   return ECATM_SDO_DONE;
 }
 

@@ -1,0 +1,273 @@
+/* What a session exchanges with the bus: outputs, and who owns them; samples, and what they are worth. */
+#include "session.h"
+
+#include <stdlib.h>
+
+#include "internal.h"
+
+#define RECLAIM_NS 100000000u /* between two tries to own outputs again */
+#define QUIET_NS 1000000000u  /* in which the same is not told twice */
+#define PATIENCE 1.0          /* seconds beside some cycles, after which one that does not come has failed */
+#define BEHIND 0.1            /* seconds that a program without a bus may catch up */
+
+/* --- who owns the outputs ------------------------------------------------------------------- */
+
+static int writes(const ecat_session *session, int position) {
+  const ecat_session_slave *slave = session->slaves;
+  while (slave != NULL && !(slave->writes && slave->position == position)) slave = slave->next;
+  return slave != NULL;
+}
+
+static void forget_claims(ecat_session *session) {
+  ecat_session_slave *slave;
+  for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = 0;
+}
+
+/* Makes this program the owner of all outputs of all slaves that it writes, at once or not at all. */
+static int claim(ecat_session *session) {
+  int i, code, last = -1, wanted = 0, count = ecat_signal_count(session->bus);
+  int *signals = malloc(((size_t)count + 1) * sizeof *signals);
+  size_t found = 0;
+  ecat_signal_info info;
+  ecat_session_slave *slave;
+  if (signals == NULL) return ecat_session_fail(session, ECAT_ESYS, "out of memory");
+  for (i = 0; i < count && ecat_signal(session->bus, i, &info) == 0; i++) {
+    if (info.slave != last) wanted = writes(session, info.slave);
+    last = info.slave;
+    if (info.output && wanted) signals[found++] = i;
+  }
+  code = ecat_claim_entries(session->bus, signals, found, session->settings.lease);
+  free(signals);
+  for (slave = session->slaves; code == 0 && slave != NULL; slave = slave->next)
+    slave->claimed = slave->writes;
+  return ecat_session_client(session, code);
+}
+
+/* --- writing -------------------------------------------------------------------------------- */
+
+void ecat_session_write(ecat_session_entry *entry, double value) {
+  entry->real = value;
+  entry->is_whole = 0;
+  entry->pending = 1;
+}
+
+void ecat_session_write_int(ecat_session_entry *entry, int64_t value) {
+  const ecat_signal_info *expected = &entry->expected;
+  entry->whole = value;
+  entry->real = (double)value;
+  entry->is_whole = !value_is_analog(expected->unit, expected->scale, expected->offset);
+  entry->pending = 1;
+}
+
+/* An analog quantity is held at its limits; a number beyond them is refused. */
+static int stage_entry(ecat_t *bus, const ecat_session_entry *entry) {
+  const ecat_signal_info *expected = &entry->expected;
+  if (entry->is_whole) return ecat_write_int(bus, entry->signal, entry->whole);
+  if (!value_is_analog(expected->unit, expected->scale, expected->offset))
+    return ecat_write(bus, entry->signal, entry->real);
+  return ecat_write_scaled(bus, entry->signal, entry->real, expected->scale, expected->offset);
+}
+
+/* ECAT_ELEASE, too, where it is too early to claim lost outputs again. */
+static int stage(ecat_session_slave *slave) {
+  ecat_session *session = slave->session;
+  const ecat_session_entry *entry;
+  int code = 0;
+  if (!slave->claimed) {
+    if (ecat_now() - session->lost_ns < RECLAIM_NS) return ECAT_ELEASE;
+    code = claim(session);
+  }
+  for (entry = slave->entries; entry != NULL && code == 0; entry = entry->next)
+    if (entry->pending) code = ecat_session_client(session, stage_entry(session->bus, entry));
+  return code;
+}
+
+/* After outputs were lost that had been claimed: claims them again and hands all over, but does not try
+ * that too often. */
+static int reclaim(ecat_session *session) {
+  uint64_t before = session->lost_ns;
+  ecat_session_slave *slave;
+  int code;
+  forget_claims(session);
+  if (ecat_now() - before < RECLAIM_NS) return ECAT_ELEASE;
+  if ((code = claim(session)) != 0) return code;
+  session->lost_ns = ecat_now();
+  if (session->lost_ns - before > QUIET_NS)
+    session_tell(session, 1, "%s; %s has done so", session->problem, session->settings.program);
+  for (slave = session->slaves; code == 0 && slave != NULL; slave = slave->next)
+    if (slave->writes) code = stage(slave);
+  return code != 0 ? code : ecat_session_client(session, ecat_commit(session->bus));
+}
+
+/* Deals with a failure to stage or commit. */
+static int not_written(ecat_session *session, int code) {
+  int lost = code == ECAT_ELEASE && session->settings.when_failed != ECAT_FAILURE_ERROR;
+  if (lost) code = reclaim(session);
+  if (code == 0 || (lost && code == ECAT_ELEASE)) return 0;              /* until the next try */
+  if (session_wish(session, code) == ECAT_FAILURE_WAIT) return 0; /* the next sample does */
+  return session_endure(session, code);
+}
+
+int ecat_session_stage(ecat_session_slave *slave) {
+  ecat_session *session = slave->session;
+  int code;
+  slave->writes = 1;
+  if (session->bus == NULL || session->outage != 0) return 0;
+  code = stage(slave);
+  return code != 0 ? not_written(session, code) : 0;
+}
+
+int ecat_session_commit(ecat_session *session) {
+  int code;
+  if (session->bus == NULL || session->outage != 0) return 0;
+  code = ecat_session_client(session, ecat_commit(session->bus));
+  return code != 0 ? not_written(session, code) : 0;
+}
+
+/* --- waiting -------------------------------------------------------------------------------- */
+
+static int wait_cycles(ecat_session *session, unsigned cycles) {
+  ecat_t *bus = session->bus;
+  uint64_t now = ecat_cycle(bus), goal = (session->in_step ? session->waited_cycle : now) + cycles;
+  double timeout = PATIENCE + 10 * ecat_cycle_time(bus);
+  if (now > goal) session->missed++;
+  while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) { /* else it counts anew */
+    int code = ecat_wait(bus, 1, timeout);
+    /* Keeps the lease: who waits is alive, however long that is. */
+    if (code == 0 && ecat_cycle(bus) < goal) code = ecat_sample(bus);
+    if (code != 0) return ecat_session_client(session, code);
+  }
+  session->waited_cycle = ecat_cycle(bus);
+  session->in_step = 1;
+  return 0;
+}
+
+int ecat_session_pace(ecat_session *session, unsigned cycles, double time) {
+  double now = (double)ecat_now() * 1e-9;
+  int code = 0;
+  if (session->bus != NULL && session->outage == 0) {
+    if (cycles > 0) code = wait_cycles(session, cycles);
+    /* What passes is left to the sample that follows: it finds the same, unless it has passed. */
+    if (code != 0 && session_wish(session, ECAT_EDOWN) == ECAT_FAILURE_ERROR)
+      return session_endure(session, code);
+    session->origin = (double)ecat_now() * 1e-9 - time;
+  } else if (session->paced && session->origin + time > now - BEHIND) {
+    if (session->origin + time > now) session_sleep_until(ecat_ns(session->origin + time));
+  } else {
+    session->origin = now - time;
+  }
+  session->paced = 1;
+  return 0;
+}
+
+/* --- samples -------------------------------------------------------------------------------- */
+
+/* What the new image is worth. Returns the domains in whose exchange all slaves took part, as bits. */
+static int observe_domains(ecat_session *session, uint32_t *complete) {
+  ecat_domain_info info;
+  uint64_t newest = 0;
+  int i, code;
+  *complete = 0;
+  session->wkc = session->wkc_expected = 0;
+  for (i = 0; i < ecat_domain_count(session->bus); i++) {
+    if ((code = ecat_session_client(session, ecat_domain(session->bus, i, &info))) != 0) return code;
+    if (info.wkc_state == ECAT_WKC_COMPLETE) *complete |= 1u << i;
+    session->wkc += (int)info.wkc;
+    session->wkc_expected += (int)info.wkc_expected;
+    if (info.cycle <= newest) continue;
+    newest = info.cycle;
+    session->exchanged_ns = info.time_ns;
+  }
+  session->cycle = (int)(newest & 0x7FFFFFFF);
+  return 0;
+}
+
+/* 0x10 is the error flag of the AL status. */
+static int al_state(unsigned al_status) {
+  switch (al_status & 0x0F) {
+    case ECAT_AL_INIT: return ECAT_SESSION_INIT;
+    case ECAT_AL_PREOP: return ECAT_SESSION_PREOP;
+    case ECAT_AL_BOOT: return ECAT_SESSION_BOOTSTRAP;
+    case ECAT_AL_SAFEOP: return ECAT_SESSION_SAFEOP;
+    case ECAT_AL_OP: return ECAT_SESSION_OP;
+    default: return ECAT_SESSION_NOT_AVAILABLE;
+  }
+}
+
+static int observe_slave(ecat_session_slave *slave, uint32_t complete) {
+  const ecat_session_entry *entry = slave->entries;
+  ecat_t *bus = slave->session->bus;
+  ecat_slave_info info;
+  int code;
+  /* An output is valid in OP only, and to ask for that costs a fifth. */
+  if (entry != NULL && entry->expected.output && ecat_validity(bus, entry->signal) == ECAT_VALID) {
+    slave->al_state = ECAT_SESSION_OP;
+    slave->al_code = 0;
+  } else {
+    code = ecat_slave(bus, slave->position, &info);
+    if (code != 0) return ecat_session_client(slave->session, code);
+    slave->al_state = al_state(info.al_state);
+    slave->al_code = (int)info.al_code;
+  }
+  slave->valid = slave->al_state == ECAT_SESSION_OP && (complete >> slave->domain & 1) != 0;
+  return 0;
+}
+
+static int observe(ecat_session *session) {
+  ecat_session_slave *slave;
+  uint32_t complete = 0, all = (1u << ecat_domain_count(session->bus)) - 1;
+  int code = observe_domains(session, &complete);
+  session->state = ECAT_SESSION_OPERATIONAL;
+  for (slave = session->slaves; slave != NULL && code == 0; slave = slave->next) {
+    code = observe_slave(slave, complete);
+    if (slave->al_state != ECAT_SESSION_OP) session->state = ECAT_SESSION_NOT_OPERATIONAL;
+  }
+  if (complete != all) session->state = ECAT_SESSION_INCOMPLETE;
+  return code;
+}
+
+void session_observe_nothing(ecat_session *session) {
+  ecat_session_slave *slave;
+  session->wkc = 0;
+  session->state = session->outage == ECAT_ESTALE || session->outage == ECAT_ETIMEOUT
+                       ? ECAT_SESSION_STANDS_STILL
+                       : ECAT_SESSION_MISSING;
+  for (slave = session->slaves; slave != NULL; slave = slave->next) {
+    slave->valid = slave->al_code = 0;
+    slave->al_state = ECAT_SESSION_NOT_AVAILABLE;
+  }
+}
+
+int ecat_session_sample(ecat_session *session) {
+  int code = session_refresh(session);
+  uint64_t now;
+  if (code == 0)
+    session_end_outage(session);
+  else if ((code = session_endure(session, code)) != 0)
+    return code;
+  if (session->outage != 0)
+    session_observe_nothing(session);
+  else if ((code = observe(session)) != 0)
+    return code;
+  now = ecat_now();
+  if (session->exchanged_ns > 0)
+    session->age = now > session->exchanged_ns ? (double)(now - session->exchanged_ns) * 1e-9 : 0;
+  return 0;
+}
+
+int ecat_session_read(ecat_session_entry *entry, double *value) {
+  ecat_session *session = entry->slave->session;
+  int code = 0;
+  if (session->bus != NULL && session->outage == 0)
+    code = ecat_session_client(session, ecat_read(session->bus, entry->signal, &entry->raw));
+  *value = entry->raw * entry->expected.scale + entry->expected.offset;
+  return code;
+}
+
+int ecat_session_read_int(ecat_session_entry *entry, int64_t *value) {
+  ecat_session *session = entry->slave->session;
+  int code;
+  if (session->bus == NULL || session->outage != 0) return 0;
+  code = ecat_read_int(session->bus, entry->signal, value);
+  return ecat_session_client(session, code);
+}
