@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import asyncio
 import struct
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgpack
 
 from .model.errors import UsageError
-from .model.messages import MAX_MESSAGE
+
+if TYPE_CHECKING:
+    import asyncio  # commands that only pack and unpack do without it
 
 _LENGTH = struct.Struct(">I")
+
+MAX_MESSAGE = 64 * 1024
+"""Bytes of an encoded message; longer ones are refused before they are decoded."""
 
 MAX_REPLY = 1 << 26
 """Bytes of a reply from a daemon that one has chosen to trust: a large bus has much to tell."""
@@ -58,6 +62,6 @@ async def read_frame(
         if length > limit:
             raise UsageError(f"a message of {length} bytes is too long: {limit} are allowed")
         data = await reader.readexactly(length)
-    except (asyncio.IncompleteReadError, ConnectionError):  # also one that a write has met
+    except (EOFError, ConnectionError):  # the latter also when a write has met it
         return None
     return unpack(data, limit)

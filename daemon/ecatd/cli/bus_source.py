@@ -16,7 +16,7 @@ from typing import Literal
 
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus
-from ecatd.model.config import check_bus_name
+from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import EcatError, UsageError, error_class
 
 Kind = Literal["scan", "rig", "esi"]

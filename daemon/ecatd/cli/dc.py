@@ -16,6 +16,11 @@ _NAME = 22  # of a slave, so that the table fits
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 
 
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """It has those of all commands."""
+    command.set_defaults(alone=dc)
+
+
 def dc(options: argparse.Namespace) -> None:
     """Shows the reference clock, how the cycle follows it, and the clocks of all slaves."""
     with Source(options) as source:

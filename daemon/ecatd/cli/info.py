@@ -23,6 +23,11 @@ from .stats_screen import clock_line, duration, ring_line, word
 _SINGLE = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
 
 
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """It has those of all commands."""
+    command.set_defaults(alone=info)
+
+
 def info(options: argparse.Namespace) -> None:
     """Shows what the daemon is, how the bus is, and what real time costs or would bring."""
     with Source(options) as source:

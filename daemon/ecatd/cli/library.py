@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ecatd.model.errors import EcatError, NotPermittedError, UsageError
 from ecatd.paths import user_config
 
-from .bus_source import get_bus
+from .bus_source import add_options, get_bus
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -22,6 +23,86 @@ if TYPE_CHECKING:
 
 CHANGES = 1
 """Exit status of `--check` where something would change."""
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """The arguments of each command."""
+    run: Callable[[argparse.Namespace], int | None]
+    add, run = {
+        "generate": (_add_generate, generate),
+        "library": (_add_library, library),
+        "client-flags": (_add_client_flags, client_flags),
+    }[name]
+    command.set_defaults(alone=run)
+    add(command)
+
+
+def _add_generate(command: argparse.ArgumentParser) -> None:
+    command.add_argument("name", metavar="NAME", help="name of the library, as TrollPlant")
+    command.add_argument(
+        "out", metavar="DIR", type=Path, help="folder that the library is put into"
+    )
+    add_options(command)
+    command.add_argument(
+        "--templates",
+        action="append",
+        default=[],
+        metavar="DIR",
+        type=Path,
+        help="folder with templates of yours, before those of ~/.config/ecatd/templates; may be "
+        "repeated, the first one wins",
+    )
+    command.add_argument(
+        "--fmu", action="store_true", help="write an FMU for co-simulation instead: DIR/NAME.fmu"
+    )
+    command.add_argument(
+        "--fmi", type=int, choices=(2, 3), help="with --fmu: version of FMI (default: 2)"
+    )
+    _add_rewrite(command)
+
+
+def _add_library(command: argparse.ArgumentParser) -> None:
+    command.description = (
+        "Installs the part of the Modelica libraries that is the same for every bus."
+    )
+    command.add_argument(
+        "out", metavar="DIR", type=Path, nargs="?", help="folder that the library is put into"
+    )
+    command.add_argument(
+        "--openmodelica",
+        action="store_true",
+        help="put it where OpenModelica finds it: ~/.openmodelica/libraries, or a folder of "
+        "$OPENMODELICALIBRARY",
+    )
+    _add_rewrite(command)
+
+
+def _add_client_flags(command: argparse.ArgumentParser) -> None:
+    command.description = "Prints the flags with which a compiler builds a program with the client."
+    which = command.add_mutually_exclusive_group()
+    for option, tool in (("--cmake-dir", "CMake"), ("--pkg-config-dir", "pkg-config")):
+        which.add_argument(
+            option,
+            dest="folder",
+            action="store_const",
+            const=option.strip("-").replace("-", "_"),
+            help=f"print the folder in which {tool} finds the client instead",
+        )
+
+
+def _add_rewrite(command: argparse.ArgumentParser) -> None:
+    """What becomes of a library that is there already."""
+    how = command.add_mutually_exclusive_group()
+    how.add_argument(
+        "--check",
+        action="store_true",
+        help="write nothing, say what would change; then the exit status is 1",
+    )
+    how.add_argument(
+        "--force",
+        action="store_true",
+        help="also replace generated files that were changed by hand, and keep those as FILE.orig",
+    )
 
 
 def generate(options: argparse.Namespace) -> int:

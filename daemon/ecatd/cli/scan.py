@@ -12,8 +12,15 @@ from ecatd.model.errors import NotPermittedError, StateError
 from ecatd.model.whole_file import write_whole
 from ecatd.version import VERSION
 
-from .bus_source import get_bus
+from .bus_source import add_options, get_bus
 from .output import print_json
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """The arguments of the command."""
+    command.set_defaults(alone=scan)
+    command.add_argument("-o", dest="out", metavar="FILE", type=Path, help="save it to this file")
+    add_options(command)
 
 
 def scan(options: argparse.Namespace) -> None:

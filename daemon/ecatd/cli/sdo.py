@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from ecatd.model import abort_codes
 from ecatd.model.bus import Slave
 from ecatd.model.datatypes import (
+    TYPE_NAMES,
     DataType,
     bit_length,
     decode,
@@ -22,6 +23,7 @@ from ecatd.model.datatypes import (
 from ecatd.model.errors import EcatError, SdoAbortError, UsageError
 from ecatd.model.objects import standard_object
 
+from .arguments import bounded, position
 from .output import print_json
 from .show import pick_slaves
 
@@ -41,6 +43,36 @@ class Index(int):
     """An object index, and how it was typed."""
 
     typed: str
+
+
+def _index(text: str) -> Index:
+    value = Index(bounded(0, 0xFFFF)(text))
+    value.typed = text
+    return value
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """The arguments of each command."""
+    reading = name == "sdo-read"
+    command.set_defaults(run=sdo_read if reading else sdo_write)
+    command.add_argument("slave", type=position, metavar="POS", help="position of the slave")
+    command.add_argument("index", type=_index, help="object index, as 0x6060")
+    command.add_argument(
+        "subindex",
+        type=bounded(0, 0xFF),
+        nargs="?" if reading else None,
+        default=0,
+        help="object subindex" + (" (default: 0)" if reading else ""),
+    )
+    if not reading:
+        command.add_argument("value", help="number, text, or hexadecimal bytes")
+    command.add_argument(
+        "--type",
+        metavar="TYPE",
+        help=f"data type, where it is not known: {', '.join(TYPE_NAMES)}",
+    )
+    command.add_argument("--complete", action="store_true", help="complete access")
+    command.add_argument("-v", "--verbose", action="store_true", help="print name and type too")
 
 
 def _known(slave: Slave, index: int, subindex: int) -> tuple[str, int] | None:

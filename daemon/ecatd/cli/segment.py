@@ -10,8 +10,9 @@ from ecatd import shm as layout
 from ecatd.model.errors import StateError, UnreachableError, UsageError
 from ecatd.segment.claims import read_claims
 from ecatd.segment.picture import picture
-from ecatd.segment.raw import plain, read_raw
+from ecatd.segment.raw import NAMES, plain, read_raw
 
+from .arguments import add_slave, add_watch
 from .layout_tables import layout_lines
 from .segment_screen import claims_lines, picture_lines
 from .watch import present
@@ -23,6 +24,20 @@ _HEXADECIMAL = frozenset(
         *("index", "subindex", "type", "pdo", "al_state", "al_code", "abort_code"),
     )
 )
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """The arguments of each command."""
+    command.set_defaults(alone={"claims": claims, "shm": shm}[name])
+    add_watch(command)
+    add_slave(command)
+    if name == "shm":
+        command.add_argument(
+            "--raw", choices=NAMES, metavar="TABLE", help=f"one table: {', '.join(NAMES)}"
+        )
+        command.add_argument(
+            "--layout", action="store_true", help="print the layout itself as tables in Markdown"
+        )
 
 
 def shm(options: argparse.Namespace) -> int:

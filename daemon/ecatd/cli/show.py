@@ -11,10 +11,22 @@ from ecatd.model.datatypes import type_name
 from ecatd.model.errors import StateError
 from ecatd.model.pdo_layout import places
 
+from .arguments import add_slave
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """The arguments of each command."""
+    command.set_defaults(run={"slaves": slaves, "pdos": pdos, "state": state}[name])
+    if name == "state":
+        command.add_argument(
+            "state", nargs="?", metavar="STATE", help="INIT, PREOP, BOOT, SAFEOP, OP"
+        )
+    if name in ("pdos", "state"):
+        add_slave(command)
 
 
 def pick_slaves(bus: Bus, position: int | None) -> list[Slave]:

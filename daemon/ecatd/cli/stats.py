@@ -7,14 +7,24 @@ from collections.abc import Iterator
 from typing import Any
 
 from ecatd.model.errors import EcatError
-from ecatd.stats import Snapshot
+from ecatd.stats import TIMES, Snapshot
 from ecatd.stats.maps import histogram_to_map, interval_to_map, to_map
 
+from .arguments import add_watch
 from .output import print_json, print_json_line
 from .source import Source
 from .stats_screen import histogram_lines, stats_lines
 from .terminal import Screen
 from .watch import check, clock, ticks
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """The arguments of the command."""
+    command.set_defaults(alone=stats)
+    add_watch(command)
+    command.add_argument(
+        "--histogram", choices=TIMES, metavar="NAME", help=f"show one time: {', '.join(TIMES)}"
+    )
 
 
 def stats(options: argparse.Namespace) -> None:

@@ -2,17 +2,32 @@
 
 `Client` reads and writes the process image in shared memory; `docs/process-image.md` has examples.
 `ecatd.client.remote.Remote` sends requests over Zenoh; it is not imported from here, so that
-programs that only use shared memory need not load Zenoh.
+programs that only use shared memory need not load Zenoh. Nor is anything else before it is asked
+for, so that commands that only send requests need not load the shared memory.
 """
 
-from ecatd.shm import Direction, Outputs, Reason, Validity, WkcState
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from .claims import Claim
-from .client import Client
-from .group import SignalGroup
-from .info import DomainInfo, OutputInfo, Owner, SlaveInfo
-from .requests import Request
-from .signals import Signal
+if TYPE_CHECKING:
+    from ecatd.shm import Direction, Outputs, Reason, Validity, WkcState
+
+    from .claims import Claim
+    from .client import Client
+    from .group import SignalGroup
+    from .info import DomainInfo, OutputInfo, Owner, SlaveInfo
+    from .requests import Request
+    from .signals import Signal
+
+_HOME = {
+    **dict.fromkeys(("Direction", "Outputs", "Reason", "Validity", "WkcState"), "ecatd.shm"),
+    "Claim": ".claims",
+    "Client": ".client",
+    "SignalGroup": ".group",
+    **dict.fromkeys(("DomainInfo", "OutputInfo", "Owner", "SlaveInfo"), ".info"),
+    "Request": ".requests",
+    "Signal": ".signals",
+}
 
 __all__ = [
     "Claim",
@@ -30,3 +45,9 @@ __all__ = [
     "Validity",
     "WkcState",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME[name], __name__), name)

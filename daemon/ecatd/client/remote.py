@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import os
-import uuid
-from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import zenoh
 
-from ecatd import shm
 from ecatd.gateway.keys import bus_key, object_key, session_config
-from ecatd.model.bus import Bus
-from ecatd.model.bus_reader import read_bus
-from ecatd.model.config import check_bus_name
+from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import (
     JOIN,
     START,
@@ -26,13 +20,15 @@ from ecatd.model.errors import (
     UsageError,
 )
 from ecatd.paths import search_dirs, zenoh_socket
-from ecatd.segment.reader import opened
-from ecatd.stats import Snapshot, from_map
 from ecatd.wire import MAX_REPLY, pack, unpack
 
+# What only some requests need is loaded by them: most commands are one request, and short.
+if TYPE_CHECKING:
+    from ecatd.model.bus import Bus
+    from ecatd.stats import Snapshot
 
-@dataclass(frozen=True, slots=True)
-class SdoValue:
+
+class SdoValue(NamedTuple):
     """Uploaded data, and what the daemon knows about the object (type 0: nothing)."""
 
     data: bytes
@@ -55,41 +51,17 @@ def _local_endpoint(bus: str) -> str:
                     raise NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
                 return f"unixsock-stream/{path}"
         except PermissionError as error:
-            if (shm.FOLDER / f"ecat.{bus}").exists():  # else none of these serves it
+            from .absent import has_segment
+
+            if has_segment(bus):  # else none of these serves it
                 raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
     raise _unserved(bus)
 
 
 def _unserved(bus: str) -> EcatError:
-    """Why no gateway of this machine answers for a bus."""
-    if (shm.FOLDER / f"ecat.{bus}").exists():
-        try:
-            with opened(bus) as segment:
-                if segment.alive:
-                    return _without_gateway(bus, segment.header().state)
-        except EcatError as error:  # it is still starting, for example
-            return error
-    others = _running()
-    hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
-    return UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {START}")
+    from .absent import unserved
 
-
-def _without_gateway(bus: str, state: int) -> EcatError:
-    """Why a daemon lives whose gateway does not: it ends first, or has failed."""
-    if state == shm.BusState.STOPPING:
-        return UnreachableError(f"the daemon of bus '{bus}' is stopping")
-    return UnreachableError(
-        f"the gateway of bus '{bus}' does not answer; ecatd starts it again by itself, while the "
-        f"bus runs on: try again in some seconds"
-    )
-
-
-def _running() -> list[str]:
-    found: list[str] = []
-    for folder in search_dirs():
-        if os.access(folder, os.R_OK | os.X_OK):
-            found += sorted(path.stem for path in Path(folder).glob("*.zenoh"))
-    return found
+    return unserved(bus)
 
 
 class Remote:
@@ -199,6 +171,8 @@ class Remote:
 
     def describe(self) -> Bus:
         """The bus description."""
+        from ecatd.model.bus_reader import read_bus
+
         return read_bus(self._ask("ro", "slaves"), "the answer of the daemon", strict=False)
 
     def states(self) -> list[dict[str, Any]]:
@@ -207,6 +181,8 @@ class Remote:
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""
+        from ecatd.stats import from_map
+
         return from_map(self._ask("ro", "stats", parameters="buckets=1"))
 
     def clocks(self) -> dict[str, Any]:
@@ -249,4 +225,4 @@ class Remote:
 
 def _request_id() -> str:
     """Names one request, so that the daemon carries it out once even if it arrives twice."""
-    return uuid.uuid4().hex
+    return os.urandom(16).hex()

@@ -16,7 +16,6 @@ from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
 from ecatd.model.messages import (
-    MAX_MESSAGE,
     Describe,
     ReadInfo,
     ReadStates,
@@ -25,7 +24,7 @@ from ecatd.model.messages import (
 )
 from ecatd.paths import control_socket, zenoh_socket
 from ecatd.stats import read, to_map
-from ecatd.wire import pack, unpack
+from ecatd.wire import MAX_MESSAGE, pack, unpack
 
 from .bus_client import BusClient
 from .keys import SCHEMA, bus_key, session_config

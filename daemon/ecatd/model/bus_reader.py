@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from .bus import SCHEMA, Bus, Domain, Entry, Pdo, Slave, Value
-from .config import BUS_NAME, DOMAINS_MAX, POSITION_MAX
+from .bus_name import BUS_NAME
+from .config import DOMAINS_MAX, POSITION_MAX
 from .datatypes import bit_length, is_real, type_name
 from .errors import UsageError
 

@@ -12,9 +12,6 @@ from typing import Any, ClassVar
 from .al import AlState
 from .errors import UsageError
 
-MAX_MESSAGE = 64 * 1024
-"""Bytes of an encoded message; longer ones are refused before they are decoded."""
-
 
 @dataclass(frozen=True, slots=True)
 class Describe:

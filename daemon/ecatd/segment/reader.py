@@ -17,7 +17,7 @@ from typing import Any
 
 from ecatd import shm
 from ecatd.file_locks import held
-from ecatd.model.config import check_bus_name
+from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import (
     JOIN,
     START,

@@ -3,7 +3,7 @@
 Unknown keys are refused with the nearest valid one, and every message starts with file and line.
 """
 
-from .file import BUS_NAME, check_bus_name, load_config, read_config
+from .file import load_config, read_config
 from .slaves import DOMAINS_MAX, POSITION_MAX
 from .tables import (
     STOPS,
@@ -21,7 +21,6 @@ from .tables import (
 )
 
 __all__ = [
-    "BUS_NAME",
     "DOMAINS_MAX",
     "POSITION_MAX",
     "STOPS",
@@ -36,7 +35,6 @@ __all__ = [
     "RecoveryConfig",
     "SafeConfig",
     "SignalConfig",
-    "check_bus_name",
     "load_config",
     "read_config",
 ]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
-from ..errors import UsageError
+from ..bus_name import check_bus_name
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml
 from .outputs import read_outputs
 from .signals import read_signals
@@ -20,7 +19,6 @@ from .tables import (
     RecoveryConfig,
 )
 
-BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,31}")
 _INTERFACE_BYTES = 15
 
 
@@ -46,17 +44,6 @@ def load_config(file: Path) -> Config:
     config = _read(read_toml(file))
     config.profiles = [str(file.parent / folder) for folder in config.profiles]
     return config
-
-
-def check_bus_name(name: str) -> str:
-    """The name, if a bus can have it.
-
-    Raises:
-        UsageError: It cannot.
-    """
-    if not BUS_NAME.fullmatch(name):
-        raise UsageError(f"'{name}' is no bus name: use 1 to 31 letters, digits, '_' or '-'")
-    return name
 
 
 def _bus(table: Table, key: Key) -> str:

@@ -1,0 +1,80 @@
+"""Arguments that several commands have: numbers within bounds, slaves, times."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+
+
+def number(text: str) -> int:
+    """A number, decimal or as 0x0A."""
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number (10 or 0x0A)") from None
+
+
+def bounded(low: int, high: int) -> Callable[[str], int]:
+    """A number from `low` to `high`."""
+
+    def convert(text: str) -> int:
+        value = number(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is out of range: 0x{low:X} to 0x{high:X}")
+        return value
+
+    return convert
+
+
+def position(text: str) -> int:
+    """The position of a slave."""
+    value = number(text)
+    if not 0 <= value <= 0xFFFF:
+        raise argparse.ArgumentTypeError(f"'{text}' is no position: slaves count from 0")
+    return value
+
+
+def seconds(text: str) -> float:
+    """A time."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= 3600:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time: give seconds, more than 0")
+    return value
+
+
+def interval(text: str) -> float:
+    """A time between two looks."""
+    value = seconds(text)
+    if value < 0.05:
+        raise argparse.ArgumentTypeError(f"'{text}' is too short: give 0.05 s or more")
+    return value
+
+
+def times(text: str) -> int:
+    """How often."""
+    value = number(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not 1 or more")
+    return value
+
+
+def add_watch(command: argparse.ArgumentParser) -> None:
+    """The options of what can be shown again and again."""
+    command.add_argument(
+        "--watch",
+        nargs="?",
+        type=interval,
+        const=1.0,
+        metavar="SECONDS",
+        help="show it again every SECONDS (default: 1); statistics also those of the last interval",
+    )
+    command.add_argument("--count", type=times, metavar="N", help="with --watch: end after N times")
+
+
+def add_slave(command: argparse.ArgumentParser) -> None:
+    """The option that chooses one slave."""
+    command.add_argument("-p", "--slave", type=position, metavar="POS", help="only this slave")

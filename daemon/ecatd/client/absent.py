@@ -1,0 +1,48 @@
+"""Why no daemon of this machine answers for a bus, and what to do about it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ecatd import shm
+from ecatd.model.errors import START, EcatError, UnreachableError
+from ecatd.paths import search_dirs
+from ecatd.segment.reader import opened
+
+
+def has_segment(bus: str) -> bool:
+    """Whether there is shared memory of a bus, be it a leftover."""
+    return (shm.FOLDER / f"ecat.{bus}").exists()
+
+
+def unserved(bus: str) -> EcatError:
+    """Why no gateway of this machine answers for a bus."""
+    if has_segment(bus):
+        try:
+            with opened(bus) as segment:
+                if segment.alive:
+                    return _without_gateway(bus, segment.header().state)
+        except EcatError as error:  # it is still starting, for example
+            return error
+    others = _running()
+    hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
+    return UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {START}")
+
+
+def _without_gateway(bus: str, state: int) -> EcatError:
+    """Why a daemon lives whose gateway does not: it ends first, or has failed."""
+    if state == shm.BusState.STOPPING:
+        return UnreachableError(f"the daemon of bus '{bus}' is stopping")
+    return UnreachableError(
+        f"the gateway of bus '{bus}' does not answer; ecatd starts it again by itself, while the "
+        f"bus runs on: try again in some seconds"
+    )
+
+
+def _running() -> list[str]:
+    found: list[str] = []
+    for folder in search_dirs():
+        if os.access(folder, os.R_OK | os.X_OK):
+            found += sorted(path.stem for path in Path(folder).glob("*.zenoh"))
+    return found
