@@ -16,6 +16,7 @@ import zenoh
 from conftest import Daemon
 from ecatd.client.remote import Remote
 from ecatd.gateway.keys import bus_key, session_config
+from ecatd.model.datatypes import DataType
 from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
 from ecatd.paths import control_socket
 from ecatd.wire import frame, pack, unpack
@@ -93,6 +94,21 @@ def test_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Ses
         remote.set_state("SAFEOP")
     remote.close()
     assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+
+
+def test_objects_come_with_their_types(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+    with Remote(daemon.bus) as remote:
+        mode = remote.sdo_read(0, 0x6060)
+        assert (mode.name, mode.data_type) == ("Mode of operation", DataType.INTEGER8)
+        vendor = remote.sdo_read(0, 0x1018, 1)
+        assert (vendor.name, vendor.data_type) == ("Vendor ID", DataType.UNSIGNED32)
+        written = remote.sdo_write(0, 0x6083, 0, "0x3E8")
+        assert written.data == remote.sdo_read(0, 0x6083).data == b"\xe8\3\0\0"
+        assert written.data_type == DataType.UNSIGNED32
+        with pytest.raises(UsageError, match="900 is out of range for INTEGER8"):
+            remote.sdo_write(0, 0x6060, 0, "900")
+        assert remote.sdo_read(0, 0x6060) == mode, "nothing was written"
 
 
 def test_a_bus_server_that_does_not_answer(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,7 +193,7 @@ def test_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> None
     [
         ("rw/sdo/0/0x6060/0", {"id": "a", "data": b"\x01", "slave": 3}, "belongs into the key"),
         ("rw/sdo/0/0x6060/0", {"data": b"\x01"}, "needs an 'id'"),
-        ("rw/sdo/0/0x6060/0", {"id": "b"}, "needs data"),
+        ("rw/sdo/0/0x6060/0", {"id": "b"}, "needs either 'data' or 'value'"),
         ("rw/sdo/0/0x6060/0", {"id": "c", "data": b"\x01", "x": 1}, "'x' is no key"),
         ("rw/sdo/0/zzz/0", {"id": "d", "data": b"\x01"}, "'zzz' in the key is no index"),
         ("rw/state", {"id": "e", "state": "OP", "op": "sdo_write"}, "belongs into the key"),

@@ -48,3 +48,19 @@ def test_ctrl_c_before_the_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     for module, status in ((cli, 130), (service, 0)):
         monkeypatch.setattr(module, "_parser", interrupted)
         assert module.main() == status
+
+
+SLOW = ("asyncio", "inspect", "importlib.metadata", "ecatd.shm", "ecatd.model.bus", "ecatd.stats")
+
+
+@pytest.mark.parametrize("module", ["ecatd.cli.sdo", "ecatd.client.remote"])
+def test_an_sdo_command_loads_nothing_that_it_does_not_need(module: str) -> None:
+    """Else most of its time goes into that."""
+    code = f"import sys, ecatd.cli.main, {module}; print(*({set(SLOW)} & sys.modules.keys()))"
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert result.stdout == "\n"

@@ -17,6 +17,7 @@ from ecatd.wire import unpack
     [
         SdoRead(3, 0x6060),
         SdoWrite(0, 0x1C12, b"\x00", 1, complete=True),
+        SdoWrite(0, 0x6060, value="-3"),
         SetState("OP"),
         SetState("PREOP", 2),
     ],
@@ -40,6 +41,12 @@ def test_requests_survive(request_: Any) -> None:
         ({"op": "sdo_read", "slave": 0, "index": 1, "sub": 1}, "'sub' is no key"),
         ({"op": "sdo_write", "slave": 0, "index": 1, "data": "x"}, "must be bytes"),
         ({"op": "sdo_write", "slave": 0, "index": 1, "data": b""}, "has 0 bytes"),
+        ({"op": "sdo_write", "slave": 0, "index": 1}, "needs either 'data' or 'value'"),
+        ({"op": "sdo_write", "slave": 0, "index": 1, "value": 5}, "must be str"),
+        (
+            {"op": "sdo_write", "slave": 0, "index": 1, "value": "5", "data": b"5"},
+            "needs either 'data' or 'value'",
+        ),
         ({"op": "set_state", "state": "RUN"}, "is no AL state"),
         ({"op": "set_state", "state": "OP", "slave": -1}, "is -1, but must be from 0"),
         ({"op": "describe", "x": 1}, "'x' is no key of describe: use none"),

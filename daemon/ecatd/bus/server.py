@@ -18,7 +18,8 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
-from ecatd.model.errors import StateError
+from ecatd.model.datatypes import DataType, bit_length, encode
+from ecatd.model.errors import StateError, UsageError
 from ecatd.model.messages import (
     Describe,
     ReadInfo,
@@ -27,7 +28,9 @@ from ecatd.model.messages import (
     SdoRead,
     SdoWrite,
     SetState,
+    check_data,
 )
+from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.version import VERSION
 
 from .engine import Engine
@@ -68,6 +71,7 @@ class BusServer:
         self._monitor: Monitor | None = None
         self._access: Objects | None = None
         self._started = 0.0
+        self._types: dict[int, ObjectTypes] = {}
 
     @property
     def bus(self) -> Bus:
@@ -137,11 +141,41 @@ class BusServer:
             case SdoRead(position, index, subindex, complete):
                 slave = self._coe_slave(position)
                 data = await self._objects.read(slave, index, subindex, complete=complete)
-                return {"data": data, **_known_type(slave, index, subindex)}
-            case SdoWrite(position, index, data, subindex, complete):
-                slave = self._coe_slave(position)
-                await self._objects.write(slave, index, subindex, data, complete=complete)
-                return {}
+                known = self._type(slave, index, subindex)
+                if complete:
+                    known = ObjectType(known.name)
+                return {"data": data, **known.of(data).to_map()}
+            case SdoWrite():
+                return await self._write(request)
+
+    def _type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        if slave.position not in self._types:
+            self._types[slave.position] = ObjectTypes(slave)
+        return self._types[slave.position].find(index, subindex)
+
+    async def _write(self, request: SdoWrite) -> dict[str, Any]:
+        slave = self._coe_slave(request.slave)
+        index, subindex, data = request.index, request.subindex, request.data
+        known = self._type(slave, index, subindex)
+        if data is None:
+            assert request.value is not None
+            if not known.data_type:
+                known = await self._type_by_size(slave, index, subindex)
+            data = encode(DataType(known.data_type), request.value)
+            check_data(data)
+        await self._objects.write(slave, index, subindex, data, complete=request.complete)
+        return {"data": data, **known.of(data).to_map()}
+
+    async def _type_by_size(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        """The type of an object of which nothing is known but how long it is."""
+        now = await self._objects.read(slave, index, subindex, complete=False)
+        found = self._type(slave, index, subindex).of(now)
+        if not bit_length(found.data_type):
+            raise UsageError(
+                f"the type of 0x{index:04X}:{subindex:02X} is not known and it has {len(now)} "
+                f"bytes; give it with --type"
+            )
+        return found
 
     def _info(self) -> dict[str, Any]:
         assert self._up.wire is not None, "asked before the bus was brought up"
@@ -242,12 +276,3 @@ class BusServer:
                 up.segment.close()
             if up.master is not None:
                 up.master.close()
-
-
-def _known_type(slave: Slave, index: int, subindex: int) -> dict[str, Any]:
-    """Name and type of an object that is in the process image; others are not known here."""
-    for outputs in (True, False):
-        for _pdo, entry, _bit in slave.entries(outputs=outputs):
-            if (entry.index, entry.subindex) == (index, subindex):
-                return {"name": entry.name, "data_type": entry.data_type, "unit": entry.unit}
-    return {}

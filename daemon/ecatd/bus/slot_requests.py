@@ -24,7 +24,7 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.model.messages import Request, SetState
+from ecatd.model.messages import Request, SdoRead, SetState
 from ecatd.shm import REQUEST_BYTES, Errno
 
 from .engine import Engine
@@ -175,7 +175,9 @@ class _Slot:
 
 
 def _uploaded(request: Request, answer: dict[str, Any]) -> bytes:
-    data: bytes = answer.get("data", b"")
+    if not isinstance(request, SdoRead):
+        return b""
+    data: bytes = answer["data"]
     if len(data) > REQUEST_BYTES:
         raise UsageError(
             f"the object has {len(data)} bytes, more than the {REQUEST_BYTES} that a client of "

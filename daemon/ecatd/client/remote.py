@@ -29,12 +29,24 @@ if TYPE_CHECKING:
 
 
 class SdoValue(NamedTuple):
-    """Uploaded data, and what the daemon knows about the object (type 0: nothing)."""
+    """Data of an object, and what the daemon knows about it.
+
+    Attributes:
+        data: As it was uploaded or downloaded: little endian.
+        name: Name of the object, or empty.
+        data_type: Its CoE data type index; where nobody knows it, an unsigned type of that size, or
+            OCTET_STRING.
+        unit: Unit of the physical value, or empty.
+        scale: Physical value = value * scale + offset.
+        offset: See `scale`; in `unit`.
+    """
 
     data: bytes
     name: str = ""
     data_type: int = 0
     unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
 
 
 def _local_endpoint(bus: str) -> str:
@@ -200,20 +212,30 @@ class Remote:
             *object_key(index, subindex),
             parameters="complete=1" if complete else "",
         )
-        known = {key: answer[key] for key in ("name", "data_type", "unit") if key in answer}
-        return SdoValue(answer["data"], **known)
+        return _sdo_value(answer)
 
     def sdo_write(
-        self, slave: int, index: int, subindex: int, data: bytes, *, complete: bool = False
-    ) -> None:
-        """Downloads an object."""
-        self._ask(
+        self, slave: int, index: int, subindex: int, data: bytes | str, *, complete: bool = False
+    ) -> SdoValue:
+        """Downloads an object; returns what was downloaded.
+
+        Args:
+            slave: Position.
+            index: Object index.
+            subindex: Object subindex.
+            data: Bytes, little endian; or the value as a person types it, for which the daemon
+                finds the type out.
+            complete: Complete access.
+        """
+        what = {"value" if isinstance(data, str) else "data": data}
+        answer = self._ask(
             "rw",
             "sdo",
             str(slave),
             *object_key(index, subindex),
-            payload={"id": _request_id(), "data": data, "complete": complete},
+            payload={"id": _request_id(), **what, "complete": complete},
         )
+        return _sdo_value(answer)
 
     def set_state(self, state: str, slave: int | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""
@@ -221,6 +243,10 @@ class Remote:
         if slave is not None:
             payload["slave"] = slave
         return list(self._ask("rw", "state", payload=payload)["slaves"])
+
+
+def _sdo_value(answer: dict[str, Any]) -> SdoValue:
+    return SdoValue(**{key: answer[key] for key in SdoValue._fields if key in answer})
 
 
 def _request_id() -> str:

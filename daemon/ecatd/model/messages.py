@@ -6,8 +6,8 @@ them with `parse_request`, since neither trusts the other.
 
 from __future__ import annotations
 
-from dataclasses import MISSING, asdict, dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, ClassVar, NamedTuple
 
 from .al import AlState
 from .errors import UsageError
@@ -68,7 +68,7 @@ class SdoRead:
 
 @dataclass(frozen=True, slots=True)
 class SdoWrite:
-    """Downloads an object; attributes as `SdoRead`, and the data in wire order.
+    """Downloads an object; attributes as `SdoRead`, and either its data or its value.
 
     Attributes:
         slave: Position.
@@ -76,14 +76,21 @@ class SdoWrite:
         data: Bytes, little endian.
         subindex: Object subindex.
         complete: Complete access.
+        value: The value as a person types it (`model.datatypes.encode`); the daemon finds out
+            which type the object has.
     """
 
     op: ClassVar[str] = "sdo_write"
     slave: int
     index: int
-    data: bytes
+    data: bytes | None = None
     subindex: int = 0
     complete: bool = False
+    value: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.data is None) == (self.value is None):
+            raise UsageError(f"{self.op} needs either 'data' or 'value'")
 
 
 Request = Describe | ReadInfo | ReadStates | SetState | SdoRead | SdoWrite
@@ -95,9 +102,34 @@ _RANGES = {"slave": (0, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
 _DATA_MAX = 32 * 1024
 
 
+class _Key(NamedTuple):
+    """A key of a request.
+
+    Attributes:
+        kind: Its type in words.
+        types: Names of the types that it may have.
+        needed: Whether it must be there.
+    """
+
+    kind: str
+    types: frozenset[str]
+    needed: bool
+
+
+_KEYS: dict[type[Request], dict[str, _Key]] = {
+    kind: {
+        field.name: _Key(
+            str(field.type), frozenset(str(field.type).split(" | ")), field.default is MISSING
+        )
+        for field in fields(kind)
+    }
+    for kind in _KINDS.values()
+}
+
+
 def to_map(request: Request) -> dict[str, Any]:
     """The request as a map, with its `op`."""
-    return {"op": request.op, **asdict(request)}
+    return {"op": request.op} | {name: getattr(request, name) for name in _KEYS[type(request)]}
 
 
 def parse_request(data: Any) -> Request:
@@ -114,29 +146,33 @@ def parse_request(data: Any) -> Request:
     if not isinstance(op, str) or op not in _KINDS:
         raise UsageError(f"op {op!r} is no request: use {', '.join(_KINDS)}")
     kind = _KINDS[op]
-    known = {field.name: field for field in fields(kind)}
+    known = _KEYS[kind]
     for key, value in values.items():
         if key not in known:
             raise UsageError(f"'{key}' is no key of {op}: use {', '.join(known) or 'none'}")
-        _check(op, key, value, str(known[key].type))
-    missing = [
-        name for name, field in known.items() if field.default is MISSING and name not in values
-    ]
+        _check(op, key, value, known[key])
+    missing = [name for name, key in known.items() if key.needed and name not in values]
     if missing:
         raise UsageError(f"{op} needs {', '.join(missing)}")
     return kind(**values)
 
 
-def _check(op: str, key: str, value: Any, kind: str) -> None:
+def check_data(data: bytes) -> None:
+    """Refuses data that cannot be downloaded; raises UsageError."""
+    if not 1 <= len(data) <= _DATA_MAX:
+        raise UsageError(f"'data' of sdo_write has {len(data)} bytes; 1 to {_DATA_MAX} are allowed")
+
+
+def _check(op: str, key: str, value: Any, wanted: _Key) -> None:
     # Compared by name: bool is an int in Python, but true is no slave number.
     found = "None" if value is None else type(value).__name__
-    if found not in kind.split(" | "):
-        raise UsageError(f"'{key}' of {op} must be {kind}, not {found}")
+    if found not in wanted.types:
+        raise UsageError(f"'{key}' of {op} must be {wanted.kind}, not {found}")
     if key in _RANGES and value is not None:
         low, high = _RANGES[key]
         if not low <= value <= high:
             raise UsageError(f"'{key}' of {op} is {value}, but must be from {low} to {high}")
-    if key == "data" and not 1 <= len(value) <= _DATA_MAX:
-        raise UsageError(f"'data' of {op} has {len(value)} bytes; 1 to {_DATA_MAX} are allowed")
+    if key == "data" and value is not None:
+        check_data(value)
     if key == "state":
         AlState.parse(value)

@@ -1,0 +1,72 @@
+"""What objects of slaves are: name, type and meaning, as far as nobody has to be asked for it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from .bus import Slave
+from .datatypes import DataType, bit_length
+from .objects import standard_object
+
+_BY_SIZE = {
+    1: DataType.UNSIGNED8,
+    2: DataType.UNSIGNED16,
+    4: DataType.UNSIGNED32,
+    8: DataType.UNSIGNED64,
+}
+_STATUSWORD = 0x6041, 0  # which slaves of CiA 402 have in their process data
+
+
+class ObjectType(NamedTuple):
+    """What an object is.
+
+    Attributes:
+        name: Its name, or empty.
+        data_type: Its CoE data type index; 0: unknown.
+        unit: Unit of the physical value, or empty.
+        scale: Physical value = value * scale + offset.
+        offset: See `scale`; in `unit`.
+    """
+
+    name: str = ""
+    data_type: int = 0
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+
+    def of(self, data: bytes) -> ObjectType:
+        """The same with a type that fits the data: an unsigned one where none is known."""
+        bits = bit_length(self.data_type)
+        if self.data_type and (bits == 0 or (bits + 7) // 8 == len(data)):
+            return self
+        return self._replace(data_type=_BY_SIZE.get(len(data), DataType.OCTET_STRING))
+
+    def to_map(self) -> dict[str, Any]:
+        """As a map for replies; what is as by default is left out, but for the type and name."""
+        found: dict[str, Any] = {"name": self.name, "data_type": int(self.data_type)}
+        if (self.unit, self.scale, self.offset) != ("", 1.0, 0.0):
+            found |= {"unit": self.unit, "scale": self.scale, "offset": self.offset}
+        return found
+
+
+class ObjectTypes:
+    """The objects of one slave: those of its process data, and what the standards say of others."""
+
+    def __init__(self, slave: Slave) -> None:
+        entries = [e for outputs in (False, True) for _, e, _ in slave.entries(outputs=outputs)]
+        self._mapped = {
+            (e.index, e.subindex): ObjectType(e.name, e.data_type, e.unit, e.scale, e.offset)
+            for e in entries
+        }
+        self._drive = _STATUSWORD in self._mapped
+
+    def find(self, index: int, subindex: int) -> ObjectType:
+        """What is known of an object."""
+        mapped = self._mapped.get((index, subindex), ObjectType())
+        if mapped.data_type:
+            return mapped
+        standard = standard_object(index, subindex, drive=self._drive)
+        if standard is None:
+            return mapped
+        name, data_type = standard
+        return ObjectType(mapped.name or name, data_type, *mapped[2:])
