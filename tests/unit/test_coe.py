@@ -287,6 +287,53 @@ def test_any_frame_may_get_lost(unseen: bool) -> None:
             assert answered == requests, f"access {lost}"
 
 
+@pytest.mark.parametrize("slow", [False, True])
+@pytest.mark.parametrize("unseen", [False, True])
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_lost_frame_brings_no_value_of_an_earlier_conversation(
+    alone: bool, unseen: bool, slow: bool
+) -> None:
+    """Wherever it gets lost: a mailbox that is asked to repeat may have nothing new to say yet."""
+    device = Archive()
+    with in_preop(device) as (registers, wire):
+        line, wire.unseen = Line(), unseen
+        if slow:
+            device.mailbox_fault = MailboxFault("slow", 0.03)
+        for lost in range(14):
+            device[0x2000, 0] = lost
+            begin = len(wire.frames)
+            wire.lose = lambda number, lost=begin + lost: number == lost  # type: ignore[misc]
+            coe = Coe(0, FIRST_STATION, line, alone=alone)
+            assert converse(registers, [talk(coe, (0x2000, 0))]) == [[struct.pack("<H", lost)]]
+
+
+@pytest.mark.parametrize("unseen", [False, True])
+def test_an_answer_that_got_lost_is_asked_for_though_another_message_follows(
+    unseen: bool, short: None
+) -> None:
+    device = Archive()
+    with in_preop(device) as (registers, wire):
+        server = device._services.server
+        handler, requests = server.handlers[COE], []
+
+        def followed(body: bytes) -> list[bytes]:
+            requests.append(body)
+            device.emergency(0x1000, 0x11)
+            return handler(body)
+
+        server.handlers[COE] = followed
+        line, wire.unseen = Line(), unseen
+        for lost in range(14):
+            requests.clear()
+            begin = len(wire.frames)
+            wire.lose = lambda number, lost=begin + lost: number == lost  # type: ignore[misc]
+            coe = Coe(0, FIRST_STATION, line, alone=True)
+            data = struct.pack("<H", lost)
+            converse(registers, [coe.talk(lambda: coe.download(0x2000, 0, data))])  # noqa: B023
+            assert device[0x2000, 0] == lost
+            assert sum(body[2:3] < b"\x40" for body in requests) == 1, "it was written once"
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_many_frames_get_lost(seed: int) -> None:
     with in_preop(*[Archive() for _ in range(12)]) as (registers, wire):

@@ -62,8 +62,8 @@ class Bench:
         )
         self.objects = Objects(master, self.worker, log)
 
-    def coe(self, position: int) -> Coe:
-        return Coe(position, FIRST_STATION + position, self.lines[position])
+    def coe(self, position: int, *, alone: bool = False) -> Coe:
+        return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)
 
     async def read(self, position: int = 0, index: int = NUMBER) -> int:
         data = await self.objects.read(SLAVES[position], index, 0, complete=False)

@@ -249,9 +249,9 @@ class Master:
         """Writes ESC memory; raises as `write_registers`."""
         self.write_registers([(position, address, data)])
 
-    def coe(self, position: int) -> Coe:
-        """The way to the objects of a slave, for one conversation with it."""
-        return Coe(position, self.stations[position], self._lines[position])
+    def coe(self, position: int, *, alone: bool = False) -> Coe:
+        """The way to the objects of a slave, for one conversation; `alone` as in `Mailbox`."""
+        return Coe(position, self.stations[position], self._lines[position], alone=alone)
 
     def _request(self, state: int, positions: Iterable[int] | None) -> None:
         """Writes AL control, of all slaves by one broadcast if `positions` is None."""

@@ -7,7 +7,7 @@ those who want something of it, too.
 from __future__ import annotations
 
 import asyncio
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import TypeVar
@@ -17,9 +17,8 @@ from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
-from .datagrams import fprd
 from .mailbox.coe import Coe
-from .mailbox.mailboxes import Talk, talk_alone
+from .mailbox.mailboxes import Line, Talk, talk_alone
 from .master import Master
 from .watch.paced import Gathered
 from .worker import Worker
@@ -31,7 +30,7 @@ _REQUESTS_MAX, _OF_ONE_SLAVE_MAX = 128, 32
 _PATIENCE = 10.0
 """Seconds after which a request that could not begin is not carried out any more."""
 
-_AL_STATUS, _STATE, _TRIES = 0x0130, 0x0F, 3
+_STATE = 0x0F
 
 Emergency = tuple[Slave, int, int]
 """A slave, an error code, and the content of the error register."""
@@ -49,8 +48,7 @@ class Objects:
     def __init__(self, master: Master, worker: Worker, log: Log) -> None:
         self._master = master
         self._worker = worker
-        self._waiting: Counter[int] = Counter()
-        self._alone: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._waiting = 0
         self._emergencies = Gathered[Emergency](
             lambda found, left_out: tell_emergencies(log, found, left_out)
         )
@@ -74,13 +72,14 @@ class Objects:
         self._emergencies.close()
 
     async def _converse(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
-        coe = self._master.coe(slave.position)
+        coe = self._master.coe(slave.position, alone=True)
 
         def talk() -> Talk[T]:
-            yield from self._check_state(slave)
-            return (yield from coe.talk(lambda: part(coe)))
+            _check_state(slave, (yield from coe.mailbox.look()))
+            yield from coe.open()
+            return (yield from part(coe))
 
-        async with self._turn(slave):
+        async with self._turn(slave, coe.line):
             try:
                 return await self._worker.request(talk_alone(self._master.registers, talk()))
             finally:
@@ -88,45 +87,51 @@ class Objects:
                     self._emergencies.note((slave, code, register))
 
     @asynccontextmanager
-    async def _turn(self, slave: Slave) -> AsyncIterator[None]:
-        """Waits until the requests to the slave that came before are done."""
-        waiting, lock = self._waiting, self._alone[slave.position]
-        if waiting[slave.position] >= _OF_ONE_SLAVE_MAX:
+    async def _turn(self, slave: Slave, line: Line) -> AsyncIterator[None]:
+        """Waits until the conversations with the slave that came before are over."""
+        if len(line) >= _OF_ONE_SLAVE_MAX:
             raise BusyError(f"{slave.label} has {_OF_ONE_SLAVE_MAX} requests waiting already")
-        if waiting.total() >= _REQUESTS_MAX:
+        if self._waiting >= _REQUESTS_MAX:
             raise BusyError(f"busy: {_REQUESTS_MAX} mailbox requests are waiting already")
-        waiting[slave.position] += 1
+        loop, called = asyncio.get_running_loop(), asyncio.Event()
+        self._waiting += 1
         try:
-            try:
-                await asyncio.wait_for(lock.acquire(), _PATIENCE)
-            except TimeoutError as error:
-                raise BusyError(
-                    f"{slave.label} has not come to this request within {_PATIENCE:g} s, as it "
-                    f"answers earlier ones slowly; nothing was done"
-                ) from error
-            try:
+            with line.join(lambda: loop.call_soon_threadsafe(called.set)) as place:
+                if not place.has_turn:
+                    await _patiently(called, slave)
                 yield
-            finally:
-                lock.release()
         finally:
-            waiting[slave.position] -= 1
+            self._waiting -= 1
 
-    def _check_state(self, slave: Slave) -> Talk[None]:
-        """Says at once what else would come out by waiting."""
-        for _ in range(_TRIES):
-            answer = yield fprd(self._master.stations[slave.position], _AL_STATUS, 2)
-            if answer.wkc == 1:
-                break
-        else:
-            raise NoAnswerError(
-                f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
-            )
-        state = int.from_bytes(answer.data, "little") & _STATE
-        if state in (AlState.INIT, AlState.BOOT):
-            raise StateError(
-                f"{slave.label} is in {AlState(state).name}, and its objects can be reached from "
-                f"PREOP on; bring it there with `ecatctl state PREOP -p {slave.position}`"
-            )
+
+async def _patiently(called: asyncio.Event, slave: Slave) -> None:
+    """Waits until a request is called.
+
+    Raises:
+        BusyError: That takes too long.
+    """
+    try:
+        async with asyncio.timeout(_PATIENCE):
+            await called.wait()
+    except TimeoutError as error:
+        raise BusyError(
+            f"{slave.label} has not come to this request within {_PATIENCE:g} s, as it answers "
+            f"earlier ones slowly; nothing was done"
+        ) from error
+
+
+def _check_state(slave: Slave, status: int | None) -> None:
+    """Says at once what else would come out by waiting."""
+    if status is None:
+        raise NoAnswerError(
+            f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
+        )
+    state = status & _STATE
+    if state in (AlState.INIT, AlState.BOOT):
+        raise StateError(
+            f"{slave.label} is in {AlState(state).name}, and its objects can be reached from PREOP "
+            f"on; bring it there with `ecatctl state PREOP -p {slave.position}`"
+        )
 
 
 def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
-from typing import Any, TypeVar
+from queue import SimpleQueue
+from typing import Any, NamedTuple, TypeVar
 
 from ecatd.model.errors import StateError
 
@@ -24,15 +26,27 @@ _TURN = 0.005
 _FIRST_PAUSE, _LAST_PAUSE = 0.00005, 0.001
 """Seconds between two looks within a turn: quick slaves are not kept, slow ones not bothered."""
 
+_PR_SET_TIMERSLACK = 29
+
+_UNFINISHED = object()
+
+
+class _Call(NamedTuple):
+    """A call that waits, and who waits for its result."""
+
+    call: Callable[[], Any]
+    loop: asyncio.AbstractEventLoop
+    result: asyncio.Future[Any]
+
 
 class Worker:
     """Runs calls of `Master` one after the other; to be used by the thread of the event loop."""
 
     def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="mailbox")
-        self._lock = threading.Lock()
-        self._queued = 0  # calls that have not begun
+        self._calls: SimpleQueue[_Call | None] = SimpleQueue()
         self._closed = False
+        self._thread = threading.Thread(target=self._serve, name="mailbox")
+        self._thread.start()
 
     async def run(self, call: Callable[[], T]) -> T:
         """Queues a call and waits for its result.
@@ -40,7 +54,8 @@ class Worker:
         Raises:
             StateError: The worker has been closed.
         """
-        return await self._submit(call)
+        result: T = await self._queue(call)
+        return result
 
     async def request(self, steps: Steps[T]) -> T:
         """Runs the steps of a request at once, as far as nobody else waits; raises as `run`."""
@@ -51,57 +66,69 @@ class Worker:
         return await self._run(steps, 0.0, _PAUSE)
 
     async def _run(self, steps: Steps[T], turn: float, pause: float) -> T:
+        found: Any = _UNFINISHED
         try:
-            while True:
-                try:
-                    await self._submit(partial(self._advance, steps, turn))
-                except _End as end:
-                    result: T = end.value
-                    return result
+            while (found := await self._queue(partial(self._advance, steps, turn))) is _UNFINISHED:
                 await asyncio.sleep(pause)
                 pause = min(1.5 * pause, _PAUSE)
+            result: T = found
+            return result
         finally:
-            if not self._closed:
-                self._pool.submit(steps.close)  # where they may be running still
+            if found is _UNFINISHED and not self._closed:
+                self._queue(steps.close)  # by the worker, which may be at them still
 
-    def _submit(self, call: Callable[[], T]) -> asyncio.Future[T]:
+    def _queue(self, call: Callable[[], Any]) -> asyncio.Future[Any]:
         if self._closed:
             raise StateError("the bus is being stopped")
-        began = [False]
+        loop = asyncio.get_running_loop()
+        result: asyncio.Future[Any] = loop.create_future()
+        self._calls.put(_Call(call, loop, result))
+        return result
 
-        def begin() -> T:
-            self._count(-1)
-            began[0] = True
-            return call()
-
-        self._count(1)
-        future = self._pool.submit(begin)
-        future.add_done_callback(lambda _future: None if began[0] else self._count(-1))
-        return asyncio.wrap_future(future)
-
-    def _count(self, change: int) -> None:
-        with self._lock:
-            self._queued += change
-
-    def _advance(self, steps: Steps[Any], turn: float) -> None:
+    def _advance(self, steps: Steps[Any], turn: float) -> Any:
         """Goes to the next place where steps wait, and on while nobody else does, for a turn."""
         end, pause = time.monotonic() + turn, _FIRST_PAUSE
         try:
             next(steps)
-            while time.monotonic() < end and not self._queued:
+            while time.monotonic() < end and self._calls.empty():
                 time.sleep(pause)
                 pause = min(1.5 * pause, _LAST_PAUSE)
                 next(steps)
-        except StopIteration as stop:  # which cannot leave a future
-            raise _End(stop.value) from None
+        except StopIteration as stop:
+            return stop.value
+        return _UNFINISHED
+
+    # --- the thread ------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        # Else the kernel adds 50 µs to each pause.
+        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+        while (item := self._calls.get()) is not None:
+            if self._closed:
+                _tell(item, item.result.cancel)
+            elif not item.result.cancelled():
+                try:
+                    _tell(item, partial(_succeed, item.result, item.call()))
+                except Exception as error:
+                    _tell(item, partial(_fail, item.result, error))
 
     def close(self) -> None:
         """Lets the running call end and drops the waiting ones."""
         self._closed = True
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._calls.put(None)
+        self._thread.join()
 
 
-class _End(Exception):  # noqa: N818  no error: the result of steps on its way to another thread
-    def __init__(self, value: Any) -> None:
-        super().__init__()
-        self.value = value
+def _tell(item: _Call, how: Callable[[], object]) -> None:
+    with suppress(RuntimeError):  # its event loop has ended: nobody waits any more
+        item.loop.call_soon_threadsafe(how)
+
+
+def _succeed(result: asyncio.Future[Any], value: Any) -> None:
+    if not result.done():
+        result.set_result(value)
+
+
+def _fail(result: asyncio.Future[Any], error: Exception) -> None:
+    if not result.done():
+        result.set_exception(error)

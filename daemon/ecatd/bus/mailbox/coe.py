@@ -89,17 +89,19 @@ class Coe:
         position: Its position, by which messages name it.
         station: Its configured station address.
         line: What all conversations with it share.
+        alone: See `Mailbox`.
 
     Attributes:
+        line: What all conversations with it share.
         mailbox: Its mailbox.
         emergencies: Error code and error register of the emergencies that came meanwhile.
     """
 
-    def __init__(self, position: int, station: int, line: Line) -> None:
-        self.mailbox = Mailbox(station, line)
+    def __init__(self, position: int, station: int, line: Line, *, alone: bool = False) -> None:
+        self.line = line
+        self.mailbox = Mailbox(station, line, alone=alone)
         self.emergencies: list[tuple[int, int]] = []
         self._position = position
-        self._line = line
         self._patience_s: float | None = None  # of what asks for no other one
 
     def talk(self, part: Callable[[], Talk[T]]) -> Talk[T]:
@@ -109,8 +111,8 @@ class Coe:
             NoAnswerError: The slave does not answer, or others have it for too long.
             StateError: It has no mailbox for CoE now.
         """
-        with self._line.place(self):
-            yield from self.mailbox.wait_for_turn(self)
+        with self.line.join() as place:
+            yield from self.mailbox.wait_for_turn(place)
             yield from self.open()
             return (yield from part())
 
@@ -176,10 +178,10 @@ class Coe:
                 break
             try:
                 result = yield from talk()
-                self._line.unanswered = False
+                self.line.unanswered = False
                 return result
             except SdoAbortError as abort:
-                self._line.unanswered = False
+                self.line.unanswered = False
                 raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
                 problem = error
@@ -193,16 +195,16 @@ class Coe:
         A late answer must not pass for that to the same question asked anew. Slaves answer in
         order, so what comes after the answer to a question that nobody else asks is not late.
         """
-        if not self._line.unanswered:
+        if not self.line.unanswered:
             return
-        request = _SDO.pack(_UPLOAD, _IDENTITY, next(self._line.marks))
+        request = _SDO.pack(_UPLOAD, _IDENTITY, next(self.line.marks))
 
         def take(service: int, sdo: bytes) -> bool | None:
             is_sdo = service in (_SDO_REQUEST, _SDO_RESPONSE) and len(sdo) >= _SDO_SIZE
             return True if is_sdo and sdo[1:4] == request[1:4] else None
 
         yield from self._ask(_SDO_REQUEST, request, take, _SYNCHRONIZE_S)
-        self._line.unanswered = False
+        self.line.unanswered = False
 
     def _upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
         head = _SDO.pack(_UPLOAD | (_COMPLETE if complete else 0), index, subindex)
@@ -381,7 +383,7 @@ class Coe:
         take: Callable[[int, bytes], T | None],
         patience_s: float | None = None,
     ) -> Talk[T]:
-        self._line.unanswered = True
+        self.line.unanswered = True
         body = struct.pack("<H", service << 12) + request
         patience_s = self._patience_s if patience_s is None else patience_s
         return self.mailbox.ask(Protocol.COE, body, self._split(take), patience_s)

@@ -5,19 +5,21 @@ be slow. Here each slave has a conversation of its own: a generator that says wh
 slave's memory comes next. All of them are taken a step further by the same few frames.
 
 Reading a mailbox empties it, and what is written twice is asked twice. So no frame is repeated
-blindly: whether a lost one had arrived is found out from the sync managers.
+blindly: whether a lost one had arrived is found out from the sync managers. What belongs together,
+such as a message and the look at the sync managers after it, goes in one frame.
 """
 
 from __future__ import annotations
 
 import itertools
 import struct
+import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
 from enum import IntEnum
-from typing import NamedTuple, TypeAlias, TypeVar
+from types import TracebackType
+from typing import NamedTuple, Self, TypeAlias, TypeVar
 
 from ecatd.model.errors import EcatError, NoAnswerError, StateError
 
@@ -26,8 +28,9 @@ from ..steps import Steps, finish
 
 T = TypeVar("T")
 
-Talk: TypeAlias = Generator[Datagram, Answer, T]
-"""A conversation with one slave, and what it finds out."""
+Talk: TypeAlias = Generator[list[Datagram], list[Answer], T]
+"""A conversation with one slave, and what it finds out. It yields what goes to the slave next, in
+order, and gets the answers. An empty list is a pause: it waits for the slave, or for its turn."""
 
 _ANSWER_S = 1.0
 """Seconds a slave has for a message and its answer, where nothing else is said; most need less than
@@ -44,6 +47,12 @@ _PAUSE_S = 0.0002
 
 _NAMED = 5
 """Slaves that an error names one by one."""
+
+_SMALL = 512
+"""Bytes of a mailbox that is read whenever it is looked at, by a conversation that is alone."""
+
+_TRIES = 3
+_AL_STATUS = 0x0130
 
 _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE = 0x0800, 16  # SM0 and SM1, which carry the mailbox
 _STATUS, _ACTIVATE, _PDI = 5, 6, 7  # registers of a sync manager
@@ -83,33 +92,78 @@ class _Area(NamedTuple):
 
 
 class Line:
-    """What all conversations with one slave share. One has its turn at a time, in their order.
+    """What all conversations with one slave share, and their queue: one has its turn at a time.
+
+    They wait in the order in which they came, whoever leads them: requests of clients in the event
+    loop, a recovery on the worker. Places are taken and left in any thread.
 
     Attributes:
         counter: Counts the messages: 1 to 7, and again (ETG.1000.4, mailbox header). A slave takes
             one with the counter of the one before for a repetition and drops it.
         unanswered: The answer to a request that was given up may still come.
         marks: Numbers for requests that find out whether it has come; see `Coe`.
+        last: The last message that the slave has sent.
     """
 
     def __init__(self) -> None:
+        self.last = b""
         self.counter = itertools.cycle(range(1, 8))
         self.marks = itertools.cycle(range(0x80, 0x100))
         self.unanswered = False
-        self._places: deque[object] = deque()
+        self._places: deque[Place] = deque()
+        self._lock = threading.Lock()
 
-    @contextmanager
-    def place(self, who: object) -> Iterator[None]:
-        """A place in the queue, until the conversation is over or given up."""
-        self._places.append(who)
-        try:
-            yield
-        finally:
-            self._places.remove(who)
+    def __len__(self) -> int:
+        """How many conversations wait or have their turn."""
+        return len(self._places)
 
-    def has_turn(self, who: object) -> bool:
+    def join(self, called: Callable[[], object] = lambda: None) -> Place:
+        """Takes the place behind all others.
+
+        Args:
+            called: Called when those before it have left, in the thread of the last of them.
+        """
+        place = Place(self, called)
+        with self._lock:
+            self._places.append(place)
+        return place
+
+    def is_first(self, place: Place) -> bool:
         """Whether nobody is before it."""
-        return self._places[0] is who
+        return self._places[0] is place
+
+    def leave(self, place: Place) -> None:
+        """Gives a place up, and calls the next one."""
+        with self._lock:
+            was_first = self._places[0] is place
+            self._places.remove(place)
+            following = self._places[0] if was_first and self._places else None
+        if following is not None:
+            following.called()
+
+
+class Place:
+    """A place in a line; entered, it is left at the end of the block."""
+
+    def __init__(self, line: Line, called: Callable[[], object]) -> None:
+        self.called = called
+        self._line = line
+
+    @property
+    def has_turn(self) -> bool:
+        """Whether nobody is before it."""
+        return self._line.is_first(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._line.leave(self)
 
 
 class Mailbox:
@@ -118,30 +172,43 @@ class Mailbox:
     Args:
         station: Configured station address of the slave.
         line: What it shares with other conversations.
+        alone: Whether no conversation with another slave shares the frames: then the mailbox is
+            read whenever it is looked at, which saves a frame.
 
     Attributes:
         skipped: Messages that nobody had asked for.
     """
 
-    def __init__(self, station: int, line: Line) -> None:
+    def __init__(self, station: int, line: Line, *, alone: bool = False) -> None:
         self.skipped = 0
+        self._alone = alone
         self._station = station
         self._line = line
+        self._managers = b""  # as they were last seen
         self._out = self._in = _Area(0, 0)
         self._is_free = False  # nothing lies in the half that we write
-        self._last = b""
+        self._has_mail = False
         self._deadline = 0.0
 
-    def wait_for_turn(self, who: object) -> Talk[None]:
+    def wait_for_turn(self, place: Place) -> Talk[None]:
         """Waits until conversations that have begun before have ended.
 
         Raises:
             NoAnswerError: They take too long.
         """
         self._deadline = time.monotonic() + _TURN_S
-        while not self._line.has_turn(who):
-            yield fprd(self._station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
+        while not place.has_turn:
+            yield []
             self._check_time("other requests to it take too long")
+
+    def look(self) -> Talk[int | None]:
+        """Reads the AL status of the slave; None if it does not answer."""
+        for _ in range(_TRIES):
+            status, managers = yield [fprd(self._station, _AL_STATUS, 2), self._question]
+            if status.wkc == 1 and managers.wkc == 1:
+                self._see(managers.data)
+                return int.from_bytes(status.data, "little")
+        return None
 
     def open(self, least: int) -> Talk[None]:
         """Finds the mailbox out from the sync managers.
@@ -154,10 +221,10 @@ class Mailbox:
             StateError: It has no mailbox now.
         """
         self._deadline = time.monotonic() + _ANSWER_S
-        managers = yield from self._look()
+        managers = self._managers or (yield from self._look())
         self._out = _area(managers, 0, _WRITTEN_BY_MASTER, least)
         self._in = _area(managers, 1, _READ_BY_MASTER, least)
-        if managers[_SM1 + _STATUS] & _FULL:
+        if self._has_mail:
             self._line.unanswered = True
 
     @property
@@ -219,16 +286,18 @@ class Mailbox:
         # In full length, since the last byte is what hands it over.
         mail = mail.ljust(self._out.size, b"\0")
         while not self._is_free:
-            managers = yield from self._look()
-            self._is_free = not managers[_STATUS] & _FULL
+            yield from self._look()
             self._check_time("it does not take messages")
-        self._is_free = False
         while True:
-            answer = yield fpwr(self._station, self._out.start, mail)
-            if answer.wkc == 1:
+            self._is_free = False
+            written, managers = yield [fpwr(self._station, self._out.start, mail), self._question]
+            if managers.wkc == 1:
+                self._see(managers.data)
+            if written.wkc == 1:
                 return
-            managers = yield from self._look()
-            if managers[_STATUS] & _FULL:
+            if managers.wkc != 1:
+                yield from self._look()
+            if not self._is_free:
                 return  # only the answer got lost
             # The slave never got it, or has taken it already: then it drops the second one, which
             # has the same counter.
@@ -237,18 +306,37 @@ class Mailbox:
     def _read(self) -> Talk[bytes]:
         asked_again = False
         while True:
-            managers = yield from self._look(lambda item: item[_SM1 + _STATUS] & _FULL)
-            # A slave may answer while a second copy of the message still lies there.
-            self._is_free = not managers[_STATUS] & _FULL
-            answer = yield fprd(self._station, self._in.start, self._in.size)
-            if answer.wkc != 1:
+            mail = yield from self._fetch()
+            if mail is None:
                 yield from self._ask_again()
                 asked_again = True
             # What was lost may never have been read: then the one before it comes again.
-            elif not asked_again or answer.data != self._last:
-                self._last = answer.data
-                return answer.data
+            elif not (asked_again and mail == self._line.last):
+                self._line.last = mail
+                return mail
             self._check_time("its messages get lost")
+
+    def _fetch(self) -> Talk[bytes | None]:
+        """The next message; None if it may have got lost on its way."""
+        fetch = fprd(self._station, self._in.start, self._in.size)
+        while not self._has_mail:
+            yield []
+            if self._alone and self._in.size <= _SMALL:
+                managers, mail = yield [self._question, fetch]
+                if managers.wkc == 1:
+                    self._see(managers.data)
+                if mail.wkc == 1:
+                    self._has_mail = False
+                    return mail.data
+                if managers.wkc != 1:
+                    return None
+            else:
+                yield from self._look()
+            if not self._has_mail:
+                self._check_time("")
+        (mail,) = yield [fetch]
+        self._has_mail = False
+        return mail.data if mail.wkc == 1 else None
 
     def _ask_again(self) -> Talk[None]:
         """Has the slave put the message that got lost into its mailbox again."""
@@ -257,18 +345,32 @@ class Mailbox:
         wanted = managers[_SM1 + _ACTIVATE] ^ _REPEAT
         while time.monotonic() < limit:
             if (managers[_SM1 + _ACTIVATE] ^ wanted) & _REPEAT:
-                yield fpwr(self._station, _SYNC_MANAGERS + _SM1 + _ACTIVATE, bytes([wanted]))
+                yield [fpwr(self._station, _SYNC_MANAGERS + _SM1 + _ACTIVATE, bytes([wanted]))]
             elif not (managers[_SM1 + _PDI] ^ wanted) & _REPEAT:
                 return
+            else:
+                yield []
             managers = yield from self._look()
 
-    def _look(self, wanted: Callable[[bytes], object] = lambda _managers: True) -> Talk[bytes]:
-        """The registers of both sync managers, once they are as they are wanted."""
+    @property
+    def _question(self) -> Datagram:
+        """Asks for the registers of both sync managers."""
+        return fprd(self._station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
+
+    def _look(self) -> Talk[bytes]:
+        """The registers of both sync managers."""
         while True:
-            answer = yield fprd(self._station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
-            if answer.wkc == 1 and wanted(answer.data):
+            (answer,) = yield [self._question]
+            if answer.wkc == 1:
+                self._see(answer.data)
                 return answer.data
             self._check_time("")
+            yield []
+
+    def _see(self, managers: bytes) -> None:
+        self._managers = managers
+        self._is_free = not managers[_STATUS] & _FULL
+        self._has_mail = bool(managers[_SM1 + _STATUS] & _FULL)
 
     def _check_time(self, reason: str) -> None:
         if time.monotonic() > self._deadline:
@@ -305,13 +407,12 @@ def talk_all(
     """
     found: dict[int, T] = {}
     failed: dict[int, EcatError] = {}
-    wanted: dict[int, Datagram] = {}
-    asked: dict[int, Datagram] = {}
+    wanted: dict[int, list[Datagram]] = {}
 
-    def step(number: int, answer: Answer | None) -> None:
+    def step(number: int, answers: list[Answer] | None) -> None:
         talk = talks[number]
         try:
-            wanted[number] = next(talk) if answer is None else talk.send(answer)
+            wanted[number] = next(talk) if answers is None else talk.send(answers)
         except StopIteration as end:
             found[number] = end.value
         except EcatError as error:
@@ -321,16 +422,13 @@ def talk_all(
         for number in range(len(talks)):
             step(number, None)
         while wanted:
-            # The first look of a conversation waits for nothing.
-            if all(
-                item.register == _SYNC_MANAGERS and number in asked
-                for number, item in wanted.items()
-            ):
-                yield
             asked, wanted = wanted, {}
-            answers = registers.exchange([*asked.values()], repeat=False)
-            for number, answer in zip(asked, answers, strict=True):
-                step(number, answer)
+            datagrams = [datagram for item in asked.values() for datagram in item]
+            if not datagrams:
+                yield
+            answers = iter(registers.exchange(datagrams, repeat=False))
+            for number, item in asked.items():
+                step(number, list(itertools.islice(answers, len(item))))
     finally:
         for talk in talks:  # those that are given up leave their lines to others
             talk.close()
