@@ -1,18 +1,16 @@
-"""Framing on the control socket between gateway and bus server: length, then msgpack."""
+"""Messages as bytes: msgpack; on the control socket (`connection.py`) with its length in front."""
 
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgpack
 
 from .model.errors import UsageError
 
-if TYPE_CHECKING:
-    import asyncio  # commands that only pack and unpack do without it
-
-_LENGTH = struct.Struct(">I")
+LENGTH = struct.Struct(">I")
+"""What stands in front of a message on the control socket."""
 
 MAX_MESSAGE = 64 * 1024
 """Bytes of an encoded message; longer ones are refused before they are decoded."""
@@ -46,22 +44,4 @@ def unpack(data: bytes, limit: int = MAX_MESSAGE) -> dict[str, Any]:
 def frame(message: dict[str, Any]) -> bytes:
     """A message with its length in front."""
     data = pack(message)
-    return _LENGTH.pack(len(data)) + data
-
-
-async def read_frame(
-    reader: asyncio.StreamReader, limit: int = MAX_MESSAGE
-) -> dict[str, Any] | None:
-    """The next message, or None when the other side has closed, or is gone.
-
-    Raises:
-        UsageError: The message is too long or malformed.
-    """
-    try:
-        (length,) = _LENGTH.unpack(await reader.readexactly(_LENGTH.size))
-        if length > limit:
-            raise UsageError(f"a message of {length} bytes is too long: {limit} are allowed")
-        data = await reader.readexactly(length)
-    except (EOFError, ConnectionError):  # the latter also when a write has met it
-        return None
-    return unpack(data, limit)
+    return LENGTH.pack(len(data)) + data

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from ecatd.connection import Connection
 from ecatd.log import Log
-from ecatd.model.errors import EcatError
+from ecatd.model.errors import EcatError, UsageError
 from ecatd.model.messages import parse_request
-from ecatd.wire import frame, read_frame
+from ecatd.wire import MAX_MESSAGE
 
 from .server import BusServer
 
@@ -24,49 +24,93 @@ class ControlSocket:
     def __init__(self, path: Path, log: Log) -> None:
         self._path = path
         self._log = log
-        self._clients: set[asyncio.StreamWriter] = set()
+        self._clients: set[_Client] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._socket: asyncio.Server | None = None
-        self._server: BusServer | None = None
 
     async def open(self, server: BusServer) -> None:
         """Starts to listen; only this user (and root) may connect."""
-        self._server = server
+        loop = asyncio.get_running_loop()
         self._path.unlink(missing_ok=True)
         old = os.umask(0o177)
         try:
-            self._socket = await asyncio.start_unix_server(self._serve, self._path)
+            self._socket = await loop.create_unix_server(
+                lambda: _Client(server, self._clients, self._tasks, self._log), self._path
+            )
         finally:
             os.umask(old)
 
     def publish(self, event: dict[str, Any]) -> None:
         """Sends an event to every client; one that does not read loses its connection."""
-        for writer in list(self._clients):
-            if writer.transport.get_write_buffer_size() > 1 << 20:
-                writer.transport.abort()
+        for client in list(self._clients):
+            if client.is_stuck:
+                client.abort()
             else:
-                writer.write(frame(event))
+                client.send(event)
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._clients.add(writer)
-        pending = asyncio.Semaphore(_PENDING_MAX)
-        try:
-            while (message := await read_frame(reader)) is not None:
-                await pending.acquire()
-                task = asyncio.create_task(self._answer(message, writer))
-                self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
-                task.add_done_callback(lambda _task: pending.release())
-        except EcatError as error:
-            self._log.warning(f"control socket: {error}")
-        finally:
-            self._clients.discard(writer)
-            writer.close()
-            with suppress(OSError):
-                await writer.wait_closed()
+    async def close(self) -> None:
+        """Stops to listen and removes the socket."""
+        if self._socket is None:
+            return  # never opened: what is there belongs to another daemon
+        self._socket.close()
+        for client in list(self._clients):
+            client.close()
+        for task in list(self._tasks):
+            task.cancel()
+        self._path.unlink(missing_ok=True)
 
-    async def _answer(self, message: dict[str, Any], writer: asyncio.StreamWriter) -> None:
-        assert self._server is not None
+
+class _Client(Connection):
+    """A gateway that has connected.
+
+    Args:
+        server: Answers its requests.
+        clients: All who have connected; it puts itself there.
+        tasks: All requests that are being carried out.
+        log: Where it is told that a client misbehaves.
+    """
+
+    def __init__(
+        self,
+        server: BusServer,
+        clients: set[_Client],
+        tasks: set[asyncio.Task[None]],
+        log: Log,
+    ) -> None:
+        super().__init__(MAX_MESSAGE)
+        self._server = server
+        self._clients = clients
+        self._tasks = tasks
+        self._log = log
+        self._pending = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """See `asyncio.Protocol`."""
+        super().connection_made(transport)
+        self._clients.add(self)
+
+    def ended(self, problem: UsageError | None) -> None:
+        """See `Connection`."""
+        self._clients.discard(self)
+        if problem is not None:
+            self._log.warning(f"control socket: {problem}")
+
+    def message_received(self, message: dict[str, Any]) -> None:
+        """See `Connection`."""
+        self._pending += 1
+        if self._pending >= _PENDING_MAX:
+            self.hold()
+        task = asyncio.create_task(self._answer(message))
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        self._pending -= 1
+        if self._pending == _PENDING_MAX - 1:
+            self.go_on()
+
+    async def _answer(self, message: dict[str, Any]) -> None:
         identity = message.pop("id", None)
         try:
             reply = {"id": identity, "ok": await self._server.answer(parse_request(message))}
@@ -79,16 +123,4 @@ class ControlSocket:
                 "id": identity,
                 "error": EcatError(f"defect in the daemon: {error!r}").to_reply(),
             }
-        if not writer.is_closing():
-            writer.write(frame(reply))
-
-    async def close(self) -> None:
-        """Stops to listen and removes the socket."""
-        if self._socket is None:
-            return  # never opened: what is there belongs to another daemon
-        self._socket.close()
-        for writer in list(self._clients):
-            writer.close()
-        for task in list(self._tasks):
-            task.cancel()
-        self._path.unlink(missing_ok=True)
+        self.send(reply)

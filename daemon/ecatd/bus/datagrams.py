@@ -241,12 +241,14 @@ class Datagrams:
     def _receive(self, deadline: float) -> bytes | None:
         """The next frame, or None when there is none in time."""
         while (left := deadline - time.monotonic()) > 0:
+            if not self._poll.poll(left * 1e3 + 1):  # ms, rounded down there
+                continue
             try:
                 received = self._link.recv(2048)
                 if len(received) >= _MIN_FRAME:
                     return received
             except BlockingIOError:
-                self._poll.poll(left * 1e3 + 1)  # ms, rounded down there
+                continue
             except OSError:  # the interface is down, which is told once
                 time.sleep(left)
         return None

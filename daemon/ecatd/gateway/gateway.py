@@ -6,6 +6,7 @@ import asyncio
 import os
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from ecatd.paths import control_socket, zenoh_socket
 from ecatd.stats import read, to_map
 from ecatd.wire import MAX_MESSAGE, pack, unpack
 
-from .bus_client import BusClient
+from .bus_client import Answer, BusClient
 from .keys import SCHEMA, bus_key, session_config
 from .publisher import Publisher
 
@@ -66,7 +67,7 @@ class Gateway:
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._answers: OrderedDict[str, asyncio.Future[dict[str, Any]]] = OrderedDict()
+        self._answers: OrderedDict[str, Answer] = OrderedDict()
         self._bus_description: dict[str, Any] = {}  # which stays as it is
 
     async def start(self) -> None:
@@ -152,13 +153,21 @@ class Gateway:
         )
 
     def _receive(self, query: zenoh.Query) -> None:
-        self._keep(asyncio.create_task(self._answer(query)))
+        """Has a query answered, now or when the bus server has answered."""
+        try:
+            answer = self._carry_out(query)
+        except Exception as error:
+            answer = asyncio.get_running_loop().create_future()
+            answer.set_exception(error)
+        answer.add_done_callback(partial(self._reply, query))
 
-    async def _answer(self, query: zenoh.Query) -> None:
+    def _reply(self, query: zenoh.Query, answer: Answer) -> None:
         with query:
+            if self._session is None:  # it is being closed, and with it the way back
+                answer.exception()  # else asyncio complains that nobody has looked
+                return
             try:
-                answer = {"schema": SCHEMA, **await self._carry_out(query)}
-                query.reply(query.key_expr, pack(answer))
+                query.reply(query.key_expr, pack({"schema": SCHEMA, **answer.result()}))
             except EcatError as error:
                 query.reply_err(pack({"schema": SCHEMA, "error": error.to_reply()}))
             except Exception as error:
@@ -167,47 +176,43 @@ class Gateway:
                 reply = EcatError(f"defect in the gateway: {error!r}").to_reply()
                 query.reply_err(pack({"schema": SCHEMA, "error": reply}))
 
-    async def _carry_out(self, query: zenoh.Query) -> dict[str, Any]:
+    def _carry_out(self, query: zenoh.Query) -> Answer:
         parts = str(query.key_expr).split("/")[3:]
         payload = b"" if query.payload is None else bytes(query.payload)
         if len(payload) > MAX_MESSAGE:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
         match parts:
             case ["ro", "info"]:
-                return await self._bus.ask(ReadInfo())
+                return self._bus.ask(ReadInfo())
             case ["ro", "slaves"]:
-                return dict(self._bus_description)
+                return _known(self._bus_description)
             case ["ro", "state"]:
-                return await self._bus.ask(ReadStates())
+                return self._bus.ask(ReadStates())
             case ["ro", "stats"]:
-                return to_map(read(self._config.bus), buckets=_asked(query, "buckets"))
+                return _known(to_map(read(self._config.bus), buckets=_asked(query, "buckets")))
             case ["ro", "dc"]:
-                return read_clocks(self._config.bus)
+                return _known(read_clocks(self._config.bus))
             case ["ro", "sdo", slave, index, subindex]:
                 complete = {"complete": _asked(query, "complete")}
-                return await self._bus.ask(
-                    _object_request("sdo_read", slave, index, subindex, complete)
-                )
+                return self._bus.ask(_object_request("sdo_read", slave, index, subindex, complete))
             case ["rw", "sdo", slave, index, subindex]:
                 identity, values = _change(payload, "slave", "index", "subindex")
                 request = _object_request("sdo_write", slave, index, subindex, values)
-                return await self._once(identity, request)
+                return self._once(identity, request)
             case ["rw", "state"]:
                 identity, values = _change(payload)
-                return await self._once(identity, parse_request({**values, "op": "set_state"}))
+                return self._once(identity, parse_request({**values, "op": "set_state"}))
         raise UsageError(f"'{query.key_expr}' is no key of this version")
 
-    async def _once(self, identity: Any, request: Request) -> dict[str, Any]:
-        """Carries a change out, or gives the answer that its first arrival got."""
+    def _once(self, identity: Any, request: Request) -> Answer:
+        """Carries a change out, or gives the answer that its first arrival gets."""
         if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
         if identity not in self._answers:
-            self._answers[identity] = asyncio.ensure_future(self._bus.ask(request))
-            # Whoever asked may be gone by the time that it fails: then nobody else looks.
-            self._answers[identity].add_done_callback(_look_at)
+            self._answers[identity] = self._bus.ask(request)
             if len(self._answers) > _REMEMBERED:
                 self._answers.popitem(last=False)
-        return await asyncio.shield(self._answers[identity])
+        return self._answers[identity]
 
     def _publish_event(self, event: dict[str, Any]) -> None:
         if self._session is not None:
@@ -220,15 +225,17 @@ class Gateway:
         for task in list(self._tasks):
             task.cancel()
         self._bus.close()
-        if self._session is not None:
-            await asyncio.to_thread(self._session.close)
+        session, self._session = self._session, None
+        if session is not None:
+            await asyncio.to_thread(session.close)
         self._socket.unlink(missing_ok=True)
 
 
-def _look_at(answer: asyncio.Future[Any]) -> None:
-    """Has asyncio not complain of an error that nobody waits for any more."""
-    if not answer.cancelled():
-        answer.exception()
+def _known(found: dict[str, Any]) -> Answer:
+    """An answer for which nobody has to be asked."""
+    answer: Answer = asyncio.get_running_loop().create_future()
+    answer.set_result(found)
+    return answer
 
 
 def _asked(query: zenoh.Query, name: str) -> bool:
