@@ -16,10 +16,11 @@ from .client import benchmark as client
 from .cores import benchmark as cores
 from .engine import benchmark as engine
 from .modelica import benchmark as modelica
+from .requests import benchmark as requests
 from .simulator import benchmark as simulator
 
 BENCHMARKS: dict[str, Any] = {
-    module.NAME: module for module in (simulator, engine, cores, client, modelica)
+    module.NAME: module for module in (simulator, engine, cores, requests, client, modelica)
 }
 """By name: modules with `SETTINGS` and `measure`."""
 

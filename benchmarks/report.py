@@ -12,12 +12,14 @@ from .client import report as client_report
 from .cores import report as cores_report
 from .engine import report as engine_report
 from .modelica import report as modelica_report
+from .requests import report as requests_report
 from .simulator import report as simulator_report
 
 SECTIONS: dict[str, Any] = {
     "simulator": simulator_report,
     "engine": engine_report,
     "cores": cores_report,
+    "requests": requests_report,
     "client": client_report,
     "modelica": modelica_report,
 }
