@@ -81,6 +81,12 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
     assert troll.ctl("sdo-read", "0", "0x6060").stdout == "0x08 8\n"
     document = troll.ctl_json("sdo-read", "0", "0x1018", "2")
     assert (document["value"], document["name"]) == (0x00030924, "Product code")
+    text = troll.ctl("sdo-read", "4", "0x6000", "0x11", "-v").stdout
+    found = re.fullmatch(r"0x[0-9A-F]{4} (-?\d+)  0x6000:11 INTEGER16 .* = (\S+) V\n", text)
+    assert found, text
+    document = troll.ctl_json("sdo-read", "4", "0x6000", "0x11")
+    assert document["unit"] == "V"
+    assert float(found[2]) == pytest.approx(int(found[1]) * document["scale"], rel=1e-4)
     # Longer than a mailbox or not, a name comes whole.
     assert "Gold" in troll.ctl("sdo-read", "0", "0x1008").stdout
 
