@@ -60,6 +60,18 @@ def test_simulator(tmp_path: Path) -> None:
     assert "turn-around, 64 slaves" in page
 
 
+def test_requests(tmp_path: Path) -> None:
+    result, page = measured("requests", tmp_path)
+    assert [case["clients"] for case in result["reads"]] == [1, 2]
+    for case in result["reads"]:
+        assert case["reads"] > 0
+        assert case["rate"] > 0
+        assert 0 < case["p50"] <= case["p99"]
+    for kind in ("command", "python"):
+        assert 0 < result["command"][kind]["best"] <= result["command"][kind]["median"]
+    assert "SDO reads a second by 2 clients over Zenoh" in page
+
+
 def test_engine(tmp_path: Path) -> None:
     result, page = measured("engine", tmp_path)
     (line,) = result["lines"]
