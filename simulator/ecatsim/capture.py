@@ -86,7 +86,7 @@ class CapturedSlave:
     @property
     def assignments(self) -> list[int]:
         """Objects that assign PDOs to its sync managers: 0x1C10 for the first one, and so on."""
-        sii, _ = check_sii(self.sii)
+        sii = check_sii(self.sii)
         numbers = {*sii.channels(USAGE_OUTPUTS), *sii.channels(USAGE_INPUTS)}
         return [ASSIGNMENTS + number for number in sorted(numbers)]
 

@@ -1,8 +1,7 @@
-"""Mutated SII images: read, made into devices and booted, or refused with the documented error."""
+"""Mutated SII images are read; they are made into devices and booted, or refused with a reason."""
 
 import struct
 from collections.abc import Callable
-from contextlib import suppress
 
 import pytest
 from mutations import mutants
@@ -10,11 +9,14 @@ from mutations import mutants
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
-from ecatd.model.sii import SiiError, read_sii
+from ecatd.model.pdo_layout import byte_length
+from ecatd.model.sii import UNASSIGNED, Sii
+from ecatd.model.sii_reader import read_dc_modes, read_mailbox, read_sii
 from ecatsim import rig
 from ecatsim.core import Segment
 from ecatsim.files.sii_image import device_from_sii
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, build
+from ecatsim.slave.sync_managers import default_size
 
 IMAGES, SHARDS = 100_000, 10
 BOOTED = 2_000
@@ -46,9 +48,26 @@ def seeds() -> list[bytes]:
         )
     )
     clocks = struct.pack("<HH", 60, 12) + struct.pack("<IiihHhB5x", 0, 0, 0, 0, 0x300, 1, 2)
+    unusual = build(
+        Description(
+            1,
+            2,
+            3,
+            order="Unusual",
+            pdi_control=0x0506,
+            sync_managers=[
+                SyncManager(SmType.OUTPUTS, 0x1000, 0, 0x64, 9),
+                SyncManager(SmType.OUTPUTS, 0x0F00, 0, 0x44, 9),
+                SyncManager(SmType.INPUTS, 0x0998, 0, 0x00, 4),
+                SyncManager(SmType.UNUSED, 0x1200, 200, 0x20, 0),
+            ],
+            rx_pdos=[Pdo(0x1700 + n, "", n, [Entry(0x7000, n, "", 5, 8)]) for n in range(2)],
+            tx_pdos=[Pdo(0x1702 + n, "", n + 2, [Entry(0x6000, n, "", 7, 32)]) for n in range(2)],
+        )
+    )
     devices = rig.make("troll").devices
     library = [devices[i].sii_image() for i in (1, 2, 3, 6)]
-    short = [trimmed(data) for data in (image, *library)]
+    short = [trimmed(data) for data in (image, unusual, *library)]
     return [*short, short[0][:-2] + clocks + b"\xff\xff"]
 
 
@@ -68,16 +87,31 @@ def reader(image: bytes) -> Callable[[int, int], bytes]:
 def test_mutated_images_are_read_or_refused(shard: int) -> None:
     refused = accepted = 0
     for image in mutants(seeds(), IMAGES // SHARDS, shard):
-        with suppress(SiiError):
-            read_sii(reader(image))
+        sii = read_sii(reader(image))
+        assert all(problem.effect for problem in sii.problems)
+        read_mailbox(reader(image))
+        read_dc_modes(reader(image))
         try:
-            device_from_sii(image, "x.bin")
+            device = device_from_sii(image, "x.bin")
             accepted += 1
+            assert not sii.damaged, "what a master finds damaged is refused"
         except ConfigError:
             refused += 1
-            assert device_from_sii(image, "x.bin", strict=False).sii_image() == image
+            device = device_from_sii(image, "x.bin", strict=False)
+            assert device.sii_image() == image
+        theirs = default_size(device.rx_pdos), default_size(device.tx_pdos)
+        assert theirs == mapped_bytes(sii), "the simulator counts what the master sees"
     assert refused > 1000, "mutations must do harm"
     assert accepted > 1000, "and not always"
+
+
+def mapped_bytes(sii: Sii) -> tuple[int, int]:
+    """Bytes of outputs and inputs that an EEPROM maps by default."""
+    outputs, inputs = (
+        byte_length(pdo for pdo in pdos if pdo.sync_manager != UNASSIGNED)
+        for pdos in (sii.outputs, sii.inputs)
+    )
+    return outputs, inputs
 
 
 def datagram(command: int, ado: int, data: bytes) -> bytes:

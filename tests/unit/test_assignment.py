@@ -14,7 +14,8 @@ from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
 from ecatd.bus.start.assignment import Assignment
 from ecatd.model.bus import Entry, Pdo, Slave
 from ecatd.model.errors import SdoAbortError, StateError
-from ecatd.model.sii import Sii, read_sii
+from ecatd.model.sii import Sii
+from ecatd.model.sii_reader import read_sii
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 

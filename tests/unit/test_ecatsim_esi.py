@@ -46,8 +46,8 @@ def test_a_device_is_what_its_file_says(tmp_path: Path) -> None:
 
 def test_sii_image(tmp_path: Path) -> None:
     image = axis(tmp_path).sii_image()
-    sii, problems = check_sii(image)
-    assert problems == []
+    sii = check_sii(image)
+    assert sii.problems == []
     assert len(image) == 1024
     assert image[:8] == bytes.fromhex("080C00000A000000"), "ConfigData as it is"
     assert image[14] == checksum(image[:14])
@@ -197,15 +197,15 @@ def test_a_device_attaches(tmp_path: Path) -> None:
         (
             'DefaultSize="6" StartAddress="#x1100"',
             'StartAddress="#x0F00"',
-            "the SII image of AX2 would be wrong: up to RxPDO 0x1601, the PDOs of sync manager 2 "
-            "take 6 bytes from 0x0F00: memory is from 0x1000 to 0xFFFF, and digital outputs from "
-            "0x0F00 to 0x0F03",
+            "the SII image of AX2 would be wrong: RxPDO 0x1601 lies in sync manager 2, whose PDOs "
+            "take 6 bytes from 0x0F00 up to this one: memory is from 0x1000 to 0xFFFF, and digital "
+            "outputs from 0x0F00 to 0x0F03",
         ),
         (
             '<RxPdo Sm="2">',
             '<RxPdo Sm="3">',
             "the SII image of AX2 would be wrong: RxPDO 0x1601 lies in sync manager 3, whose "
-            "usage is 4, not 3",
+            "usage is 4 (inputs), not 3 (outputs)",
         ),
         (
             "<Fmmu>Outputs</Fmmu>",

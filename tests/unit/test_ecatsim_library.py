@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ecatd.model import sii
+from ecatd.model import sii_reader
 from ecatd.model.al import AlState
 from ecatd.model.errors import UsageError
 from ecatsim.cli.main import main
@@ -112,7 +112,7 @@ def test_the_sii_tells_a_master_the_process_data(item):
     """Masters of devices without mailbox have nothing else to go by."""
     device = make(item.name)
     image = device.sii_image()
-    found = sii.read_sii(lambda word, count: image[2 * word : 2 * (word + count)])
+    found = sii_reader.read_sii(lambda word, count: image[2 * word : 2 * (word + count)])
     assert (found.vendor, found.product, found.order) == (item.vendor, item.product, device.order)
     for pdos, of_device in ((found.inputs, device.tx_pdos), (found.outputs, device.rx_pdos)):
         assert [(pdo.index, pdo.sync_manager, pdo.bit_length) for pdo in pdos] == [

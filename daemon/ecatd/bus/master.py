@@ -13,7 +13,7 @@ from ecatd import shm
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.bus import positions_text
 from ecatd.model.errors import StateError, UnreachableError
-from ecatd.model.sii import read_mailbox
+from ecatd.model.sii_reader import read_mailbox
 
 from . import soem
 from .datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address

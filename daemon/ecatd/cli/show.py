@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 
+_PROBLEMS_SHOWN = 10
+
+
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """The arguments of each command."""
     command.set_defaults(run={"slaves": slaves, "pdos": pdos, "state": state}[name])
@@ -64,6 +67,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 "serial": slave.serial,
                 "address": slave.address,
                 "coe": slave.coe,
+                "problems": slave.problems,
                 "domain": slave.domain,
                 "domain_name": bus.domain_name(slave.domain),
                 "output_bytes": slave.output_bytes,
@@ -97,6 +101,11 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
         ),
         ">>      >>",
     )
+    for slave in bus.slaves:
+        for problem in slave.problems[:_PROBLEMS_SHOWN]:
+            print(f"{slave.label}: EEPROM, {problem}")
+        if (more := len(slave.problems) - _PROBLEMS_SHOWN) > 0:
+            print(f"{slave.label}: EEPROM, and {more} more (--json lists all)")
 
 
 def _state(row: dict[str, Any]) -> str:

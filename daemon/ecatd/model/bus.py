@@ -161,6 +161,7 @@ class Slave:
         alias: Configured station alias.
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
+        problems: What is wrong with its EEPROM, and what is done about it.
         profiles: Device profiles that meanings of its entries are from, each with its source.
         outputs: RxPDOs; `pdo_layout` says where they lie.
         inputs: TxPDOs.
@@ -183,6 +184,7 @@ class Slave:
     alias: int = 0
     address: int = 0
     coe: bool = False
+    problems: list[str] = field(default_factory=list)
     profiles: list[str] = field(default_factory=list)
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)

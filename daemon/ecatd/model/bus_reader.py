@@ -17,6 +17,7 @@ _TEXT_MAX = 4096
 _PDOS_MAX = 4096
 _ENTRIES_MAX = 65536
 _PROFILES_MAX = 256
+_PROBLEMS_MAX = 256
 _VALUES_MAX = 4096
 _SHOWN = 40
 _SAFE_WORDS = ("hold", "quick_stop", "disable")
@@ -196,6 +197,7 @@ class _Reader:
             **dict.fromkeys(("vendor", "product", "revision", "serial"), _integer(0, _U32)),
             **dict.fromkeys(("alias", "address"), _integer(0, _U16)),
             "coe": _truth,
+            "problems": lambda value: _list(value, _PROBLEMS_MAX, lambda _, item: _text(item)),
             "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),
             "outputs": self._pdos,
             "inputs": self._pdos,

@@ -26,7 +26,7 @@ def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
         base: The device that its SII describes.
     """
     result: list[Pdo] = []
-    sii, _ = check_sii(slave.sii)
+    sii = check_sii(slave.sii)
     for indices, usage in _DIRECTIONS:
         from_sii = base.rx_pdos if indices is OUTPUTS else base.tx_pdos
         channels = {

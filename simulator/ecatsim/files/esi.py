@@ -20,7 +20,8 @@ from ecatd.esi import (
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import STRINGS, DataType
 from ecatd.model.errors import ConfigError, SdoAbortError, UsageError
-from ecatd.model.sii_check import check_sii, in_memory, is_description
+from ecatd.model.sii import SiiSyncManager
+from ecatd.model.sii_check import check_sii, is_description
 
 from ..slave import sii
 from ..slave.device import Device
@@ -142,7 +143,8 @@ def image_from_esi(esi: EsiDevice) -> bytes:
 
 def _sync_manager(esi: EsiDevice, number: int) -> sii.SyncManager:
     item = esi.sync_managers[number]
-    if item.usage and not in_memory(item.start, item.size):
+    manager = SiiSyncManager(item.start, item.size, item.control, item.enable, item.usage)
+    if item.usage and not manager.holds(item.size):
         raise ConfigError(
             f"{esi.path}:{item.line}: sync manager {number} takes {item.size} bytes from "
             f"0x{item.start:04X}: memory is from 0x1000 to 0xFFFF, and digital outputs from "
@@ -180,11 +182,11 @@ class DeviceFromEsi(DeviceFromSii):
     def __init__(self, esi: EsiDevice) -> None:
         self._esi = esi
         image = image_from_esi(esi)
-        content, problems = check_sii(image)
-        if problems:
+        content = check_sii(image)
+        if content.damaged:
+            problem = next(problem for problem in content.problems if problem.damage)
             raise ConfigError(
-                f"{esi.path}:{esi.line}: the SII image of {esi.type} would be wrong: "
-                f"{problems[0].text}"
+                f"{esi.path}:{esi.line}: the SII image of {esi.type} would be wrong: {problem.text}"
             )
         super().__init__(image, content)
 

@@ -7,16 +7,14 @@ from collections import Counter
 from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
 from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.sii import UNASSIGNED, Sii, SiiMailbox
-from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii, in_memory, is_description
+from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager, in_memory
+from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii, is_description
 
 from ..core import Chip
 from ..slave.device import Device
 from ..slave.sii import Mailbox, SmType, SyncManager
 
-_DIGITAL_OUTPUTS_END = 0x0F04
 _RAM = 0x1000
-_MEMORY_END = 0x10000
 _RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
 _DEVICE_EMULATION = 0x0100  # of SII word 0
 _PDO_ASSIGN, _PDO_CONFIGURATION = 0x04, 0x08  # of the CoE details
@@ -48,13 +46,10 @@ class DeviceFromSii(Device):
         self.mailbox = _mailbox(sii, sii.mailbox)
         self.bootstrap = _mailbox(sii, sii.bootstrap) if self.mailbox else None
         self.sync_managers = [
-            SyncManager(
-                _purpose(sm.usage, sm.start, sm.length), sm.start, sm.length, sm.control, sm.enable
-            )
+            SyncManager(_purpose(sm), sm.start, sm.length, sm.control, sm.enable)
             for sm in sii.sync_managers
         ] or None
-        self.rx_pdos = _pdos(sii.outputs, 0x1600, self._area(SmType.OUTPUTS))
-        self.tx_pdos = _pdos(sii.inputs, 0x1A00, self._area(SmType.INPUTS))
+        self.rx_pdos, self.tx_pdos = _pdos(sii.outputs), _pdos(sii.inputs)
         self.emulated = bool(sii.pdi_control & _DEVICE_EMULATION) and self.mailbox is None
         self.variable_assignment = bool(sii.coe & _PDO_ASSIGN)
         configurable = bool(sii.coe & _PDO_CONFIGURATION)
@@ -62,15 +57,6 @@ class DeviceFromSii(Device):
         self.variable_mapping = [i for i in indices if configurable and i not in sii.fixed]
         self.chip = chip or _chip(sii)
         super().__init__()
-
-    def _area(self, kind: SmType) -> int:
-        """Bytes of memory that the process data of a direction can take."""
-        if self.sync_managers is None:
-            return _RAM
-        starts = [sm.start for sm in self.sync_managers if sm.type == kind]
-        if not starts:
-            return 0
-        return (_MEMORY_END if starts[0] >= _RAM else _DIGITAL_OUTPUTS_END) - starts[0]
 
     def sii_image(self) -> bytes:
         """The content of the EEPROM, as it came."""
@@ -86,28 +72,33 @@ def device_from_sii(
         image: The whole EEPROM.
         source: Where it comes from, for messages.
         strict: False boots an image whatever is wrong with it, to see what a master does then:
-            what makes no sense is left out of the device, and the image is served as it is.
+            what makes no sense is left out of the device, and the image is served as it is. What
+            is only unusual is no reason to refuse an image.
         chip: The slave controller; None takes the smallest usual one that has all it needs.
 
     Raises:
-        ConfigError: The image is against ETG.2010, with its first problem; or it is larger than
-            any EEPROM.
+        ConfigError: The image is damaged, with its first problem; or it is larger than any
+            EEPROM.
     """
     if len(image) > MAX_IMAGE:
         raise ConfigError(f"{source}: {len(image)} bytes are no EEPROM, which has up to 512 KiB")
-    sii, problems = check_sii(image)
-    if strict and problems:
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise ConfigError(f"{source}: {problems[0]}{more}")
+    sii = check_sii(image)
+    if strict and sii.damaged:
+        damage = [problem for problem in sii.problems if problem.damage]
+        more = f" (and {len(damage) - 1} more)" if len(damage) > 1 else ""
+        raise ConfigError(
+            f"{source}: {damage[0].where_and_what}{more}; with strict = false it is simulated "
+            "all the same"
+        )
     try:
         return DeviceFromSii(image, sii, chip)
     except UsageError as error:
         raise ConfigError(f"{source}: {error}") from error
 
 
-def _purpose(usage: int, start: int, length: int) -> SmType:
-    right = usage <= max(SmType) and in_memory(start, length)
-    return SmType(usage) if right else SmType.UNUSED
+def _purpose(manager: SiiSyncManager) -> SmType:
+    right = manager.usage <= max(SmType) and manager.holds(manager.length)
+    return SmType(manager.usage) if right else SmType.UNUSED
 
 
 def _mailbox(sii: Sii, box: SiiMailbox) -> Mailbox | None:
@@ -147,27 +138,12 @@ def _chip(sii: Sii) -> Chip:
     )
 
 
-def _pdos(pdos: list[Pdo], first: int, room: int) -> tuple[Pdo, ...]:
-    """PDOs as a device can have them.
-
-    Args:
-        pdos: As the SII has them.
-        first: First index of the direction.
-        room: Bytes that those mapped by default may take.
-    """
-    result: dict[int, Pdo] = {}
-    bits = 0
-    for pdo in pdos:
-        if not first <= pdo.index < first + 0x200 or pdo.index in result:
-            continue
-        manager = pdo.sync_manager
-        if manager != UNASSIGNED:
-            bits += pdo.bit_length
-            if bits > 8 * room:
-                manager = UNASSIGNED
-        entries = [_entry(entry) for entry in pdo.entries if entry.bit_length]
-        result[pdo.index] = Pdo(pdo.index, pdo.name, manager, entries)
-    return tuple(result.values())
+def _pdos(pdos: list[Pdo]) -> tuple[Pdo, ...]:
+    """PDOs as a device can have them."""
+    return tuple(
+        Pdo(pdo.index, pdo.name, pdo.sync_manager, [_entry(entry) for entry in pdo.entries])
+        for pdo in pdos
+    )
 
 
 def _entry(entry: Entry) -> Entry:

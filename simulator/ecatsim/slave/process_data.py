@@ -100,7 +100,10 @@ class ProcessData:
         check_process_data(segment, position, self.settings, sizes)
 
     def start(self, segment: Segment, position: int) -> None:
-        """Connects the process data with the images of the segment."""
+        """Connects the process data with the images of the segment.
+
+        What lies in registers comes from the slave controller itself.
+        """
         areas = []
         for kind, image, at in (
             (SmType.OUTPUTS, self.outputs, self.at[0]),
@@ -115,7 +118,7 @@ class ProcessData:
                     at + area.offset,
                 )
                 for area in image.areas
-                if area.number in usable
+                if area.number in usable and not self.settings[area.number].in_registers
             ]
         segment.map(position, areas)
 
@@ -123,4 +126,5 @@ class ProcessData:
         """Closes or opens the process data channels to the master."""
         for kind in (SmType.OUTPUTS, SmType.INPUTS):
             for channel in channels_of(self.settings, kind):
-                segment.lock_sync_manager(position, channel, locked)
+                if not self.settings[channel].virtual:
+                    segment.lock_sync_manager(position, channel, locked)

@@ -14,6 +14,8 @@ from ecatd.model.sii_check import sii_checksum as checksum
 
 _HEADER_WORDS = 0x40
 _MAX_STRINGS = 255
+_VIRTUAL = 0x04
+_RAM = 0x1000
 _MAX_STRING = 255
 
 
@@ -58,7 +60,7 @@ class SyncManager:
         start: First byte in the memory of the slave.
         size: Bytes; for process data, what the default PDOs need.
         control: Control register 0x0804: mode, direction, events, watchdog.
-        enable: Activate register 0x0806.
+        enable: Bit 0 goes to the activate register 0x0806; bit 2: virtual; bit 3: in OP only.
     """
 
     type: SmType
@@ -66,6 +68,16 @@ class SyncManager:
     size: int
     control: int
     enable: int = 1
+
+    @property
+    def virtual(self) -> bool:
+        """Whether an FMMU maps this place without a sync manager; see `SiiSyncManager`."""
+        return bool(self.enable & _VIRTUAL)
+
+    @property
+    def in_registers(self) -> bool:
+        """Whether it is a place among the registers of the slave controller."""
+        return self.virtual and self.start < _RAM
 
 
 @dataclass(frozen=True, slots=True)

@@ -108,6 +108,8 @@ def check_process_data(
 ) -> None:
     """Checks the process data channels before SAFEOP and OP.
 
+    Virtual ones are none: FMMUs reach their place without them.
+
     Args:
         segment: The segment.
         position: Position of the slave.
@@ -122,6 +124,8 @@ def check_process_data(
         (SmType.INPUTS, _MASTER_READS, AlCode.INPUTS),
     ):
         for channel in channels_of(sync_managers, kind):
+            if sync_managers[channel].virtual:
+                continue
             wanted = sizes.get(channel, 0)
             start, size, control, enabled = _as_set(segment, position, channel)
             if wanted != (size if enabled else 0):

@@ -32,12 +32,12 @@ from ..objects import tell_emergencies
 from ..segment import Segment
 from ..steps import finish
 from .clocks import Clocks, clock_bits
+from .doubtful import Doubt, fitting, settle
 from .identify import Finder, branch_ends
 from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .round_trip import measure_round_trip
 from .safe import SafeOutputs, safe_outputs
 from .set_up import SetUp, count_links, read_mailboxes, wait_for_outputs
-from .silent import fitting, settle
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
@@ -57,7 +57,7 @@ class RunningBus:
         master: The master.
         engine: The cyclic engine.
         clocks: The distributed clocks, where they are used.
-        silent: Slaves whose mailboxes did not answer, and what is known of them.
+        doubtful: Slaves whose process data are in doubt, and what is known of them.
         idle: Those of them that stay in PREOP and take no part.
         set_up: Sets slaves up again that have begun anew.
         finder: Finds slaves again that have forgotten their address.
@@ -72,7 +72,7 @@ class RunningBus:
     master: Master
     engine: Engine
     clocks: Clocks | None
-    silent: dict[int, str]
+    doubtful: dict[int, Doubt]
     idle: list[int]
     set_up: SetUp
     finder: Finder
@@ -111,7 +111,7 @@ class BringUp:
         self._begin = time.monotonic()
         self._profiles = Profiles()
         self._scanned: list[Scanned] = []
-        self._silent: dict[int, str] = {}
+        self._doubtful: dict[int, Doubt] = {}
         self._mailboxes: list[bytes] = []
         self._ends: list[int] = []
         self._interfaces = [name for name in (interface, config.second_interface) if name]
@@ -150,7 +150,7 @@ class BringUp:
             master,
             engine,
             self.clocks,
-            self._silent,
+            self._doubtful,
             self._idle,
             SetUp(
                 master,
@@ -160,7 +160,7 @@ class BringUp:
                 image,
                 self._mailboxes,
                 self.clocks,
-                self._silent,
+                self._doubtful,
                 self._config.state_timeout_s,
             ),
             Finder(master.registers, self.bus.slaves, self._ends),
@@ -207,7 +207,7 @@ class BringUp:
         self._scanned = scan_slaves(master, self._cancelled)
         for item in self._scanned:
             tell_emergencies(self._log, [(item.slave, *found) for found in item.emergencies])
-        self._silent = settle(
+        self._doubtful = settle(
             master, self._scanned, self._config.state_timeout_s, self._log.warning
         )
         for item, bits in zip(self._scanned, clock_bits(master), strict=True):
@@ -218,26 +218,26 @@ class BringUp:
 
     @property
     def _idle(self) -> list[int]:
-        """Silent slaves that take no part in the exchange."""
+        """Doubtful slaves that take no part in the exchange."""
         slaves = self.bus.slaves
-        return [n for n in self._silent if not (slaves[n].outputs or slaves[n].inputs)]
+        return [n for n in self._doubtful if not (slaves[n].outputs or slaves[n].inputs)]
 
     def _reach(self, master: Master, state: AlState) -> None:
         """Takes all slaves to a state but those that take no part.
 
-        A silent one that does not come along does not keep the others: recovery looks after it.
+        A doubtful one that does not come along does not keep the others: recovery looks after it.
         """
         idle = set(self._idle)
         used = [n for n in range(len(self.bus.slaves)) if n not in idle] if idle else None
-        master.reach(state, self._config.state_timeout_s, used, optional=self._silent)
+        master.reach(state, self._config.state_timeout_s, used, optional=self._doubtful)
 
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""
-        signals = fitting(self._config.signal, self.bus, self._silent)
+        signals = fitting(self._config.signal, self.bus, self._doubtful)
         give_meanings(self.bus, self._profiles, signals)
         for warning in unused_profiles(self.bus, self._profiles):
             self._log.warning(warning)
-        safe = fitting(self._config.outputs.safe, self.bus, self._silent)
+        safe = fitting(self._config.outputs.safe, self.bus, self._doubtful)
         self.safe = safe_outputs(self.bus, safe)
         assign_domains(self.bus, self._config.domain, self._idle)
         self.image = image = lay_out(self.bus, without_lrw(master, self._scanned))

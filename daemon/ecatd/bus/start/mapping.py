@@ -1,7 +1,8 @@
 """From a scanned slave to its process data: which PDOs it has, and how its ESC is set up for them.
 
 Slaves with CoE say what is assigned now (`assignment.py`), those without are fixed by their SII
-(categories 50 and 51). What becomes of slaves that do not answer, `silent.py` decides.
+(categories 50 and 51). `doubtful.py` decides what becomes of slaves
+that do not answer, or whose EEPROM is damaged.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from ecatd.model.sii import (
     USAGE_OUTPUTS,
     Sii,
     SiiSyncManager,
-    read_sii,
 )
+from ecatd.model.sii_reader import read_sii
 
 from ..layout import Image
 from ..mailbox.coe import Coe
@@ -54,12 +55,25 @@ class Scanned:
     emergencies: list[tuple[int, int]] = field(default_factory=list)
     silence: str = ""
 
+    @property
+    def unplaced(self) -> str:
+        """Why process data that the slave tells of have no place in it; empty if they have."""
+        known = len(self.sii.sync_managers)
+        for pdo in (*self.slave.outputs, *self.slave.inputs):
+            if pdo.sync_manager >= known:
+                return (
+                    f"it wants PDO 0x{pdo.index:04X} in sync manager {pdo.sync_manager}, but its "
+                    f"EEPROM describes {known or 'none'}"
+                )
+        return ""
+
 
 def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -> list[Scanned]:
     """Reads everything about the slaves, which must be in PREOP.
 
     Raises:
-        StateError: An EEPROM or object dictionary makes no sense, or `cancelled` says so.
+        StateError: An EEPROM cannot be read, an object dictionary makes no sense, or `cancelled`
+            says so.
     """
     scanned = [
         _scan_slave(master, position, sii)
@@ -76,7 +90,10 @@ def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -
 def _read_assignment(item: Scanned, coe: Coe) -> Talk[None]:
     try:
         yield from Assignment(item.slave, item.sii, coe).read()
-    except NoAnswerError as error:
+    except (NoAnswerError, StateError) as error:
+        # A damaged EEPROM may also describe its mailbox as it is not.
+        if isinstance(error, StateError) and not item.sii.damaged:
+            raise
         item.silence = str(error)
         _take_from_sii(item.slave, item.sii)
 
@@ -97,6 +114,7 @@ def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
         alias=sii.alias,
         address=master.stations[position],
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
+        problems=[str(problem) for problem in sii.problems],
     )
     if not slave.coe:
         _take_from_sii(slave, sii)
@@ -123,6 +141,8 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
     writes: list[tuple[int, int, bytes]] = []
     for item, count in zip(scanned, counts, strict=True):
         slave, available = item.slave, count[0]
+        if item.unplaced:
+            raise StateError(f"{slave.label}: {item.unplaced}")
         start = image.domains[slave.domain].address
         fmmus: list[_Fmmu] = []
         for pdos, kind, offset in (
@@ -130,9 +150,10 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
             (slave.inputs, _FMMU_READ, slave.input_offset),
         ):
             for area in sync_manager_bytes(pdos):
-                manager = _find(slave, item.sii, area.number)
-                content = _sync_manager(manager, area.size)
-                writes.append((slave.position, _SYNC_MANAGER + 8 * area.number, content))
+                manager = item.sii.sync_managers[area.number]
+                if not manager.virtual:
+                    content = _sync_manager(manager, area.size)
+                    writes.append((slave.position, _SYNC_MANAGER + 8 * area.number, content))
                 _map(fmmus, _Fmmu(start + offset + area.offset, area.size, manager.start, kind))
         writes += _unused(slave, item.sii)
         if len(fmmus) > available:
@@ -174,15 +195,6 @@ def _map(fmmus: list[_Fmmu], new: _Fmmu) -> None:
         fmmus.append(new)
 
 
-def _find(slave: Slave, sii: Sii, number: int) -> SiiSyncManager:
-    if number >= len(sii.sync_managers):
-        raise StateError(
-            f"{slave.label} wants process data in sync manager {number}, but its EEPROM "
-            f"describes only {len(sii.sync_managers)}"
-        )
-    return sii.sync_managers[number]
-
-
 def _sync_manager(manager: SiiSyncManager, length: int) -> bytes:
     return struct.pack("<HHBBBB", manager.start, length, manager.control, 0, 1, 0)
 
@@ -197,5 +209,7 @@ def _unused(slave: Slave, sii: Sii) -> list[tuple[int, int, bytes]]:
             struct.pack("<HHBBBB", manager.start, 0, manager.control, 0, 0, 0),
         )
         for number, manager in enumerate(sii.sync_managers)
-        if manager.usage in (USAGE_OUTPUTS, USAGE_INPUTS) and number not in used
+        if manager.usage in (USAGE_OUTPUTS, USAGE_INPUTS)
+        and number not in used
+        and not manager.virtual
     ]

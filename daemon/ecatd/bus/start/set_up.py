@@ -23,6 +23,7 @@ from ..steps import Steps
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
+from .doubtful import Doubt
 from .mapping import Scanned, configure
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
@@ -103,7 +104,7 @@ class SetUp:
         image: Where their process data are.
         mailboxes: See `read_mailboxes`.
         clocks: The distributed clocks, where they are used.
-        silent: Slaves whose mailboxes did not answer; without those that answer again.
+        doubtful: Slaves whose process data are in doubt; without those that answer again.
         timeout_s: Seconds that slaves have to reach a state.
     """
 
@@ -116,7 +117,7 @@ class SetUp:
         image: Image,
         mailboxes: Sequence[bytes],
         clocks: Clocks | None,
-        silent: dict[int, str],
+        doubtful: dict[int, Doubt],
         timeout_s: float,
     ) -> None:
         self._master = master
@@ -126,7 +127,7 @@ class SetUp:
         self._image = image
         self._mailboxes = mailboxes
         self._clocks = clocks
-        self._silent = silent
+        self._doubtful = doubtful
         self._timeout_s = timeout_s
 
     def has_boot(self, position: int) -> bool:
@@ -220,14 +221,17 @@ class SetUp:
         missed = {}
         for number, error in failed.items():
             position = items[number].slave.position
-            if position not in self._silent or not isinstance(error, NoAnswerError):
+            if not items[number].silence or not isinstance(error, NoAnswerError):
                 missed[position] = Missed(f"its PDO assignment cannot be read: {error}")
         for number, (outputs, inputs) in found.items():
-            position = items[number].slave.position
-            if text := _difference(items[number].slave, outputs, inputs):
+            item = items[number]
+            position = item.slave.position
+            if text := _difference(item.slave, outputs, inputs):
                 missed[position] = Missed(text, changed=True)
-            else:
-                self._silent.pop(position, None)
+                continue
+            item.silence = ""
+            if not item.sii.damaged:
+                self._doubtful.pop(position, None)
         return missed
 
 

@@ -12,7 +12,7 @@ from statistics import mode
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig
 from ecatd.model.errors import ConfigError, StateError
-from ecatd.model.sii import read_dc_modes
+from ecatd.model.sii_reader import read_dc_modes
 
 from ..master import Master
 from ..segment import Segment

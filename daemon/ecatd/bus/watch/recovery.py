@@ -37,7 +37,7 @@ that is at work on it betrays itself in this time."""
 
 
 class Condition(StrEnum):
-    """What is known of a slave that should be in OP and is not, or has no mailbox."""
+    """What is known of a slave that is not in OP, or whose process data are in doubt."""
 
     FINE = ""
     MISSING = "missing"
@@ -47,6 +47,7 @@ class Condition(StrEnum):
     REFUSED = "refused"
     LEFT = "left"
     SILENT = "silent"
+    DAMAGED = "damaged"
 
 
 @dataclass(frozen=True, slots=True)

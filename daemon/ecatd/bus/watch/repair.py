@@ -62,8 +62,8 @@ class Repair:
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that is not as it should be."""
         condition, text = self._recovery.condition(position)
-        if not condition and (text := self._running.silent.get(position, "")):
-            condition = Condition.SILENT
+        if not condition and (doubt := self._running.doubtful.get(position)):
+            return Condition(doubt.word), doubt.text
         return condition, text
 
     def _want(self, positions: Iterable[int], state: AlState) -> None:

@@ -1,0 +1,161 @@
+"""Slaves whose process data are in doubt: what becomes of them.
+
+That is so where the mailbox of a slave with CoE does not answer, and where an EEPROM is damaged:
+process data may be missing of which it says nothing any more. Such a slave must not keep the others
+from OP. It is used with the process data that are known of it, if there are some and it goes to
+SAFEOP with them. Otherwise it stays in PREOP, and takes no part in the exchange: in OP it would
+pass for a slave that has no process data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from ecatd.model.al import AlState
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.errors import StateError
+
+from ..layout import lay_out
+from ..master import Master
+from ..steps import Steps, finish
+from .mapping import Scanned, configure
+
+_R = TypeVar("_R", bound="_Rule")
+
+SILENT, DAMAGED = "silent", "damaged"
+
+_CURE = "switch it off and on, then restart ecatd"
+_WRITE_EEPROM = "write its EEPROM anew, from the ESI file of its vendor, then restart ecatd"
+_TOLD = 3  # problems of an EEPROM in one message
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What is known of a slave whose process data are in doubt.
+
+    Attributes:
+        word: `SILENT` or `DAMAGED`.
+        text: Why, and what was done.
+    """
+
+    word: str
+    text: str
+
+
+def settle(
+    master: Master, scanned: Sequence[Scanned], timeout_s: float, tell: Callable[[str], None]
+) -> dict[int, Doubt]:
+    """Decides about doubtful slaves, which must be in PREOP.
+
+    Args:
+        master: The master.
+        scanned: All slaves. Of those that stay in PREOP the process data are taken away.
+        timeout_s: Seconds that slaves have to reach a state.
+        tell: Takes a warning about each of them, and about EEPROMs with lesser mistakes.
+
+    Returns:
+        What is known of each of them, by position.
+    """
+    doubtful = [item for item in scanned if item.silence or item.sii.damaged or item.unplaced]
+    described = [
+        item for item in doubtful if (item.slave.outputs or item.slave.inputs) and not item.unplaced
+    ]
+    refused = finish(_try(master, described, timeout_s))
+    doubts = {}
+    for item in scanned:
+        slave = item.slave
+        if item not in doubtful:
+            if slave.problems:
+                tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
+            continue
+        used = item in described and slave.position not in refused
+        why = refused.get(slave.position) or item.unplaced
+        if not used:
+            slave.outputs, slave.inputs = [], []
+        doubts[slave.position] = doubt = _doubt(item, used=used, why=why)
+        if doubt.word == SILENT:
+            tell(f"{item.silence}; {slave.label} {doubt.text.partition(', so it ')[2]}; {_CURE}")
+        else:
+            tell(f"{_name(slave)}: {doubt.text}; {_WRITE_EEPROM}")
+    return doubts
+
+
+def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
+    stays = "stays in PREOP and takes no part"
+    if item.silence and not item.sii.damaged:
+        text = "is used with the process data of its EEPROM, and its objects cannot be reached"
+        if not used:
+            text = f"{stays}: {why or 'its EEPROM describes no process data'}"
+        return Doubt(SILENT, f"its mailbox did not answer at the start, so it {text}")
+    text = "is used with the process data that are known of it"
+    if not used:
+        text = f"{stays}: {why or 'no process data are known of it'}"
+    if item.silence:
+        text = f"{text}; {item.silence}"
+    if not item.sii.damaged:
+        return Doubt(DAMAGED, f"it {text}")
+    return Doubt(DAMAGED, f"its EEPROM is damaged: {_problems(item.slave)}. It {text}")
+
+
+def _problems(slave: Slave) -> str:
+    """The first problems of an EEPROM, and how many more there are."""
+    text = "; ".join(slave.problems[:_TOLD])
+    more = len(slave.problems) - _TOLD
+    return f"{text}; and {more} more (`ecatctl slaves --json` lists all)" if more > 0 else text
+
+
+def _name(slave: Slave) -> str:
+    """How a message names a slave; by what it is where its EEPROM has no name for it."""
+    identity = f"vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X}"
+    return slave.label if slave.name else f"{slave.label} ({identity})"
+
+
+class _Rule(Protocol):
+    slave: int
+
+    @property
+    def address(self) -> tuple[int, int] | None: ...
+
+
+def fitting(rules: Sequence[_R], bus: Bus, doubtful: Collection[int]) -> list[_R]:
+    """Rules of the configuration without those about process data that are not known.
+
+    Args:
+        rules: Rules about a slave, or about one of its entries.
+        bus: The bus.
+        doubtful: Positions of slaves whose process data are in doubt.
+    """
+    return [
+        rule for rule in rules if rule.slave not in doubtful or _has(bus.slaves[rule.slave], rule)
+    ]
+
+
+def _has(slave: Slave, rule: _Rule) -> bool:
+    entries = {
+        (entry.index, entry.subindex)
+        for outputs in (True, False)
+        for _, entry, _ in slave.entries(outputs=outputs)
+    }
+    return bool(slave.output_bytes) if rule.address is None else rule.address in entries
+
+
+def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[dict[int, str]]:
+    """Takes slaves to SAFEOP with their process data, and back; why some do not go there."""
+    refused = {}
+    for item in items:
+        slave = item.slave
+        try:
+            configure(master, [item], lay_out(Bus("", 0, [slave]), set()))
+        except StateError as error:
+            refused[slave.position] = str(error)
+    here = [item.slave.position for item in items if item.slave.position not in refused]
+    if here:
+        for missed in (yield from master.approach(AlState.SAFEOP, timeout_s, here)):
+            refused[missed.position] = (
+                "with the process data that are known of it, it does not reach SAFEOP: "
+                f"{missed.describe()}"
+            )
+        yield from master.approach(AlState.PREOP, timeout_s, here)
+    return refused
