@@ -92,6 +92,17 @@ def test_identity_and_hardware(tmp_path: Path) -> None:
     assert device.categories == [(0x0801, b"\1\2\3\4\5")]
 
 
+def test_virtual_sync_managers_and_those_that_are_enabled_in_op(tmp_path: Path) -> None:
+    text = SAMPLE
+    for old, new in (
+        ('"#x1180" ControlByte="#x20" Enable="1"', '"#x0998" ControlByte="#x00" Virtual="true"'),
+        ('ControlByte="#x64" Enable="1"', 'ControlByte="#x64" Enable="1" OpOnly="1"'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    assert [item.enable for item in axis(tmp_path, text).sync_managers] == [1, 1, 9, 4]
+
+
 def test_clock_modes(tmp_path: Path) -> None:
     free, dc = axis(tmp_path).dc
     assert (free.name, free.description, free.assign_activate) == ("Synchron", "SM", 0)

@@ -48,7 +48,7 @@ class EsiSyncManager:
         start: First byte in the memory of the slave.
         size: Default size in bytes; 0 where the PDOs decide.
         control: Control register (0x0804).
-        enable: Activate register (0x0806).
+        enable: As in the SII: bit 0: to be enabled; bit 2: virtual; bit 3: in OP only.
         line: Line in the file.
     """
 

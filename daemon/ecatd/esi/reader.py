@@ -24,6 +24,7 @@ _OUTLINE = (
 _DEVICE_DEPTH = 3
 _LISTED = 12
 _SM_USAGES = {"MBoxOut": 1, "MBoxIn": 2, "Outputs": 3, "Inputs": 4}
+_VIRTUAL, _IN_OP_ONLY = 0x04, 0x08  # of the enable byte in the SII
 _FMMU_USAGES = {"Outputs": 1, "Inputs": 2, "MBoxState": 3}
 _PROTOCOLS = {"AoE": 1, "EoE": 2, "CoE": 4, "FoE": 8, "SoE": 16, "VoE": 32}
 _COE_DETAILS = {"SdoInfo": 2, "PdoAssign": 4, "PdoConfig": 8, "PdoUpload": 16, "CompleteAccess": 32}
@@ -172,7 +173,9 @@ def _sync_manager(element: Element) -> EsiSyncManager:
         element.attribute("StartAddress", high=0xFFFF),
         element.attribute("DefaultSize", high=0xFFFF),
         element.attribute("ControlByte", high=0xFF),
-        element.attribute("Enable", high=0xFF),
+        element.attribute("Enable", high=0xFF)
+        | _VIRTUAL * element.flag("Virtual")
+        | _IN_OP_ONLY * element.flag("OpOnly"),
         element.line,
     )
 
