@@ -8,7 +8,6 @@ The reader takes what makes sense and notes the rest as a problem, with what it 
 from __future__ import annotations
 
 import struct
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn
@@ -33,6 +32,7 @@ from .sii import (
     SiiProblem,
     SiiSyncManager,
 )
+from .sii_placement import Placement
 
 Words = Callable[[int, int], bytes]
 """Gives words of an EEPROM: word address and how many."""
@@ -51,15 +51,6 @@ _BLANK_VENDOR = 0xFFFF_FFFF
 _PADDING = 0xFF
 _FIXED = 0x10  # flag of a PDO
 _MAILBOX_WRITTEN, _MAILBOX_READ = 0x26, 0x22  # control of sync managers 0 and 1 (ETG.1000.4)
-_DIRECTION = {USAGE_OUTPUTS: 0x04, USAGE_INPUTS: 0x00}  # of a buffered one, in its control register
-_DIRECTION_MASK = 0x0F
-_PURPOSES = {
-    0: "unknown",
-    1: "the mailbox that the master writes",
-    2: "the mailbox that the master reads",
-    USAGE_OUTPUTS: "outputs",
-    USAGE_INPUTS: "inputs",
-}
 
 
 def read_sii(words: Words) -> Sii:
@@ -126,8 +117,8 @@ class SiiReader:
         self._words = words
         self._strings = [""]
         self._indices: set[int] = set()  # of the PDOs so far
-        self._bits: Counter[int] = Counter()  # of the mapped PDOs so far, by sync manager
         self.sii = Sii()
+        self._placement = Placement(self.sii.sync_managers)
 
     def stop(self, byte: int, text: str, effect: str) -> NoReturn:
         """Notes damage, and leaves the part that is being decoded."""
@@ -388,33 +379,10 @@ class SiiReader:
         """Takes a PDO out of the default mapping that cannot lie where it should."""
         if pdo.sync_manager == UNASSIGNED:
             return
-        if why := self._misplaced(pdo, usage):
+        if why := self._placement.place(pdo, usage):
             text = f"{label} lies in sync manager {pdo.sync_manager}, {why}"
             self.note(at, text, "it is not mapped")
             pdo.sync_manager = UNASSIGNED
-        else:
-            self._bits[pdo.sync_manager] += pdo.bit_length
-
-    def _misplaced(self, pdo: Pdo, usage: int) -> str:
-        """Why a PDO cannot lie in its sync manager, in words; empty if it can."""
-        managers, number = self.sii.sync_managers, pdo.sync_manager
-        if not managers:
-            return f"but category {CATEGORY_SYNC_MANAGER} describes none"
-        if number >= len(managers):
-            return f"but 0 to {len(managers) - 1} are described; {UNASSIGNED} would be none"
-        manager = managers[number]
-        if manager.usage == 0 and manager.control & _DIRECTION_MASK == _DIRECTION[usage]:
-            manager.usage = usage  # the SII does not say, but its control register does
-        if manager.usage != usage:
-            purpose = _PURPOSES.get(manager.usage, "nothing known")
-            return f"whose usage is {manager.usage} ({purpose}), not {usage} ({_PURPOSES[usage]})"
-        size = (self._bits[number] + pdo.bit_length + 7) // 8
-        if manager.holds(size):
-            return ""
-        return (
-            f"whose PDOs take {size} bytes from 0x{manager.start:04X} up to this one: memory is "
-            "from 0x1000 to 0xFFFF, and digital outputs from 0x0F00 to 0x0F03"
-        )
 
     def _dc(self, at: int, data: bytes) -> None:
         self._whole_rows(at, data, _DC_BYTES)
