@@ -323,6 +323,10 @@ WRONG = {
         at(TX + 3) + "TxPDO 0x1A00 lies in sync manager 3, whose PDOs take 34 bytes from 0xFFFC up "
         "to this one: memory is from 0x1000 to 0xFFFF, and digital outputs from 0x0F00 to 0x0F03",
     ),
+    "no bits": (
+        changed(IMAGE, TX + 13, b"\x00"),
+        at(TX + 13) + "TxPDO 0x1A00: entry 0x6000:01 has no bits",
+    ),
 }
 
 
@@ -334,10 +338,6 @@ UNUSUAL = {
     "usage": (
         changed(changed(IMAGE, SM + 23, b"\x05"), RX + 3, b"\xff"),
         at(SM + 23) + "sync manager 2 has the usage 5: 0 to 4 are allowed",
-    ),
-    "no bits": (
-        changed(IMAGE, TX + 13, b"\x00"),
-        at(TX + 13) + "TxPDO 0x1A00: entry 0x6000:01 has no bits",
     ),
     "description as data": (
         changed(IMAGE, TX + 8, b"\x12\x1c"),

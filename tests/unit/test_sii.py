@@ -120,6 +120,11 @@ def sync_managers(*rows: tuple[int, int, int, int]) -> tuple[int, bytes]:
     return 41, b"".join(packed)
 
 
+def without_mailbox(*categories: tuple[int, bytes]) -> bytes:
+    data = image(*categories)
+    return data[:0x30] + bytes(10) + data[0x3A:]
+
+
 BROKEN = [
     (image(general(), (10, bytes([2, 1]) + b"a" + bytes([9]))), "string 2 of 2 ends beyond"),
     (image(general(), (50, pdo(0x1A00, 3, entries=5))), "TxPDO 0x1A00 claims 5 entries"),
@@ -127,6 +132,14 @@ BROKEN = [
     (b"\0" * 4096, "no category at word 0x0040, only zeros"),
     (image()[:128] + struct.pack("<HH", 1, 0) * 300, "more than 256 categories"),
     (image(general()), "the mailbox protocols 0x0004 are announced, but category 41"),
+    (image(general(), (31, b"")), "category 31 at word"),
+    (without_mailbox(general(), (40, b"\1\2")), "category 40 (FMMUs) is there, but category 41"),
+    (
+        without_mailbox(general(), sync_managers((0x1000, 0x64, 1, 3))),
+        "sync manager 0 is for outputs, but no PDO lies in it, and there is no mailbox",
+    ),
+    (image(general(), sync_managers(*[(0x1000, 0, 1, 1)] * 17)), "17 sync managers are described"),
+    (image(general(), (50, pdo(0x1A00, 255, bits=0))), "entry 0x6000:01 has no bits"),
     (image(), "there are no categories"),
     (image(general())[:0x30] + b"\0" * 8 + image(general())[0x38:], "describe no mailbox"),
     (image(STRINGS), "category 30 (general) is missing"),

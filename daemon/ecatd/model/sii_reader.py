@@ -50,6 +50,9 @@ _SYNC_MANAGER_BYTES, _PDO_BYTES, _DC_BYTES = 8, 8, 24
 _BLANK_VENDOR = 0xFFFF_FFFF
 _PADDING = 0xFF
 _FIXED = 0x10  # flag of a PDO
+_KNOWN = {*range(10), 10, 20, 30, 40, 41, 42, 43, 50, 51, 60, 70, 80, 90, 100, 110}
+_VENDOR_SPECIFIC = 0x0800  # and all above; those below belong to the standard
+_SYNC_MANAGERS_MAX = 16
 _MAILBOX_WRITTEN, _MAILBOX_READ = 0x26, 0x22  # control of sync managers 0 and 1 (ETG.1000.4)
 
 
@@ -147,7 +150,22 @@ class SiiReader:
             if kind in categories:
                 with suppress(_Stop):
                     decode(*categories[kind])
+        if CATEGORY_SYNC_MANAGER in categories and not self.sii.mailbox_protocols:
+            self._check_use(categories[CATEGORY_SYNC_MANAGER][0])
         return self.sii
+
+    def _check_use(self, at: int) -> None:
+        """Without a mailbox, nobody else says what a sync manager carries."""
+        used = {pdo.sync_manager for pdo in (*self.sii.outputs, *self.sii.inputs)}
+        for number, manager in enumerate(self.sii.sync_managers):
+            if manager.usage in (USAGE_OUTPUTS, USAGE_INPUTS) and number not in used:
+                data = "outputs" if manager.usage == USAGE_OUTPUTS else "inputs"
+                self.note(
+                    at + _SYNC_MANAGER_BYTES * number,
+                    f"sync manager {number} is for {data}, but no PDO lies in it, and there is no "
+                    "mailbox that could tell of others",
+                    "it is not used",
+                )
 
     def header(self) -> None:
         """The fixed words."""
@@ -207,6 +225,10 @@ class SiiReader:
                     f"(word 0x{_SIZE:X})",
                     "it is not read, nor what follows",
                 )
+            if kind < _VENDOR_SPECIFIC and kind not in _KNOWN:
+                self.note(
+                    2 * at, f"category {kind} at word 0x{at:04X} is unknown", "it is left out"
+                )
             self.begin_category(at, kind, length)
             if kind in found:
                 self.note(2 * at, f"category {kind} occurs a second time", "only the first counts")
@@ -236,13 +258,15 @@ class SiiReader:
             self.note(first, text, "name and process data are unknown")
         elif CATEGORY_GENERAL not in present:
             self.note(first, f"category {CATEGORY_GENERAL} (general) is missing", "it has no name")
-        if protocols and CATEGORY_SYNC_MANAGER not in present:
-            self.note(
-                2 * _PROTOCOLS,
-                f"the mailbox protocols 0x{protocols:04X} are announced, but category "
-                f"{CATEGORY_SYNC_MANAGER} (sync managers) is missing",
-                "process data have no place",
-            )
+        missing = f"category {CATEGORY_SYNC_MANAGER} (sync managers) is missing"
+        if CATEGORY_SYNC_MANAGER in present:
+            return
+        if protocols:
+            text = f"the mailbox protocols 0x{protocols:04X} are announced, but {missing}"
+            self.note(2 * _PROTOCOLS, text, "process data have no place")
+        elif CATEGORY_FMMU in present:
+            text = f"category {CATEGORY_FMMU} (FMMUs) is there, but {missing}"
+            self.note(first, text, "process data have no place")
 
     # --- single categories ---------------------------------------------------------------------
 
@@ -301,6 +325,10 @@ class SiiReader:
             manager = SiiSyncManager(start, length, control, enable, usage)
             self.sii.sync_managers.append(manager)
             self.check_sync_manager(at + size * i, manager)
+        if (count := len(self.sii.sync_managers)) > _SYNC_MANAGERS_MAX:
+            text = f"{count} sync managers are described: a slave controller has up to 16"
+            self.note(at, text, "the first of them count")
+            del self.sii.sync_managers[_SYNC_MANAGERS_MAX:]
 
     def check_sync_manager(self, at: int, manager: SiiSyncManager) -> None:
         """Notes what is wrong with a sync manager."""
@@ -353,7 +381,7 @@ class SiiReader:
                 self.check_entry(at + 8 * i, entry, label)
             else:
                 text = f"{label}: entry {entry.address} has no bits"
-                self.note(at + 8 * i + 5, text, "it is left out", damage=False)
+                self.note(at + 8 * i + 5, text, "it is left out")
         return entries
 
     def _is_known(self, at: int, index: int, label: str) -> bool:

@@ -58,13 +58,21 @@ class Scanned:
     @property
     def unplaced(self) -> str:
         """Why process data that the slave tells of have no place in it; empty if they have."""
-        known = len(self.sii.sync_managers)
+        managers = self.sii.sync_managers
         for pdo in (*self.slave.outputs, *self.slave.inputs):
-            if pdo.sync_manager >= known:
+            if pdo.sync_manager >= len(managers):
                 return (
                     f"it wants PDO 0x{pdo.index:04X} in sync manager {pdo.sync_manager}, but its "
-                    f"EEPROM describes {known or 'none'}"
+                    f"EEPROM describes {len(managers) or 'none'}"
                 )
+        for pdos in (self.slave.outputs, self.slave.inputs):
+            for area in sync_manager_bytes(pdos):
+                if not managers[area.number].holds(area.size):
+                    return (
+                        f"its EEPROM has sync manager {area.number} at "
+                        f"0x{managers[area.number].start:04X}, where {area.size} bytes of process "
+                        "data have no room"
+                    )
         return ""
 
 
