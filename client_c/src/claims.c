@@ -2,6 +2,7 @@
 #include "internal.h"
 
 #include <string.h>
+#include <unistd.h>
 
 /* Tells the engine that the claims have changed, and waits until it has carried that out. */
 static int ring_claims(ecat_t *bus) {
@@ -79,10 +80,13 @@ static int refused(ecat_t *bus, int conflict) {
                      entry->slave);
   name_of(other, program);
   return ecat_fail(bus, ECAT_EOWNED,
-                   "output 0x%04X:%02X of slave %d (%s) of bus '%s' belongs to %s (pid %u); end it "
-                   "first", entry->index, entry->subindex, entry->slave,
+                   "output 0x%04X:%02X of slave %d (%s) of bus '%s' belongs to %s (pid %u)%s",
+                   entry->index, entry->subindex, entry->slave,
                    ecat_shown(bus->slaves[entry->slave].name), bus->name,
-                   program[0] != '\0' ? program : "another client", (unsigned)other->pid);
+                   program[0] != '\0' ? program : "another client", (unsigned)other->pid,
+                   other->pid == (uint32_t)getpid()
+                       ? ", which is this program itself: only one of its connections can own it"
+                       : "; end it first");
 }
 
 /* Asks for nothing yet; what is asked for then goes into `bus->wish`. */

@@ -104,6 +104,7 @@ struct ecat_client {
   unsigned handles;
   uint8_t ended[ECAT_REQUESTS]; /* 1: ended with the daemon, which its owner has not asked for yet */
   enum lost lost;        /* why claims have ended that were not made again */
+  const char *program;   /* sentences speak of it, NULL: of "this client", and tell it to claim again */
   char *home;            /* 0 in a process that was forked since; with `out_map` */
 };
 

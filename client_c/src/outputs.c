@@ -2,21 +2,27 @@
 #include "internal.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
+
+/* A session claims by itself, so who reads its sentence need not be told to. */
+static int fail_lease(ecat_t *bus, const char *before, const char *after, const char *remedy) {
+  return ecat_fail(bus, ECAT_ELEASE, "bus '%s': %s%s%s%s", bus->name, before,
+                   bus->program != NULL ? bus->program : "this client", after,
+                   bus->program != NULL ? "" : remedy);
+}
 
 static int claims_lost(ecat_t *bus) {
   if (bus->lost == LOST_PLACE)
-    return ecat_fail(bus, ECAT_ELEASE,
-                     "bus '%s': another program has written over the place of this client in the "
-                     "shared memory, and its outputs are at their safe values; claim them again",
-                     bus->name);
-  return ecat_fail(bus, ECAT_ELEASE,
-                   "bus '%s': the daemon has ended, and with it the claims of this client; claim the "
-                   "outputs again when it is back",
-                   bus->name);
+    return fail_lease(bus, "another program has written over the place of ",
+                      " in the shared memory, and its outputs are at their safe values",
+                      "; claim them again");
+  return fail_lease(bus, "the daemon has ended, and with it the claims of ", "",
+                    "; claim the outputs again when it is back");
 }
 
 static int lapsed(ecat_t *bus) {
+  char after[160];
   uint32_t reason =
       __atomic_load_n(&bus->slot_status[bus->slot].reason, __ATOMIC_RELAXED);
   if (ecat_slot_overwritten(bus)) bus->lost = LOST_PLACE;
@@ -25,14 +31,14 @@ static int lapsed(ecat_t *bus) {
   bus->first = bus->bytes = 0;
   if (bus->lost) return claims_lost(bus);
   if (reason == ECAT_REASON_WKC)
-    return ecat_fail(bus, ECAT_ELEASE,
-                     "bus '%s': slaves did not take part in the exchange (wrong working counter), so "
-                     "outputs are at their safe values; claim them again when the bus is complete",
-                     bus->name);
-  return ecat_fail(bus, ECAT_ELEASE,
-                   "bus '%s': this client did not sample in time and lost its outputs, which are at "
-                   "their safe values now; claim them again with a longer lease",
-                   bus->name);
+    return fail_lease(bus, "slaves did not take part in the exchange (wrong working counter), so the "
+                      "outputs of ", " are at their safe values",
+                      "; claim them again when the bus is complete");
+  snprintf(after, sizeof after, " did not sample in time and lost its outputs, which are at their safe "
+           "values now");
+  if (bus->longest_ns > 0)
+    sprintf(after + strlen(after), " (its lease is %g s)", (double)bus->longest_ns * 1e-9);
+  return fail_lease(bus, "", after, "; claim them again with a longer one");
 }
 
 /* The entry if this client may write it, else NULL and a code. */

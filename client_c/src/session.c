@@ -25,6 +25,16 @@ int ecat_session_client(ecat_session *session, int code) {
   return code < 0 ? ecat_session_fail(session, code, "%s", ecat_error(session->bus)) : code;
 }
 
+const char *session_heading(const ecat_session_slave *slave) {
+  return slave->heading != NULL ? slave->heading : "";
+}
+
+const char *ecat_session_heading(const ecat_session *session, int position) {
+  const ecat_session_slave *slave = session->slaves;
+  while (slave != NULL && slave->position != position) slave = slave->next;
+  return slave != NULL ? session_heading(slave) : "";
+}
+
 void session_tell(ecat_session *session, int warning, const char *format, ...) {
   char text[sizeof session->problem + 100];
   va_list arguments;
@@ -37,8 +47,9 @@ void session_tell(ecat_session *session, int warning, const char *format, ...) {
 /* This is not the bus that the product was generated for: what is here, and what it expects. */
 static int another(const ecat_session_slave *slave, const char *here, const char *expected) {
   ecat_session *session = slave->session;
-  return ecat_session_fail(session, ECAT_EBUS, "%s, but %s %s; regenerate it with: %s", here,
-                           session->settings.product, expected, slave->command);
+  return ecat_session_fail(session, ECAT_EBUS, "%s%s, but %s %s; regenerate it with: %s",
+                           session_heading(slave), here, session->settings.product, expected,
+                           slave->command);
 }
 
 /* --- what is expected ----------------------------------------------------------------------- */
@@ -196,6 +207,7 @@ static int attach(ecat_session *session) {
   code = ecat_session_client(session, ecat_open(&session->bus, session->settings.bus));
   if (code == 0) {
     session->connections++;
+    session->bus->program = session->settings.program;
     code = resolve(session);
   }
   if (code != 0) disconnect(session);
@@ -225,7 +237,7 @@ void ecat_session_end(ecat_session *session) {
   ecat_session_slave *slave;
   disconnect(session);
   session_observe_nothing(session);
-  for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = 0;
+  for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = slave->told = 0;
   session->attached = session->outage = session->paced = session->in_step = 0;
   session->missed = session->lost_ns = session->exchanged_ns = 0;
 }

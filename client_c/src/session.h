@@ -4,6 +4,8 @@
 
 #include <ecat/ecat_session.h>
 
+/* How sentences about a slave begin: never NULL. */
+const char *session_heading(const ecat_session_slave *slave);
 /* Whether a failure may end by itself. */
 int session_passes(int code);
 /* What the program wants in this failure: enum ecat_failure. */

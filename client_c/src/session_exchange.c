@@ -1,7 +1,9 @@
 /* What a session exchanges with the bus: outputs, and who owns them; samples, and what they are worth. */
 #include "session.h"
 
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "internal.h"
 
@@ -78,7 +80,8 @@ static int stage(ecat_session_slave *slave) {
     code = claim(session);
   }
   for (entry = slave->entries; entry != NULL && code == 0; entry = entry->next)
-    if (entry->pending) code = ecat_session_client(session, stage_entry(session->bus, entry));
+    if (entry->pending && (code = stage_entry(session->bus, entry)) < 0)
+      ecat_session_fail(session, code, "%s%s", session_heading(slave), ecat_error(session->bus));
   return code;
 }
 
@@ -93,7 +96,8 @@ static int reclaim(ecat_session *session) {
   if ((code = claim(session)) != 0) return code;
   session->lost_ns = ecat_now();
   if (session->lost_ns - before > QUIET_NS)
-    session_tell(session, 1, "%s; %s has done so", session->problem, session->settings.program);
+    session_tell(session, 1, "%s; %s has claimed them again", session->problem,
+                 session->settings.program);
   for (slave = session->slaves; code == 0 && slave != NULL; slave = slave->next)
     if (slave->writes) code = stage(slave);
   return code != 0 ? code : ecat_session_client(session, ecat_commit(session->bus));
@@ -104,6 +108,9 @@ static int not_written(ecat_session *session, int code) {
   int lost = code == ECAT_ELEASE && session->settings.when_failed != ECAT_FAILURE_ERROR;
   if (lost) code = reclaim(session);
   if (code == 0 || (lost && code == ECAT_ELEASE)) return 0;              /* until the next try */
+  if (code == ECAT_ELEASE)
+    ecat_session_fail(session, code, "%s; with another whenFailed than Error %s claims them again and "
+                      "goes on", session->problem, session->settings.program);
   if (session_wish(session, code) == ECAT_FAILURE_WAIT) return 0; /* the next sample does */
   return session_endure(session, code);
 }
@@ -111,6 +118,7 @@ static int not_written(ecat_session *session, int code) {
 int ecat_session_stage(ecat_session_slave *slave) {
   ecat_session *session = slave->session;
   int code;
+  if (session->settings.read_only) return 0;
   slave->writes = 1;
   if (session->bus == NULL || session->outage != 0) return 0;
   code = stage(slave);
@@ -119,7 +127,7 @@ int ecat_session_stage(ecat_session_slave *slave) {
 
 int ecat_session_commit(ecat_session *session) {
   int code;
-  if (session->bus == NULL || session->outage != 0) return 0;
+  if (session->settings.read_only || session->bus == NULL || session->outage != 0) return 0;
   code = ecat_session_client(session, ecat_commit(session->bus));
   return code != 0 ? not_written(session, code) : 0;
 }
@@ -130,7 +138,6 @@ static int wait_cycles(ecat_session *session, unsigned cycles) {
   ecat_t *bus = session->bus;
   uint64_t now = ecat_cycle(bus), goal = (session->in_step ? session->waited_cycle : now) + cycles;
   double timeout = PATIENCE + 10 * ecat_cycle_time(bus);
-  if (now > goal) session->missed++;
   while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) { /* else it counts anew */
     int code = ecat_wait(bus, 1, timeout);
     /* Keeps the lease: who waits is alive, however long that is. */
@@ -138,6 +145,8 @@ static int wait_cycles(ecat_session *session, unsigned cycles) {
     if (code != 0) return ecat_session_client(session, code);
   }
   session->waited_cycle = ecat_cycle(bus);
+  if (ecat_instance(bus) == session->instance && session->waited_cycle > goal)
+    session->missed += session->waited_cycle - goal;
   session->in_step = 1;
   return 0;
 }
@@ -194,6 +203,32 @@ static int al_state(unsigned al_status) {
   }
 }
 
+/* Tells, once, that a slave is not in OP. A frame that is lost now and then is no matter of the slave: that
+ * says `valid`. */
+static int tell_state(ecat_session_slave *slave) {
+  static const char *const names[] = {"", "", "INIT", "PREOP", "BOOT", "SAFEOP", "OP"};
+  ecat_session *session = slave->session;
+  char text[300], where[80], reason[60] = "";
+  if ((slave->al_state == ECAT_SESSION_OP) != slave->told) return 0;
+  slave->told = !slave->told;
+  snprintf(text, sizeof text, "%sslave %d (%s) of bus '%s'", session_heading(slave), slave->position,
+           slave->name, session->settings.bus);
+  if (!slave->told) {
+    session_tell(session, 0, "%s is in OP again", text);
+    return 0;
+  }
+  if (slave->al_state == ECAT_SESSION_NOT_AVAILABLE)
+    strcpy(where, "does not answer");
+  else
+    sprintf(where, "is not in OP, but in %s", names[slave->al_state]);
+  if (slave->al_code != 0) sprintf(reason, " (AL status code 0x%04X)", (unsigned)slave->al_code);
+  if (session->settings.require_op)
+    return ecat_session_fail(session, ECAT_ESTATE, "%s %s%s; %s ends, as requireOperational asks",
+                             text, where, reason, session->settings.program);
+  session_tell(session, 1, "%s %s%s; its values are not valid until it is", text, where, reason);
+  return 0;
+}
+
 static int observe_slave(ecat_session_slave *slave, uint32_t complete) {
   const ecat_session_entry *entry = slave->entries;
   ecat_t *bus = slave->session->bus;
@@ -210,7 +245,7 @@ static int observe_slave(ecat_session_slave *slave, uint32_t complete) {
     slave->al_code = (int)info.al_code;
   }
   slave->valid = slave->al_state == ECAT_SESSION_OP && (complete >> slave->domain & 1) != 0;
-  return 0;
+  return tell_state(slave);
 }
 
 static int observe(ecat_session *session) {

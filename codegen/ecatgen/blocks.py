@@ -28,7 +28,7 @@ _PACKAGES = ("UsersGuide", "Examples", "Drives", "Channels", "fingerprint", "gen
 _RESERVED = (
     *("domainID", "slaveData", "hwName", "fingerprint", "generateCommand", "etherCATMaster"),
     *("domain", "slave", "slaveConfiguration", "committed", "Modelica", "EtherCAT"),
-    *("valid", "alState", "alStatusCode"),
+    *("valid", "alState", "alStatusCode", "sampled"),
 )
 
 

@@ -134,7 +134,7 @@ int main(int argc, char **argv) {
   signal(SIGTERM, interrupt);
 
   run.master = ecatm_master_open(bus, 1, SAMPLE_TIME, 1, LEASE, ECAT_FAILURE_ERROR,
-                                 ECAT_FAILURE_ERROR, 0);
+                                 ECAT_FAILURE_ERROR, 0, 0, 0, "");
   experiment(seconds);
   return interrupted ? 130 : 0;
 }

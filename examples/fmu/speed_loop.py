@@ -98,7 +98,7 @@ def main() -> None:
         plant.step()
         if round(plant.time / STEP) % 200 == 0:
             print(f"{plant.time - begin:.1f} {reference:.0f} {measured:.0f}")
-    print(f"{int(plant['missed'])} steps came too late")
+    print(f"{int(plant['missed'])} bus cycles passed beside those that the steps waited for")
     plant.close()
 
 

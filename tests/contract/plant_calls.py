@@ -30,11 +30,12 @@ int main(int argc, char **argv) {
   double time, age;
   int output, connected, missed, state, counter, expected, cycle;
   void *master = ecatm_master_open(argv[1], atoi(argv[2]), 0.001, 1, 0.5, atoi(argv[3]),
-                                   atoi(argv[4]), atof(argv[5]));
+                                   atoi(argv[4]), atof(argv[5]), argc > 6 && atoi(argv[6]),
+                                   argc > 7 && atoi(argv[7]), "");
   Plant_open(&plant, master, 1);
   printf("open\\n");
   fflush(stdout);
-  while (argc == 6 && scanf("%lf %d", &time, &output) == 2) {
+  while (argc >= 6 && scanf("%lf %d", &time, &output) == 2) {
     cycle = ecatm_wait(master, time);
     connected = ecatm_master_state(master, time, cycle, &age, &missed, &state, &counter, &expected);
     Plant_read(&plant, time, cycle);
@@ -50,8 +51,9 @@ int main(int argc, char **argv) {
   return 0;
 }
 """
-"""Arguments: bus, waitForBus, whenMissing, whenFailed, patience. Each line of its input has a
-simulation time and the value of an output, which is wired to the input 0 of the slave EL1018."""
+"""Arguments: bus, waitForBus, whenMissing, whenFailed, patience; may be left out: readOnly and
+requireOperational. Each line of its input has a simulation time and the value of an output, which
+is wired to the input 0 of the slave EL1018."""
 
 
 def compile_program(compiler: str, source: str, out: Path, folder: Path, *flags: str) -> Path:
@@ -170,6 +172,10 @@ class Model:
         """One sample."""
         self.send(output)
         return self.receive()
+
+    def pause(self, seconds: float) -> None:
+        """Takes no samples for some time; the clock of the model stands still meanwhile."""
+        time.sleep(seconds)
 
     def until(self, condition: Callable[[Step], bool], output: int = 0) -> Step:
         """Samples until something has come about."""

@@ -69,7 +69,7 @@ static void answer(void *sdo) {
 }
 %FUNCTIONS%
 int main(int argc, char **argv) {
-  master = ecatm_master_open(argv[1], 1, 0.001, 1, 0.1, %FAILURE%, %FAILURE%, 0);
+  master = ecatm_master_open(argv[1], 1, 0.001, 1, 0.1, %FAILURE%, %FAILURE%, 0, 0, 0, "");
   (void)argc, (void)argv, (void)answer, (void)tell, (void)sample;
   %STATEMENTS%
   ecatm_master_close(master);
@@ -142,7 +142,7 @@ def opened(
     """The call that makes the object of a block."""
     return (
         f"ecatm_sdo_open(master, {slave}, {index}, {subindex}, {int(data_type)}, {int(has)}, "
-        f'{int(when)}, {period}, {scale}, {offset}, "{text}")'
+        f'{int(when)}, {period}, {scale}, {offset}, "{text}", "")'
     )
 
 

@@ -202,15 +202,17 @@ def test_a_constant_of_an_example_has_one_unit(name: str) -> None:
 
 
 def test_no_connector_is_called_like_something_of_the_base_class() -> None:
-    base = Path(ecatgen.__file__).parent / "modelica/EtherCAT/Interfaces/PartialSlave.mo"
-    library = parse(base.read_text()).classes["EtherCAT"]
-    made = library.classes["Interfaces"].classes["PartialSlave"].symbols
-    assert {"domainID", "valid", "etherCATMaster"} <= made.keys()
-    entries = [Entry(0x6000 + n, 1, name, U8, 8) for n, name in enumerate(made)]
+    made: set[str] = set()
+    for base in ("PartialSampled", "PartialSlave"):
+        file = Path(ecatgen.__file__).parent / f"modelica/EtherCAT/Interfaces/{base}.mo"
+        library = parse(file.read_text()).classes["EtherCAT"]
+        made |= library.classes["Interfaces"].classes[base].symbols.keys()
+    assert {"domainID", "sampled", "valid", "etherCATMaster"} <= made
+    entries = [Entry(0x6000 + n, 1, name, U8, 8) for n, name in enumerate(sorted(made))]
     slave = Slave(0, "S", 1, 2, 3, inputs=inputs(*entries))
     (block,) = build_library(give_meanings(Bus("b", 1000, [slave]), PROFILES), LIBRARY).blocks
     assert len(block.reads) == len(made)
-    assert not {connector.name for connector in block.reads} & made.keys()
+    assert not {connector.name for connector in block.reads} & made
 
 
 TEXTS = st.text(max_size=70) | st.sampled_from([*NAMES, "", "Input", "Value"])

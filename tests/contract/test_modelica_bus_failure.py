@@ -225,7 +225,7 @@ def test_lost_outputs_are_claimed_again(model: Start, troll: Daemon, failed: int
     status, said = running.end()
     assert status == 0
     assert "did not sample in time and lost its outputs" in said
-    assert "; the model has done so\n" in said
+    assert "; the model has claimed them again\n" in said
 
 
 def test_lost_outputs_are_an_error_by_default(model: Start, troll: Daemon) -> None:
@@ -318,7 +318,7 @@ def test_samples_that_come_too_late_for_their_cycle_are_counted(
         for _ in range(50):
             client.wait(1)
     late = running.step()
-    assert late.missed == before.missed + 1
+    assert late.missed >= before.missed + 48  # waits of a client and of a model begin apart
     assert late.cycle >= before.cycle + 50
     assert running.end()[0] == 0
 

@@ -21,7 +21,7 @@ OPEN = """
 int main(int argc, char **argv) {
   static Plant plant;
   double sample_time = argc > 3 ? atof(argv[3]) : 0.001;
-  void *master = ecatm_master_open(argv[1], argc > 3, sample_time, 1, 0.1, 1, 1, 0);
+  void *master = ecatm_master_open(argv[1], argc > 3, sample_time, 1, 0.1, 1, 1, 0, 0, 0, "");
   Plant_open(&plant, master, argc > 2 ? atoi(argv[2]) : 1);
   ecatm_master_close(master); /* first, as some tools do; memory checkers see the rest */
   Plant_close(&plant);
@@ -143,7 +143,10 @@ def test_other_slaves_may_come_and_unused_entries_may_change(opener: Path) -> No
 def test_a_domain_that_the_model_does_not_have(opener: Path) -> None:
     with served(sample_buses.troll()) as name:
         line = sentence(run(opener, name, "2"))
-    assert line == "EtherCAT: there is no domain 2: sampleTime of the EtherCATMaster has length 1"
+    assert line == (
+        "EtherCAT: there is no domain 2: sampleTime of the EtherCATMaster has length 1; change "
+        "domainID of the block, or add a sample time"
+    )
 
 
 @pytest.mark.parametrize(
@@ -165,7 +168,7 @@ START = """
 int main(int argc, char **argv) {
   static Plant plant;
   int n, cycle, last = 0;
-  void *master = ecatm_master_open(argv[argc - 1], 1, 0.002, 1, 0.1, 1, 1, 0);
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.002, 1, 0.1, 1, 1, 0, 0, 0, "");
   Plant_open(&plant, master, 1);
   for (n = 0; n < 100; n++) {
     double time = 0.002 * n;
@@ -271,7 +274,7 @@ SLOW = """
 int main(int argc, char **argv) {
   Plant_EL2008 block;
   int n;
-  void *master = ecatm_master_open(argv[argc - 1], 1, 0.25, 1, 0.1, 1, 1, 0);
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.25, 1, 0.1, 1, 1, 0, 0, 0, "");
   Plant_EL2008_open(&block, master, 1);
   for (n = 0; n < 4; n++) Plant_EL2008_write(&block, 0.25 * n, ecatm_wait(master, 0.25 * n));
   ecatm_master_close(master);
@@ -294,7 +297,7 @@ TWICE = """
 #include "Plant.h"
 int main(int argc, char **argv) {
   Plant_EL2008 one, two;
-  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1, 1, 1, 0);
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1, 1, 1, 0, 0, 0, "");
   Plant_EL2008_open(&one, master, 1);
   Plant_EL2008_open(&two, master, 1);
   Plant_EL2008_write(&one, 0, ecatm_wait(master, 0));
@@ -307,8 +310,8 @@ ORPHAN = """
 #include "Plant.h"
 int main(int argc, char **argv) {
   Plant_EL2008 orphan, block;
-  void *lost = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1, 1, 1, 0);
-  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1, 1, 1, 0);
+  void *lost = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1, 1, 1, 0, 0, 0, "");
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 0.1, 1, 1, 0, 0, 0, "");
   Plant_EL2008_open(&orphan, lost, 1);
   Plant_EL2008_open(&block, master, 1);
   Plant_EL2008_write(&block, 0, ecatm_wait(master, 0));

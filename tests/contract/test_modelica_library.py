@@ -127,7 +127,7 @@ def test_the_check_of_files_sees(troll: Path, file: str, old: str, new: str, pro
 @pytest.mark.parametrize(
     ("file", "old", "new", "problem"),
     [
-        ("EL1018.mo", "etherCATMaster.sampled", "etherCATMaster.sampld", "sampld"),
+        ("EL1018.mo", "when sampled", "when sampld", "sampld"),
         ("EL1018.mo", "readBoolean", "readBool", "readBool"),
         ("EL1018.mo", "BooleanOutput", "RealOutput", "channel1Input"),
         ("EL1018.mo", "    channel2Input = EtherCAT", "    channel1Input = EtherCAT", ""),

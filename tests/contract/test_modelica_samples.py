@@ -35,7 +35,8 @@ int main(int argc, char **argv) {
   double last = -100;
   int tick, cycle = 0, together = 0, changes = 0;
   int first = atoi(argv[2]), second = atoi(argv[3]); /* sample times in ms */
-  void *master = ecatm_master_open(argv[1], atoi(argv[4]), 0.001 * first, 2, 0.1, 1, 1, 0);
+  void *master = ecatm_master_open(argv[1], atoi(argv[4]), 0.001 * first, 2, 0.1, 1, 1, 0, 0, 0,
+                                   "");
   Plant_EL3008_open(&one, master, 1);
   Plant_EL3008_open(&two, master, 2);
   for (tick = 0; tick < 400; tick++) {
@@ -92,7 +93,7 @@ TOGETHER = """
 int main(int argc, char **argv) {
   static Plant plant;
   int n, cycle, both = atoi(argv[2]);
-  void *master = ecatm_master_open(argv[1], 1, 0.002, 1, 0.5, 1, 1, 0);
+  void *master = ecatm_master_open(argv[1], 1, 0.002, 1, 0.5, 1, 1, 0, 0, 0, "");
   Plant_open(&plant, master, 1);
   for (n = 1; n < 200; n++) {
     double time = 0.002 * n;
@@ -196,10 +197,10 @@ static void *master, *domain, *slave, *wrong, *input, *output;
 static int fails(const char *bus, int step) {
   master = domain = slave = wrong = input = output = NULL;
   if (setjmp(tool)) return 1;
-  master = ecatm_master_open(step == 0 ? "nobody" : bus, 0, 0.001, 1, 0.1, 1, 1, 0);
-  domain = ecatm_domain_open(master, step == 1 ? 2 : 1);
-  slave = ecatm_slave_open(domain, 0, 154, 198948, 0, "ELMO", "", "generate");
-  if (step == 2) wrong = ecatm_slave_open(domain, 1, 154, 198948, 0, "ELMO", "", "generate");
+  master = ecatm_master_open(step == 0 ? "nobody" : bus, 0, 0.001, 1, 0.1, 1, 1, 0, 0, 0, "");
+  domain = ecatm_domain_open(master, step == 1 ? 2 : 1, "");
+  slave = ecatm_slave_open(domain, 0, 154, 198948, 0, "ELMO", "", "generate", "");
+  if (step == 2) wrong = ecatm_slave_open(domain, 1, 154, 198948, 0, "ELMO", "", "generate", "");
   input = ecatm_pdo_open(slave, step == 3 ? 0x1234 : 0x606C, 0, 0, 4, 32, step == 4 ? 0 : 1, 0, "");
   output = ecatm_pdo_open(slave, 0x6040, 0, 1, 6, step == 5 ? 32 : 16, 1, 0, "");
   return 0;

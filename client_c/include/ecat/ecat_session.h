@@ -51,6 +51,8 @@ typedef struct ecat_session_settings {
   double lease;                  /* see ecat_claim() */
   int when_missing, when_failed; /* enum ecat_failure: before the first connection, and after it */
   double patience;               /* seconds to wait for the bus, 0: for ever */
+  int read_only;                 /* nothing is written or owned, whatever the program stages */
+  int require_op;                /* a slave of the session that is not in OP is a failure */
   /* Words for sentences: */
   const char *product;           /* what was generated: "this library" */
   const char *program;           /* what runs: "the model" */
@@ -67,6 +69,7 @@ typedef struct ecat_session_slave {
   uint32_t vendor, product, revision; /* expected; revision 0: any */
   const char *name;              /* of the slave */
   const char *command;           /* that generates the product again */
+  const char *heading;           /* sentences about it begin with that: "Plant.analog: "; may be NULL */
   const char *fingerprint;       /* of the bus that it was generated for; empty: written by hand */
   int writes;                    /* the program owns its outputs */
   /* Of the last sample: */
@@ -78,6 +81,7 @@ typedef struct ecat_session_slave {
   struct ecat_session_slave *next;
   struct ecat_session_entry *entries;
   int same_bus, claimed, domain;
+  int told;                      /* that it is not in OP */
 } ecat_session_slave;
 
 typedef struct ecat_session_entry {
@@ -98,7 +102,7 @@ typedef struct ecat_session {
   char problem[ECAT_SESSION_TEXT]; /* the sentence to the last failure */
   int outage;                    /* code of the failure that the program lives, or ends, with; 0: none */
   unsigned connections;          /* counts them: handles of an earlier one are void */
-  uint64_t missed;               /* waits that came too late for their cycle */
+  uint64_t missed;               /* bus cycles that passed between waits without being waited for */
   int in_step;                   /* waits count from the last one */
   /* Of the last sample: */
   int state;                     /* enum ecat_session_state */
@@ -124,6 +128,8 @@ __attribute__((format(printf, 3, 4)))
 ECAT_API int ecat_session_fail(ecat_session *session, int code, const char *format, ...);
 /* The same with the sentence of the client, if `code` is an error of it. */
 ECAT_API int ecat_session_client(ecat_session *session, int code);
+/* The heading of the slave at a position; empty where it has none, or is no slave of the session. */
+ECAT_API const char *ecat_session_heading(const ecat_session *session, int position);
 
 /* A session without a bus. */
 ECAT_API void ecat_session_init(ecat_session *session, const ecat_session_settings *settings);
@@ -139,7 +145,7 @@ ECAT_API void ecat_session_end(ecat_session *session);
 /* Waits until so many bus cycles have ended since the last wait; without a bus until the clock has gone
  * on to `time`, in seconds of the program. */
 ECAT_API int ecat_session_pace(ecat_session *session, unsigned cycles, double time);
-/* Takes an image of the bus. */
+/* Takes an image of the bus. A slave that has left OP is told, and is a failure with `require_op`. */
 ECAT_API int ecat_session_sample(ecat_session *session);
 
 /* The value of an entry in the last sample, by the scale that it is expected to have: a physical one, or

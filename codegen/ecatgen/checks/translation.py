@@ -28,8 +28,9 @@ def check_translation(
     """What rumoca finds wrong when it translates models of the libraries in a directory.
 
     It resolves names, checks types and counts equations. It does not know ExternalObject, nor
-    functions with several outputs in when-clauses, so it sees a copy in which external objects are
-    Integers, their constructors functions, and each of several outputs has a function of its own.
+    functions with several outputs in when-clauses, nor getInstanceName() in a constructor. So it
+    sees a copy in which external objects are Integers, their constructors functions, each of
+    several outputs has a function of its own, and all instances have the same name.
 
     Args:
         out: Directory with the libraries.
@@ -62,7 +63,8 @@ def _replace_external_objects(copy: Path) -> None:
     names = "|".join(file.stem for file in objects)
     call = re.compile(rf"(EtherCAT\.Objects\.)({names})\(")
     for file in copy.rglob("*.mo"):
-        file.write_text(call.sub(r"\1new\2(", file.read_text("utf-8")))
+        source = file.read_text("utf-8").replace("getInstanceName()", '"instance"')
+        file.write_text(call.sub(r"\1new\2(", source))
     for file in objects:
         source = file.read_text("utf-8")
         constructor = source.split("function constructor", 1)[1].split("end constructor;", 1)[0]

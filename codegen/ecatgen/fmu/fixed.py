@@ -82,6 +82,12 @@ PARAMETERS = (
     Fixed("whenFailed", "BusFailure", "What to do when the bus fails later", 1),
     Fixed("patience", "Real", "Longest time to wait for the bus, with Wait; 0: for ever", 0.0, "s"),
     Fixed("readOnly", "Boolean", "true: nothing is written, whatever the inputs are", False),
+    Fixed(
+        "requireOperational",
+        "Boolean",
+        "true: a slave that is not in OP is an error that ends the simulation",
+        False,
+    ),
 )
 
 DIAGNOSTICS = (
@@ -89,7 +95,7 @@ DIAGNOSTICS = (
     Fixed("state", "BusState", "State of the bus in the last step"),
     Fixed("cycle", "Counter", "Bus cycle of the values, modulo 2^31"),
     Fixed("age", "Real", "Time from the exchange of the values to the end of the step", unit="s"),
-    Fixed("missed", "Counter", "Steps that came too late for the bus cycle they waited for"),
+    Fixed("missed", "Counter", "Bus cycles that passed beside those that were waited for"),
     Fixed("workingCounter", "Counter", "Working counter of the last exchange, of all domains"),
     Fixed("workingCounterExpected", "Counter", "Working counter when all slaves take part"),
 )

@@ -67,7 +67,7 @@ int plant_log_categories(plant *p, int on, size_t count, const char *const categ
 plant *plant_new(const char *token, const char *resources, plant_log *log, void *context,
                  int events) {
   static const ecat_session_settings settings = {
-      NULL, 0, 0, 0, 0, "this FMU", "the FMU", "'patience'", tell, NULL, NULL};
+      NULL, 0, 0, 0, 0, 0, 0, "this FMU", "the FMU", "'patience'", tell, NULL, NULL};
   plant *p = calloc(1, sizeof *p);
   if (p == NULL) return NULL;
   p->log = log;
@@ -178,6 +178,8 @@ int plant_begin(plant *p) {
   session->settings.when_missing = (int)plant_integer(p, ROLE_WHEN_MISSING);
   session->settings.when_failed = (int)plant_integer(p, ROLE_WHEN_FAILED);
   session->settings.patience = plant_real(p, ROLE_PATIENCE);
+  session->settings.read_only = plant_integer(p, ROLE_READ_ONLY) != 0;
+  session->settings.require_op = plant_integer(p, ROLE_REQUIRE_OPERATIONAL) != 0;
   code = ecat_session_begin(session);
   if (code == 0) code = ecat_session_sample(session);
   p->begun = 1;
@@ -196,7 +198,6 @@ int plant_leave_initialization(plant *p) {
 static int write_inputs(plant *p) {
   size_t i;
   int code = 0;
-  if (plant_integer(p, ROLE_READ_ONLY)) return 0;
   for (i = 0; i < p->slave_count && code == 0; i++)
     if (p->slaves[i].on_bus.writes) code = ecat_session_stage(&p->slaves[i].on_bus);
   return code != 0 ? code : ecat_session_commit(&p->session);

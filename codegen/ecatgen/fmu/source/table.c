@@ -33,7 +33,8 @@ static const char *const type_names[PLANT_TYPES] = {
 
 static const char *const role_names[ROLES] = {
     "time",           "bus",       "waitForBus", "lease",  "whenMissing",    "whenFailed",
-    "patience",       "readOnly",  "connected",  "state",  "cycle",          "age",
+    "patience",       "readOnly",  "requireOperational",   "connected",      "state",   "cycle",
+    "age",
     "missed",         "workingCounter", "workingCounterExpected", "valid",   "alState",
     "alStatusCode",   "input",     "output"};
 

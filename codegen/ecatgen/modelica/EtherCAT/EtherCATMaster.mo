@@ -21,9 +21,15 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
     "Longest time to wait for the bus, 0: for ever"
     annotation (Dialog(group = "Without a bus",
       enable = whenMissing == EtherCAT.Types.BusFailure.Wait or whenFailed == EtherCAT.Types.BusFailure.Wait));
+  parameter Boolean readOnly = false
+    "= true, if the model only watches: it writes nothing, so it may run beside another program"
+    annotation (choices(checkBox = true), Dialog(group = "Outputs"));
+  parameter Boolean requireOperational = false
+    "= true, if the simulation ends when a slave of the model is not in OP"
+    annotation (choices(checkBox = true), Dialog(group = "Without a bus"));
   parameter EtherCAT.Objects.Master master = EtherCAT.Objects.Master(
     bus, waitForBus, sampleTime[1], size(sampleTime, 1), lease, Integer(whenMissing),
-    Integer(whenFailed), patience) "Connection"
+    Integer(whenFailed), patience, readOnly, requireOperational, getInstanceName()) "Connection"
     annotation (Dialog(enable = false));
 
   output Boolean sampled[size(sampleTime, 1)] "True at the sample instants of each domain";
@@ -35,7 +41,7 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   output Modelica.Units.SI.Time age(start = 0, fixed = true)
     "Time from the exchange with the slaves to the sample";
   output Integer missed(start = 0, fixed = true)
-    "Samples that came too late for the bus cycle they waited for";
+    "Bus cycles that passed beside those that the model waited for: sum since the start";
   output Integer workingCounter(start = 0, fixed = true)
     "Sum of the working counters of all domains of the bus";
   output Integer workingCounterExpected(start = 0, fixed = true)
@@ -78,10 +84,20 @@ its sample time has; the sample time must be a multiple of the bus cycle. With
 has at that moment.
 </p>
 <p>
+With <code>readOnly = true</code> the model owns no outputs and writes nothing, neither process data nor
+objects: its blocks read what is on the bus, while another program drives it. What the blocks are given to write
+is dropped, and SDO blocks that write fail with a text that says so.
+</p>
+<p>
 A simulation that is stopped, paused or killed takes no more samples. After the time <code>lease</code>
 (at most 0.5&nbsp;s, the daemon cuts longer ones; 0 takes its default) the daemon sets the outputs that the model has written
 to their safe values. Waiting for the bus is no pause, so that with <code>waitForBus</code> sample times
 may be longer.
+</p>
+<p>
+Each sample is an event for the solver. OpenModelica 1.25 hangs with the solver <code>cvode</code> when
+<code>sampleTime</code> has different elements: use <code>dassl</code>, <code>ida</code>, <code>rungekutta</code> or
+<code>euler</code>.
 </p>
 <h4>Without a bus</h4>
 <p>
@@ -105,13 +121,22 @@ Whenever the model meets a bus, it looks whether this has the slaves and entries
 for. Another bus, outputs that another program owns, and a value that does not fit its entry end the
 simulation in all cases.
 </p>
+<h4>Slaves that leave OP</h4>
+<p>
+When a slave of the model leaves OP, or does not answer any more, the log of the simulation says so, with the
+block, the state and the AL status code, and it says when the slave is back. The model goes on, and
+<code>valid</code> of the block is false. With <code>requireOperational = true</code> the simulation ends with that
+sentence instead. A single frame that is lost ends nothing.
+</p>
 <h4>Diagnostics</h4>
 <p>
 The outputs are those of the last sample of domain 1. <code>state</code> goes from
 <code>Missing</code> to <code>Operational</code>, see
 <a href=\"modelica://EtherCAT.Types.BusState\">BusState</a>; <code>connected</code> is true from
 <code>Incomplete</code> on. <code>age</code> goes on growing while there is no bus. <code>missed</code>
-counts only with <code>waitForBus</code>: the model, or the machine, was too slow for the sample before.
+counts only with <code>waitForBus</code>: all bus cycles that passed beside those that the samples waited for,
+because the model or the machine was too slow. In a run with <i>n</i> samples of <i>k</i> bus cycles each the bus
+has made <i>n&nbsp;k</i>&nbsp;+&nbsp;<code>missed</code> cycles.
 <code>workingCounter</code> is less than <code>workingCounterExpected</code> while slaves do not take part
 in the exchange.
 </p>

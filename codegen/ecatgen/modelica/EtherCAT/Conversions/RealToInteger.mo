@@ -1,8 +1,8 @@
 within EtherCAT.Conversions;
 block RealToInteger "Sample, scale and round a signal for an integer entry"
   extends Modelica.Blocks.Icons.IntegerBlock;
+  extends EtherCAT.Interfaces.PartialSampled;
 
-  parameter Integer domainID(min = 1) = 1 "Domain in whose samples the signal is converted";
   parameter Real k = 1 "Gain";
   parameter Integer yMax = 2147483647 "Upper limit of the output";
   parameter Integer yMin = -yMax "Lower limit of the output";
@@ -11,10 +11,8 @@ block RealToInteger "Sample, scale and round a signal for an integer entry"
     annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
   Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true) "Rounded value of k*u"
     annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
-protected
-  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     y = EtherCAT.Functions.nearestInteger(max(yMin, min(yMax, k * u)));
   end when;
 

@@ -1,8 +1,7 @@
 within EtherCAT.Conversions;
 block RealToRaw "Raw value of an entry for a physical value"
   extends EtherCAT.Interfaces.PartialConversion(saturated(start = false, fixed = true));
-
-  parameter Integer domainID(min = 1) = 1 "Domain in whose samples the signal is converted";
+  extends EtherCAT.Interfaces.PartialSampled;
 
   Modelica.Blocks.Interfaces.RealInput u "Physical value in SI units"
     annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
@@ -10,10 +9,9 @@ block RealToRaw "Raw value of an entry for a physical value"
     "Raw value, rounded and held in the range"
     annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
 protected
-  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   discrete Real raw(start = 0, fixed = true) "Raw value before it is rounded";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     raw = range.rawMin + (u - range.min)/k;
     y = EtherCAT.Functions.nearestInteger(max(range.rawMin, min(range.rawMax, raw)));
     saturated = raw <= range.rawMin or raw >= range.rawMax;

@@ -113,11 +113,14 @@ block CiA402 "State machine and conversions of a drive with the device profile C
     "Start-up list; 0: not begun yet, 1: busy, 2: done, 3: refused";
 protected
   outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
+  Boolean sampled = etherCATMaster.sampled[EtherCAT.Functions.domainIndex(
+    domainID, size(etherCATMaster.sampled, 1))] "True at the sample instants of the domain";
   parameter EtherCAT.Objects.Drive drive = EtherCAT.Objects.Drive(
     etherCATMaster.master, position, mode, reference,
     (if useModeDisplay then 1 else 0) + (if usePosition then 2 else 0) + (if useVelocity then 4 else 0) + (if useTorque then 8 else 0) + (if useCurrent then 16 else 0),
     if modeInProcessData then 0 else 24672 + 2048*(axis - 1), encoderResolution, gearRatio,
-    velocityScale, ratedTorque, ratedCurrent, tau_max, approachSpeed, standstillSpeed, maxDropout, startUp) "State machine";
+    velocityScale, ratedTorque, ratedCurrent, tau_max, approachSpeed, standstillSpeed, maxDropout, startUp,
+    getInstanceName()) "State machine";
   Modelica.Blocks.Interfaces.RealInput reference_internal
     "Needed to connect to conditional connectors";
   Modelica.Blocks.Interfaces.BooleanInput quickStop_internal
@@ -168,13 +171,13 @@ equation
   end if;
 
   // Two when-equations for the drive: in one, a controller between them would close a loop.
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     (state, phi, w, tau, i, enabled) = EtherCAT.Functions.driveMeasure(
       drive, time, etherCATMaster.cycle, valid, statusWord, modeOfOperationDisplay_internal,
       positionActualValue_internal, velocityActualValue_internal, torqueActualValue_internal,
       currentActualValue_internal);
   end when;
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     (controlWord, modeOfOperation, targetPosition, targetVelocity, targetTorque, maxTorque, startUpState) =
       EtherCAT.Functions.driveCommand(
         drive, time, state, enable, quickStop_internal, faultReset_internal, reference_internal);

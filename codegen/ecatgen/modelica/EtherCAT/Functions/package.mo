@@ -9,10 +9,10 @@ For those who write blocks of their own. In each sample a block first reads, wit
 commits:
 </p>
 <pre>
-when etherCATMaster.sampled[domainID] then
+when sampled then
   y = readInteger(pdoY, time, etherCATMaster.cycle);
 end when;
-when etherCATMaster.sampled[domainID] then
+when sampled then
   written = writeInteger(pdoU, time, etherCATMaster.cycle, u);
   committed = commit(slaveConfiguration, time, written);
 end when;

@@ -16,7 +16,7 @@ impure function readBoolean "Value of an entry in the sample of this time"
 <p>
 True if any bit of the entry is set. Reads from the image of all inputs that the sample of this time has
 taken, whichever block asked first; pass the <code>cycle</code> of the EtherCATMaster as <code>order</code>.
-Call it in <code>when etherCATMaster.sampled[domainID]</code>.
+Call it in <code>when sampled</code>.
 </p>
 </html>"));
 end readBoolean;

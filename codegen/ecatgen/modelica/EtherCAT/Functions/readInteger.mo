@@ -16,7 +16,7 @@ impure function readInteger "Value of an entry in the sample of this time"
 <p>
 For entries with at most 32 bits and a sign, or 31 bits without. Reads from the image of all inputs that the
 sample of this time has taken, whichever block asked first; pass the <code>cycle</code> of the
-EtherCATMaster as <code>order</code>. Call it in <code>when etherCATMaster.sampled[domainID]</code>.
+EtherCATMaster as <code>order</code>. Call it in <code>when sampled</code>.
 </p>
 </html>"));
 end readInteger;

@@ -17,7 +17,7 @@ impure function readReal "Value of an entry in the sample of this time"
 Raw value times <code>scale</code> plus <code>offset</code> of the <a
 href=\"modelica://EtherCAT.Objects.PDO\">PDO</a>; exact for integers up to 2^53. Reads from the image of all
 inputs that the sample of this time has taken, whichever block asked first; pass the <code>cycle</code> of
-the EtherCATMaster as <code>order</code>. Call it in <code>when etherCATMaster.sampled[domainID]</code>.
+the EtherCATMaster as <code>order</code>. Call it in <code>when sampled</code>.
 </p>
 </html>"));
 end readReal;

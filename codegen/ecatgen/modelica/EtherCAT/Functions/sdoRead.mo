@@ -15,7 +15,7 @@ impure function sdoRead "Read an object: send a request when it is time to, or a
 
   annotation (Documentation(info = "<html>
 <p>
-Never waits. Call it in <code>when etherCATMaster.sampled[domainID]</code>. <a
+Never waits. Call it in <code>when sampled</code>. <a
 href=\"modelica://EtherCAT.SDORead\">SDORead</a> shows how.
 </p>
 </html>"));

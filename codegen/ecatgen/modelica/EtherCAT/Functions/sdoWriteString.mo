@@ -16,8 +16,7 @@ impure function sdoWriteString "Write an object: send a request when it is time 
 
   annotation (Documentation(info = "<html>
 <p>
-Never waits. The value is the one at the time of the trigger. Call it in <code>when
-etherCATMaster.sampled[domainID]</code>.
+Never waits. The value is the one at the time of the trigger. Call it in <code>when sampled</code>.
 </p>
 </html>"));
 end sdoWriteString;

@@ -17,8 +17,7 @@ impure function slaveState "State of a slave in the sample of this time"
   annotation (Documentation(info = "<html>
 <p>
 Reads from the image of all inputs that the sample of this time has taken, whichever block asked first; pass
-the <code>cycle</code> of the EtherCATMaster as <code>order</code>. Call it in <code>when
-etherCATMaster.sampled[domainID]</code>.
+the <code>cycle</code> of the EtherCATMaster as <code>order</code>. Call it in <code>when sampled</code>.
 </p>
 <p>
 AL status codes are in ETG.1000.6.

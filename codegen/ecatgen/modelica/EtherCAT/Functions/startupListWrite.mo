@@ -16,7 +16,7 @@ impure function startupListWrite "Write the objects of a list one after the othe
   annotation (Documentation(info = "<html>
 <p>
 Never waits; the next object is written when the one before was accepted, and the list ends with the first
-one that is refused. Call it in <code>when etherCATMaster.sampled[domainID]</code>.
+one that is refused. Call it in <code>when sampled</code>.
 </p>
 </html>"));
 end startupListWrite;

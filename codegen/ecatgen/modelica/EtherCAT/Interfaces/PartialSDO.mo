@@ -45,7 +45,7 @@ protected
   outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   parameter EtherCAT.Objects.SDO sdo = EtherCAT.Objects.SDO(
     etherCATMaster.master, position, index, subindex, typeNumber, valueType, Integer(request),
-    period, scale, offset, object) "Object";
+    period, scale, offset, object, getInstanceName()) "Object";
   Modelica.Blocks.Interfaces.BooleanInput triggered
     "Needed to connect to the conditional connector";
   Integer state(start = 0, fixed = true) "0: no request yet, 1: busy, 2: done, 3: failed";

@@ -1,7 +1,6 @@
 within EtherCAT.Interfaces;
 partial block PartialSlave "Base of every block that stands for a slave"
-  parameter Integer domainID(min = 1) = 1
-    "Domain of the slave: number of a sample time of the EtherCATMaster";
+  extends EtherCAT.Interfaces.PartialSampled;
   parameter EtherCAT.Objects.SlaveData slaveData "Place and identity of the slave"
     annotation (Dialog(tab = "Identity"));
   parameter String hwName = "" "Name of the slave, for error messages"
@@ -20,15 +19,15 @@ partial block PartialSlave "Base of every block that stands for a slave"
   Integer alStatusCode(start = 0, fixed = true)
     "Why the slave has left a state: AL status code (ETG.1000.6), 0: no error";
 protected
-  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   parameter EtherCAT.Objects.Domain domain = EtherCAT.Objects.Domain(
-    etherCATMaster.master, domainID) "Domain";
+    etherCATMaster.master, domainID, getInstanceName()) "Domain";
   parameter EtherCAT.Objects.SlaveConfiguration slaveConfiguration =
     EtherCAT.Objects.SlaveConfiguration(
       domain, slaveData.position, slaveData.vendorID, slaveData.productCode,
-      slaveData.revisionNumber, hwName, fingerprint, generateCommand) "Slave";
+      slaveData.revisionNumber, hwName, fingerprint, generateCommand,
+      getInstanceName()) "Slave";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     (valid, alState, alStatusCode) = EtherCAT.Functions.slaveState(
       slaveConfiguration, time, etherCATMaster.cycle);
   end when;

@@ -5,8 +5,9 @@ class Domain "Slaves of a model that are sampled together"
   function constructor "Register a domain"
     input EtherCAT.Objects.Master master "Connection";
     input Integer domainID "Number of the domain, 1 first";
+    input String instance = "" "Name of the instance of the block, for messages";
     output Domain domain "Domain";
-    external "C" domain = ecatm_domain_open(master, domainID)
+    external "C" domain = ecatm_domain_open(master, domainID, instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -21,8 +21,9 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input Real maxDropout "Time without valid data that is bridged, in s";
     input Integer startUp[:, 4]
       "Objects to write before the drive is enabled: index, subindex, data type, value";
+    input String instance = "" "Name of the instance of the block, for messages";
     output Drive drive "Drive";
-    external "C" drive = ecatm_drive_open(master, position, mode, reference, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2))
+    external "C" drive = ecatm_drive_open(master, position, mode, reference, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2), instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -11,8 +11,12 @@ class Master "Connection to a bus"
     input Integer whenMissing "Number of the EtherCAT.Types.BusFailure: before there was a bus";
     input Integer whenFailed "Number of the EtherCAT.Types.BusFailure: after that";
     input Real patience "Longest time that is waited for the bus in s, 0: for ever";
+    input Boolean readOnly = false "= true, if nothing is written";
+    input Boolean requireOperational = false
+      "= true, if the simulation ends when a slave of the model is not in OP";
+    input String instance = "" "Name of the instance of the block, for messages";
     output Master master "Connection";
-    external "C" master = ecatm_master_open(bus, waitForBus, sampleTime, domains, lease, whenMissing, whenFailed, patience)
+    external "C" master = ecatm_master_open(bus, waitForBus, sampleTime, domains, lease, whenMissing, whenFailed, patience, readOnly, requireOperational, instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -14,8 +14,9 @@ class SDO "One object of a slave, accessed through its mailbox"
     input Real scale = 1 "Real value = value of the object * scale + offset";
     input Real offset = 0 "See scale";
     input String object = "" "Index and subindex as \"0x6060:00\", instead of the numbers";
+    input String instance = "" "Name of the instance of the block, for messages";
     output SDO sdo "Object";
-    external "C" sdo = ecatm_sdo_open(master, position, index, subindex, dataType, valueType, request, period, scale, offset, object)
+    external "C" sdo = ecatm_sdo_open(master, position, index, subindex, dataType, valueType, request, period, scale, offset, object, instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -11,8 +11,9 @@ class SlaveConfiguration "Registration of one slave"
     input String name "Expected name, for error messages";
     input String fingerprint "Fingerprint of the bus that the block was generated for";
     input String generateCommand "Command that generates the block again";
+    input String instance = "" "Name of the instance of the block, for messages";
     output SlaveConfiguration slaveConfiguration "Slave";
-    external "C" slaveConfiguration = ecatm_slave_open(domain, position, vendorID, productCode, revisionNumber, name, fingerprint, generateCommand)
+    external "C" slaveConfiguration = ecatm_slave_open(domain, position, vendorID, productCode, revisionNumber, name, fingerprint, generateCommand, instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

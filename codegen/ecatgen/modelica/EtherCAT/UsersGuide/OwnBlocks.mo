@@ -29,7 +29,7 @@ and bits as <code>ecatctl pdos</code> shows them; the data type as a number, suc
 <code>Integer(EtherCAT.Types.DataType.INTEGER32)</code>. With a <code>scale</code>, an <code>offset</code> or a
 <code>unit</code> its values are physical. They are computed from raw values, whatever unit and scale the bus has: only a
 block with a <code>fingerprint</code> is compared with the bus, and a block of yours has none.</li>
-<li>Read in one <code>when etherCATMaster.sampled[domainID]</code>, with <code>etherCATMaster.cycle</code>
+<li>Read in one <code>when sampled</code>, with <code>etherCATMaster.cycle</code>
 as the last argument, so that reads come after the sample was taken.</li>
 <li>Write and commit in a second one, each write with the result of the one before: this makes the order of the
 calls. In one when-equation with the reads the outputs would depend on the inputs, and a controller between
@@ -51,7 +51,7 @@ protected
     slaveConfiguration, 24576, 17, false, Integer(EtherCAT.Types.DataType.INTEGER16), 16,
     10 / 32767) \"0x6000:11, 32767 is 10 V\";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     v = EtherCAT.Functions.readReal(channel1, time, etherCATMaster.cycle);
   end when;
 end Voltage;

@@ -78,7 +78,7 @@ protected
   Integer written_6060_00(start = 0, fixed = true) "Order of the write of 0x6060:00";
   Integer committed(start = 0, fixed = true) "End of the chain that orders the writes";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     positionActualValue = EtherCAT.Functions.readInteger(input_6064_00, time, etherCATMaster.cycle);
     torqueActualValue = EtherCAT.Functions.readInteger(input_6077_00, time, etherCATMaster.cycle);
     statusWord = EtherCAT.Functions.readInteger(input_6041_00, time, etherCATMaster.cycle);
@@ -86,7 +86,7 @@ equation
     velocityActualValue = EtherCAT.Functions.readInteger(input_606C_00, time, etherCATMaster.cycle);
     currentActualValue = EtherCAT.Functions.readInteger(input_6078_00, time, etherCATMaster.cycle);
   end when;
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     written_607A_00 = EtherCAT.Functions.writeInteger(output_607A_00, time, etherCATMaster.cycle, targetPosition);
     written_60FF_00 = EtherCAT.Functions.writeInteger(output_60FF_00, time, written_607A_00, targetVelocity);
     written_6071_00 = EtherCAT.Functions.writeInteger(output_6071_00, time, written_60FF_00, targetTorque);

@@ -1,17 +1,14 @@
 within EtherCAT.Drives.Utilities;
 block ToRaw "Raw value of an entry that the bus gives as a physical value"
   extends EtherCAT.Drives.Utilities.PartialConversion;
-
-  parameter Integer domainID(min = 1) = 1 "Domain of the entry";
+  extends EtherCAT.Interfaces.PartialSampled;
 
   Modelica.Blocks.Interfaces.RealInput u "Physical value"
     annotation (Placement(transformation(extent = {{-140, -20}, {-100, 20}})));
   Modelica.Blocks.Interfaces.IntegerOutput y(start = 0, fixed = true) "Raw value"
     annotation (Placement(transformation(extent = {{100, -20}, {140, 20}})));
-protected
-  outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     y = EtherCAT.Functions.nearestInteger((u - offset)/scale);
   end when;
 

@@ -29,7 +29,7 @@ protected
   parameter EtherCAT.Objects.PDO channel8 = EtherCAT.Objects.PDO(
     slaveConfiguration, 24688, 1, false, 1, 1) "0x6070:01";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     y = {
       EtherCAT.Functions.readBoolean(channel1, time, etherCATMaster.cycle),
       EtherCAT.Functions.readBoolean(channel2, time, etherCATMaster.cycle),

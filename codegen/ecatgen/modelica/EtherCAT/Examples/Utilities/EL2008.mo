@@ -38,7 +38,7 @@ protected
   Integer written8(start = 0, fixed = true) "Comes after written7";
   Integer committed(start = 0, fixed = true) "The end of the chain";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     written1 = EtherCAT.Functions.writeBoolean(channel1, time, etherCATMaster.cycle, u[1]);
     written2 = EtherCAT.Functions.writeBoolean(channel2, time, written1, u[2]);
     written3 = EtherCAT.Functions.writeBoolean(channel3, time, written2, u[3]);

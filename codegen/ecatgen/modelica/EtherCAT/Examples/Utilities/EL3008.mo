@@ -29,7 +29,7 @@ protected
   parameter EtherCAT.Objects.PDO channel8 = EtherCAT.Objects.PDO(
     slaveConfiguration, 24688, 17, false, 3, 16) "0x6070:11";
 equation
-  when etherCATMaster.sampled[domainID] then
+  when sampled then
     y = {
       EtherCAT.Functions.readInteger(channel1, time, etherCATMaster.cycle),
       EtherCAT.Functions.readInteger(channel2, time, etherCATMaster.cycle),

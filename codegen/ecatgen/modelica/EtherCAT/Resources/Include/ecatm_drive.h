@@ -156,7 +156,7 @@ typedef struct ecatm_drive_table {
  * then `table`, whose rows are index, subindex, data type and value. */
 ECATM_FUNCTION void *ecatm_drive_list(void *object, int position,
                                       const ecatm_drive_settings *settings, const int *table,
-                                      size_t rows) {
+                                      size_t rows, const char *block) {
   size_t row = sizeof(int) * ECATM_LIST_COLUMNS, first = settings->mode_object != 0;
   ecatm_drive_table *all =
       (ecatm_drive_table *)ecatm_new((ecatm_master *)object, sizeof *all + rows * row);
@@ -166,7 +166,7 @@ ECATM_FUNCTION void *ecatm_drive_list(void *object, int position,
   all->rows[0][2] = 2; /* INTEGER8 */
   all->rows[0][3] = settings->mode;
   if (rows > 0) memcpy((char *)all->rows + first * row, table, rows * row);
-  list = ecatm_sdo_list_open(object, position, all->rows[0], rows + first, ECATM_LIST_COLUMNS);
+  list = ecatm_sdo_list_open(object, position, all->rows[0], rows + first, ECATM_LIST_COLUMNS, block);
   ecatm_close(all);
   return list;
 }
@@ -174,17 +174,20 @@ ECATM_FUNCTION void *ecatm_drive_list(void *object, int position,
 /* A drive with a start-up list of `rows` rows: index, subindex, data type, value. */
 ECATM_FUNCTION void *ecatm_drive_new(void *object, int position,
                                      const ecatm_drive_settings *settings, const int *table,
-                                     size_t rows) {
+                                     size_t rows, const char *block) {
   const char *wrong = ecatm_drive_wrong(settings);
   ecatm_drive *drive;
+  char heading[ECATM_HEADING];
   void *list;
+  ecatm_head(heading, block);
   if (wrong != NULL) {
-    ModelicaFormatError("EtherCAT: the drive of slave %d cannot work: %s", position, wrong);
+    ModelicaFormatError("EtherCAT: %sthe drive of slave %d cannot work: %s", heading, position, wrong);
     return NULL;
   }
-  list = ecatm_drive_list(object, position, settings, table, rows);
+  list = ecatm_drive_list(object, position, settings, table, rows, block);
   drive = (ecatm_drive *)ecatm_new((ecatm_master *)object, sizeof *drive);
   if (drive == NULL) return NULL;
+  strcpy(drive->node.heading, heading);
   drive->list = list;
   drive->position = position;
   drive->settings = *settings;
@@ -200,7 +203,7 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int 
                                       double rated_current, double max_torque,
                                       double approach_speed, double standstill_speed,
                                       double max_dropout, const int *table, size_t rows,
-                                      size_t columns) {
+                                      size_t columns, const char *block) {
   static const int modes[] = {ECATM_PROFILE_POSITION, ECATM_PROFILE_VELOCITY, ECATM_PROFILE_TORQUE,
                               ECATM_CYCLIC_POSITION, ECATM_CYCLIC_VELOCITY, ECATM_CYCLIC_TORQUE};
   ecatm_drive_settings settings;
@@ -218,7 +221,7 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int 
   settings.standstill_speed = standstill_speed;
   settings.max_dropout = max_dropout;
   (void)columns; /* 4, as declared */
-  return ecatm_drive_new(master, position, &settings, table, rows);
+  return ecatm_drive_new(master, position, &settings, table, rows, block);
 }
 
 ECATM_FUNCTION void ecatm_drive_close(void *object) {

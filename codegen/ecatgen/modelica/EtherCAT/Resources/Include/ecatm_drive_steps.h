@@ -140,10 +140,11 @@ ECATM_FUNCTION void ecatm_drive_watch_mode(ecatm_drive *drive) {
   drive->order.waiting = waits ? drive->order_before.waiting + drive->elapsed : 0;
   if (drive->order.waiting < ECATM_MODE_PATIENCE || drive->told) return;
   drive->told = 1;
-  ModelicaFormatMessage("EtherCAT: the drive of slave %d is not enabled: it stays in mode of operation "
+  ModelicaFormatMessage("EtherCAT: %sthe drive of slave %d is not enabled: it stays in mode of operation "
                         "%d (0x6061) and does not take %d; choose a mode of its object 0x6502, or "
                         "write 0x6060 in startUp\n",
-                        drive->position, drive->view.display, drive->settings.mode);
+                        drive->node.heading, drive->position, drive->view.display,
+                        drive->settings.mode);
 }
 
 /* The target position in increments, without overflow. */
@@ -227,8 +228,8 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   now->word = ecatm_drive_word(drive, enable && now->start_up == ECATM_SDO_DONE, now->stopping);
   now->following = drive->view.enabled && now->word == 0x0F;
   if (now->following && !ecatm_finite(reference)) {
-    ModelicaFormatError("EtherCAT: the reference of the drive of slave %d is not a finite number",
-                        drive->position);
+    ModelicaFormatError("EtherCAT: %sthe reference of the drive of slave %d is not a finite number",
+                        drive->node.heading, drive->position);
     return 0;
   }
   if (!now->following) now->arrived = 0;

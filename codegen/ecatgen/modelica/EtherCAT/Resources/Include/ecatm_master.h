@@ -12,6 +12,7 @@
 #include <ecat/ecat_session.h>
 
 #define ECATM_TEXT ECAT_SESSION_TEXT
+#define ECATM_HEADING 160
 #define ECATM_SAME_TIME 1e-9     /* seconds; periodic events drift by rounding */
 
 /* The slaves of one domain of the model: what is written to them leaves together. */
@@ -29,11 +30,12 @@ typedef struct ecatm_node {
    * ecat_session_fail() does. May be NULL. */
   int (*check)(struct ecatm_node *node);
   int closed;                    /* a tool that merges equal constructors destroys an object twice */
+  char heading[ECATM_HEADING];   /* of sentences: the block of the model, "Plant.analog: "; may be empty */
 } ecatm_node;
 
 typedef struct ecatm_master {
   ecat_session session;
-  char name[64];
+  char name[64], heading[ECATM_HEADING];
   ecatm_node *objects, *last;
   int users;                     /* this object and all of `objects` that still live */
   int domains;                   /* sample times of the model */
@@ -60,6 +62,11 @@ ECATM_FUNCTION void ecatm_tell(void *context, int warning, const char *sentence)
   (void)context;
   (void)warning;
   ModelicaFormatMessage("EtherCAT: %s\n", sentence);
+}
+
+/* How sentences about an instance of a block begin: with its name, unless that is empty. */
+ECATM_FUNCTION void ecatm_head(char heading[ECATM_HEADING], const char *block) {
+  sprintf(heading, "%.*s%s", ECATM_HEADING - 3, block, *block != '\0' ? ": " : "");
 }
 
 /* --- Numbers ------------------------------------------------------------------------------- */
@@ -147,20 +154,21 @@ ECATM_FUNCTION int ecatm_check_more(void *context) {
   int code = 0;
   master->stride = ecatm_stride(master->period, cycle_time);
   if (master->wait_for_bus && master->stride == 0)
-    return ecat_session_fail(&master->session, ECAT_EARG, "the model is to wait for bus '%s', but its "
+    return ecat_session_fail(&master->session, ECAT_EARG, "%sthe model is to wait for bus '%s', but its "
                              "sample time of %g s is no multiple of the bus cycle of %g s; change "
-                             "sampleTime[1] of the EtherCATMaster", master->name, master->period,
-                             cycle_time);
+                             "sampleTime[1] of the EtherCATMaster", master->heading, master->name,
+                             master->period, cycle_time);
   for (node = master->objects; node != NULL && code == 0; node = node->next)
     if (!node->closed && node->check != NULL) code = node->check(node);
   return code;
 }
 
-/* Connects to a bus. `sample_time` is that of domain 1, `domains` how many the model has; for the rest
- * see ecat_session_settings. */
+/* Connects to a bus. `sample_time` is that of domain 1, `domains` how many the model has, `block` the name of
+ * the block's instance; for the rest see ecat_session_settings. */
 ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, double sample_time,
                                        int domains, double lease, int when_missing, int when_failed,
-                                       double patience) {
+                                       double patience, int read_only, int require_op,
+                                       const char *block) {
   ecatm_master *master = (ecatm_master *)calloc(1, sizeof *master);
   ecatm_group *groups = (ecatm_group *)calloc((size_t)(domains > 0 ? domains : 1), sizeof *groups);
   ecat_session_settings settings;
@@ -172,6 +180,7 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
     return NULL;
   }
   sprintf(master->name, "%.*s", (int)sizeof master->name - 1, name);
+  ecatm_head(master->heading, block);
   master->users = 1;
   master->domains = domains;
   master->groups = groups;
@@ -182,6 +191,8 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
   settings.when_missing = when_missing;
   settings.when_failed = when_failed;
   settings.patience = patience;
+  settings.read_only = read_only;
+  settings.require_op = require_op;
   settings.product = "this library";
   settings.program = "the model";
   settings.patience_name = "patience of the EtherCATMaster";
@@ -190,7 +201,7 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
   settings.context = master;
   ecat_session_init(&master->session, &settings);
   if (ecat_session_begin(&master->session) != 0) { /* nobody would destroy it: there is no object */
-    strcpy(text, master->session.problem);
+    sprintf(text, "%s", master->session.problem);
     ecatm_drop(master);
     ModelicaFormatError("EtherCAT: %s", text);
     return NULL;

@@ -26,12 +26,15 @@ typedef struct ecatm_pdo {
 
 /* --- Domain -------------------------------------------------------------------------------- */
 
-ECATM_FUNCTION void *ecatm_domain_open(void *object, int id) {
+ECATM_FUNCTION void *ecatm_domain_open(void *object, int id, const char *block) {
   ecatm_master *master = (ecatm_master *)object;
   ecatm_domain *domain;
+  char heading[ECATM_HEADING];
   if (id < 1 || id > master->domains) {
-    ModelicaFormatError("EtherCAT: there is no domain %d: sampleTime of the EtherCATMaster has "
-                        "length %d", id, master->domains);
+    ecatm_head(heading, block);
+    ModelicaFormatError("EtherCAT: %sthere is no domain %d: sampleTime of the EtherCATMaster has "
+                        "length %d; change domainID of the block, or add a sample time", heading, id,
+                        master->domains);
     return NULL;
   }
   domain = (ecatm_domain *)ecatm_new(master, sizeof *domain);
@@ -45,10 +48,10 @@ ECATM_FUNCTION void ecatm_domain_close(void *object) { ecatm_close(object); }
 
 /* The registration of one slave. Stops with one sentence when another slave is found there, now or when
  * the bus appears. Identity numbers are 32 unsigned bits in a Modelica Integer; revision 0 accepts any.
- * Without a fingerprint the block was written by hand. */
+ * Without a fingerprint the block was written by hand. `block`: name of the block's instance. */
 ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, int vendor, int product,
                                       int revision, const char *name, const char *fingerprint,
-                                      const char *command) {
+                                      const char *command, const char *block) {
   const ecatm_domain *domain = (const ecatm_domain *)object;
   ecatm_master *master = domain->node.master;
   ecatm_slave *slave = (ecatm_slave *)ecatm_draft(master, sizeof *slave);
@@ -56,6 +59,7 @@ ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, int vendor, in
   sprintf(slave->name, "%.*s", (int)sizeof slave->name - 1, name);
   sprintf(slave->fingerprint, "%.*s", (int)sizeof slave->fingerprint - 1, fingerprint);
   sprintf(slave->command, "%.*s", (int)sizeof slave->command - 1, command);
+  ecatm_head(slave->node.heading, block);
   slave->group = &master->groups[domain->id - 1];
   slave->on_bus.position = position;
   slave->on_bus.vendor = (uint32_t)vendor;
@@ -64,6 +68,7 @@ ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, int vendor, in
   slave->on_bus.name = slave->name;
   slave->on_bus.fingerprint = slave->fingerprint;
   slave->on_bus.command = slave->command;
+  slave->on_bus.heading = slave->node.heading;
   return ecatm_keep(slave, ecat_session_add_slave(&master->session, &slave->on_bus));
 }
 
@@ -86,9 +91,9 @@ ECATM_FUNCTION void *ecatm_pdo_open(void *object, int index, int subindex, int o
   ecatm_pdo *pdo;
   ecat_signal_info *expected;
   if (!ecatm_is_scale(scale, offset)) {
-    ModelicaFormatError("EtherCAT: entry 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
-                        "of %g: the scale must be a finite number other than 0", (unsigned)index,
-                        (unsigned)subindex, slave->on_bus.position, scale, offset);
+    ModelicaFormatError("EtherCAT: %sentry 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
+                        "of %g: the scale must be a finite number other than 0", slave->node.heading,
+                        (unsigned)index, (unsigned)subindex, slave->on_bus.position, scale, offset);
     return NULL;
   }
   pdo = (ecatm_pdo *)ecatm_draft(slave->node.master, sizeof *pdo);

@@ -48,13 +48,13 @@ ECATM_FUNCTION int ecatm_is_last(ecatm_slave *slave, double time) {
   return ++group->staged == group->writers;
 }
 
-/* Whether another block of this model writes the slave. */
-ECATM_FUNCTION int ecatm_is_second(const ecatm_slave *slave) {
+/* Another block of this model that writes the slave, or NULL. */
+ECATM_FUNCTION const ecat_session_slave *ecatm_rival(const ecatm_slave *slave) {
   const ecat_session_slave *other = slave->node.master->session.slaves;
-  if (slave->on_bus.writes) return 0;
+  if (slave->on_bus.writes) return NULL;
   while (other != NULL && !(other->writes && other->position == slave->on_bus.position))
     other = other->next;
-  return other != NULL;
+  return other;
 }
 
 /* Hands the written values of this slave over; drops them while there is no bus. `order` is only there to
@@ -62,14 +62,16 @@ ECATM_FUNCTION int ecatm_is_second(const ecatm_slave *slave) {
 ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
   ecatm_slave *slave = (ecatm_slave *)object;
   ecatm_master *master = slave->node.master;
+  const ecat_session_slave *rival = ecatm_rival(slave);
   int last;
   if (master->session.bus == NULL || master->session.outage != 0) {
     slave->group->staged = 0;
     return order;
   }
-  if (ecatm_is_second(slave)) {
-    ModelicaFormatError("EtherCAT: two blocks of this model write the outputs of slave %d of bus '%s'; "
-                        "remove one of them", slave->on_bus.position, master->name);
+  if (rival != NULL) {
+    ModelicaFormatError("EtherCAT: %s%stwo blocks of this model write the outputs of slave %d of bus "
+                        "'%s'; remove one of them", rival->heading, slave->node.heading,
+                        slave->on_bus.position, master->name);
     return order;
   }
   last = ecatm_is_last(slave, time);

@@ -20,11 +20,22 @@ ECATM_FUNCTION void ecatm_at(ecatm_master *master, double time) {
     ecatm_take_sample(master, time);
 }
 
+/* Blocks use the master of the name etherCATMaster. Where there is none, tools make one of their own, and
+ * one of another name stays without blocks. */
+ECATM_FUNCTION void ecatm_tell_unused(const ecatm_master *master) {
+  if (master->objects != NULL) return;
+  ModelicaFormatMessage("EtherCAT: %sno block uses this connection to bus '%s'. Blocks use the component with "
+                        "the name etherCATMaster that is declared inner; a tool that finds none adds one with "
+                        "default parameters. If that was not meant, rename this component to "
+                        "etherCATMaster\n", master->heading, master->name);
+}
+
 /* Waits for the bus where asked to, then samples; returns the cycle of the sample. */
 ECATM_FUNCTION int ecatm_wait(void *object, double time) {
   ecatm_master *master = (ecatm_master *)object;
   ecat_session *session = &master->session;
   if (master->waited && ecatm_same_time(time, master->wait_time)) return session->cycle;
+  if (!master->waited) ecatm_tell_unused(master);
   if (master->wait_for_bus)
     ecatm_check(master, ecat_session_pace(session, session->in_step ? master->stride : 1, time));
   master->wait_time = time;
@@ -39,7 +50,7 @@ ECATM_FUNCTION int ecatm_wait(void *object, double time) {
  * that it came from.
  *
  * age: since the frames of the sample came back, s
- * missed: samples that came too late for the bus cycle they waited for
+ * missed: bus cycles that passed beside those that the model waited for, because it was too slow
  * state: enum ecat_session_state
  * wkc, wkc_expected: working counters, sums of all domains of the bus */
 ECATM_FUNCTION int ecatm_master_state(void *object, double time, int order, double *age, int *missed,
@@ -84,8 +95,10 @@ ECATM_FUNCTION int ecatm_read_integer(void *object, double time, int order) {
   const ecat_signal_info *entry = &((ecatm_pdo *)object)->on_bus.expected;
   double value = ecatm_read_real(object, time, order);
   if (ecatm_is_integer(value)) return ecatm_nearest_integer(value);
-  ModelicaFormatError("EtherCAT: entry 0x%04X:%02X of slave %d is %g, which no Modelica Integer can "
-                      "hold; read it as a Real", entry->index, entry->subindex, entry->slave, value);
+  ModelicaFormatError("EtherCAT: %sentry 0x%04X:%02X of slave %d is %g, which no Modelica Integer can "
+                      "hold; read it as a Real",
+                      ecatm_slave_of(((ecatm_pdo *)object)->on_bus.slave)->node.heading, entry->index,
+                      entry->subindex, entry->slave, value);
   return 0;
 }
 

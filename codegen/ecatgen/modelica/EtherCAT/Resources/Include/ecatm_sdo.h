@@ -71,14 +71,16 @@ ECATM_FUNCTION int ecatm_sdo_connected(const ecatm_master *master) {
 }
 
 /* Whether the bus has a slave: 0, or what ecat_session_fail() returns. */
-ECATM_FUNCTION int ecatm_check_position(ecatm_master *master, int position) {
+ECATM_FUNCTION int ecatm_check_position(ecatm_master *master, const char *heading, int position) {
   ecat_session *session = &master->session;
   ecat_slave_info info;
-  return ecat_session_client(session, ecat_slave(session->bus, position, &info));
+  int code = ecat_slave(session->bus, position, &info);
+  if (code == 0) return 0;
+  return ecat_session_fail(session, code, "%s%s", heading, ecat_error(session->bus));
 }
 
 ECATM_FUNCTION int ecatm_transfer_check(ecatm_node *node) {
-  return ecatm_check_position(node->master, ((ecatm_transfer *)node)->position);
+  return ecatm_check_position(node->master, node->heading, ((ecatm_transfer *)node)->position);
 }
 
 ECATM_FUNCTION void ecatm_transfer_open(ecatm_transfer *transfer, int position, int index,
@@ -91,18 +93,20 @@ ECATM_FUNCTION void ecatm_transfer_open(ecatm_transfer *transfer, int position, 
 }
 
 /* Stops the simulation if no slave can have such an object. */
-ECATM_FUNCTION void ecatm_check_range(int position, int index, int subindex) {
+ECATM_FUNCTION void ecatm_check_range(const char *heading, int position, int index, int subindex) {
   if (position < 0 || index < 0 || index > 0xFFFF || subindex < 0 || subindex > 0xFF) {
-    ModelicaFormatError("EtherCAT: slave %d, index %d, subindex %d is no object: positions begin with "
-                        "0, indices end with 65535 (0xFFFF), subindices with 255", position, index,
-                        subindex);
+    ModelicaFormatError("EtherCAT: %sslave %d, index %d, subindex %d is no object: positions begin with "
+                        "0, indices end with 65535 (0xFFFF), subindices with 255", heading, position,
+                        index, subindex);
   }
 }
 
 /* The same, or if there is a bus that has no such slave. */
-ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, int position, int index, int subindex) {
-  ecatm_check_range(position, index, subindex);
-  if (master->session.bus != NULL) ecatm_check(master, ecatm_check_position(master, position));
+ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, const char *heading, int position,
+                                       int index, int subindex) {
+  ecatm_check_range(heading, position, index, subindex);
+  if (master->session.bus != NULL)
+    ecatm_check(master, ecatm_check_position(master, heading, position));
 }
 
 /* The end of a transfer that did not succeed. It does not end the simulation; the log says so once,
@@ -112,9 +116,10 @@ ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const
   sprintf(text, "%.*s", ECATM_TEXT - 1, why);
   if (ecatm_sdo_connected(transfer->node.master) &&
       (!transfer->told || strcmp(text, transfer->text) != 0))
-    ModelicaFormatMessage("EtherCAT: %s object 0x%04X:%02X of slave %d failed: %s\n",
-                          transfer->download ? "writing" : "reading", (unsigned)transfer->index,
-                          (unsigned)transfer->subindex, transfer->position, text);
+    ModelicaFormatMessage("EtherCAT: %s%s object 0x%04X:%02X of slave %d failed: %s\n",
+                          transfer->node.heading, transfer->download ? "writing" : "reading",
+                          (unsigned)transfer->index, (unsigned)transfer->subindex,
+                          transfer->position, text);
   strcpy(transfer->text, text);
   transfer->told = 1;
   transfer->abort_code = code;
@@ -146,6 +151,9 @@ ECATM_FUNCTION int ecatm_transfer_step(ecatm_transfer *transfer) {
   if (!ecatm_sdo_connected(master) ||
       (transfer->handle >= 0 && transfer->connection != master->session.connections))
     return ecatm_transfer_lose(transfer);
+  if (transfer->download && master->session.settings.read_only)
+    return ecatm_transfer_fail(transfer, ECAT_ESTATE, "readOnly of the EtherCATMaster is true, so the "
+                               "model writes nothing");
   if (transfer->handle < 0) {
     code = ecat_sdo_start(master->session.bus, transfer->position, (unsigned)transfer->index,
                           (unsigned)transfer->subindex,
@@ -200,19 +208,19 @@ ECATM_FUNCTION int ecatm_trigger_decide(ecatm_trigger *trigger, int input) {
 /* --- Objects ------------------------------------------------------------------------------- */
 
 /* Stops the simulation if the block has no use for the type of the object. */
-ECATM_FUNCTION void ecatm_sdo_check_type(int type, int value) {
+ECATM_FUNCTION void ecatm_sdo_check_type(const char *heading, int type, int value) {
   int fits = value == ECATM_STRING_VALUE ? ecatm_type_is_text(type)
              : value == ECATM_REAL_VALUE ? ecatm_type_bytes(type) > 0
                                          : ecatm_type_bytes(type) > 0 && !ecatm_type_is_real(type);
   if (!fits)
-    ModelicaFormatError("EtherCAT: the dataType cannot be 0x%04X: %s", (unsigned)type,
+    ModelicaFormatError("EtherCAT: %sthe dataType cannot be 0x%04X: %s", heading, (unsigned)type,
                         value == ECATM_STRING_VALUE ? "a String needs a string type"
                         : value == ECATM_REAL_VALUE ? "a Real needs the type of a number"
                                                     : "an Integer needs an integer type");
 }
 
 /* Index and subindex of a text such as "0x6060:00", both hexadecimal; an empty text changes nothing. */
-ECATM_FUNCTION void ecatm_sdo_parse(const char *text, int *index, int *subindex) {
+ECATM_FUNCTION void ecatm_sdo_parse(const char *heading, const char *text, int *index, int *subindex) {
   const char *number = text;
   char *end = NULL;
   unsigned long numbers[2] = {0, 0};
@@ -220,8 +228,8 @@ ECATM_FUNCTION void ecatm_sdo_parse(const char *text, int *index, int *subindex)
   numbers[0] = strtoul(number, &end, 16);
   if (end != number && *end == ':') numbers[1] = strtoul(number = end + 1, &end, 16);
   if (end == number || *end != '\0' || numbers[0] > 0xFFFF || numbers[1] > 0xFF) {
-    ModelicaFormatError("EtherCAT: \"%.40s\" is no object: write it as \"0x6060:00\", index and "
-                        "subindex in hexadecimal", text);
+    ModelicaFormatError("EtherCAT: %s\"%.40s\" is no object: write it as \"0x6060:00\", index and "
+                        "subindex in hexadecimal", heading, text);
     return;
   }
   *index = (int)numbers[0];
@@ -230,28 +238,32 @@ ECATM_FUNCTION void ecatm_sdo_parse(const char *text, int *index, int *subindex)
 
 /* An object of a slave. `type`: CoE data type; `value`: enum ecatm_sdo_value, what the model has of
  * it; `when`: enum ecatm_sdo_when, with `period` in s if sampled; `scale` and `offset` for a Real;
- * `address`: index and subindex as text, instead of the numbers. */
+ * `address`: index and subindex as text, instead of the numbers; `block`: name of the block's instance. */
 ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, int index, int subindex, int type,
                                     int value, int when, double period, double scale,
-                                    double offset, const char *address) {
+                                    double offset, const char *address, const char *block) {
   ecatm_master *master = (ecatm_master *)object;
   ecatm_sdo *sdo;
-  ecatm_sdo_parse(address, &index, &subindex);
-  ecatm_check_object(master, position, index, subindex);
-  ecatm_sdo_check_type(type, value);
+  char heading[ECATM_HEADING];
+  ecatm_head(heading, block);
+  ecatm_sdo_parse(heading, address, &index, &subindex);
+  ecatm_check_object(master, heading, position, index, subindex);
+  ecatm_sdo_check_type(heading, type, value);
   if (when == ECATM_SAMPLED && !(period > 0)) {
-    ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d cannot be requested every %g s: the "
-                        "period must be positive", (unsigned)index, (unsigned)subindex, position, period);
+    ModelicaFormatError("EtherCAT: %sobject 0x%04X:%02X of slave %d cannot be requested every %g s: the "
+                        "period must be positive", heading, (unsigned)index, (unsigned)subindex,
+                        position, period);
     return NULL;
   }
   if (!ecatm_is_scale(scale, offset)) {
-    ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
-                        "of %g: the scale must be a finite number other than 0", (unsigned)index,
-                        (unsigned)subindex, position, scale, offset);
+    ModelicaFormatError("EtherCAT: %sobject 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
+                        "of %g: the scale must be a finite number other than 0", heading,
+                        (unsigned)index, (unsigned)subindex, position, scale, offset);
     return NULL;
   }
   sdo = (ecatm_sdo *)ecatm_new(master, sizeof *sdo);
   if (sdo == NULL) return NULL;
+  strcpy(sdo->transfer.node.heading, heading);
   ecatm_transfer_open(&sdo->transfer, position, index, subindex);
   sdo->trigger.when = when;
   sdo->trigger.period = period;
@@ -288,9 +300,9 @@ ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int input, int do
   if (ecatm_trigger_begin(trigger, time)) {
     if (trigger->state == ECATM_SDO_BUSY) {
       if (sdo->wrong)
-        ModelicaFormatError("EtherCAT: object 0x%04X:%02X of slave %d cannot be written: %s",
-                            (unsigned)transfer->index, (unsigned)transfer->subindex,
-                            transfer->position, sdo->mistake);
+        ModelicaFormatError("EtherCAT: %sobject 0x%04X:%02X of slave %d cannot be written: %s",
+                            transfer->node.heading, (unsigned)transfer->index,
+                            (unsigned)transfer->subindex, transfer->position, sdo->mistake);
       trigger->state = ecatm_transfer_step(transfer);
       if (trigger->state == ECATM_SDO_DONE && !transfer->download)
         trigger->state = ecatm_sdo_decode(sdo);

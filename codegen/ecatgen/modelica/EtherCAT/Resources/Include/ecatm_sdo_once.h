@@ -14,8 +14,8 @@ ECATM_FUNCTION void ecatm_once(const char *name, int position, const char *objec
   ecat_t *bus = NULL;
   char text[ECATM_TEXT];
   int index = -1, subindex = -1, request, code, download = *length > 0;
-  ecatm_sdo_parse(object, &index, &subindex);
-  ecatm_check_range(position, index, subindex);
+  ecatm_sdo_parse("", object, &index, &subindex);
+  ecatm_check_range("", position, index, subindex);
   code = request = ecat_open(&bus, name);
   if (code == 0)
     code = request = ecat_sdo_start(bus, position, (unsigned)index, (unsigned)subindex,
@@ -43,7 +43,7 @@ ECATM_FUNCTION double ecatm_once_number(const char *name, int position, const ch
   char text[ECATM_TEXT];
   double number = 0;
   size_t length = 0;
-  ecatm_sdo_check_type(type, value);
+  ecatm_sdo_check_type("", type, value);
   ecatm_once(name, position, object, data, &length);
   ecatm_once_check(ecatm_decode_number(type, data, length, &number, text), object, text);
   return number;
@@ -67,7 +67,7 @@ ECATM_FUNCTION const char *ecatm_once_read_string(const char *name, int position
   unsigned char data[ECAT_REQUEST_BYTES];
   char text[ECATM_STRING];
   size_t length = 0;
-  ecatm_sdo_check_type(type, ECATM_STRING_VALUE);
+  ecatm_sdo_check_type("", type, ECATM_STRING_VALUE);
   ecatm_once(name, position, object, data, &length);
   ecatm_decode_text(type, data, length, text);
   return ecatm_text(text);
@@ -78,14 +78,14 @@ ECATM_FUNCTION void ecatm_once_write_real(const char *name, int position, const 
   unsigned char data[ECAT_REQUEST_BYTES];
   char text[ECATM_TEXT];
   size_t length;
-  ecatm_sdo_check_type(type, ECATM_REAL_VALUE);
+  ecatm_sdo_check_type("", type, ECATM_REAL_VALUE);
   ecatm_once_check(ecatm_encode_number(type, value, data, &length, text), object, text);
   ecatm_once(name, position, object, data, &length);
 }
 
 ECATM_FUNCTION void ecatm_once_write_integer(const char *name, int position, const char *object,
                                              int type, int value) {
-  ecatm_sdo_check_type(type, ECATM_INTEGER_VALUE);
+  ecatm_sdo_check_type("", type, ECATM_INTEGER_VALUE);
   ecatm_once_write_real(name, position, object, type, value);
 }
 
@@ -94,7 +94,7 @@ ECATM_FUNCTION void ecatm_once_write_string(const char *name, int position, cons
   unsigned char data[ECAT_REQUEST_BYTES];
   char text[ECATM_TEXT];
   size_t length;
-  ecatm_sdo_check_type(type, ECATM_STRING_VALUE);
+  ecatm_sdo_check_type("", type, ECATM_STRING_VALUE);
   ecatm_once_check(ecatm_encode_text(type, value, data, &length, text), object, text);
   ecatm_once(name, position, object, data, &length);
 }
