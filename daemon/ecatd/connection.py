@@ -6,9 +6,10 @@ import asyncio
 from typing import Any
 
 from .model.errors import UsageError
-from .wire import LENGTH, frame, unpack
+from .wire import LENGTH, MAX_REPLY, frame, unpack
 
-_UNSENT_MAX = 1 << 20
+_UNSENT_MAX = MAX_REPLY
+"""Bytes: an end is not stuck because it has not read the whole of one reply yet."""
 
 
 class Connection(asyncio.Protocol):

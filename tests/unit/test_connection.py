@@ -13,7 +13,7 @@ import pytest
 
 from ecatd.connection import Connection
 from ecatd.model.errors import UsageError
-from ecatd.wire import frame
+from ecatd.wire import MAX_REPLY, frame
 
 LIMIT = 1000
 
@@ -130,8 +130,10 @@ def test_an_end_that_does_not_read_is_known(tmp_path: Path) -> None:
             await until(lambda: bool(end.messages))
             assert end.is_open
             assert not end.is_stuck
-            for _ in range(4000):
-                end.send({"data": bytes(900)})
+            end.send({"data": bytes(MAX_REPLY // 2)})  # the description of a very large bus
+            assert not end.is_stuck
+            for _ in range(2):
+                end.send({"data": bytes(MAX_REPLY // 2)})
             assert end.is_stuck
             end.abort()
             await until(lambda: end.has_ended)
