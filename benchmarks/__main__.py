@@ -17,10 +17,11 @@ from .cores import benchmark as cores
 from .engine import benchmark as engine
 from .modelica import benchmark as modelica
 from .requests import benchmark as requests
+from .scale import benchmark as scale
 from .simulator import benchmark as simulator
 
 BENCHMARKS: dict[str, Any] = {
-    module.NAME: module for module in (simulator, engine, cores, requests, client, modelica)
+    module.NAME: module for module in (simulator, engine, cores, scale, requests, client, modelica)
 }
 """By name: modules with `SETTINGS` and `measure`."""
 

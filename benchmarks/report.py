@@ -13,12 +13,14 @@ from .cores import report as cores_report
 from .engine import report as engine_report
 from .modelica import report as modelica_report
 from .requests import report as requests_report
+from .scale import report as scale_report
 from .simulator import report as simulator_report
 
 SECTIONS: dict[str, Any] = {
     "simulator": simulator_report,
     "engine": engine_report,
     "cores": cores_report,
+    "scale": scale_report,
     "requests": requests_report,
     "client": client_report,
     "modelica": modelica_report,

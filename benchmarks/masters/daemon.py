@@ -78,10 +78,15 @@ class Daemon:
                     raise StateError("ecatd does not start") from None
 
     @property
+    def processes(self) -> list[int]:
+        """Its bus server and its gateway."""
+        children = Path(f"/proc/{self._process.pid}/task/{self._process.pid}/children")
+        return list(map(int, children.read_text().split()))
+
+    @property
     def bus_server(self) -> int:
         """The process of its bus server."""
-        children = Path(f"/proc/{self._process.pid}/task/{self._process.pid}/children")
-        for pid in map(int, children.read_text().split()):
+        for pid in self.processes:
             if b"busy_bus" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 return pid
         raise StateError("ecatd has no bus server")

@@ -72,6 +72,16 @@ def test_requests(tmp_path: Path) -> None:
     assert "SDO reads a second by 2 clients over Zenoh" in page
 
 
+def test_scale(tmp_path: Path) -> None:
+    result, page = measured("scale", tmp_path)
+    assert [case["slaves"] for case in result["cases"]] == [10, 250]
+    for case in result["cases"]:
+        assert min(case["start"], case["cycles"], case["frames"], case["memory"]) > 0
+    small, large = result["cases"]
+    assert small["shared"] < large["shared"]
+    assert "## Many slaves" in page
+
+
 def test_engine(tmp_path: Path) -> None:
     result, page = measured("engine", tmp_path)
     (line,) = result["lines"]

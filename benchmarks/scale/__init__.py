@@ -1,0 +1,1 @@
+"""How the daemon grows with the slaves of a bus, up to a thousand."""

@@ -1,0 +1,35 @@
+"""What large buses are meant to reach, and whether they do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from ..target import Target
+
+LARGE = 1000
+"""Slaves of the bus that the targets are about."""
+START = 10.0
+"""Seconds from the command to OP."""
+CORES = 3
+"""For the engine, for the simulator's frames, and for the Python of both."""
+
+
+def targets(result: dict[str, Any]) -> Iterator[Target]:
+    """All of them."""
+    for case in result["cases"]:
+        if case["slaves"] != LARGE:
+            continue
+        yield Target(
+            f"from the command to OP, {LARGE} slaves",
+            f"≤ {START:g} s",
+            f"{case['start']:.1f} s",
+            case["start"] <= START,
+        )
+        yield Target(
+            f"frames lost in {case['seconds']:g} s at 1 kHz, {LARGE} slaves",
+            "0",
+            f"{case['lost_frames']} of {case['frames']}",
+            case["lost_frames"] == 0,
+            CORES,
+        )
