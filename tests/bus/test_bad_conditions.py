@@ -304,10 +304,19 @@ def test_a_second_master_that_only_scans(bench: Bench) -> None:
     assert bench.daemon.ctl_json("stats")["foreign"] == bench.health().foreign
 
 
-def test_a_second_master_that_only_reads(bench: Bench) -> None:
-    """KickCAT gives up when the first answer that it gets is one of ours."""
+def test_a_second_master_of_another_kind(bench: Bench) -> None:
+    """KickCAT gives up when the first answer that it gets is one of ours; else it goes on."""
     bench.start_inside("kickcat_scan", MASTER).wait()
-    told = other_master(bench, "ca:de:ca:de:de:ff, a master with KickCAT")
+    other_master(bench, "ca:de:ca:de:de:ff, a master with KickCAT")
+    assert bench.health().foreign >= 1
+    bench.wait_for_data()
+
+
+def test_a_second_master_that_only_reads(bench: Bench) -> None:
+    read = "0700000030010200000000000000"  # BRD of the AL status
+    frame = ("ff" * 6 + "062233445566" + "88a4" + "0e10" + read).ljust(120, "0")
+    bench.start_inside("send", MASTER, frame, "1", "0").wait()
+    told = other_master(bench, "06:22:33:44:55:66")
     assert "1 in the last 1 s. It has only read, as far as was seen. Two masters" in told
     bench.wait_for_event("foreign_master", interface=MASTER, count=1)
     assert bench.health().foreign == 1
