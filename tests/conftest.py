@@ -20,6 +20,10 @@ from hypothesis import HealthCheck, settings
 
 from ecatd.client import Client
 
+# A shell that starts the tests in the background has them ignore SIGINT, and so do their programs.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 # How long examples take is up to the machine, and no behaviour.
 settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ecatd")
