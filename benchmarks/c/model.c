@@ -27,7 +27,7 @@ static void open_model(const char *name)
     int i;
     model.master = ecatm_master_open(name, 0, SAMPLE_TIME, 1, LEASE, ECAT_FAILURE_ERROR,
                                      ECAT_FAILURE_ERROR, 0, 0, 0, "");
-    model.bus = ((ecatm_master *)model.master)->bus;
+    model.bus = ((ecatm_master *)model.master)->session.bus;
     Bench_open(&model.blocks, model.master, 1);
     for (i = 0; i < ecat_signal_count(model.bus) && i < MOST_SIGNALS; i++) {
         ecat_signal_info info;
