@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = pytest.mark.bus
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,6 +72,7 @@ def test_requests(tmp_path: Path) -> None:
     assert "SDO reads a second by 2 clients over Zenoh" in page
 
 
+@pytest.mark.unprivileged  # one of those that use all there is; more of them take minutes
 def test_scale(tmp_path: Path) -> None:
     result, page = measured("scale", tmp_path)
     assert [case["slaves"] for case in result["cases"]] == [10, 250]
