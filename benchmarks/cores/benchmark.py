@@ -53,6 +53,8 @@ class Settings:
         load_rounds: How often each load is switched on and off.
         load_seconds: How long it is on, and off.
         loads: Which ones.
+        keep_awake: Whether processors are kept from sleeping. A trial does without: on a busy
+            machine some kernels let other processes starve beside it.
     """
 
     rates: tuple[float, ...] = (1000, 4000)
@@ -60,11 +62,17 @@ class Settings:
     load_rounds: int = 12
     load_seconds: float = 0.3
     loads: tuple[str, ...] = (SDO, ZENOH, PYTHON, MEMORY)
+    keep_awake: bool = True
 
 
 SETTINGS = {
     "quick": Settings(
-        rates=(1000,), seconds=0.2, load_rounds=1, load_seconds=0.2, loads=(SDO, PYTHON)
+        keep_awake=False,
+        rates=(1000,),
+        seconds=0.2,
+        load_rounds=1,
+        load_seconds=0.2,
+        loads=(SDO, PYTHON),
     ),
     "normal": Settings(),
     "full": Settings(seconds=60.0, load_rounds=40),
@@ -79,7 +87,7 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
         tools = Tools.make(Path(folder))
         obstacle = responder.obstacle(tools.responder)
         responders = (SIMULATOR,) if obstacle else (SIMULATOR, KERNEL)
-        with awake(tools) as kept_awake:
+        with awake(tools, wanted=settings.keep_awake) as kept_awake:
             return {
                 "processors": tools.processors.to_json(),
                 "awake": kept_awake,
