@@ -62,8 +62,9 @@ demo: $(VENV)/.demo
 pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VENV)/.demo))
 	@PYTHONPATH=daemon:codegen $(BIN)/python -m ecatgen.drawing docs/pictures
 
-# Most people start as an ordinary user, so what depends on rights is tested as one, too: in a user
-# namespace in which this process is user 1000 and has no rights beyond it.
+# Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
+# which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.
+FIRST_STEPS := $(addprefix tests/e2e/test_,start_up.py figure9.py benchmarks.py)
 # Most tests wait most of the time, so there is one process for each processor. Files stay whole.
 PARALLEL := --numprocesses auto --dist loadfile
 
@@ -78,9 +79,9 @@ endef
 
 test: $(VENV)/.test
 	$(call crowd_then_alone,root)
-	@if [ "$$(id -u)" = 0 ]; then echo "What depends on rights, as an ordinary user:"; fi
+	@if [ "$$(id -u)" = 0 ]; then echo "The first steps, as an ordinary user:"; fi
 	@[ "$$(id -u)" != 0 ] || \
-	  $(call crowd_then_alone,user,unshare --user --map-user=1000 --map-group=1000,-m unprivileged)
+	  $(call crowd_then_alone,user,unshare --user --map-user=1000 --map-group=1000,-m unprivileged $(FIRST_STEPS))
 
 # What the tests name in their first lines; each of these is a part of make test in small.
 death: $(VENV)/.test
