@@ -29,12 +29,6 @@ const char *session_heading(const ecat_session_slave *slave) {
   return slave->heading != NULL ? slave->heading : "";
 }
 
-const char *ecat_session_heading(const ecat_session *session, int position) {
-  const ecat_session_slave *slave = session->slaves;
-  while (slave != NULL && slave->position != position) slave = slave->next;
-  return slave != NULL ? session_heading(slave) : "";
-}
-
 void session_tell(ecat_session *session, int warning, const char *format, ...) {
   char text[sizeof session->problem + 100];
   va_list arguments;

@@ -173,10 +173,6 @@ class Model:
         self.send(output)
         return self.receive()
 
-    def pause(self, seconds: float) -> None:
-        """Takes no samples for some time; the clock of the model stands still meanwhile."""
-        time.sleep(seconds)
-
     def until(self, condition: Callable[[Step], bool], output: int = 0) -> Step:
         """Samples until something has come about."""
         deadline = time.monotonic() + 40

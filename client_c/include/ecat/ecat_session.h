@@ -128,8 +128,6 @@ __attribute__((format(printf, 3, 4)))
 ECAT_API int ecat_session_fail(ecat_session *session, int code, const char *format, ...);
 /* The same with the sentence of the client, if `code` is an error of it. */
 ECAT_API int ecat_session_client(ecat_session *session, int code);
-/* The heading of the slave at a position; empty where it has none, or is no slave of the session. */
-ECAT_API const char *ecat_session_heading(const ecat_session *session, int position);
 
 /* A session without a bus. */
 ECAT_API void ecat_session_init(ecat_session *session, const ecat_session_settings *settings);

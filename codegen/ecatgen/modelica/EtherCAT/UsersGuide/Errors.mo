@@ -4,7 +4,8 @@ class Errors "Errors"
 
   annotation (Documentation(info = "<html>
 <p>
-Every error is one sentence that begins with <code>EtherCAT:</code> and ends the simulation. What happens
+Every error is one sentence that begins with <code>EtherCAT:</code> and ends the simulation. Where it is about a
+block, the name of that block in the model comes next. What happens
 without a bus can be chosen by <code>whenMissing</code> and <code>whenFailed</code> of the
 <a href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a>.
 </p>
@@ -24,7 +25,11 @@ Generate the library again.</td></tr>
 profile has another unit, scale or offset now. Generate the library again, or undo the change and start the daemon
 again.</td></tr>
 <tr><td>output ... of slave ... belongs to ...</td><td>Another program writes it: end that
-first. If it is this one, a second EtherCATMaster of the model does.</td></tr>
+first, or set <code>readOnly</code> of the EtherCATMaster if this model only watches. If it is this program, a
+second EtherCATMaster of the model does.</td></tr>
+<tr><td>slave ... is not in OP, but in ...</td><td>It has left OP, and <code>requireOperational</code> of the
+EtherCATMaster is true; else this is a note. Look at the AL status code and at
+<code>ecatctl slaves</code>.</td></tr>
 <tr><td>two blocks of this model write the outputs of slave ...</td><td>Remove one of them.</td></tr>
 <tr><td>... did not sample in time and lost its outputs ...</td><td>The simulation was slower than the
 <code>lease</code> of the EtherCATMaster, or paused. The outputs are safe. Start again; make the model
@@ -55,7 +60,8 @@ time. Start the daemon; make <code>patience</code> of the EtherCATMaster longer.
 <code>ecatctl</code>.</td></tr>
 </table>
 <p>
-A message that begins with <code>EtherCAT:</code> and does not end the simulation is a note: an SDO that a slave
+A message that begins with <code>EtherCAT:</code> and does not end the simulation is a note: a slave that has left
+OP or is back, an EtherCATMaster that no block uses because it is not called <code>etherCATMaster</code>, an SDO that a slave
 has refused, a priority that the system does not permit, or a bus that the model waits for or goes on
 without, and that is there again.
 </p>

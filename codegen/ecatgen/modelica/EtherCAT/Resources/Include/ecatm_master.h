@@ -201,7 +201,7 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
   settings.context = master;
   ecat_session_init(&master->session, &settings);
   if (ecat_session_begin(&master->session) != 0) { /* nobody would destroy it: there is no object */
-    sprintf(text, "%s", master->session.problem);
+    strcpy(text, master->session.problem);
     ecatm_drop(master);
     ModelicaFormatError("EtherCAT: %s", text);
     return NULL;
