@@ -95,7 +95,7 @@ to their safe values. Waiting for the bus is no pause, so that with <code>waitFo
 may be longer.
 </p>
 <p>
-Each sample is an event for the solver. OpenModelica 1.25 hangs with the solver <code>cvode</code> when
+Each sample is an event for the solver. OpenModelica 1.25 may hang with the solver <code>cvode</code> when
 <code>sampleTime</code> has different elements: use <code>dassl</code>, <code>ida</code>, <code>rungekutta</code> or
 <code>euler</code>.
 </p>
