@@ -71,10 +71,13 @@ def settle(
                 tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
             continue
         used = item in described and slave.position not in refused
-        why = refused.get(slave.position) or item.unplaced
+        unplaced = item.unplaced
+        why = refused.get(slave.position) or unplaced
         if not used:
             slave.outputs, slave.inputs = [], []
         doubts[slave.position] = doubt = _doubt(item, used=used, why=why)
+        if unplaced:
+            slave.problems.append(unplaced)
         if doubt.word == SILENT:
             tell(f"{item.silence}; {slave.label} {doubt.text.partition(', so it ')[2]}; {_CURE}")
         else:
