@@ -11,7 +11,7 @@ from typing import Any
 
 from ecatd.model.errors import EcatError, UsageError
 
-from . import machine, report
+from . import interruptions, machine, report
 from .client import benchmark as client
 from .cores import benchmark as cores
 from .engine import benchmark as engine
@@ -42,6 +42,7 @@ def main() -> int:
         if not options.report_only:
             _prepare(folder)
             facts = machine.describe()  # before the first one enters a namespace
+            facts["interruptions"] = interruptions.measure(extent)
             for name in [options.only] if options.only else BENCHMARKS:
                 (folder / f"{name}.json").write_text(_as_json(_measure(name, extent, facts)))
         print(report.write(options.out))

@@ -35,7 +35,9 @@ gcc and g++ and leave such a page and its results in `bench/`, or where `OUT=doc
 line of each section names the one that wrote it. They need no root, but an ordinary user gets no
 real-time priority, and then the load of the machine shows in the numbers, and no frames are
 answered in the kernel. Compare ratios, not times: both sides of a ratio are measured in one run,
-in turns. A target that assumes more cores than a machine has, and is not met, says so.
+in turns. A target that assumes more cores than a machine has, and is not met, says so. So does one
+that counts lost frames or missed cycles where the processors themselves stood still at least as
+often: the host of a virtual machine takes them away whenever it likes.
 """
 
 _COMMANDS = {
@@ -67,7 +69,20 @@ def _origin(result: dict[str, Any]) -> str:
         f"({machine['processor']}, governor {machine['governor']}), "
         f"Linux {machine['kernel']}, Python {machine['python']}, "
         f"load before the run {machine['load']}."
+        + _interruptions(machine.get("interruptions"))
         + (f" {again['what']}: again on {again['date']}, {again['revision']}." if again else "")
+    )
+
+
+def _interruptions(found: dict[str, Any] | None) -> str:
+    """How steady the machine is."""
+    if found is None:
+        return ""
+    who = "the highest priority" if found["real_time"] else "ordinary priority"
+    return (
+        f" A loop of {who} that never sleeps stood still on each of these processors "
+        f"{found['rate']:g} times a second for longer than {found['longer_than_us']:g} µs, "
+        f"{found['longest_us'] / 1000:.1f} ms at most."
     )
 
 

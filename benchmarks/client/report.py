@@ -49,7 +49,7 @@ def section(result: dict[str, Any]) -> str:
             f"## {TITLE}",
             _HOW,
             "![Snapshots with many readers](performance/client.svg)",
-            verdicts(targets(result), result["machine"]["cores"]),
+            verdicts(targets(result), result["machine"]),
             _readers(result["processors"]),
             _snapshots(result["snapshots"]),
             "A commit, and a whole step of a program (sample, 20 reads, 4 writes, commit), in ns:",

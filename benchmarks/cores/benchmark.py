@@ -38,7 +38,8 @@ SIMULATOR, KERNEL = "simulator", "kernel"
 OWN, SHARED = "own", "shared"
 """Whether the engine has a processor for itself (`realtime.cpu`), and all others keep off it."""
 _LINE = (8, 32)
-_RATE = 1000
+RATE = 1000
+"""Cycles a second of the daemon."""
 _TAP_RATE, _TAP_SECONDS = 100, 0.2
 _LOOPS = ((SLEEP, False), (ENGINE, False))
 
@@ -53,8 +54,6 @@ class Settings:
         load_rounds: How often each load is switched on and off.
         load_seconds: How long it is on, and off.
         loads: Which ones.
-        keep_awake: Whether processors are kept from sleeping. A trial does without: on a busy
-            machine some kernels let other processes starve beside it.
     """
 
     rates: tuple[float, ...] = (1000, 4000)
@@ -62,12 +61,10 @@ class Settings:
     load_rounds: int = 12
     load_seconds: float = 0.3
     loads: tuple[str, ...] = (SDO, ZENOH, PYTHON, MEMORY)
-    keep_awake: bool = True
 
 
 SETTINGS = {
     "quick": Settings(
-        keep_awake=False,
         rates=(1000,),
         seconds=0.2,
         load_rounds=1,
@@ -87,7 +84,7 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
         tools = Tools.make(Path(folder))
         obstacle = responder.obstacle(tools.responder)
         responders = (SIMULATOR,) if obstacle else (SIMULATOR, KERNEL)
-        with awake(tools, wanted=settings.keep_awake) as kept_awake:
+        with awake(tools) as kept_awake:
             return {
                 "processors": tools.processors.to_json(),
                 "awake": kept_awake,
@@ -169,7 +166,7 @@ def _loads(
                         load,
                         settings.load_rounds,
                         settings.load_seconds,
-                        partial(here.sleep, _RATE),
+                        partial(here.sleep, RATE),
                     )
                 results.append(result | found)
     return results

@@ -58,7 +58,7 @@ def section(result: dict[str, Any]) -> str:
             _HOW,
             f"Not measured with frames answered in the kernel: {reason}." if reason else "",
             "![Exchange beside loads](performance/cores.svg)",
-            verdicts(targets(result), result["machine"]["cores"]),
+            verdicts(targets(result), result["machine"]),
             _ALONE,
             _alone(result["alone"]),
             _LOADS,

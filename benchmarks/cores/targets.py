@@ -8,9 +8,9 @@ from typing import Any
 from ..engine.loads import WANTED
 from ..engine.targets import DONE
 from ..engine.turns import ENGINE, SLEEP
-from ..target import Target
+from ..target import Events, Target
 from ..words import pace
-from .benchmark import KERNEL, OWN
+from .benchmark import KERNEL, OWN, RATE
 
 LOAD = 1.25
 """Largest ratio of the 99th percentile of an exchange under load to that without."""
@@ -24,8 +24,9 @@ def targets(result: dict[str, Any]) -> Iterator[Target]:
     for case in result["alone"]:
         if case["responder"] == KERNEL:
             engine, sleep = case["loops"][ENGINE], case["loops"][SLEEP]
-            yield _lost(f"alone, {pace(case['rate'])}", engine)
-            yield _missed(f"alone, {pace(case['rate'])}", [engine], [sleep])
+            where = f"alone, {pace(case['rate'])}"
+            yield _lost(where, engine, case["rate"])
+            yield _missed(where, [engine], [sleep], case["rate"])
     loads = [x for x in result["loads"] if x["responder"] == KERNEL and x["place"] == OWN]
     for load in loads:
         wanted = WANTED.get(load["load"], 0)
@@ -37,21 +38,26 @@ def targets(result: dict[str, Any]) -> Iterator[Target]:
             + (f"; {load['rate']:.0f} a second were done" if wanted else ""),
             load["ratio_p99"] <= LOAD and load["rate"] >= DONE * wanted,
         )
-        yield _lost(f"beside {load['load']}", load["on"])
+        yield _lost(f"beside {load['load']}", load["on"], RATE)
     if loads:
         yield _missed(
-            "beside all of these loads", [x["on"] for x in loads], [x[SLEEP] for x in loads]
+            "beside all of these loads", [x["on"] for x in loads], [x[SLEEP] for x in loads], RATE
         )
 
 
-def _lost(where: str, engine: dict[str, Any]) -> Target:
+def _lost(where: str, engine: dict[str, Any], rate: float) -> Target:
+    lost = engine["lost_frames"]
     return Target(
-        f"frames lost {where}", "0", f"{engine['lost_frames']}", engine["lost_frames"] == 0
+        f"frames lost {where}",
+        "0",
+        f"{lost} of {engine['frames']}",
+        lost == 0,
+        events=Events(lost, engine["cycles"] / rate),
     )
 
 
 def _missed(
-    where: str, engine: Iterable[dict[str, Any]], sleep: Iterable[dict[str, Any]]
+    where: str, engine: Iterable[dict[str, Any]], sleep: Iterable[dict[str, Any]], rate: float
 ) -> Target:
     (cycles, missed), (slept, late) = (
         [sum(item[key] for item in items) for key in ("cycles", "missed_cycles")]
@@ -63,4 +69,5 @@ def _missed(
         f"≤ {most:.1f} (sleep: {late} of {slept})",
         f"{missed}",
         missed <= most,
+        events=Events(missed, cycles / rate),
     )

@@ -43,8 +43,6 @@ class Settings:
         load_busy: Whether engines that poll the socket are loaded, too.
         clock_seconds: How long distributed clocks are watched.
         starts: How often the daemon is started on each line.
-        keep_awake: Whether processors are kept from sleeping. A trial does without: on a busy
-            machine some kernels let other processes starve beside it.
     """
 
     lines: tuple[Line, ...] = ((1, 32), (8, 32), (32, 32), (200, 8))
@@ -62,14 +60,12 @@ class Settings:
     load_busy: tuple[bool, ...] = (False,)
     clock_seconds: float = 10.0
     starts: int = 3
-    keep_awake: bool = True
 
 
 _RATES = (1000, 2000, 4000, 10000)
 
 SETTINGS = {
     "quick": Settings(
-        keep_awake=False,
         lines=((8, 32),),
         exchange=exchange.Plan((1000, 0), (1000, 0), rounds=1, cycles=50, seconds=0.05),
         deadline_rates=(1000,),
@@ -101,7 +97,7 @@ def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     netlink.create_veth(SIMULATOR.far, SIMULATOR.near)
     with tempfile.TemporaryDirectory() as folder:
         tools = Tools.make(Path(folder))
-        with awake(tools, wanted=settings.keep_awake) as kept_awake:
+        with awake(tools) as kept_awake:
             return {
                 "processors": tools.processors.to_json(),
                 "awake": kept_awake,

@@ -69,7 +69,7 @@ def section(result: dict[str, Any]) -> str:
             _AWAKE if result.get("awake") else "",
             _missing(result),
             "![Exchange, its ratio to the bare loop, rates, and work](performance/engine.svg)",
-            verdicts(targets(result), result["machine"]["cores"]),
+            verdicts(targets(result), result["machine"]),
             "Exchange in µs, blocking:",
             _exchange(result, ("bare", "engine", "pysoem", "kickcat")),
             "Exchange in µs, busy:",

@@ -90,7 +90,7 @@ class Tools:
 
 
 @contextlib.contextmanager
-def awake(tools: Tools, *, wanted: bool = True) -> Iterator[bool]:
+def awake(tools: Tools) -> Iterator[bool]:
     """Keeps the processors of master and simulator from sleeping; whether they have their own.
 
     What shares them with the simulator comes before it, as everything does.
@@ -100,7 +100,7 @@ def awake(tools: Tools, *, wanted: bool = True) -> Iterator[bool]:
     """
     processors = tools.processors
     apart = not processors.master & processors.rest
-    chosen = processors.master | processors.peer if apart and wanted else frozenset()
+    chosen = processors.master | processors.peer if apart else frozenset()
     program = native.build(tools.folder, "awake")
     found = [subprocess.Popen([program], preexec_fn=on(frozenset([number]))) for number in chosen]
     try:

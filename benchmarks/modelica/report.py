@@ -38,7 +38,7 @@ def section(result: dict[str, Any]) -> str:
             _HOW,
             _TRANSLATED if "cases" in result["translated"] else _not_translated(result),
             "![A sample of a model](performance/modelica.svg)",
-            verdicts(targets(result), result["machine"]["cores"]),
+            verdicts(targets(result), result["machine"]),
             _samples(result),
             _GENERATION.format(
                 **{**generation, "slaves": slaves(generation["slaves"])},

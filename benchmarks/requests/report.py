@@ -27,7 +27,7 @@ def section(result: dict[str, Any]) -> str:
         (
             f"## {TITLE}",
             "![How long SDO reads take](performance/requests.svg)",
-            verdicts(targets(result), result["machine"]["cores"]),
+            verdicts(targets(result), result["machine"]),
             _HOW,
             _reads(result["reads"]),
             _COMMAND.format(count=result["command"]["count"]),

@@ -2,28 +2,40 @@
 
 The whole daemon runs at 1 kHz on the rig `terminals:N`, whose frames come back at once. Real
 slaves delay a frame by some 0.8 µs each; the daemon counts with that and is measured without it.
+As for two cores, frames of the cycle are answered by the simulator first, then in the kernel.
 """
 
 from __future__ import annotations
 
+import contextlib
 import re
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ecatsim.net import namespace, netlink
 
+from ..engine import work
 from ..engine.turns import Tools, awake
 from ..health import Health
 from ..least_squares import fit
 from ..masters.daemon import Daemon
-from ..segment.peers import SIMULATOR, ecatsim
+from ..segment import responder, tap
+from ..segment.peers import SIMULATOR as PAIR
+from ..segment.peers import ecatsim
 
 NAME = "scale"
+
+SIMULATOR, KERNEL = "simulator", "kernel"
+"""Who answers the frames of the cycle."""
 _SETTLE = 1.0
+_TAP_SECONDS = 0.2
+_BYTES = 1
+"""Of outputs, and of inputs, of each slave where instructions are counted."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +46,17 @@ class Settings:
         slaves: Sizes of the bus.
         seconds: How long each of them runs, once it is in OP.
         longest: The same of the largest one.
-        keep_awake: Whether processors are kept from sleeping. A trial does without: on a busy
-            machine some kernels let other processes starve beside it.
+        work_seconds: How long instructions are counted.
     """
 
     slaves: tuple[int, ...] = (10, 100, 300, 1000)
     seconds: float = 3.0
     longest: float = 60.0
-    keep_awake: bool = True
+    work_seconds: float = 0.3
 
 
 SETTINGS = {
-    "quick": Settings(keep_awake=False, slaves=(10, 250), seconds=0.2, longest=0.2),
+    "quick": Settings(slaves=(10, 250), seconds=0.2, longest=0.2, work_seconds=0.05),
     "normal": Settings(),
     "full": Settings(seconds=60.0),
 }
@@ -54,47 +65,64 @@ SETTINGS = {
 def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     """Everything; moves this process into a network namespace of its own."""
     namespace.enter_new()
-    netlink.create_veth(SIMULATOR.far, SIMULATOR.near)
+    netlink.create_veth(PAIR.far, PAIR.near)
     with tempfile.TemporaryDirectory() as folder:
         tools = Tools.make(Path(folder))
-        with awake(tools, wanted=settings.keep_awake):
+        obstacle = responder.obstacle(tools.responder)
+        responders = (SIMULATOR,) if obstacle else (SIMULATOR, KERNEL)
+        with awake(tools):
             cases = [
-                _case(tools, slaves, seconds, say)
+                _case(tools, slaves, seconds, responders, say)
                 for slaves, seconds in zip(
                     settings.slaves,
                     (*[settings.seconds] * (len(settings.slaves) - 1), settings.longest),
                     strict=True,
                 )
             ]
+            lines = [(slaves, _BYTES) for slaves in settings.slaves]
+            counted = work.measure(tools, lines, settings.work_seconds, say)
     return {
         "processors": tools.processors.to_json(),
+        "obstacle": obstacle,
         "cases": cases,
+        "work": counted,
         "memory": dict(zip(("bus", "slave"), fit(cases, ("slaves",), "memory"), strict=True)),
     }
 
 
-def _case(tools: Tools, slaves: int, seconds: float, say: Callable[[str], None]) -> dict[str, Any]:
+def _case(
+    tools: Tools,
+    slaves: int,
+    seconds: float,
+    responders: tuple[str, ...],
+    say: Callable[[str], None],
+) -> dict[str, Any]:
     say(f"{slaves} slaves")
     with (
         ecatsim(f"terminals:{slaves}", tools.processors),
         Daemon(tools.folder, tools.processors) as daemon,
     ):
         time.sleep(_SETTLE)  # what readers of the first description leave behind
-        before = Health(daemon.bus)
-        time.sleep(seconds)
-        found = Health(daemon.bus).since(before)
-        shared = Path(f"/dev/shm/ecat.{daemon.bus}").stat().st_size
         return {
             "slaves": slaves,
             "start": round(daemon.seconds, 3),
             "seconds": seconds,
-            "cycles": found.counts["cycles"],
-            "missed_cycles": found.counts["missed_cycles"],
-            "frames": found.counts["frames"],
-            "lost_frames": found.counts["lost_frames"],
+            "answered": {who: _counted(tools, daemon, seconds, who) for who in responders},
             "memory": sum(_own_memory(pid) for pid in daemon.processes),
-            "shared": shared,
+            "shared": Path(f"/dev/shm/ecat.{daemon.bus}").stat().st_size,
         }
+
+
+def _counted(tools: Tools, daemon: Daemon, seconds: float, who: str) -> dict[str, int]:
+    """What the engine counts in some seconds, its frames answered by `who`."""
+    with contextlib.ExitStack() as stack:
+        if who == KERNEL:
+            answered = tap.answered(partial(time.sleep, _TAP_SECONDS))
+            stack.enter_context(responder.Responder(tools.responder, answered))
+        before = Health(daemon.bus)
+        time.sleep(seconds)
+        counts = Health(daemon.bus).since(before).counts
+    return {key: counts[key] for key in ("cycles", "missed_cycles", "frames", "lost_frames")}
 
 
 def _own_memory(pid: int) -> int:

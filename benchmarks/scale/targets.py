@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from ..target import Target
+from ..target import Events, Target
+from .benchmark import KERNEL, SIMULATOR
 
 LARGE = 1000
 """Slaves of the bus that the targets are about."""
 START = 10.0
 """Seconds from the command to OP."""
-CORES = 3
-"""For the engine, for the simulator's frames, and for the Python of both."""
+CORES = {SIMULATOR: 3, KERNEL: 2}
+"""For the engine, for the simulator's frames if it has them, and for the Python of both."""
 
 
 def targets(result: dict[str, Any]) -> Iterator[Target]:
@@ -26,10 +27,13 @@ def targets(result: dict[str, Any]) -> Iterator[Target]:
             f"{case['start']:.1f} s",
             case["start"] <= START,
         )
-        yield Target(
-            f"frames lost in {case['seconds']:g} s at 1 kHz, {LARGE} slaves",
-            "0",
-            f"{case['lost_frames']} of {case['frames']}",
-            case["lost_frames"] == 0,
-            CORES,
-        )
+        for who, counts in case["answered"].items():
+            yield Target(
+                f"frames lost in {case['seconds']:g} s at 1 kHz, {LARGE} slaves, answered by the "
+                f"{who}",
+                "0",
+                f"{counts['lost_frames']} of {counts['frames']}",
+                counts["lost_frames"] == 0,
+                CORES[who],
+                Events(counts["lost_frames"], case["seconds"]),
+            )

@@ -36,7 +36,7 @@ def section(result: dict[str, Any]) -> str:
             "always sleeps. A ratio is the median over the rounds, with the quartiles behind it.",
             "![Turn-around, its ratio to the echo, and the slave controllers alone]"
             "(performance/simulator.svg)",
-            verdicts(_targets(result), result["machine"]["cores"]),
+            verdicts(_targets(result), result["machine"]),
             "Turn-around in µs:",
             _turn_around(result["turn_around"]),
             "Cycles a second, free-running:",

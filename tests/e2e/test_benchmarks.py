@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from benchmarks.target import Events, Target, verdicts
+
 pytestmark = pytest.mark.bus
 
 ROOT = Path(__file__).parents[2]
@@ -77,8 +79,14 @@ def test_scale(tmp_path: Path) -> None:
     result, page = measured("scale", tmp_path)
     assert [case["slaves"] for case in result["cases"]] == [10, 250]
     for case in result["cases"]:
-        assert min(case["start"], case["cycles"], case["frames"], case["memory"]) > 0
+        assert min(case["start"], case["memory"]) > 0
+        assert list(case["answered"]) == ["simulator"] + ["kernel"] * (not result["obstacle"])
+        for counts in case["answered"].values():
+            assert min(counts["cycles"], counts["frames"]) > 0
     small, large = result["cases"]
+    found = result["machine"]["interruptions"]
+    assert found["rate"] >= 0
+    assert f"stood still on each of these processors {found['rate']:g} times a second" in page
     assert small["shared"] < large["shared"]
     assert "## Many slaves" in page
 
@@ -255,6 +263,20 @@ def test_what_needs_more_cores_is_said(tmp_path: Path) -> None:
         (folder / "engine.json").write_text(json.dumps(result))
         assert benchmarks("--report-only", "--out", tmp_path).returncode == 0
         assert row in (tmp_path / "performance.md").read_text()
+
+
+def test_what_the_machine_itself_took_is_said() -> None:
+    found = {"rate": 0.5, "longer_than_us": 500.0, "longest_us": 900, "real_time": True}
+    machine = {"cores": 2, "interruptions": found}
+
+    def verdict(lost: int, machine: dict[str, Any]) -> str:
+        target = Target("frames lost", "0", str(lost), lost == 0, events=Events(lost, 60.0))
+        return verdicts([target], machine).splitlines()[-1]
+
+    assert verdict(0, machine).endswith("| yes |")
+    assert verdict(60, machine).endswith("| not here: some 60 interruptions |")
+    assert verdict(61, machine).endswith("| **no** |")
+    assert verdict(60, {"cores": 2}).endswith("| **no** |")
 
 
 def test_without_results() -> None:
