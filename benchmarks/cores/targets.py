@@ -50,7 +50,7 @@ def _lost(where: str, engine: dict[str, Any], rate: float) -> Target:
     return Target(
         f"frames lost {where}",
         "0",
-        f"{lost} of {engine['frames']}",
+        f"{lost} in {engine['cycles']} cycles",
         lost == 0,
         events=Events(lost, engine["cycles"] / rate),
     )
