@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatd.bus.engine import RealTime
-from ecatd.bus.layout import lay_out
+from ecatd.bus.engine.engine import RealTime
+from ecatd.bus.engine.layout import lay_out
 from ecatd.cli.library import static_flags
 from ecatd.model.errors import StateError
 

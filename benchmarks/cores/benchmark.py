@@ -19,7 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ecatsim.net import namespace, netlink
+from ecatd import network_namespace as namespace
+from ecatsim.net import netlink
 
 from ..engine import beside, deadlines
 from ..engine.loads import LOADS, MEMORY, PYTHON, SDO, ZENOH

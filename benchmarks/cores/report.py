@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -125,19 +126,18 @@ def plot(result: dict[str, Any], path: Path) -> None:
         for number, kind in enumerate(kinds):
             chosen = [x for x in result["loads"] if (x["responder"], x["place"]) == kind]
             color = "#1f6fb4" if kind == (KERNEL, OWN) else "#8c8c8c"
-            for key, alpha, shift in (("off", 0.45, -0.09), ("on", 1.0, 0.09)):
+            for key, alpha, shift in (("off", 0.45, -0.065), ("on", 1.0, 0.065)):
                 axes.bar(
-                    [names.index(x["load"]) + 0.4 * (number - 1) + shift for x in chosen],
+                    [names.index(x["load"]) + 0.29 * (number - 1) + shift for x in chosen],
                     [x[key]["p99"] / US for x in chosen],
-                    0.16,
+                    0.12,
                     color=color,
                     alpha=alpha * (0.6 if kind[1] != OWN else 1.0),
                     label=f"{kind[0]}, {kind[1]}, load {key}",
                 )
-        axes.set_xticks(
-            range(len(names)), [name.replace(" of the ", "\nof the ") for name in names]
-        )
+        axes.set_xticks(range(len(names)), [textwrap.fill(name, 22) for name in names])
         axes.set(ylabel="µs", title=f"99th percentile of the exchange; at most {LOAD:g} × is meant")
         axes.legend(frameon=False, fontsize=8, ncols=3)
+        axes.set_ylim(0, 1.2 * axes.get_ylim()[1])
         figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
         plt.close(figure)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatsim.net import namespace, netlink
+from ecatd import network_namespace as namespace
+from ecatsim.net import netlink
 
 from ..segment.peers import SIMULATOR
 from . import beside, clocks, deadlines, exchange, start_up, work

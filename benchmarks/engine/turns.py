@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ecatd.bus.layout import lay_out
+from ecatd.bus.engine.layout import lay_out
 from ecatd.model.errors import NoAnswerError
 
 from .. import native

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ecatd.bus.engine import Engine, Index, RealTime, open_socket
-from ecatd.bus.layout import Image, lay_out
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.engine import Engine, Index, RealTime, open_socket
+from ecatd.bus.engine.layout import Image, lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
 from ecatd.shm import Setting
 
@@ -37,23 +37,23 @@ def running(
         image: Where their process data are, if they have been laid out already.
     """
     image = image or lay_out(bus, set())
-    segment = Segment(bus.name)
+    shared = SharedMemory(bus.name)
     try:
-        segment.fill(bus, image, _LEASE_NS, _LEASE_NS)
+        shared.fill(bus, image, _LEASE_NS, _LEASE_NS)
         wire = open_socket(interface, Index.ENGINE, Index.LAST)
-        engine = Engine(segment.address, segment.out_fd, [wire], secrets.randbits(32))
+        engine = Engine(shared.address, shared.out_fd, [wire], secrets.randbits(32))
         try:
             for domain in image.domains:
                 engine.add_domain(domain)
             grants = {grant.setting: grant for grant in engine.start(wanted)}
-            while segment.header.cycle == 0:
+            while shared.header.cycle == 0:
                 time.sleep(_PAUSE)
-            segment.publish()
+            shared.publish()
             yield grants[Setting.SCHEDULING].error == 0
         finally:
             engine.close()
     finally:
-        segment.close()
+        shared.close()
 
 
 def thread() -> int:

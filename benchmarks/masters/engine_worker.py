@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ecatd.bus.engine import RealTime
+from ecatd.bus.engine.engine import RealTime
 
 from ..engine.instructions import Counter
 from ..health import Health

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ecatd import network_namespace as namespace
 from ecatd.model.errors import StateError
-from ecatsim.net import namespace, netlink
+from ecatsim.net import netlink
 
 from ..machine import Processors
 from ..masters.daemon import Daemon

@@ -17,7 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ecatsim.net import namespace, netlink
+from ecatd import network_namespace as namespace
+from ecatsim.net import netlink
 
 from ..engine import work
 from ..engine.turns import Tools, awake

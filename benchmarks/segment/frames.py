@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from ecatd.bus.engine import Index, open_socket
+from ecatd.bus.engine.engine import Index, open_socket
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatsim.slave.sync_managers import derive
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 
-from ecatd.bus.layout import Image
+from ecatd.bus.engine.layout import Image
 from ecatd.model.bus import Bus
 
 from .frames import APRD, Exchange, Line, ask, frame

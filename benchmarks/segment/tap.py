@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from ecatd.bus.engine import Index
+from ecatd.bus.engine.engine import Index
 from ecatd.model.errors import StateError
 
 from .frames import BRD, ETHERTYPE, INDEX, LRW, datagrams, layout

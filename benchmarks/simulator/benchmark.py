@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatsim.net import namespace, netlink
+from ecatd import network_namespace as namespace
+from ecatsim.net import netlink
 
 from .. import native
 from ..machine import Processors

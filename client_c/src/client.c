@@ -41,9 +41,9 @@ int ecat_open(ecat_t **result, const char *name) {
     return ecat_fail(bus, ECAT_EARG, "'%s' is no bus name: 1 to %zu characters without '/'", name,
                      sizeof bus->name - 1);
   strcpy(bus->name, name);
-  code = ecat_segment_open(bus);
+  code = ecat_memory_open(bus);
   if (code != 0) {
-    ecat_segment_close(bus);
+    ecat_memory_close(bus);
     bus->header = &nothing;
   }
   return code;
@@ -52,7 +52,7 @@ int ecat_open(ecat_t **result, const char *name) {
 void ecat_close(ecat_t *bus) {
   if (bus == NULL) return;
   ecat_slot_free(bus);
-  ecat_segment_close(bus);
+  ecat_memory_close(bus);
   ecat_images_free(bus);
   free(bus);
 }
@@ -84,20 +84,20 @@ uint64_t ecat_cycle(const ecat_t *bus) {
 
 int ecat_check_position(ecat_t *bus, int position) {
   if (position >= 0 && position < ecat_slave_count(bus)) return 0;
-  if (bus->map == NULL) return ecat_segment_check(bus, 0);
+  if (bus->map == NULL) return ecat_memory_check(bus, 0);
   return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave %d: it has %d slaves, 0 to %d", bus->name,
                    position, ecat_slave_count(bus), ecat_slave_count(bus) - 1);
 }
 
 int ecat_no_signal(ecat_t *bus, int number) {
-  if (bus->map == NULL) return ecat_segment_check(bus, 0);
+  if (bus->map == NULL) return ecat_memory_check(bus, 0);
   return ecat_fail(bus, ECAT_EARG, "%d is no signal: bus '%s' has %d", number, bus->name,
                    ecat_signal_count(bus));
 }
 
 int ecat_check_domain(ecat_t *bus, int number) {
   if (number >= 0 && number < ecat_domain_count(bus)) return 0;
-  if (bus->map == NULL) return ecat_segment_check(bus, 0);
+  if (bus->map == NULL) return ecat_memory_check(bus, 0);
   return ecat_fail(bus, ECAT_EARG, "bus '%s' has no domain %d: it has %d", bus->name, number,
                    ecat_domain_count(bus));
 }
@@ -165,7 +165,7 @@ int ecat_signal(ecat_t *bus, int number, ecat_signal_info *info) {
 int ecat_find(ecat_t *bus, uint32_t vendor, uint32_t product, unsigned nth) {
   unsigned seen = 0;
   int i;
-  if (bus->map == NULL) return ecat_segment_check(bus, 0);
+  if (bus->map == NULL) return ecat_memory_check(bus, 0);
   for (i = 0; i < ecat_slave_count(bus); i++)
     if (bus->slaves[i].vendor == vendor && bus->slaves[i].product == product && seen++ == nth)
       return i;

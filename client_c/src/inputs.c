@@ -1,4 +1,4 @@
-/* Samples, reads and waiting: only loads from the daemon's segment. */
+/* Samples, reads and waiting: only loads from the daemon's shared memory. */
 #include "internal.h"
 
 #include <errno.h>
@@ -13,7 +13,7 @@ static int sample(ecat_t *bus, int first, int end) {
   uint64_t newest = 0; /* domains with a divider may be older */
   int i, age, code;
   for (i = first; i < end; i++) bus->snapshot[i].fresh = 0;
-  if ((code = ecat_segment_return(bus)) != 0) return code;
+  if ((code = ecat_memory_return(bus)) != 0) return code;
   for (i = first; i < end; i++) {
     struct snapshot *snapshot = &bus->snapshot[i];
     if (ecat_page_copy(snapshot) != 0) {
@@ -30,7 +30,7 @@ static int sample(ecat_t *bus, int first, int end) {
   if (bus->waited_cycle < newest) bus->waited_cycle = newest;
   if (bus->doorbell != NULL && !ecat_slot_foreign(bus))
     __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
-  if ((age = ecat_segment_age(bus)) == 0) return code;
+  if ((age = ecat_memory_age(bus)) == 0) return code;
   for (i = first; i < end; i++) bus->snapshot[i].fresh = 0;
   return age;
 }
@@ -41,7 +41,7 @@ int ecat_sample_domain(ecat_t *bus, int number) {
 }
 
 int ecat_sample(ecat_t *bus) {
-  if (bus->map == NULL) return ecat_segment_check(bus, 0);
+  if (bus->map == NULL) return ecat_memory_check(bus, 0);
   return sample(bus, 0, ecat_domain_count(bus));
 }
 
@@ -145,7 +145,7 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
     struct timespec until;
     int code;
     if (__atomic_load_n(cycle, __ATOMIC_ACQUIRE) >= target) return 0;
-    if ((code = ecat_segment_age(bus)) != 0) return code;
+    if ((code = ecat_memory_age(bus)) != 0) return code;
     now = ecat_now();
     if (now - start >= limit)
       return ecat_fail(bus, ECAT_ETIMEOUT, "bus '%s': cycle %llu did not come within %g s",
@@ -163,7 +163,7 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
 static int wait_return(ecat_t *bus, double timeout) {
   uint64_t start = ecat_now(), limit = ecat_ns(timeout), passed = 0;
   int code;
-  while ((code = ecat_segment_return(bus)) != 0 && passed < limit) {
+  while ((code = ecat_memory_return(bus)) != 0 && passed < limit) {
     struct timespec pause = {0, RETURN_PAUSE_NS};
     if (limit - passed < RETURN_PAUSE_NS) pause.tv_nsec = (long)(limit - passed);
     nanosleep(&pause, NULL);

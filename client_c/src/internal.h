@@ -55,7 +55,7 @@ struct ecat_client {
   char name[32];
   char error[512];
 
-  /* Segment of the daemon, mapped read-only. */
+  /* Shared memory of the daemon, mapped read-only. */
   int fd;
   const uint8_t *map;
   size_t map_size;
@@ -81,7 +81,7 @@ struct ecat_client {
   uint64_t waited_cycle; /* last cycle seen by ecat_wait or ecat_sample */
   uint64_t sample_cycle;
 
-  /* Segment of the clients, mapped when the first slot is needed. */
+  /* Shared memory of the clients, mapped when the first slot is needed. */
   int out_fd;
   uint8_t *out_map;
   size_t out_size;
@@ -114,18 +114,18 @@ __attribute__((format(printf, 3, 4))) int ecat_fail(ecat_t *bus, int code, const
 uint64_t ecat_now(void);
 uint64_t ecat_ns(double seconds);
 
-/* segment.c */
-int ecat_segment_open(ecat_t *bus);
-void ecat_segment_close(ecat_t *bus);
+/* shared_memory.c */
+int ecat_memory_open(ecat_t *bus);
+void ecat_memory_close(ecat_t *bus);
 void ecat_images_free(ecat_t *bus); /* those that nobody may use after ecat_close() */
 /* Is the daemon still delivering, `age_ns` after its last cycle? When it is not there any more,
  * that is the end of the slot. */
-int ecat_segment_check(ecat_t *bus, uint64_t age_ns);
-int ecat_segment_age(ecat_t *bus); /* the same for now */
+int ecat_memory_check(ecat_t *bus, uint64_t age_ns);
+int ecat_memory_age(ecat_t *bus); /* the same for now */
 /* 0 while the daemon is there, or when it is there again: looks for it, but not too often. */
-int ecat_segment_look(ecat_t *bus);
-static inline int ecat_segment_return(ecat_t *bus) {
-  return bus->down == 0 ? 0 : ecat_segment_look(bus);
+int ecat_memory_look(ecat_t *bus);
+static inline int ecat_memory_return(ecat_t *bus) {
+  return bus->down == 0 ? 0 : ecat_memory_look(bus);
 }
 int ecat_page_copy(struct snapshot *snapshot);
 

@@ -14,7 +14,7 @@ static int find_slave(ecat_t *bus, const char *part, size_t length) {
   char *end = NULL;
   long position = strtol(part, &end, 10);
   int i, found = -1;
-  if (bus->map == NULL) return ecat_segment_check(bus, 0);
+  if (bus->map == NULL) return ecat_memory_check(bus, 0);
   if (length > 0 && part[0] >= '0' && part[0] <= '9' && end == part + length)
     return ecat_check_position(bus, position > 65535 ? 65535 : (int)position) == 0
                ? (int)position

@@ -140,7 +140,7 @@ int ecat_commit(ecat_t *bus) {
   if (bus->bytes == 0) return 0;
   now = ecat_now();
   if (now - __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED) > LATE_NS &&
-      ecat_segment_age(bus) == ECAT_EDOWN)
+      ecat_memory_age(bus) == ECAT_EDOWN)
     return claims_lost(bus);
   seq = bus->doorbell->commit_seq + 1;
   image = (void *)((uint8_t *)bus->out + bus->layout.images_offset +

@@ -107,7 +107,7 @@ int ecat_poll(ecat_t *bus, int handle, void *data, size_t size, size_t *length,
                      "was carried out is not known", bus->name);
   }
   if (!is_answered(bus, cell)) {
-    code = ecat_segment_age(bus);
+    code = ecat_memory_age(bus);
     if (code == 0 && !ecat_slot_overwritten(bus)) return ECAT_EBUSY;
     if (code == 0)
       code = ecat_fail(bus, ECAT_ELAYOUT,

@@ -1,4 +1,4 @@
-/* The client's slot in the .out segment: taking it, living in it, and leaving it. */
+/* The client's slot in the .out shared memory: taking it, living in it, and leaving it. */
 #include "internal.h"
 
 #include <errno.h>
@@ -152,7 +152,7 @@ int ecat_slot_lapsed(const ecat_t *bus) {
 int ecat_slot_take(ecat_t *bus) {
   const ecat_out_header *header = &bus->layout;
   int code, i;
-  if ((code = ecat_segment_return(bus)) != 0) return code;
+  if ((code = ecat_memory_return(bus)) != 0) return code;
   if ((code = ecat_slot_check_home(bus)) != 0) return code;
   if (bus->slot >= 0) {
     if (!ecat_slot_overwritten(bus)) return 0;
@@ -161,7 +161,7 @@ int ecat_slot_take(ecat_t *bus) {
     return 0;
   }
   if (ecat_slot_foreign(bus)) unmap_out(bus); /* its locks would be its parent's */
-  if ((code = ecat_segment_age(bus)) == ECAT_EDOWN || (code = map_out(bus)) != 0) return code;
+  if ((code = ecat_memory_age(bus)) == ECAT_EDOWN || (code = map_out(bus)) != 0) return code;
   for (i = 0; i < (int)header->slot_count; i++) {
     struct flock lock = {
         .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = ECAT_LOCK_SLOT + i, .l_len = 1};

@@ -1,5 +1,5 @@
 /* The cyclic engine: a thread that exchanges process data with the slaves and shares it with
- * clients. This header is what the control side (ecatd/bus/engine.py, over ctypes) calls.
+ * clients. This header is what the control side (ecatd/bus/engine/engine.py, over ctypes) calls.
  *
  * After cyclic_start() the engine allocates nothing, takes no lock and enters the kernel only to
  * sleep (and set the timer that ends waiting for frames), send, receive, read the clients' slots
@@ -72,8 +72,8 @@ CYCLIC_API int cyclic_open_socket(const char *interface, uint32_t first, uint32_
 /* Lets only frames with such an index into an AF_PACKET socket. 0 or -errno. */
 CYCLIC_API int cyclic_filter_index(int fd, uint32_t first, uint32_t last);
 
-/* An engine for the prepared segment (tables filled, `header` mapped read-write), the open .out
- * segment, and one or two sockets (`second_fd` -1: no cable redundancy). All stay the caller's.
+/* An engine for the prepared shared memory (tables filled, `header` mapped read-write), the open .out
+ * shared memory, and one or two sockets (`second_fd` -1: no cable redundancy). All stay the caller's.
  * `run` names this run in the source address of its frames (bytes 1 to 4). NULL and errno. */
 CYCLIC_API cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint32_t run);
 /* Datagram of domain `domain` that exchanges `length` bytes of its image from `offset` on, at
@@ -115,7 +115,7 @@ CYCLIC_API void cyclic_make_safe(cyclic_t *c);
 CYCLIC_API void cyclic_stop(cyclic_t *c);
 CYCLIC_API void cyclic_free(cyclic_t *c);
 
-/* Writes the layout version: from now on clients may open the segment at `header`. */
+/* Writes the layout version: from now on clients may open the shared memory at `header`. */
 CYCLIC_API void cyclic_publish_layout(void *header);
 
 /* Next event: 1, or 0 when none came within `timeout_ns`. For one thread at a time. */

@@ -63,7 +63,7 @@ struct frame {
 };
 
 struct domain {
-  ecat_shm_page *page;     /* in the segment */
+  ecat_shm_page *page;     /* in the shared memory */
   ecat_shm_domain_status *status;
   uint8_t *image;          /* outputs as sent, inputs as last received; padded to whole words */
   uint32_t image_bytes, output_bytes, output_base, divider, wkc_expected;

@@ -1,4 +1,4 @@
-/* The engine's side of the segment: domain pages, the cycle number, histograms. */
+/* The engine's side of the shared memory: domain pages, the cycle number, histograms. */
 #include "engine.h"
 
 #include <string.h>

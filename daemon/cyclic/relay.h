@@ -1,6 +1,6 @@
 /* The relay: a thread through which everything goes to the slaves that is not the cyclic exchange,
  * so that SDOs and register access never get in its way. It lets the frames of the control side
- * (ecatd/bus/datagrams.py) pass in the time that the cycle leaves free.
+ * (ecatd/bus/frames/datagrams.py) pass in the time that the cycle leaves free.
  */
 #ifndef ECAT_RELAY_H
 #define ECAT_RELAY_H

@@ -113,7 +113,7 @@ int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value, const uin
 }
 
 /* Touches memory that the engine will use, so that it is there before it counts, also where it may
- * not be locked. For writing, but atomically: control may be at work in the segment. */
+ * not be locked. For writing, but atomically: control may be at work in the shared memory. */
 static void prefault(void *memory, size_t size) {
   uint8_t *bytes = memory;
   size_t i;

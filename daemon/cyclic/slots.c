@@ -1,6 +1,6 @@
 /* Clients: who owns which outputs, what they want to send, and whether they are alive.
  *
- * Clients write into the .out segment whatever they like, at any time, and may cut the file short.
+ * Clients write into the .out shared memory whatever they like, at any time, and may cut the file short.
  * So it is only ever read with pread, every number from it is checked, and nothing in it decides
  * more than the outputs that its writer was granted.
  */

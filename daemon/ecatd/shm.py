@@ -320,8 +320,14 @@ def bound(number: int) -> int:
     return int(LIBRARY.ecat_histogram_bound(number))
 
 
+def printable(raw: bytes) -> str:
+    """Text from shared memory, without what cannot be shown: a client may have written anything."""
+    text = raw.decode("utf-8", "replace")
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
 class Table(NamedTuple):
-    """A table of the daemon's segment; `<name>_offset` of the header says where it begins.
+    """A table of the daemon's shared memory; `<name>_offset` of the header says where it begins.
 
     Attributes:
         struct: Its entries.
@@ -334,7 +340,7 @@ class Table(NamedTuple):
     times: int = 1
 
     def count(self, head: Any) -> int:
-        """How many entries a segment with this header has."""
+        """How many entries shared memory with this header has."""
         return self.times * (getattr(head, self.counted) if self.counted else 1)
 
 

@@ -19,13 +19,14 @@ from pathlib import Path
 
 from benchmarks.segment.frames import BRD, Wire, ask, frame
 
-from ecatd.bus.engine import Engine, Index, RealTime, open_socket
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
+from ecatd import network_namespace as namespace
+from ecatd.bus.engine.engine import Engine, Index, RealTime, open_socket
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatsim import rig as rigs
-from ecatsim.net import namespace, netlink
+from ecatsim.net import netlink
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sync_managers import derive
 
@@ -105,7 +106,7 @@ class Bench:
         self.image = lay_out(self.bus, set())
         for domain, divider in zip(self.image.domains, dividers, strict=True):
             domain.divider = divider
-        self.engine = self.segment = None
+        self.engine = self.shared = None
         self.wire = Wire(MASTER)
         if ring:  # frames shall come back where they were sent, until the engine is there
             self.esc.break_link(count - 1, 1, True)
@@ -145,19 +146,19 @@ class Bench:
             self._request(state)
 
     def start(self, clock=None, **real_time):
-        self.segment = segment = Segment(self.bus.name)
-        segment.fill(self.bus, self.image, 500_000_000, 10_000_000_000)
+        self.shared = shared = SharedMemory(self.bus.name)
+        shared.fill(self.bus, self.image, 500_000_000, 10_000_000_000)
         names = (MASTER, SECOND) if self.simulation.rig.ring else (MASTER,)
         sockets = [open_socket(name, Index.ENGINE, Index.LAST) for name in names]
-        self.engine = Engine(segment.address, segment.out_fd, sockets, RUN)
+        self.engine = Engine(shared.address, shared.out_fd, sockets, RUN)
         for domain in self.image.domains:
             self.engine.add_domain(domain)
         if clock:
             self.engine.set_clock(clock)
         self.engine.start(RealTime(50, lock_memory=False, **real_time))
-        while segment.header.cycle < 2:
+        while shared.header.cycle < 2:
             time.sleep(0.001)
-        segment.publish()
+        shared.publish()
         return self
 
     def client(self):
@@ -170,7 +171,7 @@ class Bench:
     def stop(self):
         if self.engine:
             self.engine.close()
-            self.segment.close()
+            self.shared.close()
             self.engine = None
 
     def close(self):

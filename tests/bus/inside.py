@@ -9,7 +9,8 @@ import struct
 import sys
 import time
 
-from ecatsim.net import namespace, netlink
+from ecatd import network_namespace as namespace
+from ecatsim.net import netlink
 
 DELLINK, REQUEST_ACK = 17, 5
 

@@ -21,10 +21,10 @@ import zenoh
 
 from conftest import Daemon, run_module, wait_for
 from ecatd import shm
-from ecatd.gateway.keys import bus_key, session_config
 from ecatd.model.al import AlState
 from ecatd.paths import zenoh_socket
 from ecatd.wire import unpack
+from ecatd.zenoh_keys import bus_key, session_config
 from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]

@@ -52,8 +52,8 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
 
 
 @contextmanager
-def segment(daemon: Daemon) -> Iterator[Callable[..., Any]]:
-    """Reads structures of the segment as they are at the moment of the call."""
+def shared(daemon: Daemon) -> Iterator[Callable[..., Any]]:
+    """Reads structures of the shared memory as they are at the moment of the call."""
     fd = os.open(SHM / f"ecat.{daemon.bus}", os.O_RDONLY)
     with mmap.mmap(fd, 0, prot=mmap.PROT_READ) as data:
         os.close(fd)
@@ -99,7 +99,7 @@ def arrive(client: Client, slaves: Iterator[int] | range, turn: int) -> None:
 
 
 def test_the_configuration_is_what_clients_see(mixed: Daemon) -> None:
-    with mixed.client() as client, segment(mixed) as table:
+    with mixed.client() as client, shared(mixed) as table:
         slaves = client.slaves()
         for number, positions in enumerate(SLAVES):
             assert {slaves[position].domain for position in positions} == {number}
@@ -126,7 +126,7 @@ def test_the_configuration_is_what_clients_see(mixed: Daemon) -> None:
 
 
 def test_each_domain_is_exchanged_every_so_many_cycles(mixed: Daemon) -> None:
-    with mixed.client() as client, segment(mixed) as table:
+    with mixed.client() as client, shared(mixed) as table:
         missed = table("ecat_shm_health", "health_offset").missed
         seen: list[dict[int, tuple[int, int]]] = [{}, {}, {}]
         complete = [0, 0, 0]
@@ -186,7 +186,7 @@ def exchanges(client: Client, cycles: int) -> list[set[int]]:
 
 
 def test_domains_with_phases_take_turns(phased: Daemon) -> None:
-    with phased.client() as client, segment(phased) as table:
+    with phased.client() as client, shared(phased) as table:
         rows = [table("ecat_shm_domain", "domains_offset", n) for n in range(len(TURNS))]
         assert [(row.divider, row.phase) for row in rows] == list(TURNS)
         missed = table("ecat_shm_health", "health_offset").missed
@@ -203,7 +203,7 @@ def test_domains_with_phases_take_turns(phased: Daemon) -> None:
 
 def test_phases_outlast_missed_cycles(phased: Daemon) -> None:
     divider = TURNS[-1][0]
-    with phased.client() as client, segment(phased) as table:
+    with phased.client() as client, shared(phased) as table:
         server = phased.child_pid("ecatd.bus")
         made_up = 0
         for _ in range(PATIENCE):  # the turn of the slowest domain has to be missed
@@ -235,7 +235,7 @@ def test_phases_outlast_missed_cycles(phased: Daemon) -> None:
 
 
 def test_exchanges_and_those_left_out_are_counted(mixed: Daemon) -> None:
-    with mixed.client() as client, segment(mixed) as table:
+    with mixed.client() as client, shared(mixed) as table:
         for number, divider in enumerate(DIVIDERS):
 
             def turns(number: int = number) -> tuple[int, int, int]:
@@ -281,7 +281,7 @@ def test_sampling_one_domain_leaves_the_others(mixed: Daemon) -> None:
 
 def test_outputs_answer_the_newest_sample(mixed: Daemon) -> None:
     """Not that of the slowest domain, which may be ten cycles old."""
-    with mixed.client() as client, segment(mixed) as table:
+    with mixed.client() as client, shared(mixed) as table:
         client.claim(0, lease=0.5)
         before = list(table("ecat_shm_health", "health_offset").delay_cycles)
         for turn in range(100):
@@ -329,7 +329,7 @@ def test_an_image_larger_than_a_frame(start_daemon: Callable[..., Daemon]) -> No
     daemon = start_daemon("line:30", config="cycle_time_us = 2000\n[gateway]\nlisten = []\n")
     frames = daemon.ctl_json("info")["wire_frames"]
     assert frames == 2  # 1920 bytes
-    with daemon.client() as client, segment(daemon) as table:
+    with daemon.client() as client, shared(daemon) as table:
         for slave in range(30):
             client.claim(slave, lease=0.5)
         write_all(client, range(30), 3)

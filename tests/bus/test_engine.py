@@ -14,7 +14,7 @@ import pytest
 from engine_bench import MASTER, RUN, SECOND, SIZE, Bench, bench, in_namespace, switch
 
 from ecatd import shm
-from ecatd.bus.engine import Clock, EventType, Index, open_socket
+from ecatd.bus.engine.engine import Clock, EventType, Index, open_socket
 from ecatd.bus.watch.foreign import ForeignWatch
 from ecatd.model.errors import EcatError, UnreachableError
 from ecatsim.wire import FaultKind, FrameFault
@@ -60,7 +60,7 @@ def owner(b):
 
 def status(b, domain):
     kind = shm.struct("ecat_shm_domain_status")
-    at = b.segment.address + b.segment.header.domain_status_offset
+    at = b.shared.address + b.shared.header.domain_status_offset
     return kind.from_address(at + domain * shm.size("ecat_shm_domain_status"))
 
 
@@ -84,7 +84,7 @@ def test_memory_is_there_before_the_first_cycle_though_it_is_not_locked():
         size = libc.malloc_usable_size(state)
         assert size > 200_000, "the frames and the events are in it"
         assert present(state, size)
-        assert present(b.segment.address, b.segment.header.size)
+        assert present(b.shared.address, b.shared.header.size)
 
 
 @in_namespace
@@ -110,10 +110,10 @@ def test_each_domain_has_its_own_rate_page_and_counter():
         assert all(len(stamps[d]) == len(cycles[d]) for d in range(3))
         b.engine.stop()
         # On the grid: what took part and what was left out add up to the cycles that went by.
-        last = b.segment.header.cycle
+        last = b.shared.header.cycle
         for d, divider in enumerate(dividers):
             assert status(b, d).exchanges + status(b, d).overruns == last // divider
-            if status(b, d).overruns == 0 and b.segment.health.missed == 0:
+            if status(b, d).overruns == 0 and b.shared.health.missed == 0:
                 assert all(cycle % divider == 0 for cycle in cycles[d])
 
 
@@ -122,9 +122,9 @@ def test_domains_of_one_cycle_share_frames():
     """Sixteen domains of one slave each fit into the one frame that a single domain needs."""
     with bench(16, domains=range(16), dividers=(1,) * 16) as b:
         b.start()
-        until(lambda: b.segment.header.cycle >= 20)
+        until(lambda: b.shared.header.cycle >= 20)
         b.engine.stop()
-        health = b.segment.health
+        health = b.shared.health
         assert health.frames == health.cycles
         assert health.slaves_found == 16
 
@@ -138,7 +138,7 @@ def test_an_image_larger_than_a_frame():
                 write_all(client, b, number)
                 until(lambda number=number: returned(client, b, number), "the pattern")
         b.engine.stop()
-        assert b.segment.health.frames == 3 * b.segment.health.cycles
+        assert b.shared.health.frames == 3 * b.shared.health.cycles
 
 
 def faults(b, kind, count, **more):
@@ -154,14 +154,14 @@ def test_lost_frames_are_counted_and_the_inputs_stay():
         with owner(b) as client:
             write_all(client, b, 1)
             until(lambda: returned(client, b, 1), "the pattern")
-            before = b.segment.health.lost
+            before = b.shared.health.lost
             faults(b, FaultKind.DROP, 4)
-            until(lambda: b.segment.health.lost - before >= 4, "the loss")
+            until(lambda: b.shared.health.lost - before >= 4, "the loss")
             assert returned(client, b, 1)
             until(lambda: client.sample() or client.domain().wkc_state == 2)
         b.engine.stop()
-        assert b.segment.health.wkc_bad >= 4
-        assert status(b, 0).lost == b.segment.health.lost
+        assert b.shared.health.wkc_bad >= 4
+        assert status(b, 0).lost == b.shared.health.lost
 
 
 @in_namespace
@@ -183,7 +183,7 @@ def test_late_frames_are_never_taken_for_new_ones():
                 laps += now != last
                 last = now
         b.engine.stop()
-        health = b.segment.health
+        health = b.shared.health
         assert laps > 100
         assert health.late >= 1
         assert status(b, 0).late == health.late <= health.lost
@@ -197,7 +197,7 @@ def test_a_wrong_working_counter_spoils_one_domain_in_one_cycle():
             write_all(client, b, 3)
             until(lambda: returned(client, b, 3), "the pattern")
             faults(b, FaultKind.WKC, 3, value=1)
-            until(lambda: b.segment.health.wkc_bad >= 3, "the wrong counter")
+            until(lambda: b.shared.health.wkc_bad >= 3, "the wrong counter")
             assert returned(client, b, 3)
         kinds = [(event.type, event.value) for event in b.events()]
         assert (EventType.WKC, shm.WkcState.INCOMPLETE) in kinds
@@ -224,7 +224,7 @@ def test_frames_of_an_earlier_run_are_told_from_ours():
             old[7:11] = (RUN ^ 0xFFFF).to_bytes(4, "little")
             # Outputs of zero would come back as inputs of zero, if they were believed.
             old[16 + 14 + 10 :] = bytes(len(old) - 16 - 14 - 10)
-            bad = b.segment.health.wkc_bad
+            bad = b.shared.health.wkc_bad
             watch, foreign = ForeignWatch([MASTER], RUN), [0]
             for index in range(0x80, 0x100):
                 old[17] = index
@@ -237,15 +237,15 @@ def test_frames_of_an_earlier_run_are_told_from_ours():
             until(all_seen, "the foreign frames")
             watch.close()
             until(lambda: returned(client, b, 5), "the pattern")
-            assert b.segment.health.wkc_bad - bad <= b.segment.health.lost
-        assert b.segment.health.late == 0 or b.segment.health.lost > 0
+            assert b.shared.health.wkc_bad - bad <= b.shared.health.lost
+        assert b.shared.health.late == 0 or b.shared.health.lost > 0
 
 
 @in_namespace
 def test_number_and_state_of_the_slaves_are_known_each_cycle():
     with bench(4) as b:
         b.start()
-        health = b.segment.health
+        health = b.shared.health
         until(lambda: (health.slaves_found, health.al_status) == (4, 8), "OP of all")
         b.esc.set_al_status(2, 0x14, 0x001B)
         until(lambda: health.al_status == 0x1C, "the error of one")
@@ -267,7 +267,7 @@ def test_number_and_state_of_the_slaves_are_known_each_cycle():
 def test_a_break_anywhere_in_a_ring_loses_nothing(place):
     with bench(4, ring=True) as b:
         b.start()
-        health = b.segment.health
+        health = b.shared.health
         at = (place, 0) if place < 4 else (3, 1)
         with owner(b) as client:
             write_all(client, b, 0)
@@ -295,7 +295,7 @@ def test_a_break_anywhere_in_a_ring_loses_nothing(place):
 def test_two_breaks_lose_the_slaves_between_them_and_only_these():
     with bench(5, ring=True) as b:
         b.start()
-        health = b.segment.health
+        health = b.shared.health
         until(lambda: health.ring == shm.Ring.CLOSED)
         b.esc.break_link(2, 0, True)
         b.esc.break_link(4, 0, True)
@@ -309,7 +309,7 @@ def test_two_breaks_lose_the_slaves_between_them_and_only_these():
 def test_the_second_interface_may_fail_and_return():
     with bench(3, ring=True) as b:
         b.start()
-        health = b.segment.health
+        health = b.shared.health
         with owner(b) as client:
             until(lambda: health.ring == shm.Ring.CLOSED)
             switch(SECOND, False)
@@ -331,7 +331,7 @@ def test_the_second_interface_may_fail_and_return():
 def test_an_interface_that_is_switched_off_ends_nothing():
     with bench(2) as b:
         b.start()
-        health = b.segment.health
+        health = b.shared.health
         with b.client() as client:
             switch(MASTER, False)
             until(lambda: health.send_errors > 10, "the failure")
@@ -365,16 +365,16 @@ def test_the_cycle_follows_the_reference_clock():
     with bench(3, cycle_us=1000) as b:
         b.esc.set_clock(0, drift_ppm=80, offset_ns=987_654_321)
         b.start(clock=CLOCK)
-        health = b.segment.health
+        health = b.shared.health
         until(lambda: health.dc_state == shm.DcState.LOCKED, "the lock")
         assert health.dc_reference == 0
         # The deadlines follow a clock that runs 80 ppm faster; so far away is nothing by chance.
         until(lambda: 40_000 < health.dc_drift_ppb < 120_000, "the drift")
-        start, cycles = health.dc_time_ns, b.segment.header.cycle
-        until(lambda: b.segment.header.cycle > cycles + 1000)
+        start, cycles = health.dc_time_ns, b.shared.header.cycle
+        until(lambda: b.shared.header.cycle > cycles + 1000)
         periods = (health.dc_time_ns - start) / 1e6
         # A thousand cycles on the host's own clock would be 80 µs more.
-        assert abs(periods - (b.segment.header.cycle - cycles)) < 3
+        assert abs(periods - (b.shared.header.cycle - cycles)) < 3
         # The clock jumps: the lock is lost, and comes again.
         b.esc.step_clock(0, 400_000)
         until(lambda: health.dc_state == shm.DcState.LOCKING, "the loss of the lock")
@@ -407,7 +407,7 @@ def narrow(tmp_path):
 def silent_clock(rig):
     with bench(2, cycle_us=1000, rig=rig) as b:
         b.start(clock=CLOCK)
-        health = b.segment.health
+        health = b.shared.health
         until(lambda: health.dc_state == shm.DcState.LOCKED, "the lock")
         switch(MASTER, False)
         until(lambda: health.dc_state == shm.DcState.LOCKING, "the loss of the lock")
@@ -432,7 +432,7 @@ def test_a_reference_clock_that_is_silent_for_a_while(narrow):
 def test_what_is_published_needs_nobody_who_reads_events():
     with bench(3) as b:
         b.start()
-        health = b.segment.health
+        health = b.shared.health
         for _ in range(1100):  # more than the engine keeps
             b.esc.break_link(2, 0, True)
             until(lambda: health.slaves_found == 2, "the loss")
@@ -449,7 +449,7 @@ def test_slaves_follow_the_reference_clock():
         for position, drift in enumerate((10, 50, -50, 30)):
             b.esc.set_clock(position, drift_ppm=drift, offset_ns=position * 1000)
         b.start(clock=CLOCK)
-        until(lambda: b.segment.health.dc_state == shm.DcState.LOCKED, "the lock")
+        until(lambda: b.shared.health.dc_state == shm.DcState.LOCKED, "the lock")
 
         def spread():
             times = [clock.system_ns for clock in b.esc.clocks()]
@@ -466,7 +466,7 @@ def test_behind_a_break_slaves_stay_near_the_reference_clock():
         for position in range(4):
             b.esc.set_clock(position, drift_ppm=(0, 0, 50, 50)[position])
         b.start(clock=CLOCK)
-        health = b.segment.health
+        health = b.shared.health
         until(lambda: health.dc_state == shm.DcState.LOCKED, "the lock")
         b.esc.break_link(2, 0, True)
         until(lambda: health.ring == shm.Ring.OPEN, "the break")
@@ -481,10 +481,10 @@ def test_behind_a_break_slaves_stay_near_the_reference_clock():
 def test_a_free_running_engine_does_not_wait_for_deadlines():
     with bench(2, cycle_us=100_000) as b:
         b.start(free_running=True)
-        until(lambda: b.segment.health.cycles > 1000)
+        until(lambda: b.shared.health.cycles > 1000)
         b.engine.stop()
-        assert b.segment.health.missed == 0
-        assert b.segment.health.wkc_bad == 0
+        assert b.shared.health.missed == 0
+        assert b.shared.health.wkc_bad == 0
 
 
 @in_namespace

@@ -16,13 +16,13 @@ import pytest
 from conftest import Daemon, one_line_error, run_module, wait_for
 from ecatd import shm
 from ecatd.client import Client
-from ecatd.dc import read_clocks
 from ecatd.file_locks import take
 from ecatd.model.errors import StateError
-from ecatd.segment import raw
-from ecatd.segment.claims import read_claims
-from ecatd.segment.picture import picture
+from ecatd.shared_memory import raw
+from ecatd.shared_memory.claims import read_claims
+from ecatd.shared_memory.picture import picture
 from ecatd.stats import read
+from ecatd.stats.clocks import read_clocks
 
 pytestmark = pytest.mark.bus
 

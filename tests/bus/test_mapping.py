@@ -10,7 +10,7 @@ import pytest
 from test_simulator_topology import FIRST, run
 
 from ecatd.bus.mailbox import mailboxes
-from ecatd.bus.master import Master
+from ecatd.bus.master.master import Master
 from ecatd.bus.start import mapping
 from ecatd.model.al import AlState
 from ecatd.model.bus import Entry, Pdo

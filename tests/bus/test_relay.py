@@ -15,9 +15,9 @@ import pytest
 from test_simulator_topology import FIRST, SECOND, run
 
 from ecatd import stats
-from ecatd.bus.datagrams import brd, fprd
+from ecatd.bus.frames.datagrams import brd, fprd
 from ecatd.bus.mailbox.mailboxes import converse
-from ecatd.bus.master import Master
+from ecatd.bus.master.master import Master
 from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log
 from ecatd.model.al import AlState
@@ -79,7 +79,7 @@ def bus(**settings: Any) -> Iterator[BringUp]:
         up.run()
         yield up
     finally:
-        for part in (up.engine, up.segment, up.master):
+        for part in (up.engine, up.shared, up.master):
             if part is not None:
                 part.close()
 
@@ -92,8 +92,8 @@ def read_vendor(master: Master, slave: int) -> int:
 
 
 def counters(up: BringUp) -> dict[str, int]:
-    assert up.segment is not None
-    return {name: int(getattr(up.segment.health, name)) for name in MAILBOX}
+    assert up.shared is not None
+    return {name: int(getattr(up.shared.health, name)) for name in MAILBOX}
 
 
 def master_with_losses() -> Any:
@@ -158,8 +158,8 @@ def master_beside_long_exchanges(share: float) -> Any:
     with Simulator() as simulator, bus(mailbox={"share": share}, cycle_time_us=10_000) as up:
         assert up.master is not None
         simulator.faults.delay(6000, every=1, count=0)
-        assert up.segment is not None
-        cycle = up.segment.health.cycle
+        assert up.shared is not None
+        cycle = up.shared.health.cycle
         before, busy_ns, begin = counters(up), cycle.sum_ns, time.monotonic()
         for _ in range(150):
             read_vendor(up.master, 0)

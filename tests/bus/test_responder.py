@@ -18,10 +18,11 @@ from benchmarks.segment.frames import APRD, APWR, ask, datagrams, frame
 from benchmarks.segment.peers import Pair
 from engine_bench import MASTER, bench, in_namespace
 
+from ecatd import network_namespace as namespace
 from ecatd import shm
-from ecatd.bus.engine import Clock
+from ecatd.bus.engine.engine import Clock
 from ecatd.model.errors import StateError
-from ecatsim.net import namespace, netlink
+from ecatsim.net import netlink
 
 pytestmark = pytest.mark.bus
 
@@ -67,7 +68,7 @@ def until(condition, what):
 
 def status(b, domain):
     kind = shm.struct("ecat_shm_domain_status")
-    at = b.segment.address + b.segment.header.domain_status_offset
+    at = b.shared.address + b.shared.header.domain_status_offset
     return kind.from_address(at + domain * shm.size("ecat_shm_domain_status"))
 
 
@@ -98,7 +99,7 @@ def test_cycles_are_answered_in_the_kernel_and_registers_by_the_simulator():
         until(lambda: returns(7), "what was written")
         answered = tap.answered(lambda: time.sleep(0.1), PAIR)
         ask(b.wire.exchange, frame(APWR, 0, WATCHDOG, struct.pack("<H", 1000)))
-        lost, wrong = b.segment.health.lost, b.segment.health.wkc_bad
+        lost, wrong = b.shared.health.lost, b.shared.health.wkc_bad
         with responder.Responder(program, answered, PAIR) as kernel:
             before = [status(b, domain).exchanges for domain in (0, 1)]
             served, begun = b.esc.counters().frames, kernel.counts
@@ -114,10 +115,10 @@ def test_cycles_are_answered_in_the_kernel_and_registers_by_the_simulator():
             assert [client.read(inputs) for _, inputs in signals] == [7, 7], "they stand still"
             assert ask(b.wire.exchange, frame(APRD, 0, WATCHDOG, bytes(2))) == (bytes(2), 1)
             assert kernel.counts["passed"] == begun["passed"] + 1
-            assert b.segment.health.slaves_found == 3
-            assert b.segment.health.al_status == 8
+            assert b.shared.health.slaves_found == 3
+            assert b.shared.health.al_status == 8
         until(lambda: returns(9), "what was written, by way of the simulator")
-        assert b.segment.health.wkc_bad - wrong == b.segment.health.lost - lost, "no other counters"
+        assert b.shared.health.wkc_bad - wrong == b.shared.health.lost - lost, "no other counters"
         client.close()
 
 
@@ -129,8 +130,8 @@ def test_other_frames_of_the_cycle_pass():
         ((sent, answer),) = answered
         shorter = sent[:16] + sent[16:18] + b"\1\0" + sent[20:]  # another address
         with responder.Responder(program, [(shorter, answer)], PAIR) as kernel:
-            before = b.segment.header.cycle
-            until(lambda: b.segment.header.cycle > before + 20, "cycles")
+            before = b.shared.header.cycle
+            until(lambda: b.shared.header.cycle > before + 20, "cycles")
             assert kernel.counts["answered"] == 0
             assert kernel.counts["passed"] >= 20
 

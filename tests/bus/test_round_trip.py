@@ -21,7 +21,7 @@ def rig():
 
 
 def master_measures():
-    from ecatd.bus.master import Master
+    from ecatd.bus.master.master import Master
     from ecatd.bus.start.round_trip import measure_round_trip
 
     master = Master([INTERFACE])

@@ -9,8 +9,8 @@ import pytest
 from test_relay import IDENTITY, VENDORS, looks, read_vendor, wait_for_link
 from test_simulator_topology import FIRST, SECOND, run
 
-from ecatd.bus import soem
-from ecatd.bus.master import Master
+from ecatd.bus.frames import soem
+from ecatd.bus.master.master import Master
 from ecatd.model.al import AlState
 from ecatsim.control import Simulator
 

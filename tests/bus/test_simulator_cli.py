@@ -33,7 +33,7 @@ os.execv(sys.executable, [sys.executable, "-m", "ecatsim", *sys.argv[1:]])
 """
 JOIN = """
 import sys
-from ecatsim.net.namespace import join
+from ecatd.network_namespace import join
 join(int(sys.argv[1]))
 import pysoem
 m = pysoem.Master()
@@ -312,7 +312,7 @@ def test_join_from_another_process():
 
 
 def test_join_without_a_simulator():
-    code = "from ecatsim.net.namespace import join; join(2**22 + 1)"
+    code = "from ecatd.network_namespace import join; join(2**22 + 1)"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False
     )

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
 
 ERROR, WAIT, CONTINUE = 1, 2, 3
@@ -100,14 +100,14 @@ def served(bus: Bus, name: str = "") -> Iterator[str]:
     """The shared memory of a bus, without anything that exchanges it; yields its name."""
     bus.name = name or f"m{uuid.uuid4().hex[:8]}"
     image = lay_out(bus, set())
-    segment = Segment(bus.name)
-    segment.fill(bus, image, 5_000_000, 500_000_000)
-    segment.header.cycle_end_ns = 1 << 62  # "just now" for ever
-    segment.publish()
+    shared = SharedMemory(bus.name)
+    shared.fill(bus, image, 5_000_000, 500_000_000)
+    shared.header.cycle_end_ns = 1 << 62  # "just now" for ever
+    shared.publish()
     try:
         yield bus.name
     finally:
-        segment.close()
+        shared.close()
 
 
 @dataclass(frozen=True)

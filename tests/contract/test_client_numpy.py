@@ -9,29 +9,29 @@ import numpy as np
 import pytest
 from test_client_objects import SHAPES, image_bytes, make_bus
 from test_return import serve
-from test_segment import put_image
+from test_shared_memory import put_image
 
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
 from ecatd.model.errors import UsageError
 
 
 @pytest.fixture
-def segment() -> Iterator[Segment]:
+def shared() -> Iterator[SharedMemory]:
     made = serve(make_bus())
     yield made
     made.close()
 
 
 @pytest.fixture
-def client(segment: Segment) -> Iterator[Client]:
-    with Client(segment.path.name.removeprefix("ecat.")) as made:
+def client(shared: SharedMemory) -> Iterator[Client]:
+    with Client(shared.path.name.removeprefix("ecat.")) as made:
         yield made
 
 
-def test_fields_are_the_entries(segment: Segment, client: Client) -> None:
+def test_fields_are_the_entries(shared: SharedMemory, client: Client) -> None:
     array = client.domain_array()
-    put_image(segment, bytes(range(1, image_bytes(client) + 1)))
+    put_image(shared, bytes(range(1, image_bytes(client) + 1)))
     client.sample()
     assert array.shape == ()
     paths = {signal.path: signal for signal in client.signals()}
@@ -49,26 +49,26 @@ def test_fields_are_the_entries(segment: Segment, client: Client) -> None:
     assert len(SHAPES) > 8
 
 
-def test_an_array_is_a_view_that_cannot_be_written(segment: Segment, client: Client) -> None:
+def test_an_array_is_a_view_that_cannot_be_written(shared: SharedMemory, client: Client) -> None:
     array = client.domain_array()
     kept = array.copy()
     field = array["0/in/i8"]
     signal = client.signal("0/in/i8")
     image = bytearray(image_bytes(client))
     image[signal.bit_offset // 8] = 0xFE
-    put_image(segment, bytes(image))
+    put_image(shared, bytes(image))
     client.sample()
     assert (field.item(), array["0/in/i8"].item(), kept["0/in/i8"].item()) == (-2, -2, 0)
     with pytest.raises(ValueError, match="read-only"):
         array["0/in/i8"] = 1
 
 
-def test_an_array_outlives_its_client(segment: Segment, client: Client) -> None:
+def test_an_array_outlives_its_client(shared: SharedMemory, client: Client) -> None:
     array = client.domain_array()
     signal = client.signal("0/in/i8")
     image = bytearray(image_bytes(client))
     image[signal.bit_offset // 8] = 5
-    put_image(segment, bytes(image))
+    put_image(shared, bytes(image))
     client.sample()
     client.close()
     gc.collect()

@@ -1,4 +1,4 @@
-"""The Python client on a segment without an engine: values, lookups, threads, restarts."""
+"""The Python client on shared memory without an engine: values, lookups, threads, restarts."""
 
 import ctypes
 import gc
@@ -17,9 +17,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from test_return import kill, serve
-from test_segment import put_image
+from test_shared_memory import put_image
 
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client, Direction, Validity, connection
 from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
 from ecatd.model.datatypes import DataType
@@ -71,14 +71,14 @@ def bus() -> Bus:
 
 
 @pytest.fixture(scope="module")
-def segment(bus: Bus) -> Iterator[Segment]:
+def memory(bus: Bus) -> Iterator[SharedMemory]:
     made = serve(bus)
     yield made
     made.close()
 
 
 @pytest.fixture(scope="module")
-def shared(segment: Segment, bus: Bus) -> Iterator[Client]:
+def shared(memory: SharedMemory, bus: Bus) -> Iterator[Client]:
     with Client(bus.name) as client:
         yield client
 
@@ -89,10 +89,10 @@ def image_bytes(client: Client) -> int:
 
 @given(data=st.data())
 def test_objects_read_what_the_c_client_reads(
-    segment: Segment, shared: Client, data: st.DataObject
+    memory: SharedMemory, shared: Client, data: st.DataObject
 ) -> None:
     size = image_bytes(shared)
-    put_image(segment, data.draw(st.binary(min_size=size, max_size=size)))
+    put_image(memory, data.draw(st.binary(min_size=size, max_size=size)))
     shared.sample()
     signals = shared.signals()
     assert len(signals) == 2 * (len(SHAPES) - 1)
@@ -147,7 +147,7 @@ def test_a_group_of_one_and_of_none(shared: Client) -> None:
     assert shared.group([one, one]).raw == (one.raw, one.raw)
 
 
-def test_validity_is_an_enumeration(bus: Bus, segment: Segment) -> None:
+def test_validity_is_an_enumeration(bus: Bus, memory: SharedMemory) -> None:
     with Client(bus.name) as client:
         assert client.signal("0/in/i32").validity is Validity.NEVER
 
@@ -161,7 +161,7 @@ def test_what_is_no_number_is_told(shared: Client, value: object) -> None:
         signal.value = value  # type: ignore[assignment]
 
 
-def test_a_closed_client_says_so(bus: Bus, segment: Segment) -> None:
+def test_a_closed_client_says_so(bus: Bus, memory: SharedMemory) -> None:
     client = Client(bus.name)
     signal, bit = client.signal("0/in/i16"), client.signal("0/in/bit")
     several, bits = client.group([signal, signal]), client.group([bit])
@@ -187,7 +187,7 @@ def test_a_closed_client_says_so(bus: Bus, segment: Segment) -> None:
         signal.raw = 1
 
 
-def test_a_client_waits_in_one_thread(bus: Bus, segment: Segment) -> None:
+def test_a_client_waits_in_one_thread(bus: Bus, memory: SharedMemory) -> None:
     with Client(bus.name) as client, ThreadPoolExecutor(1) as other:
         waiting = other.submit(client.wait, 1, 30.0)
         while "_address" in vars(client):
@@ -196,13 +196,13 @@ def test_a_client_waits_in_one_thread(bus: Bus, segment: Segment) -> None:
             with pytest.raises(UsageError, match="open one for each"):
                 call()
         while not waiting.done():
-            segment.header.cycle += 1
+            memory.header.cycle += 1
             time.sleep(0.01)
         waiting.result()
         client.sample()
 
 
-def test_ctrl_c_ends_a_long_wait(bus: Bus, segment: Segment) -> None:
+def test_ctrl_c_ends_a_long_wait(bus: Bus, memory: SharedMemory) -> None:
     program = (
         "import sys; from ecatd import Client; bus = Client(sys.argv[1])\n"
         "try:\n"
@@ -231,7 +231,7 @@ def interrupted(seconds: float) -> Iterator[None]:
         on_signal(SIGALRM, before)
 
 
-def test_a_wait_that_is_interrupted_beyond_its_end(bus: Bus, segment: Segment) -> None:
+def test_a_wait_that_is_interrupted_beyond_its_end(bus: Bus, memory: SharedMemory) -> None:
     with Client(bus.name) as client:
         for wait in (client.wait, lambda n, timeout: client.wait_domain(0, n, timeout)):
             with interrupted(0.4), pytest.raises(NoAnswerError, match=r"within 0\.3 s"):
@@ -260,9 +260,9 @@ def test_importing_the_package_loads_nothing() -> None:
 # --- a daemon that comes back ---------------------------------------------------------------------
 
 
-def restarted(bus: Bus, client: Client, change: Bus | None = None) -> Segment:
+def restarted(bus: Bus, client: Client, change: Bus | None = None) -> SharedMemory:
     """A new daemon, which the client has found."""
-    segment = serve(change or bus)
+    memory = serve(change or bus)
     deadline = time.monotonic() + 30
     while True:
         try:
@@ -270,31 +270,31 @@ def restarted(bus: Bus, client: Client, change: Bus | None = None) -> Segment:
         except UnreachableError:
             assert time.monotonic() < deadline
         else:
-            return segment
+            return memory
 
 
 def test_objects_go_on_with_the_next_daemon() -> None:
     bus = make_bus()
-    segment = serve(bus)
+    memory = serve(bus)
     with Client(bus.name) as client:
         signal = client.signal("0/in/i16")
         several = client.group([signal, client.signal("0/in/bit")])
         array = client.domain_array()
         image = bytearray(image_bytes(client))
         client.sample()
-        kill(segment)
+        kill(memory)
         with pytest.raises(UnreachableError, match="has ended"):
             client.sample()
         assert signal.raw == 0
         bus.slaves[0].inputs[0].entries[5] = Entry(0x6000, 6, "i16", 3, 16, "mA", 4.0)
-        segment = restarted(bus, client)
+        memory = restarted(bus, client)
         struct.pack_into("<h", image, signal.bit_offset // 8, -7)
-        put_image(segment, bytes(image))
+        put_image(memory, bytes(image))
         client.sample()
         assert (signal.raw, signal.value, signal.unit) == (-7, -28.0, "mA")
         assert several.raw == (-7, 0)
         assert array["0/in/i16"] == -7
-        segment.close()
+        memory.close()
 
 
 def test_an_image_of_another_size_takes_the_place_of_the_old_one() -> None:
@@ -310,20 +310,20 @@ def test_an_image_of_another_size_takes_the_place_of_the_old_one() -> None:
     )
     bus = Bus(f"p{os.urandom(4).hex()}", 500, [one, two])
     bus.domains = [Domain("fast"), Domain("slow")]
-    segment = serve(bus)
+    memory = serve(bus)
     with Client(bus.name) as client:
         x, y = client.signal("0/x"), client.signal("1/y")
-        put_image(segment, b"\1\2" + bytes(7) + b"\3")
+        put_image(memory, b"\1\2" + bytes(7) + b"\3")
         client.sample()
         old = client.domain_array(0).copy(), client.domain_array(0)
         assert (x.raw, y.raw) == (0x0201, 3 << 56)
         for wanted in (1, 0, 1):
-            kill(segment)
+            kill(memory)
             with pytest.raises(UnreachableError):
                 client.sample()
             two.domain = wanted
-            segment = restarted(bus, client)
-            put_image(segment, b"\7\0" + bytes(7) + b"\7")
+            memory = restarted(bus, client)
+            put_image(memory, b"\7\0" + bytes(7) + b"\7")
             client.sample()
             assert (x.raw, x.domain, y.domain) == (7, 0, wanted)
             assert y.raw == (7 << 56 if wanted == 0 else 0)
@@ -331,4 +331,4 @@ def test_an_image_of_another_size_takes_the_place_of_the_old_one() -> None:
         assert old[0]["0/x"] == old[1]["0/x"] == 0x0201
     gc.collect()
     assert old[1]["1/y"] == 3 << 56
-    segment.close()
+    memory.close()

@@ -9,7 +9,7 @@ from pathlib import Path
 import ecatd
 
 CLIENT = Path(__file__).parents[2] / "client_c"
-TESTS = ("test_client_objects", "test_return", "test_segment")
+TESTS = ("test_client_objects", "test_return", "test_shared_memory")
 
 
 def test_no_call_touches_memory_that_it_must_not(tmp_path: Path, compiler: str) -> None:

@@ -8,11 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from test_segment import make_bus
+from test_shared_memory import make_bus
 
 from ecatd import shm
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.file_locks import release
 from ecatd.model.bus import Bus
 from handle import EBUS, ECLAIM, EDOWN, ELAYOUT, ETIMEOUT, LIB, Handle
@@ -21,19 +21,19 @@ NOW = 1 << 62
 """Time of the last cycle where no engine runs: always just now."""
 
 
-def serve(bus: Bus) -> Segment:
-    made = Segment(bus.name)
+def serve(bus: Bus) -> SharedMemory:
+    made = SharedMemory(bus.name)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.cycle_end_ns = NOW
     made.publish()
     return made
 
 
-def kill(segment: Segment) -> None:
+def kill(shared: SharedMemory) -> None:
     """What is left of a daemon that was killed: files, without a lock, and an old cycle."""
-    segment.header.cycle_end_ns = 1
-    release(segment.fd, shm.LOCK_DAEMON)
-    os.close(segment.out_fd)
+    shared.header.cycle_end_ns = 1
+    release(shared.fd, shm.LOCK_DAEMON)
+    os.close(shared.out_fd)
 
 
 @pytest.fixture
@@ -46,10 +46,10 @@ def bus() -> Iterator[Bus]:
 
 @pytest.fixture
 def handle(bus: Bus) -> Iterator[Handle]:
-    segment = serve(bus)
+    shared = serve(bus)
     with Handle(bus.name) as made:
         assert made.sample() == 0
-        kill(segment)
+        kill(shared)
         yield made
 
 
@@ -61,26 +61,26 @@ def returned(handle: Handle) -> int:
 
 def test_nothing_is_kept_of_a_daemon_that_is_gone(bus: Bus) -> None:
     """Not even where the client looked who owned an output, for which it maps all slots."""
-    segment = serve(bus)
+    shared = serve(bus)
     with Handle(bus.name) as handle:
         output = handle.bind(1, 0x7000, 1, 1)
         for _ in range(3):
-            at = segment.address + segment.header.outputs_offset
+            at = shared.address + shared.header.outputs_offset
             (shm.struct("ecat_shm_output") * (output + 1)).from_address(at)[output].owner = 0
-            kill(segment)
+            kill(shared)
             assert handle.sample() == EDOWN
             assert handle.output(output, ctypes.create_string_buffer(256)) == 0
-            segment = serve(bus)
+            shared = serve(bus)
             assert returned(handle) == 0
-            assert not [path for path in open_files() if path.startswith(f"{segment.out_path} ")]
+            assert not [path for path in open_files() if path.startswith(f"{shared.out_path} ")]
 
 
 def test_more_slots_than_the_daemon_has_are_not_used(bus: Bus) -> None:
-    segment = serve(bus)
-    segment.header.slot_count = 4
+    shared = serve(bus)
+    shared.header.slot_count = 4
     with Handle(bus.name) as handle:
         assert handle.claim(1, 0.1) == ELAYOUT
-    segment.close()
+    shared.close()
 
 
 def open_files() -> list[str]:
@@ -101,26 +101,26 @@ def test_a_reader_goes_on_with_the_next_daemon(bus: Bus, handle: Handle) -> None
     assert "has ended" in handle.error
     assert handle.sample() == EDOWN
     assert "start it with" in handle.error
-    segment = serve(bus)
+    shared = serve(bus)
     assert returned(handle) == 0
     assert handle.instance not in (before, 0)
     assert LIB.ecat_slave(handle.bus, 0, info) == 0
     assert info[2] == name
-    segment.close()
+    shared.close()
 
 
 def test_values_are_never_those_of_nothing(bus: Bus, handle: Handle) -> None:
     """From the first call that says that the daemon is back, reads see its image."""
-    from test_segment import put_image
+    from test_shared_memory import put_image
 
     assert handle.sample() == EDOWN
     assert handle.value(0) == 0
-    segment = serve(bus)
-    put_image(segment, b"\0\0\1\0")
+    shared = serve(bus)
+    put_image(shared, b"\0\0\1\0")
     time.sleep(0.03)
     assert handle.wait(0, 0.0) == 0
     assert handle.value(0) == 1
-    segment.close()
+    shared.close()
 
 
 def test_another_bus_is_refused_until_the_old_one_is_back(bus: Bus, handle: Handle) -> None:
@@ -128,31 +128,31 @@ def test_another_bus_is_refused_until_the_old_one_is_back(bus: Bus, handle: Hand
     other = make_bus()
     other.name = bus.name
     other.slaves[1].product += 1
-    segment = serve(other)
+    shared = serve(other)
     assert returned(handle) == EBUS
     assert "came back with other slaves or other entries" in handle.error
     assert handle.sample() == EBUS  # also while it is not looked for
     assert "came back" in handle.error
     assert handle.wait(1, 5.0) == EBUS  # at once
-    segment.header.layout = 7 << 16
+    shared.header.layout = 7 << 16
     assert returned(handle) == ELAYOUT
-    segment.close()
-    segment = serve(bus)
+    shared.close()
+    shared = serve(bus)
     assert returned(handle) == 0
-    segment.close()
+    shared.close()
 
 
 def test_a_daemon_that_is_still_starting_is_not_there_yet(bus: Bus, handle: Handle) -> None:
     assert handle.sample() == EDOWN
-    segment = Segment(bus.name)
+    shared = SharedMemory(bus.name)
     assert returned(handle) == EDOWN
     assert "is still starting" in handle.error
-    segment.fill(bus, lay_out(bus, set()), 1, 1)
-    segment.header.cycle_end_ns = NOW
+    shared.fill(bus, lay_out(bus, set()), 1, 1)
+    shared.header.cycle_end_ns = NOW
     assert returned(handle) == EDOWN
-    segment.publish()
+    shared.publish()
     assert returned(handle) == 0
-    segment.close()
+    shared.close()
 
 
 def test_waiting_waits_for_the_daemon(bus: Bus, handle: Handle) -> None:
@@ -160,23 +160,23 @@ def test_waiting_waits_for_the_daemon(bus: Bus, handle: Handle) -> None:
     begin = time.monotonic()
     assert handle.wait(1, 0.1) == EDOWN
     assert time.monotonic() - begin >= 0.1
-    segment = serve(bus)
+    shared = serve(bus)
     # It is there, but no cycle ends.
     assert handle.wait(1, 0.1) == ETIMEOUT
     assert handle.wait(0, 0.0) == 0
-    segment.close()
+    shared.close()
 
 
 def test_the_daemon_is_not_looked_for_all_the_time(bus: Bus, handle: Handle) -> None:
     assert handle.sample() == EDOWN
     begin = time.monotonic()
-    segment = None
+    shared = None
     # The daemon is served at once after a look in vain; it is not seen before the next look.
     while handle.sample() != 0:
-        segment = segment or serve(bus)
+        shared = shared or serve(bus)
     assert time.monotonic() - begin >= 0.02
-    assert segment is not None
-    segment.close()
+    assert shared is not None
+    shared.close()
 
 
 def test_what_a_model_wrote_is_not_silently_lost(bus: Bus, handle: Handle) -> None:

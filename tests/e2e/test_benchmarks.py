@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from benchmarks.target import Events, Target, verdicts
 
 pytestmark = pytest.mark.bus

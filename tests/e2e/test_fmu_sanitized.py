@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
 from ecatgen.checks import sample_buses
 from ecatgen.fmu import generate_fmu
@@ -22,14 +22,14 @@ HARNESS = Path(__file__).with_name("fmu_misuse.c")
 @contextmanager
 def served(bus: Bus) -> Iterator[None]:
     """The shared memory of a bus, without anything that exchanges it."""
-    segment = Segment(bus.name)
-    segment.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
-    segment.header.cycle_end_ns = 1 << 62  # "just now" for ever
-    segment.publish()
+    shared = SharedMemory(bus.name)
+    shared.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
+    shared.header.cycle_end_ns = 1 << 62  # "just now" for ever
+    shared.publish()
     try:
         yield
     finally:
-        segment.close()
+        shared.close()
 
 
 @pytest.mark.parametrize("fmi", [2, 3])

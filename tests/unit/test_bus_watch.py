@@ -4,10 +4,10 @@ import asyncio
 
 import pytest
 
-from ecatd.bus.engine import Event
+from ecatd.bus.engine.engine import Event
 from ecatd.bus.watch.counters import Disturbance, Report
-from ecatd.bus.watch.paced import Gathered, Paced
 from ecatd.bus.watch.presence import describe_presence
+from ecatd.bus.watch.rate_limiter import Batch, Throttle
 from ecatd.bus.watch.wire import describe_ring
 from ecatd.model.bus import Bus, Slave
 from ecatd.shm import Ring
@@ -46,7 +46,7 @@ def test_events_of_every_cycle_are_told_at_a_bounded_rate() -> None:
     told: list[int] = []
 
     async def flap() -> None:
-        paced = Paced(lambda event: told.append(event.value), 0.05)
+        paced = Throttle(lambda event: told.append(event.value), 0.05)
         for value in [5] + 500 * [0, 7] + [0]:
             paced.note(Event(value=value))
         assert told == [5]  # the first one at once
@@ -65,7 +65,7 @@ def test_events_that_belong_together_are_told_together_and_never_flood() -> None
     told: list[tuple[list[int], int]] = []
 
     async def flood() -> None:
-        gathered = Gathered[int](lambda values, left: told.append((values, left)))
+        gathered = Batch[int](lambda values, left: told.append((values, left)))
         gathered.note(1)
         gathered.note(2)
         while not told:
@@ -88,7 +88,7 @@ def test_who_goes_on_is_told_less_and_less() -> None:
 
     async def go_on(seconds: float) -> None:
         loop = asyncio.get_running_loop()
-        gathered = Gathered[int](lambda values, left: calls.append(loop.time()))
+        gathered = Batch[int](lambda values, left: calls.append(loop.time()))
         end = loop.time() + seconds
         while loop.time() < end:
             gathered.note(1)

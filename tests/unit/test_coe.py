@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
-from ecatd.bus.datagrams import Datagrams
+from ecatd.bus.frames.datagrams import Datagrams
 from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe, EntryDescription, ObjectDescription

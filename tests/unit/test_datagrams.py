@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import pytest
 from wire_bench import Wire, served
 
-from ecatd.bus.datagrams import (
+from ecatd.bus.frames.datagrams import (
     DATAGRAM_BYTES,
     Datagrams,
     Station,
@@ -17,7 +17,7 @@ from ecatd.bus.datagrams import (
     fprd,
     fpwr,
 )
-from ecatd.bus.start.eeprom import read_eeproms
+from ecatd.bus.frames.eeprom import read_eeproms
 from ecatd.model.errors import StateError
 from ecatsim.core import Chip, Segment
 from ecatsim.slave.sii import Description, build

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from wire_bench import FIRST_STATION, Wire, served
 
-from ecatd.bus.datagrams import Datagrams, apwr
+from ecatd.bus.frames.datagrams import Datagrams, apwr
 from ecatd.bus.start.identify import Finder
 from ecatd.model.bus import Slave
 from ecatd.model.errors import StateError

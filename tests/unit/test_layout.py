@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.bus.layout import (
+from ecatd.bus.engine.layout import (
     DATAGRAM_BYTES,
     LRD,
     LRW,

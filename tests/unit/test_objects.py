@@ -16,9 +16,9 @@ from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
-from ecatd.bus.master import Master
+from ecatd.bus.master.master import Master
+from ecatd.bus.master.worker import Worker
 from ecatd.bus.objects import Objects
-from ecatd.bus.worker import Worker
 from ecatd.log import Log
 from ecatd.model.bus import Slave
 from ecatd.model.datatypes import DataType

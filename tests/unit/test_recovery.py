@@ -2,7 +2,7 @@
 
 import pytest
 
-from ecatd.bus.master import SlaveState
+from ecatd.bus.master.master import SlaveState
 from ecatd.bus.start.identify import Identity, branch_ends, match
 from ecatd.bus.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 from ecatd.model.al import AlState

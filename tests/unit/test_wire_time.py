@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.bus.layout import DATAGRAM_BYTES, LRW, Datagram, DomainImage, Image
+from ecatd.bus.engine.layout import DATAGRAM_BYTES, LRW, Datagram, DomainImage, Image
 from ecatd.bus.start.wire_time import WireTime, wire_time
 from ecatd.model.errors import StateError
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from ecatd.bus.steps import Steps
-from ecatd.bus.worker import Worker
+from ecatd.bus.master.worker import Worker
+from ecatd.coroutine_steps import Steps
 from ecatd.model.errors import StateError
 
 
@@ -36,7 +36,7 @@ def test_a_request_that_waits_holds_up_nobody() -> None:
 
 def test_a_turn_ends_when_somebody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """However long turns are, and also after one that waited has been given up."""
-    monkeypatch.setattr("ecatd.bus.worker._TURN", 3600.0)
+    monkeypatch.setattr("ecatd.bus.master.worker._TURN", 3600.0)
 
     async def use() -> None:
         worker, came = Worker(), threading.Event()

@@ -10,8 +10,8 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
+from ecatd.model.atomic_write import write_whole
 from ecatd.model.errors import StateError
-from ecatd.model.whole_file import write_whole
 
 from ..output.failures import TEMPORARY, failures_in_words
 

@@ -74,7 +74,7 @@ def main() -> int:
     log = Log("ecatd", settings["log_level"])
     try:
         if settings["namespace_of"]:
-            from ecatsim.net.namespace import join
+            from ecatd.network_namespace import join
 
             join(settings["namespace_of"])
         die_with_parent(settings["parent"])

@@ -7,7 +7,6 @@ those who want something of it, too.
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import TypeVar
@@ -19,9 +18,10 @@ from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
 from .mailbox.coe import Coe
 from .mailbox.mailboxes import Line, Talk, talk_alone
-from .master import Master
-from .watch.paced import Gathered
-from .worker import Worker
+from .master.emergencies import Emergency, tell_emergencies
+from .master.master import Master
+from .master.worker import Worker
+from .watch.rate_limiter import Batch
 
 T = TypeVar("T")
 
@@ -31,9 +31,6 @@ _PATIENCE = 10.0
 """Seconds after which a request that could not begin is not carried out any more."""
 
 _STATE = 0x0F
-
-Emergency = tuple[Slave, int, int]
-"""A slave, an error code, and the content of the error register."""
 
 
 class Objects:
@@ -49,7 +46,7 @@ class Objects:
         self._master = master
         self._worker = worker
         self._waiting = 0
-        self._emergencies = Gathered[Emergency](
+        self._emergencies = Batch[Emergency](
             lambda found, left_out: tell_emergencies(log, found, left_out)
         )
 
@@ -131,16 +128,4 @@ def _check_state(slave: Slave, status: int | None) -> None:
         raise StateError(
             f"{slave.label} is in {AlState(state).name}, and its objects can be reached from PREOP "
             f"on; bring it there with `ecatctl state PREOP -p {slave.position}`"
-        )
-
-
-def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:
-    """Tells what came between the answers of slaves, equal ones together."""
-    if left_out:
-        log.warning(f"{left_out} emergencies are left out")
-    times = Counter((slave.label, code, register) for slave, code, register in emergencies)
-    for (label, code, register), count in times.items():
-        log.warning(
-            f"{label} sent an emergency{f' {count} times' if count > 1 else ''}: error code "
-            f"0x{code:04X}, error register 0x{register:02X}"
         )

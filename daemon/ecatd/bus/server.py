@@ -33,13 +33,13 @@ from ecatd.model.messages import (
 from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.version import VERSION
 
-from .engine import Engine
-from .master import SlaveState
+from .engine.engine import Engine
+from .engine.shared_memory import SharedMemory
+from .master.master import SlaveState
+from .master.worker import Worker
 from .objects import Objects
-from .segment import Segment
 from .start.bring_up import BringUp
 from .watch.monitor import Monitor
-from .worker import Worker
 
 _STOP_CYCLES = 3
 _STOP_TIMEOUT = 1.0
@@ -104,7 +104,7 @@ class BusServer:
             running, self._config.outputs, self.answer, self._worker, self._log, self._publish
         )
         monitor.read_states()
-        running.segment.publish()
+        running.shared.publish()
         self._started = time.time()
         return monitor
 
@@ -229,11 +229,11 @@ class BusServer:
 
     async def stop(self) -> None:
         """Takes the bus down in order; also after a start that failed half-way."""
-        segment, engine = self._up.segment, self._up.engine
-        if segment is not None:
-            segment.set_state(shm.BusState.STOPPING)
-        if engine is not None and segment is not None:
-            await self._make_safe(engine, segment)
+        shared, engine = self._up.shared, self._up.engine
+        if shared is not None:
+            shared.set_state(shm.BusState.STOPPING)
+        if engine is not None and shared is not None:
+            await self._make_safe(engine, shared)
         if self._access is not None:
             self._access.close()
         if self._monitor is not None:
@@ -243,9 +243,9 @@ class BusServer:
         self._aborted.clear()  # on the way down slaves are waited for
         await asyncio.to_thread(self._take_down)
 
-    async def _make_safe(self, engine: Engine, segment: Segment) -> None:
+    async def _make_safe(self, engine: Engine, shared: SharedMemory) -> None:
         """Sends safe outputs to all slaves while these are in OP, and waits until drives stand."""
-        cycle_s, header = self._config.cycle_time_us * 1e-6, segment.header
+        cycle_s, header = self._config.cycle_time_us * 1e-6, shared.header
         first = header.cycle
         engine.make_safe()
         if first == 0:
@@ -272,7 +272,7 @@ class BusServer:
         finally:
             if up.engine is not None:
                 up.engine.close()
-            if up.segment is not None:
-                up.segment.close()
+            if up.shared is not None:
+                up.shared.close()
             if up.master is not None:
                 up.master.close()

@@ -6,10 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
+from ecatd.model.atomic_write import write_whole
 from ecatd.model.bus import Bus
 from ecatd.model.bus_file import dump
 from ecatd.model.errors import NotPermittedError, StateError
-from ecatd.model.whole_file import write_whole
 from ecatd.version import VERSION
 
 from .bus_source import add_options, get_bus

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 class Source:
     """Reads statistics of the bus that the options name.
 
-    The segment is read where there is one, which needs nobody's answer and works without a
-    gateway. With `--connect`, or without a segment, the gateway is asked.
+    The shared memory is read where there is one, which needs nobody's answer and works without a
+    gateway. With `--connect`, or without shared memory, the gateway is asked.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:

@@ -8,21 +8,21 @@ from pathlib import Path
 from ecatd import shm
 from ecatd.model.errors import START, EcatError, UnreachableError
 from ecatd.paths import search_dirs
-from ecatd.segment.reader import opened
+from ecatd.shared_memory.reader import opened
 
 
-def has_segment(bus: str) -> bool:
+def has_shared_memory(bus: str) -> bool:
     """Whether there is shared memory of a bus, be it a leftover."""
     return (shm.FOLDER / f"ecat.{bus}").exists()
 
 
 def unserved(bus: str) -> EcatError:
     """Why no gateway of this machine answers for a bus."""
-    if has_segment(bus):
+    if has_shared_memory(bus):
         try:
-            with opened(bus) as segment:
-                if segment.alive:
-                    return _without_gateway(bus, segment.header().state)
+            with opened(bus) as shared:
+                if shared.alive:
+                    return _without_gateway(bus, shared.header().state)
         except EcatError as error:  # it is still starting, for example
             return error
     others = _running()

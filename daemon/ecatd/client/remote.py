@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import zenoh
 
-from ecatd.gateway.keys import bus_key, object_key, session_config
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import (
     JOIN,
@@ -21,6 +20,7 @@ from ecatd.model.errors import (
 )
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.wire import MAX_REPLY, pack, unpack
+from ecatd.zenoh_keys import bus_key, object_key, session_config
 
 # What only some requests need is loaded by them: most commands are one request, and short.
 if TYPE_CHECKING:
@@ -63,9 +63,9 @@ def _local_endpoint(bus: str) -> str:
                     raise NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
                 return f"unixsock-stream/{path}"
         except PermissionError as error:
-            from .absent import has_segment
+            from .absent import has_shared_memory
 
-            if has_segment(bus):  # else none of these serves it
+            if has_shared_memory(bus):  # else none of these serves it
                 raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
     raise _unserved(bus)
 
@@ -198,7 +198,7 @@ class Remote:
         return from_map(self._ask("ro", "stats", parameters="buckets=1"))
 
     def clocks(self) -> dict[str, Any]:
-        """The distributed clocks of the bus; see `ecatd.dc.read_clocks`."""
+        """The distributed clocks of the bus; see `ecatd.stats.clocks.read_clocks`."""
         return self._ask("ro", "dc")
 
     def sdo_read(

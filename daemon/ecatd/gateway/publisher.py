@@ -11,8 +11,7 @@ from ecatd.client import Client
 from ecatd.log import Log
 from ecatd.model.errors import EcatError
 from ecatd.wire import pack
-
-from .keys import SCHEMA, bus_key
+from ecatd.zenoh_keys import SCHEMA, bus_key
 
 _PAUSE = 1.0
 

@@ -7,11 +7,11 @@ last_second = read("ecat0") - first
 print(last_second.counters.lost, last_second.times.exchange.quantile(0.99) / 1000, "µs")
 ```
 
-The engine counts into the segment all the time and does not notice who reads.
+The engine counts into the shared memory all the time and does not notice who reads.
 """
 
 from .maps import from_map, to_map
-from .segment import read
+from .reader import read
 from .snapshot import TIMES, Bin, Clock, Counters, Domain, Grant, Histogram, Snapshot, Times
 
 __all__ = [

@@ -303,5 +303,5 @@ class Snapshot:
 
 
 def _difference(now: object, then: object, names: tuple[str, ...]) -> dict[str, Any]:
-    """How far counters have come; those of a damaged segment may go backwards."""
+    """How far counters have come; those of damaged shared memory may go backwards."""
     return {name: max(0, getattr(now, name) - getattr(then, name)) for name in names}

@@ -12,13 +12,14 @@ import time
 from pathlib import Path
 from types import FrameType
 
+from ecatd import network_namespace as namespace
 from ecatd.model.errors import NotPermittedError, UsageError
 from ecatd.process import die_with_parent
 
 from .. import rig
 from ..control.server import Server
 from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE, folder
-from ..net import namespace, netlink
+from ..net import netlink
 from ..simulation import Simulation
 from .options import Commands
 

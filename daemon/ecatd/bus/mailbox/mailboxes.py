@@ -21,10 +21,10 @@ from enum import IntEnum
 from types import TracebackType
 from typing import NamedTuple, Self, TypeAlias, TypeVar
 
+from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.errors import EcatError, NoAnswerError, StateError
 
-from ..datagrams import DATAGRAM_BYTES, Answer, Datagram, Datagrams, fprd, fpwr
-from ..steps import Steps, finish
+from ..frames.datagrams import DATAGRAM_BYTES, Answer, Datagram, Datagrams, fprd, fpwr
 
 T = TypeVar("T")
 

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
@@ -25,12 +26,11 @@ from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.paths import profile_folders
 from ecatd.real_time import SETTINGS
 
-from ..engine import Engine, Grant, Index, RealTime, open_socket
-from ..layout import Image, assign_domains, lay_out
-from ..master import Master
-from ..objects import tell_emergencies
-from ..segment import Segment
-from ..steps import finish
+from ..engine.engine import Engine, Grant, Index, RealTime, open_socket
+from ..engine.layout import Image, assign_domains, lay_out
+from ..engine.shared_memory import SharedMemory
+from ..master.emergencies import tell_emergencies
+from ..master.master import Master
 from .clocks import Clocks, clock_bits
 from .doubtful import Doubt, fitting, settle
 from .identify import Finder, branch_ends
@@ -53,7 +53,7 @@ class RunningBus:
         bus: Its description.
         interfaces: Names of its interfaces: one, or two with cable redundancy.
         run: The number of this run, in the source address of its frames.
-        segment: The shared memory.
+        shared: The shared memory.
         master: The master.
         engine: The cyclic engine.
         clocks: The distributed clocks, where they are used.
@@ -68,7 +68,7 @@ class RunningBus:
     bus: Bus
     interfaces: list[str]
     run: int
-    segment: Segment
+    shared: SharedMemory
     master: Master
     engine: Engine
     clocks: Clocks | None
@@ -91,7 +91,7 @@ class BringUp:
 
     Attributes:
         bus: The description of the bus; its slaves are there after `read`.
-        segment: The shared memory: reserved by `reserve`, filled by `exchange`.
+        shared: The shared memory: reserved by `reserve`, filled by `exchange`.
         master: The master, from `reserve` on.
         engine: The cyclic engine, from `exchange` on.
         image: The process image, from `map` on.
@@ -117,7 +117,7 @@ class BringUp:
         self._interfaces = [name for name in (interface, config.second_interface) if name]
         self._run = secrets.randbits(32)
         self.bus = Bus(config.bus, config.cycle_time_us)
-        self.segment: Segment | None = None
+        self.shared: SharedMemory | None = None
         self.master: Master | None = None
         self.engine: Engine | None = None
         self.image: Image | None = None
@@ -134,19 +134,19 @@ class BringUp:
         """
         self._load_profiles()
         # Next what keeps others away, so that nothing is done to a bus that somebody else runs.
-        self.segment = segment = Segment(self._config.bus)
+        self.shared = shared = SharedMemory(self._config.bus)
         master, image = self._describe()
-        engine = self._exchange(segment, master, image)
-        self._synchronise(segment)
+        engine = self._exchange(shared, master, image)
+        self._synchronise(shared)
         self._reach(master, AlState.SAFEOP)
-        self._reach_op(master, segment)
+        self._reach_op(master, shared)
         engine.restart_counting()  # until now working counters could not be complete
         self.summary = self._summarise(image)
         return RunningBus(
             self.bus,
             self._interfaces,
             self._run,
-            segment,
+            shared,
             master,
             engine,
             self.clocks,
@@ -154,7 +154,7 @@ class BringUp:
             self._idle,
             SetUp(
                 master,
-                segment,
+                shared,
                 self.bus,
                 self._scanned,
                 image,
@@ -266,16 +266,16 @@ class BringUp:
             self.clocks.measure()
         return image
 
-    def _exchange(self, segment: Segment, master: Master, image: Image) -> Engine:
+    def _exchange(self, shared: SharedMemory, master: Master, image: Image) -> Engine:
         """Starts the cyclic exchange with all outputs safe."""
         config = self._config
         cycle_ns = config.cycle_time_us * 1000
         lease_max = config.outputs.lease_max_ms * 1_000_000
         lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
-        segment.fill(self.bus, image, lease, lease_max)
+        shared.fill(self.bus, image, lease, lease_max)
         self.engine = engine = Engine(
-            segment.address,
-            segment.out_fd,
+            shared.address,
+            shared.out_fd,
             [open_socket(name, Index.ENGINE, Index.LAST) for name in self._interfaces],
             self._run,
         )
@@ -283,7 +283,7 @@ class BringUp:
             engine.add_domain(domain)
         if self.clocks is not None:
             engine.set_clock(self.clocks.engine_clock)
-        self._guard(segment, engine)
+        self._guard(shared, engine)
         wanted = config.realtime
         grants = engine.start(
             RealTime(
@@ -297,14 +297,14 @@ class BringUp:
             )
         )
         master.relay.follow(engine)
-        segment.set_grants(grants)
+        shared.set_grants(grants)
         self._tell_grants(grants)
         return engine
 
-    def _guard(self, segment: Segment, engine: Engine) -> None:
+    def _guard(self, shared: SharedMemory, engine: Engine) -> None:
         """Tells the engine what outputs are without an owner, and what they never are."""
         numbers = {}
-        for number, row in enumerate(segment.signals[: segment.header.signal_count]):
+        for number, row in enumerate(shared.signals[: shared.header.signal_count]):
             numbers[row.slave, row.index, row.subindex, row.output] = number
             if row.output and (row.minimum > -math.inf or row.maximum < math.inf):
                 engine.set_limit(number, row.minimum, row.maximum)
@@ -318,17 +318,17 @@ class BringUp:
                 stop.patience,
             )
 
-    def _synchronise(self, segment: Segment) -> None:
+    def _synchronise(self, shared: SharedMemory) -> None:
         """Waits until all clocks are in step, and starts the SYNC signals."""
         if self.clocks is None:
             return
-        seconds = self.clocks.wait_for_lock(segment, self._cancelled)
+        seconds = self.clocks.wait_for_lock(shared, self._cancelled)
         count = len(self.clocks.followers)
         self._log.info(
             f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{self.clocks.reference.label} (after {seconds:.1f} s)"
         )
-        failed = finish(self.clocks.signals.start(segment), _CLOCK_PAUSE)
+        failed = finish(self.clocks.signals.start(shared), _CLOCK_PAUSE)
         for position, why in failed.items():
             raise StateError(f"{self.bus.slaves[position].label}: {why}")
 
@@ -341,10 +341,10 @@ class BringUp:
                     f"({os.strerror(grant.error)}): {words.without}; {words.how}"
                 )
 
-    def _reach_op(self, master: Master, segment: Segment) -> None:
+    def _reach_op(self, master: Master, shared: SharedMemory) -> None:
         """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
         timeout = self._config.state_timeout_s
-        finish(wait_for_outputs(segment, self.bus, timeout, self._cancelled))
+        finish(wait_for_outputs(shared, self.bus, timeout, self._cancelled))
         self._reach(master, AlState.OP)
 
     def _summarise(self, image: Image) -> str:

@@ -15,16 +15,16 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.shm import DcState, Ring
 
-from ..datagrams import Place, Station, bwr
-from ..engine import Clock
-from ..master import Master
-from ..segment import Segment
-from ..steps import Steps
+from ..engine.engine import Clock
+from ..engine.shared_memory import SharedMemory
+from ..frames.datagrams import Place, Station, bwr
+from ..master.master import Master
 from .clock_registers import (
     DELAY,
     DIFFERENCE,
@@ -252,11 +252,11 @@ class Clocks:
             if answer.wkc
         }
 
-    def wait_for_lock(self, segment: Segment, cancelled: Callable[[], bool]) -> float:
+    def wait_for_lock(self, shared: SharedMemory, cancelled: Callable[[], bool]) -> float:
         """Waits until the cycle and all clocks follow the reference clock; returns the seconds.
 
         Args:
-            segment: Where the engine tells the state of its lock.
+            shared: Where the engine tells the state of its lock.
             cancelled: Asked while waiting; when true, the wait ends with `StateError`.
 
         Raises:
@@ -264,7 +264,7 @@ class Clocks:
         """
         begin, steady = time.monotonic(), 0
         while True:
-            locked = segment.health.dc_state == DcState.LOCKED
+            locked = shared.health.dc_state == DcState.LOCKED
             differences = self.differences()
             in_step = all(
                 abs(differences.get(slave.position, IN_STEP_NS + 1)) <= IN_STEP_NS
@@ -275,13 +275,13 @@ class Clocks:
             if steady == _STEADY:
                 return waited
             if waited > self._config.dc.timeout_s:
-                raise StateError(self._why_not(segment, locked, differences))
+                raise StateError(self._why_not(shared, locked, differences))
             if cancelled():
                 raise StateError("stopped while distributed clocks were waited for")
             time.sleep(_POLL)
 
-    def _why_not(self, segment: Segment, locked: bool, differences: dict[int, int]) -> str:
-        health, dc = segment.health, self._config.dc
+    def _why_not(self, shared: SharedMemory, locked: bool, differences: dict[int, int]) -> str:
+        health, dc = shared.health, self._config.dc
         text = f"distributed clocks are not in step after {dc.timeout_s:g} s: "
         if health.dc_time_ns == 0:
             return f"{text}the reference clock, {self.reference.label}, tells no time"
@@ -339,7 +339,7 @@ class Clocks:
             ]
         )
 
-    def rejoin(self, positions: Iterable[int], segment: Segment) -> Steps[dict[int, str]]:
+    def rejoin(self, positions: Iterable[int], shared: SharedMemory) -> Steps[dict[int, str]]:
         """Brings clocks in step again that began anew, and starts their SYNC signals.
 
         They are where they were, so their delays are those that the start has measured.
@@ -361,21 +361,21 @@ class Clocks:
         waiting -= set(failed)
         ready = set(waiting)
         deadline = time.monotonic() + self._config.dc.timeout_s
-        while waiting and not self._in_step(waiting, segment):
+        while waiting and not self._in_step(waiting, shared):
             if time.monotonic() > deadline:
                 why = f"its clock does not come in step with that of {self.reference.label}"
                 failed |= dict.fromkeys(waiting, why)
                 ready = set()
                 break
             yield
-        failed |= yield from self.signals.start(segment, ready)
+        failed |= yield from self.signals.start(shared, ready)
         return failed
 
-    def _in_step(self, positions: Iterable[int], segment: Segment) -> bool:
-        limit = _RING_OPEN_NS if segment.health.ring == Ring.OPEN else IN_STEP_NS
+    def _in_step(self, positions: Iterable[int], shared: SharedMemory) -> bool:
+        limit = _RING_OPEN_NS if shared.health.ring == Ring.OPEN else IN_STEP_NS
         differences = self.differences() | {self.reference.position: 0}
         in_step = all(abs(differences.get(p, limit + 1)) <= limit for p in positions)
-        return in_step and segment.health.dc_state == DcState.LOCKED
+        return in_step and shared.health.dc_state == DcState.LOCKED
 
     def _set_time(self, slave: Slave) -> bool:
         """Sets a clock by the reference clock: one frame passes both."""

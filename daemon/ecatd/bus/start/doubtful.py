@@ -13,13 +13,13 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import StateError
 
-from ..layout import lay_out
-from ..master import Master
-from ..steps import Steps, finish
+from ..engine.layout import lay_out
+from ..master.master import Master
 from .mapping import Scanned, configure
 
 _R = TypeVar("_R", bound="_Rule")

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from ecatd.model.bus import Slave
 from ecatd.model.errors import StateError
 
-from ..datagrams import Datagrams, Place, Station, brd
-from .eeprom import Words, read_eeproms
+from ..frames.datagrams import Datagrams, Place, Station, brd
+from ..frames.eeprom import Words, read_eeproms
 
 _STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130
 _TRIES = 3

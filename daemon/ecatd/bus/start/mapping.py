@@ -23,10 +23,10 @@ from ecatd.model.sii import (
 )
 from ecatd.model.sii_reader import read_sii
 
-from ..layout import Image
+from ..engine.layout import Image
 from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Talk, converse
-from ..master import Master
+from ..master.master import Master
 from .assignment import Assignment
 
 _PROTOCOL_COE = 0x04

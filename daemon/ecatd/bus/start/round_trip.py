@@ -6,8 +6,8 @@ A write to register 0x0900 has a slave note when that frame came to each of its 
 
 from __future__ import annotations
 
-from ..datagrams import bwr
-from ..master import Master
+from ..frames.datagrams import bwr
+from ..master.master import Master
 
 _FEATURES, _HAS_CLOCK = 0x0008, 0x0004
 _DL_STATUS = 0x0110

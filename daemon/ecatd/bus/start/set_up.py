@@ -10,16 +10,16 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Pdo, Slave
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.sii import SiiMailbox
 
-from ..layout import Image
+from ..engine.layout import Image
+from ..engine.shared_memory import SharedMemory
 from ..mailbox.mailboxes import talk_all
-from ..master import Master
-from ..segment import Segment
-from ..steps import Steps
+from ..master.master import Master
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
@@ -75,7 +75,7 @@ def count_links(master: Master) -> list[int]:
 
 
 def wait_for_outputs(
-    segment: Segment, bus: Bus, patience_s: float, cancelled: Callable[[], bool] = lambda: False
+    shared: SharedMemory, bus: Bus, patience_s: float, cancelled: Callable[[], bool] = lambda: False
 ) -> Steps[None]:
     """Waits until outputs have been sent a few times; slaves want valid ones before OP.
 
@@ -83,9 +83,9 @@ def wait_for_outputs(
         StateError: The engine does not run.
     """
     cycles = _FIRST_CYCLES + bus.output_cycles - 1
-    first = segment.header.cycle
+    first = shared.header.cycle
     deadline = time.monotonic() + cycles * bus.cycle_time_us * 1e-6 + patience_s
-    while segment.header.cycle < first + cycles:
+    while shared.header.cycle < first + cycles:
         if time.monotonic() > deadline:
             raise StateError("the cyclic engine does not run")
         if cancelled():
@@ -98,7 +98,7 @@ class SetUp:
 
     Args:
         master: The master; all calls belong on the mailbox worker.
-        segment: The shared memory.
+        shared: The shared memory.
         bus: The bus.
         scanned: What the start has found out about its slaves.
         image: Where their process data are.
@@ -111,7 +111,7 @@ class SetUp:
     def __init__(
         self,
         master: Master,
-        segment: Segment,
+        shared: SharedMemory,
         bus: Bus,
         scanned: Sequence[Scanned],
         image: Image,
@@ -121,7 +121,7 @@ class SetUp:
         timeout_s: float,
     ) -> None:
         self._master = master
-        self._segment = segment
+        self._shared = shared
         self._bus = bus
         self._scanned = scanned
         self._image = image
@@ -172,14 +172,14 @@ class SetUp:
         here -= missed.keys()
         configure(self._master, [self._scanned[position] for position in sorted(here)], self._image)
         if self._clocks is not None:
-            late = yield from self._clocks.rejoin(here, self._segment)
+            late = yield from self._clocks.rejoin(here, self._shared)
             missed |= {position: Missed(text) for position, text in late.items()}
             here -= late.keys()
         missed |= yield from self.ask(here, AlState.SAFEOP)
         here -= missed.keys()
         if state == AlState.SAFEOP or not here:
             return missed
-        yield from wait_for_outputs(self._segment, self._bus, self._timeout_s)
+        yield from wait_for_outputs(self._shared, self._bus, self._timeout_s)
         missed |= yield from self.ask(here, AlState.OP)
         return missed
 

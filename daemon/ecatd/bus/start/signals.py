@@ -9,14 +9,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from statistics import mode
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.sii_reader import read_dc_modes
 
-from ..master import Master
-from ..segment import Segment
-from ..steps import Steps
+from ..engine.shared_memory import SharedMemory
+from ..master.master import Master
 from .clock_registers import SYNC_CONTROL, SYSTEM_TIME, number, signed
 
 _PULSE_LENGTH, _PULSE_UNIT_NS = 0x0982, 10
@@ -102,12 +102,12 @@ class Signals:
         return next((word for word in known if word & _SIGNALS == wanted), wanted)
 
     def start(
-        self, segment: Segment, positions: Container[int] | None = None
+        self, shared: SharedMemory, positions: Container[int] | None = None
     ) -> Steps[dict[int, str]]:
         """Starts the SYNC signals of slaves that have some, and waits for their first pulse.
 
         Args:
-            segment: Where the cycle and the time of the reference clock are found.
+            shared: Where the cycle and the time of the reference clock are found.
             positions: Which slaves; None for all.
 
         Returns:
@@ -117,11 +117,11 @@ class Signals:
         failed: dict[int, str] = {}
         if not chosen:
             return failed
-        zero = self._cycle_zero(segment)
+        zero = self._cycle_zero(shared)
         begun = []
         for signals in chosen:
             try:
-                self._start(signals, segment, zero)
+                self._start(signals, shared, zero)
                 begun.append((signals.slave, time.monotonic() + _patience(signals.slave)))
             except StateError as error:
                 failed[signals.slave.position] = str(error)
@@ -136,7 +136,7 @@ class Signals:
                 failed[slave.position] = str(error)
         return failed
 
-    def _cycle_zero(self, segment: Segment) -> int:
+    def _cycle_zero(self, shared: SharedMemory) -> int:
         """When cycle 0 began, on the clock of the reference: signals go with certain cycles.
 
         A frame that was lost or late gives another cycle, so several are asked.
@@ -144,18 +144,18 @@ class Signals:
         period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
 
         def zero() -> int:
-            before, deadline = segment.header.cycle, time.monotonic() + 1 + 10 * period * 1e-9
-            while segment.header.cycle == before:
+            before, deadline = shared.header.cycle, time.monotonic() + 1 + 10 * period * 1e-9
+            while shared.header.cycle == before:
                 if time.monotonic() > deadline:
                     raise StateError("the cyclic engine does not run")
                 time.sleep(period * 1e-9 / 8)
-            cycle, now = segment.header.cycle, segment.health.dc_time_ns
+            cycle, now = shared.header.cycle, shared.health.dc_time_ns
             # The frame passed the reference clock after the deadline, hardly ever before.
             return int((now - phase + period // 4) // period - cycle) * period
 
         return mode(zero() for _ in range(_CYCLES_ASKED))
 
-    def _start(self, signals: _Signals, segment: Segment, zero: int) -> None:
+    def _start(self, signals: _Signals, shared: SharedMemory, zero: int) -> None:
         """Sets the signals of a slave up; again if this takes so long that the start has passed."""
         master, slave = self._master, signals.slave
         position = slave.position
@@ -166,7 +166,7 @@ class Signals:
         for tries in range(1, _TRIES + 1):
             master.register_write(position, SYNC_CONTROL, bytes(2))  # off, and ours
             own = self._system_time(slave)
-            reference = segment.health.dc_time_ns
+            reference = shared.health.dc_time_ns
             now = reference + signed(own - reference)  # the upper half may be another one
             first = base - (base - now - tries * _LEAD_NS) // whole * whole
             start = (own + first - now) % (1 << slave.dc_bits)

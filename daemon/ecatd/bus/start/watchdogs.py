@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ecatd.model.bus import Bus
 from ecatd.model.errors import StateError
 
-from ..master import Master
+from ..master.master import Master
 from .mapping import Scanned
 
 _DIVIDER, _TIME = 0x0400, 0x0420

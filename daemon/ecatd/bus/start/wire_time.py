@@ -17,7 +17,7 @@ from math import gcd
 
 from ecatd.model.errors import StateError
 
-from ..layout import DomainImage, Image
+from ..engine.layout import DomainImage, Image
 
 _NS_PER_BYTE = 80
 _PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12

@@ -9,11 +9,11 @@ from ecatd.log import Log
 from ecatd.model.bus import Slave
 from ecatd.shm import DcState
 
-from ..engine import Event
-from ..segment import Segment
+from ..engine.engine import Event
+from ..engine.shared_memory import SharedMemory
+from ..master.worker import Worker
 from ..start.clocks import IN_STEP_NS, Clocks
-from ..worker import Worker
-from .paced import Paced
+from .rate_limiter import Throttle
 
 _PERIOD = 1.0
 _AGAIN_NS = IN_STEP_NS // 2
@@ -25,7 +25,7 @@ class ClockWatch:
 
     Args:
         clocks: The clocks.
-        segment: Where the differences of clocks are written.
+        shared: Where the differences of clocks are written.
         worker: The worker on which they are read.
         log: Where changes are told.
         tell: Publishes an event: its kind, and facts.
@@ -34,19 +34,19 @@ class ClockWatch:
     def __init__(
         self,
         clocks: Clocks,
-        segment: Segment,
+        shared: SharedMemory,
         worker: Worker,
         log: Log,
         tell: Callable[..., None],
     ) -> None:
         self._clocks = clocks
-        self._segment = segment
+        self._shared = shared
         self._worker = worker
         self._log = log
         self._tell = tell
         self._lost = False  # at least once
         self._astray: set[int] = set()
-        self._states = Paced(self._tell_state, _PERIOD)
+        self._states = Throttle(self._tell_state, _PERIOD)
 
     def handle(self, event: Event) -> None:
         """The cycle has lost the reference clock, or found it again."""
@@ -59,7 +59,7 @@ class ClockWatch:
         self._states.close()
 
     def _tell_state(self, event: Event) -> None:
-        state, health = DcState(event.value), self._segment.health
+        state, health = DcState(event.value), self._shared.health
         reference = self._clocks.reference.label
         if state == DcState.LOCKED:
             self._log.info(f"the cycle follows the clock of {reference} again")
@@ -92,7 +92,7 @@ class ClockWatch:
         """On the worker: differences in ns by position; not of slaves that are gone."""
         differences = self._clocks.differences()
         for position, difference in differences.items():
-            self._segment.slave_status[position].dc_difference_ns = difference
+            self._shared.slave_status[position].dc_difference_ns = difference
         return differences
 
     def _judge(self, slave: Slave, difference: int) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from ecatd.log import Log
 
-from ..segment import OUT_MODE, SHM_MODE, Segment, has_name
+from ..engine.shared_memory import OUT_MODE, SHM_MODE, SharedMemory, has_name
 from .programs import names, programs_with
 
 _PAUSE = 1.0
@@ -37,13 +37,13 @@ class FileWatch:
     """The watch over both files.
 
     Args:
-        segment: The shared memory.
+        shared: The shared memory.
         log: Where damage is told.
         tell: Publishes an event: its kind and its facts.
     """
 
-    def __init__(self, segment: Segment, log: Log, tell: Callable[..., None]) -> None:
-        self._segment = segment
+    def __init__(self, shared: SharedMemory, log: Log, tell: Callable[..., None]) -> None:
+        self._shared = shared
         self._log = log
         self._tell = tell
         self._silence: dict[tuple[Path, str], tuple[float, float]] = {}  # until when, and how long
@@ -61,10 +61,10 @@ class FileWatch:
                 self._say(file, damage, consequence)
 
     def _files(self) -> Iterator[_File]:
-        segment, out = self._segment, self._segment.out
-        yield _File(segment.path, segment.fd, segment.header.size, SHM_MODE, b"")
+        shared, out = self._shared, self._shared.out
+        yield _File(shared.path, shared.fd, shared.header.size, SHM_MODE, b"")
         size = out.slots_offset + out.slot_count * out.slot_stride
-        yield _File(segment.out_path, segment.out_fd, size, OUT_MODE, bytes(out))
+        yield _File(shared.out_path, shared.out_fd, size, OUT_MODE, bytes(out))
 
     def _say(self, file: _File, damage: str, consequence: str) -> None:
         """Tells it, but less and less often while somebody goes on doing it."""

@@ -16,7 +16,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ..engine import Index, open_socket
+from ..engine.engine import Index, open_socket
 from .deeds import Deed, deeds
 
 _SO_ATTACH_FILTER = 26

@@ -19,16 +19,16 @@ from ecatd.model.al import AlState
 from ecatd.model.config import OutputsConfig
 from ecatd.model.errors import StateError
 
-from ..engine import Event, EventType
-from ..master import SlaveState
-from ..slot_requests import Answer, SlotRequests
+from ..engine.engine import Event, EventType
+from ..master.master import SlaveState
+from ..master.worker import Worker
 from ..start.bring_up import RunningBus
-from ..worker import Worker
 from .clocks import ClockWatch
 from .files import FileWatch
 from .outputs import OutputWatch
-from .paced import Paced
+from .rate_limiter import Throttle
 from .slaves import SlaveWatch
+from .slot_requests import Answer, SlotRequests
 from .wire import WireWatch
 
 _EVENT_PATIENCE = 0.2
@@ -60,25 +60,25 @@ class Monitor:
         publish: Callable[[dict[str, Any]], None],
     ) -> None:
         self._bus = running.bus
-        self._segment = running.segment
+        self._shared = running.shared
         self._engine = running.engine
         self._log = log
         self._publish = publish
         self._requests = SlotRequests(
-            running.segment, running.engine, answer, self._on_wrong_request, log
+            running.shared, running.engine, answer, self._on_wrong_request, log
         )
-        self._outputs = OutputWatch(running.bus, running.segment, outputs, log, self._tell)
+        self._outputs = OutputWatch(running.bus, running.shared, outputs, log, self._tell)
         self._wire = WireWatch(running, log, self._tell)
         self._slaves = SlaveWatch(running, worker, log, self._tell, self._wire.is_foreign)
         self._clocks = (
             None
             if running.clocks is None
-            else ClockWatch(running.clocks, running.segment, worker, log, self._tell)
+            else ClockWatch(running.clocks, running.shared, worker, log, self._tell)
         )
         self._working_counters = [
-            Paced(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
+            Throttle(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
         ]
-        self._files = FileWatch(running.segment, log, self._tell)
+        self._files = FileWatch(running.shared, log, self._tell)
         self._room = threading.Semaphore(_EVENTS_WAITING)
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -185,7 +185,7 @@ class Monitor:
 
     def _on_wrong_request(self, slot: int, generation: int) -> None:
         kind = EventType.MALFORMED
-        cycle = self._segment.header.cycle
+        cycle = self._shared.header.cycle
         self._outputs.handle(Event(kind, slave=-1, slot=slot, value=generation, cycle=cycle))
 
     def _tell_working_counter(self, event: Event) -> None:

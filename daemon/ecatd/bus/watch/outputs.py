@@ -18,12 +18,11 @@ from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Entry, Slave, positions_text
 from ecatd.model.config import OutputsConfig
-from ecatd.segment.reader import printable
 
-from ..engine import Event, EventType
-from ..segment import Segment
-from .paced import Gathered
+from ..engine.engine import Event, EventType
+from ..engine.shared_memory import SharedMemory
 from .programs import Program, names, programs_with
+from .rate_limiter import Batch
 
 _TOLD = 4
 """Things that are told at once about one client; what came before them is only counted."""
@@ -61,7 +60,7 @@ class OutputWatch:
 
     Args:
         bus: The bus.
-        segment: Its shared memory.
+        shared: Its shared memory.
         config: Tells how long drives have to stop.
         log: Where it is told.
         tell: Publishes an event: its kind and its facts.
@@ -70,18 +69,18 @@ class OutputWatch:
     def __init__(
         self,
         bus: Bus,
-        segment: Segment,
+        shared: SharedMemory,
         config: OutputsConfig,
         log: Log,
         tell: Callable[..., None],
     ) -> None:
         self._bus = bus
-        self._segment = segment
+        self._shared = shared
         self._patience = {rule.slave: rule.patience for rule in config.safe}
         self._log = log
         self._tell = tell
         self._clients: dict[int, _Client] = {}
-        self._gathered: dict[tuple[int, int], Gathered[tuple[Event, _Client]]] = {}
+        self._gathered: dict[tuple[int, int], Batch[tuple[Event, _Client]]] = {}
         self._writers: list[Program] = []
         self._looked = 0.0
 
@@ -91,7 +90,7 @@ class OutputWatch:
             self._look_at(event.slot, event.value)
         about = (event.slot, event.slave if event.slot < 0 else -1)
         if about not in self._gathered:
-            self._gathered[about] = Gathered(partial(self._tell_all, event.slot))
+            self._gathered[about] = Batch(partial(self._tell_all, event.slot))
         client = self._clients.get(event.slot, _Client(event.slot))
         self._gathered[about].note((event, client))
 
@@ -102,14 +101,14 @@ class OutputWatch:
 
     def _look_at(self, slot: int, generation: int) -> None:
         """Remembers who is in a slot, for when another client has its place."""
-        out, kind = self._segment.out, shm.struct("ecat_out_slot")
+        out, kind = self._shared.out, shm.struct("ecat_out_slot")
         at = out.slots_offset + slot * out.slot_stride
-        data = os.pread(self._segment.out_fd, shm.size(kind.__name__), at)
+        data = os.pread(self._shared.out_fd, shm.size(kind.__name__), at)
         if len(data) < shm.size(kind.__name__):
             return
         found = kind.from_buffer_copy(data)
         if found.generation == generation:
-            self._clients[slot] = _Client(slot, printable(found.program), found.pid)
+            self._clients[slot] = _Client(slot, shm.printable(found.program), found.pid)
 
     def _tell_all(self, slot: int, events: list[tuple[Event, _Client]], left_out: int) -> None:
         groups = [
@@ -131,14 +130,14 @@ class OutputWatch:
 
     def _find_writers(self) -> None:
         if time.monotonic() - self._looked > _FRESH:
-            self._writers = programs_with(self._segment.out_fd, writing=True)
+            self._writers = programs_with(self._shared.out_fd, writing=True)
             self._looked = time.monotonic()
 
     def _others(self, owner: _Client) -> str:
         """Who can have written into a slot, if not only its owner; else nothing."""
         if all(program.pid == owner.pid for program in self._writers):
             return ""
-        return f"{self._segment.out_path} is open for writing in {names(self._writers)}"
+        return f"{self._shared.out_path} is open for writing in {names(self._writers)}"
 
     def _publish(self, event: Event, client: _Client) -> None:
         facts: dict[str, Any] = {"cycle": event.cycle}
@@ -192,7 +191,7 @@ class OutputWatch:
         return f"slaves {positions_text(positions)}"
 
     def _entry(self, signal: int) -> Entry:
-        row = self._segment.signals[signal]
+        row = self._shared.signals[signal]
         slave: Slave = self._bus.slaves[row.slave]
         return next(
             entry

@@ -22,7 +22,7 @@ from ecatd.model.al import (
     needs_set_up,
 )
 
-from ..master import SlaveState
+from ..master.master import SlaveState
 
 QUICK_TRIES = 3
 _PAUSES = (0.5, 2.0)

@@ -7,18 +7,18 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 
+from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, StateError
 
-from ..datagrams import Place
-from ..master import SlaveState
+from ..frames.datagrams import Place
+from ..master.master import SlaveState
+from ..master.worker import Worker
 from ..start.bring_up import RunningBus
 from ..start.identify import Found
 from ..start.set_up import Missed
-from ..steps import Steps
-from ..worker import Worker
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 

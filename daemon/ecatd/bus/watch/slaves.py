@@ -14,10 +14,10 @@ from itertools import groupby
 from ecatd.log import Log
 from ecatd.model.al import AlState
 
-from ..datagrams import aprd
-from ..master import SlaveState
+from ..frames.datagrams import aprd
+from ..master.master import SlaveState
+from ..master.worker import Worker
 from ..start.bring_up import RunningBus
-from ..worker import Worker
 from .presence import describe_presence, name_slaves
 from .recovery import Condition
 from .repair import Repair
@@ -59,8 +59,8 @@ class SlaveWatch:
     ) -> None:
         self._bus = running.bus
         self._master = running.master
-        self._health = running.segment.health
-        self._rows = running.segment.slave_status
+        self._health = running.shared.health
+        self._rows = running.shared.slave_status
         self._worker = worker
         self._log = log
         self._tell = tell

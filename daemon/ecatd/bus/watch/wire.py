@@ -14,14 +14,14 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError
 
-from ..engine import Event, Index, open_socket
-from ..interface import switch_on
+from ..engine.engine import Event, Index, open_socket
+from ..frames.interface import switch_on
 from ..start.bring_up import RunningBus
 from .counters import Disturbance, Report
 from .deeds import Deed, facts, sentence
 from .foreign import ForeignWatch
 from .link import LinkState, LinkWatch
-from .paced import Paced
+from .rate_limiter import Throttle
 
 _PERIOD = 1.0
 _FOREIGN_GONE = 3.0
@@ -65,11 +65,11 @@ class WireWatch:
         self._engine = running.engine
         self._master = running.master
         self._interfaces = running.interfaces
-        self._health = running.segment.health
+        self._health = running.shared.health
         self._log = log
         self._tell = tell
-        self._sending = [Paced(self._tell_sending, _PERIOD) for _ in running.interfaces]
-        self._link_changes = [Paced(self._tell_link, _PERIOD) for _ in running.interfaces]
+        self._sending = [Throttle(self._tell_sending, _PERIOD) for _ in running.interfaces]
+        self._link_changes = [Throttle(self._tell_link, _PERIOD) for _ in running.interfaces]
         self._ring: Event | None = None
         self._untold_break: Event | None = None
         self._ring_told = ""

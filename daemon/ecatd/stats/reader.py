@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from ecatd import shm
-from ecatd.segment.reader import Reader, opened, printable
+from ecatd.shared_memory.reader import Reader, opened
 
 from .snapshot import (
     COUNTERS,
@@ -36,32 +36,32 @@ def read(bus: str = "ecat0") -> Snapshot:
         UsageError: `bus` is no name of a bus.
         UnreachableError: No daemon serves it, or the daemon is still starting.
         NotPermittedError: This user may not read it.
-        StateError: The segment is damaged, or of another version.
+        StateError: The shared memory is damaged, or of another version.
     """
-    with opened(bus) as segment:
-        return snapshot(segment)
+    with opened(bus) as shared:
+        return snapshot(shared)
 
 
-def snapshot(segment: Reader) -> Snapshot:
-    """Statistics of an open segment; raises as `read`."""
+def snapshot(shared: Reader) -> Snapshot:
+    """Statistics of open shared memory; raises as `read`."""
     for _ in range(_TRIES):
-        found = _read(segment)
-        if segment.header().cycle == found.cycle:
+        found = _read(shared)
+        if shared.header().cycle == found.cycle:
             break
     return found
 
 
-def _read(segment: Reader) -> Snapshot:
-    head = segment.header()
-    (health,) = segment.table(head, "health")
-    settings = segment.table(head, "settings")
-    domains = _domains(segment, head)
+def _read(shared: Reader) -> Snapshot:
+    head = shared.header()
+    (health,) = shared.table(head, "health")
+    settings = shared.table(head, "settings")
+    domains = _domains(shared, head)
     read_ns = time.monotonic_ns()
     if head.cycle_time_ns == 0:
-        raise segment.damaged("cycle time")
+        raise shared.damaged("cycle time")
     return Snapshot(
-        bus=segment.bus,
-        version=printable(head.version),
+        bus=shared.bus,
+        version=shm.printable(head.version),
         state=shm.BusState(head.state),
         instance=head.instance,
         cycle_time_ns=head.cycle_time_ns,
@@ -96,16 +96,16 @@ def _read(segment: Reader) -> Snapshot:
     )
 
 
-def _domains(segment: Reader, head: Any) -> tuple[Domain, ...]:
-    tables = segment.table(head, "domains")
-    statuses = segment.table(head, "domain_status")
+def _domains(shared: Reader, head: Any) -> tuple[Domain, ...]:
+    tables = shared.table(head, "domains")
+    statuses = shared.table(head, "domain_status")
     made = []
     for number, (table, status) in enumerate(zip(tables, statuses, strict=True)):
-        (page,) = segment.rows("ecat_shm_page", table.page_offset, 1)
+        (page,) = shared.rows("ecat_shm_page", table.page_offset, 1)
         made.append(
             Domain(
                 number=number,
-                name=printable(table.name),
+                name=shm.printable(table.name),
                 divider=table.divider,
                 phase=table.phase,
                 output_bytes=table.output_bytes,

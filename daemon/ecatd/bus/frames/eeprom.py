@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 from ecatd.model.errors import StateError
 
-from ..datagrams import Datagrams, Place, Station
+from .datagrams import Datagrams, Place, Station
 
 Words = Callable[[int, int], bytes]
 """Gives words of an EEPROM: word address and how many."""

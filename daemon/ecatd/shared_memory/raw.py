@@ -1,4 +1,4 @@
-"""Single tables of the segments, field by field: nothing is checked but that they are there."""
+"""Single tables of the shared memory, field by field, with no checks but that they exist."""
 
 from __future__ import annotations
 
@@ -24,33 +24,33 @@ def read_raw(bus: str, table: str) -> list[Any]:
 
     Args:
         bus: Name of the bus; its daemon need not live.
-        table: One of `NAMES`: those of the daemon's segment, `pages` of the domains, and those of
-            the clients' segment, where each slot has some `requests` and `images`.
+        table: One of `NAMES`: those of the daemon's shared memory, `pages` of the domains, and
+            those of the clients' shared memory, where each slot has some `requests` and `images`.
 
     Raises:
         UsageError: There is no such table.
-        EcatError: It cannot be read, as `segment.picture.picture`.
+        EcatError: It cannot be read, as `picture.picture`.
     """
     if table not in NAMES:
         raise UsageError(f"'{table}' is no table: use one of {', '.join(NAMES)}")
-    with opened(bus) as segment:
-        head = segment.header(leftover=True)
+    with opened(bus) as shared:
+        head = shared.header(leftover=True)
         if table == "header":
             return [head]
         if table == "pages":
-            return [segment.page(domain).head for domain in segment.table(head, "domains")]
+            return [shared.page(domain).head for domain in shared.table(head, "domains")]
         if table in shm.TABLES:
-            return segment.table(head, table)
-        return _of_clients(segment, head, table)
+            return shared.table(head, table)
+        return _of_clients(shared, head, table)
 
 
-def _of_clients(segment: Reader, head: Any, table: str) -> list[Any]:
-    with segment.slots(head) as out:
+def _of_clients(shared: Reader, head: Any, table: str) -> list[Any]:
+    with shared.slots(head) as out:
         if table == "out_header":
             return [out.header]
         rows = [row for slot in range(out.header.slot_count) for row in _of_slot(out, table, slot)]
         if None in rows or not rows:
-            raise segment.damaged(f"table {table} is cut short")
+            raise shared.damaged(f"table {table} is cut short")
         return rows
 
 

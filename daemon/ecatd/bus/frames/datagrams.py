@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from .engine import Index
+from ..engine.engine import Index
 
 _ETHERTYPE = 0x88A4
 

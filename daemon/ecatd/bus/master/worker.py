@@ -12,9 +12,8 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any, NamedTuple, TypeVar
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.errors import StateError
-
-from .steps import Steps
 
 T = TypeVar("T")
 

@@ -1,4 +1,4 @@
-"""What must be true of the rows of a segment before they are used: as in the C client.
+"""What must be true of the rows of shared memory before they are used: as in the C client.
 
 Each check returns what is wrong with a row, in words that follow its place, or nothing.
 """

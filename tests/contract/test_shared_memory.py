@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ecatd import shm
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
 from ecatd.model.bus import Bus, Entry, Pdo, Slave
 from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
@@ -46,9 +46,9 @@ def make_bus() -> Bus:
 
 
 @pytest.fixture
-def segment() -> Iterator[Segment]:
+def shared() -> Iterator[SharedMemory]:
     bus = make_bus()
-    made = Segment(bus.name)
+    made = SharedMemory(bus.name)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.cycle_end_ns = 1 << 62  # "just now" for ever: no engine runs here
     made.publish()
@@ -56,21 +56,21 @@ def segment() -> Iterator[Segment]:
     made.close()
 
 
-def name_of(segment: Segment) -> str:
-    return segment.path.name.removeprefix("ecat.")
+def name_of(shared: SharedMemory) -> str:
+    return shared.path.name.removeprefix("ecat.")
 
 
-def put_image(segment: Segment, data: bytes) -> None:
+def put_image(shared: SharedMemory, data: bytes) -> None:
     """What the engine does, for a domain that nobody reads meanwhile."""
     domain = shm.struct("ecat_shm_domain").from_address(
-        segment.address + segment.header.domains_offset
+        shared.address + shared.header.domains_offset
     )
-    page = segment.address + domain.page_offset + shm.size("ecat_shm_page")
+    page = shared.address + domain.page_offset + shm.size("ecat_shm_page")
     ctypes.memmove(page, data, len(data))
 
 
-def test_the_directory_arrives(segment: Segment) -> None:
-    with Client(name_of(segment)) as client:
+def test_the_directory_arrives(shared: SharedMemory) -> None:
+    with Client(name_of(shared)) as client:
         assert client.fingerprint == make_bus().fingerprint
         assert client.cycle_time == 0.0005
         first, second = client.slaves()
@@ -83,7 +83,7 @@ def test_the_directory_arrives(segment: Segment) -> None:
         assert signals[6].output
 
 
-def test_values_of_all_shapes_are_read(segment: Segment) -> None:
+def test_values_of_all_shapes_are_read(shared: SharedMemory) -> None:
     import struct
 
     odd = -700
@@ -91,8 +91,8 @@ def test_values_of_all_shapes_are_read(segment: Segment) -> None:
     image = struct.pack(
         "<HHQqfd", 0, word, (1 << 64) - 1, -(1 << 63), 1.5, -2.25
     )  # two bytes of outputs come first
-    put_image(segment, image)
-    with Client(name_of(segment)) as client:
+    put_image(shared, image)
+    with Client(name_of(shared)) as client:
         client.sample()
         values = [client.read(n) for n in range(6)]
         assert values[:2] == [1.0, odd]
@@ -102,16 +102,16 @@ def test_values_of_all_shapes_are_read(segment: Segment) -> None:
         assert client.read_physical(4) == 1.75
 
 
-def test_a_real_entry_is_rounded_to_an_integer_as_it_is_written(segment: Segment) -> None:
+def test_a_real_entry_is_rounded_to_an_integer_as_it_is_written(shared: SharedMemory) -> None:
     import struct
 
-    with Client(name_of(segment)) as client:
+    with Client(name_of(shared)) as client:
         for number, whole in ((2.5, 2), (3.5, 4), (-0.5, 0), (-1.5, -2), (-2.6, -3), (7.0, 7)):
-            put_image(segment, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
+            put_image(shared, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
             client.sample()
             assert [client.read_int(n) for n in (4, 5)] == [whole, whole]
         for number in (float("nan"), float("inf"), 2.0**63):
-            put_image(segment, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
+            put_image(shared, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
             client.sample()
             with pytest.raises(UsageError, match="is no 64-bit integer"):
                 client.read_int(5)
@@ -134,10 +134,10 @@ def test_a_real_entry_is_rounded_to_an_integer_as_it_is_written(segment: Segment
         ("size", 1 << 40),
     ],
 )
-def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -> None:
-    setattr(segment.header, field, value)
+def test_a_damaged_header_is_refused(shared: SharedMemory, field: str, value: int) -> None:
+    setattr(shared.header, field, value)
     with pytest.raises(StateError, match="is damaged"):
-        Client(name_of(segment))
+        Client(name_of(shared))
 
 
 @pytest.mark.parametrize(
@@ -159,38 +159,38 @@ def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -
     ],
 )
 def test_a_damaged_table_is_refused(
-    segment: Segment, table: str, field: str, value: float | bytes
+    shared: SharedMemory, table: str, field: str, value: float | bytes
 ) -> None:
-    offset = getattr(segment.header, f"{table}s_offset")
-    row = shm.struct(f"ecat_shm_{table}").from_address(segment.address + offset)
+    offset = getattr(shared.header, f"{table}s_offset")
+    row = shm.struct(f"ecat_shm_{table}").from_address(shared.address + offset)
     setattr(row, field, value)
     with pytest.raises(StateError, match="is damaged"):
-        Client(name_of(segment))
+        Client(name_of(shared))
 
 
-def test_another_layout_is_named(segment: Segment) -> None:
-    segment.header.layout = (7 << 16) | 1
+def test_another_layout_is_named(shared: SharedMemory) -> None:
+    shared.header.layout = (7 << 16) | 1
     with pytest.raises(StateError, match=r"speaks layout 7\.1, this client 1\.0"):
-        Client(name_of(segment))
-    segment.header.layout = shm.LAYOUT + 3  # a newer minor version only appends
-    Client(name_of(segment)).close()
-    segment.header.layout = 0
+        Client(name_of(shared))
+    shared.header.layout = shm.LAYOUT + 3  # a newer minor version only appends
+    Client(name_of(shared)).close()
+    shared.header.layout = 0
     with pytest.raises(UnreachableError, match="is still starting"):
-        Client(name_of(segment))
+        Client(name_of(shared))
 
 
-def test_a_second_daemon_and_a_leftover(segment: Segment) -> None:
+def test_a_second_daemon_and_a_leftover(shared: SharedMemory) -> None:
     bus = make_bus()
-    bus.name = name_of(segment)
+    bus.name = name_of(shared)
     with pytest.raises(StateError, match="is already served by another ecatd"):
-        Segment(bus.name)
+        SharedMemory(bus.name)
     assert Client(bus.name).fingerprint == bus.fingerprint
     left = shm.FOLDER / f"ecat.{bus.name}x"
     left.write_bytes(b"garbage of a daemon that was killed")
     bus.name += "x"
     with pytest.raises(UnreachableError, match="start it with"):
         Client(bus.name)
-    fresh = Segment(bus.name)
+    fresh = SharedMemory(bus.name)
     with pytest.raises(UnreachableError, match="is still starting"):
         Client(bus.name)
     fresh.fill(bus, lay_out(bus, set()), 1, 1)
@@ -201,8 +201,8 @@ def test_a_second_daemon_and_a_leftover(segment: Segment) -> None:
     assert not list(shm.FOLDER.glob(f"*{bus.name}*"))
 
 
-def test_calls_without_a_connection_are_errors(segment: Segment) -> None:
-    client = Client(name_of(segment))
+def test_calls_without_a_connection_are_errors(shared: SharedMemory) -> None:
+    client = Client(name_of(shared))
     client.close()
     client.close()
     with pytest.raises(StateError, match="is closed"):
@@ -244,15 +244,15 @@ def test_calls_without_a_connection_are_errors(segment: Segment) -> None:
     ],
 )
 def test_turns_of_a_domain_are_counted_on_its_grid(
-    segment: Segment, divider: int, phase: int, exchanged: int, turns: int, due: int
+    shared: SharedMemory, divider: int, phase: int, exchanged: int, turns: int, due: int
 ) -> None:
     domain = shm.struct("ecat_shm_domain").from_address(
-        segment.address + segment.header.domains_offset
+        shared.address + shared.header.domains_offset
     )
     domain.divider, domain.phase = divider, phase
-    page = shm.struct("ecat_shm_page").from_address(segment.address + domain.page_offset)
+    page = shm.struct("ecat_shm_page").from_address(shared.address + domain.page_offset)
     page.cycle = exchanged
-    with Client(name_of(segment)) as client:
+    with Client(name_of(shared)) as client:
         client.sample()
         if due > exchanged:
             page.cycle = due - 1
@@ -262,10 +262,10 @@ def test_turns_of_a_domain_are_counted_on_its_grid(
         client.wait_domain(0, turns, timeout=0)
 
 
-def test_the_cycle_that_stands_still_is_told(segment: Segment) -> None:
-    segment.header.cycle_end_ns = 1
+def test_the_cycle_that_stands_still_is_told(shared: SharedMemory) -> None:
+    shared.header.cycle_end_ns = 1
     with (
-        Client(name_of(segment)) as client,
+        Client(name_of(shared)) as client,
         pytest.raises(UnreachableError, match="stands still"),
     ):
         client.sample()

@@ -17,7 +17,7 @@ from ecatd.model.errors import UsageError
 from ecatd.model.messages import Request, SdoRead, SdoWrite, SetState, parse_request, to_map
 from ecatd.shm import REQUEST_BYTES
 
-from .segment import Segment
+from .shared_memory import SharedMemory
 
 _HALF = 1 << 31  # of the numbers of requests, which count in 32 bits
 _STATES = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
@@ -65,14 +65,14 @@ class Asked:
 
 
 class Cells:
-    """The requests in the `.out` segment.
+    """The requests in the `.out` shared memory.
 
     Args:
-        segment: The shared memory.
+        shared: The shared memory.
     """
 
-    def __init__(self, segment: Segment) -> None:
-        self._segment = segment
+    def __init__(self, shared: SharedMemory) -> None:
+        self._shared = shared
         self._size = shm.size("ecat_out_request")
 
     def read(self, slot: int) -> list[Asked]:
@@ -80,7 +80,7 @@ class Cells:
         bell, at = self._doorbell(slot), self._at(slot)
         if bell is None or bell.generation == 0:
             return []
-        data = os.pread(self._segment.out_fd, shm.REQUESTS * self._size, at)
+        data = os.pread(self._shared.out_fd, shm.REQUESTS * self._size, at)
         after = self._doorbell(slot)
         if len(data) < shm.REQUESTS * self._size or after is None:
             return []
@@ -100,18 +100,18 @@ class Cells:
         if bell is None or bell.generation != asked.generation:
             return False
         at = self._at(asked.slot) + asked.cell * self._size
-        seq = os.pread(self._segment.out_fd, 4, at)
+        seq = os.pread(self._shared.out_fd, 4, at)
         return int.from_bytes(seq, "little") == asked.seq and file_locks.held(
-            self._segment.out_fd, shm.LOCK_SLOT + asked.slot
+            self._shared.out_fd, shm.LOCK_SLOT + asked.slot
         )
 
     def _at(self, slot: int) -> int:
-        out = self._segment.out
+        out = self._shared.out
         return int(out.slots_offset + slot * out.slot_stride + shm.size("ecat_out_slot"))
 
     def _doorbell(self, slot: int) -> Any:
         kind = shm.struct("ecat_out_doorbell")
         size = shm.size("ecat_out_doorbell")
-        at = self._segment.out.doorbells_offset + slot * size
-        data = os.pread(self._segment.out_fd, size, at)
+        at = self._shared.out.doorbells_offset + slot * size
+        data = os.pread(self._shared.out_fd, size, at)
         return kind.from_buffer_copy(data) if len(data) == size else None

@@ -27,9 +27,9 @@ from ecatd.model.errors import (
 from ecatd.model.messages import Request, SdoRead, SetState
 from ecatd.shm import REQUEST_BYTES, Errno
 
-from .engine import Engine
-from .segment import Segment
-from .slot_cells import Asked, Cells
+from ..engine.engine import Engine
+from ..engine.shared_memory import SharedMemory
+from ..engine.slot_cells import Asked, Cells
 
 _STATUS: tuple[tuple[type[EcatError], Errno], ...] = (
     (SdoAbortError, Errno.EABORT),
@@ -55,7 +55,7 @@ class SlotRequests:
     """Carries the requests of all slots out; for the thread of the event loop.
 
     Args:
-        segment: The shared memory.
+        shared: The shared memory.
         engine: Tells of new requests, and takes the answers.
         answer: Carries a request out, whoever asks.
         wrong: Called with slot and generation of a client that asks for what no client library
@@ -65,13 +65,13 @@ class SlotRequests:
 
     def __init__(
         self,
-        segment: Segment,
+        shared: SharedMemory,
         engine: Engine,
         answer: Answer,
         wrong: Callable[[int, int], None],
         log: Log,
     ) -> None:
-        self._cells = Cells(segment)
+        self._cells = Cells(shared)
         self._engine = engine
         self._answer = answer
         self._wrong = wrong

@@ -1,4 +1,4 @@
-"""Events that may come in every cycle, told at a bounded rate."""
+"""Rate limiters for events that may come in every cycle."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from ..engine import Event
+from ..engine.engine import Event
 
 T = TypeVar("T")
 
@@ -16,11 +16,10 @@ _PAUSE, _LONGEST_PAUSE = 0.25, 60.0
 _GATHERED_MAX = 1024
 
 
-class Paced:
-    """Passes events on: the first one at once, then the latest after a pause.
+class Throttle:
+    """Passes on the first event at once, and after that only the latest one of each pause.
 
-    An event whose value is that of the one before says nothing new and is left out. For the thread
-    of the event loop.
+    An event with the same value as the one before is left out. For the thread of the event loop.
 
     Args:
         tell: Gets the events.
@@ -55,8 +54,8 @@ class Paced:
             self._timer.cancel()
 
 
-class Gathered(Generic[T]):
-    """Passes what happens on together: at once, then at growing intervals while they keep coming.
+class Batch(Generic[T]):
+    """Passes events on in batches: at once, then at growing intervals while more keep coming.
 
     For the thread of the event loop.
 

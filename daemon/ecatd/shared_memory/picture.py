@@ -16,10 +16,10 @@ from ecatd.model.datatypes import DataType, is_signed, type_name
 from ecatd.model.errors import EcatError, NotPermittedError
 
 from .checks import domain_faults, output_faults, signal_faults, slave_faults
-from .reader import Page, Reader, SlotReader, opened, printable, version
+from .reader import Page, Reader, SlotReader, opened, version
 
 _T = TypeVar("_T")
-_SILENCE_NS = 80_000_000  # after which a cycle that does not end stands still (`segment.c`)
+_SILENCE_NS = 80_000_000  # after which a cycle that does not end stands still (`shared_memory.c`)
 _REALS = {(DataType.REAL32, 32): "<f", (DataType.REAL64, 64): "<d"}
 
 COUNTERS = (
@@ -29,25 +29,25 @@ COUNTERS = (
 
 
 def picture(bus: str) -> dict[str, Any]:
-    """Everything in the segments of a bus on this machine, whether its daemon lives or not.
+    """Everything in the shared memory of a bus on this machine, also after its daemon has died.
 
     Returns:
         A map, as `ecatctl shm --json` prints it (docs/command-line.md); `problems` are sentences.
 
     Raises:
-        EcatError: There is nothing to show: no segment, no right to read it, another version, or
-            a header that makes no sense.
+        EcatError: There is nothing to show: no shared memory, no right to read it, another version,
+            or a header that makes no sense.
     """
-    with opened(bus) as segment:
-        return Picture(segment, leftover=True).document()
+    with opened(bus) as shared:
+        return Picture(shared, leftover=True).document()
 
 
 class Picture:
-    """A segment, taken apart; what is damaged goes to `problems`.
+    """Shared memory, taken apart; what is damaged goes to `problems`.
 
     Args:
-        segment: The open segment.
-        leftover: Also of a segment whose daemon was killed.
+        shared: The open shared memory.
+        leftover: Also of shared memory whose daemon was killed.
 
     Attributes:
         problems: What is wrong, in the order in which it was found.
@@ -58,11 +58,11 @@ class Picture:
         EcatError: The header makes no sense.
     """
 
-    def __init__(self, segment: Reader, *, leftover: bool = False) -> None:
-        self._segment = segment
+    def __init__(self, shared: Reader, *, leftover: bool = False) -> None:
+        self._shared = shared
         self.problems: list[str] = []
-        self.alive = segment.alive
-        self.head = head = segment.header(leftover=leftover)
+        self.alive = shared.alive
+        self.head = head = shared.header(leftover=leftover)
         self._domain_rows = self._table("domains")
         self._pages = [self._page(n, row) for n, row in enumerate(self._domain_rows)]
         self._slave_rows = self._table("slaves")
@@ -79,7 +79,7 @@ class Picture:
         head = self.head
         return {
             **self.summary(),
-            "bytes": self._segment.size,
+            "bytes": self._shared.size,
             "layout": version(head.layout),
             "fingerprint": f"{head.fingerprint:016x}",
             "counts": {
@@ -99,11 +99,11 @@ class Picture:
         """Who runs the bus, and how it goes."""
         head = self.head
         return {
-            "bus": self._segment.bus,
-            "file": str(self._segment.path),
+            "bus": self._shared.bus,
+            "file": str(self._shared.path),
             "alive": self.alive,
             "state": _word(shm.BusState(head.state)),
-            "version": printable(head.version),
+            "version": shm.printable(head.version),
             "pid": head.pid,
             "started": head.instance * 1e-9,
             "cycle_time_us": head.cycle_time_ns / 1000,
@@ -119,7 +119,7 @@ class Picture:
         fault = domain_faults(row, self.head)
         if fault:
             self._fault("domains", number, fault)
-        page = self._try(lambda: self._segment.page(row))
+        page = self._try(lambda: self._shared.page(row))
         if page is not None and page.torn:
             self._fault("domains", number, "has a page that its writer left in the middle")
         return page
@@ -132,7 +132,7 @@ class Picture:
             made.append(
                 {
                     "number": number,
-                    "name": printable(row.name),
+                    "name": shm.printable(row.name),
                     "divider": row.divider,
                     "phase": row.phase,
                     "output_bytes": row.output_bytes,
@@ -157,7 +157,7 @@ class Picture:
             made.append(
                 {
                     "position": position,
-                    "name": printable(row.name),
+                    "name": shm.printable(row.name),
                     **{k: getattr(row, k) for k in ("vendor", "product", "revision", "serial")},
                     **{k: getattr(row, k) for k in ("alias", "address", "domain")},
                     **{k: getattr(row, k) for k in ("output_bytes", "input_bytes", "dc_bits")},
@@ -188,9 +188,9 @@ class Picture:
             "number": number,
             "slave": row.slave,
             "address": f"0x{row.index:04X}:{row.subindex:02X}",
-            "name": printable(row.name),
+            "name": shm.printable(row.name),
             "pdo": row.pdo,
-            "pdo_name": printable(row.pdo_name),
+            "pdo_name": shm.printable(row.pdo_name),
             "output": bool(row.output),
             "type": type_name(row.type),
             "domain": row.domain,
@@ -198,7 +198,7 @@ class Picture:
             "bit_length": row.bit_length,
             "raw": raw,
             "value": None if raw is None else raw * row.scale + row.offset,
-            "unit": printable(row.unit),
+            "unit": shm.printable(row.unit),
             "scaled": (row.scale, row.offset) != (1.0, 0.0),
             "validity": "damaged" if page is None else self._validity(row, page),
             **(self._owner(number) if row.output else {}),
@@ -249,7 +249,7 @@ class Picture:
     def slots(self) -> list[dict[str, Any]]:
         """Client slots that are or were in use."""
         try:
-            with self._segment.slots(self.head) as out:
+            with self._shared.slots(self.head) as out:
                 count = out.header.slot_count
                 if count < len(self._slot_rows):
                     self.problems.append(f".out: {count} slots, and {len(self._slot_rows)} states")
@@ -273,7 +273,7 @@ class Picture:
             "state": _word(shm.SlotState(row.state)),
             "reason": _word(shm.Reason(row.reason)),
             "pid": client.pid if client else None,
-            "program": printable(client.program) if client else None,
+            "program": shm.printable(client.program) if client else None,
             "held": out.held(number) if out else None,
             "seconds": seconds,
             "since": None if seconds is None else time.time() - seconds,
@@ -312,7 +312,7 @@ class Picture:
         return None
 
     def _table(self, name: str) -> list[Any]:
-        return self._try(lambda: self._segment.table(self.head, name)) or []
+        return self._try(lambda: self._shared.table(self.head, name)) or []
 
     def _try(self, part: Callable[[], _T]) -> _T | None:
         try:

@@ -6,26 +6,26 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_segment import make_bus
+from test_shared_memory import make_bus
 
 from ecatd import shm
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.errors import EcatError
 
 KILLED_AT_EVERY_LINE = """
 import os, signal, sys
-from test_segment import make_bus
+from test_shared_memory import make_bus
 from ecatd import shm
-from ecatd.bus import segment as module
-from ecatd.bus.layout import lay_out
+from ecatd.bus.engine import shared_memory as module
+from ecatd.bus.engine.layout import lay_out
 from ecatd.client import Client
 
 bus = make_bus()
 files = lambda: sorted(path.name for path in shm.FOLDER.glob(f"*{bus.name}*"))
 
 def serve():
-    made = module.Segment(bus.name)
+    made = module.SharedMemory(bus.name)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.cycle_end_ns = 1 << 62
     made.publish()
@@ -91,11 +91,11 @@ def test_whatever_has_the_name_is_replaced(kind: str, suffix: str, tmp_path: Pat
         path.symlink_to(target)
     if kind == "symlink":
         target.write_text("not ours")
-    segment = Segment(bus.name)
-    segment.fill(bus, lay_out(bus, set()), 1, 1)
+    shared = SharedMemory(bus.name)
+    shared.fill(bus, lay_out(bus, set()), 1, 1)
     assert path.is_file()
     assert not path.is_symlink()
-    segment.close()
+    shared.close()
     assert not path.exists()
     assert target.exists() == (kind == "symlink")
     assert kind != "symlink" or target.read_text() == "not ours"
@@ -108,7 +108,7 @@ def test_what_cannot_be_replaced_is_named(suffix: str) -> None:
     path.mkdir()
     try:
         with pytest.raises(EcatError, match=rf"{path}: a directory has this name"):
-            Segment(bus.name).fill(bus, lay_out(bus, set()), 1, 1)
+            SharedMemory(bus.name).fill(bus, lay_out(bus, set()), 1, 1)
     finally:
         path.rmdir()
         (shm.FOLDER / f"ecat.{bus.name}").unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Creates the two shared-memory segments of a bus and fills their tables.
+"""Creates the two shared memory objects of a bus and fills their tables.
 
 Both get their names when they are locked and complete, respectively; the lock lasts as long as this
 process, and tells leftovers of a daemon that was killed, which are replaced.
@@ -34,18 +34,18 @@ SHM_MODE, OUT_MODE = 0o640, 0o660
 """Rights: members of the group read the bus, and write what they own."""
 
 
-class Segment:
-    """The segments of one bus, created and owned by this process.
+class SharedMemory:
+    """The shared memory objects of one bus, created and owned by this process.
 
     Making one reserves the name of the bus, before anything is done to the slaves; `fill` gives it
     its size and content, `publish` lets clients in.
 
     Attributes:
         address: Address of the header in this process, for the engine.
-        path: The segment.
-        out_path: The `.out` segment.
-        fd: File descriptor of the segment.
-        out_fd: File descriptor of the `.out` segment.
+        path: The shared memory.
+        out_path: The `.out` shared memory.
+        fd: File descriptor of the shared memory.
+        out_fd: File descriptor of the `.out` shared memory.
         out: `ecat_out_header`, as it was written.
         header: `ecat_shm_header` in place: assignments are visible to clients.
         signals: `ecat_shm_signal` table in place.
@@ -191,7 +191,7 @@ class Segment:
         self.out = header
 
     def _put_in_place(self) -> None:
-        """Gives the segment its name, unless a living daemon has it."""
+        """Gives the shared memory its name, unless a living daemon has it."""
         while True:
             try:
                 _name(self.fd, self.path)
@@ -238,7 +238,7 @@ class Segment:
             row.granted = int(grant.wanted and grant.error == 0)
 
     def publish(self) -> None:
-        """Makes the segment valid for clients; the layout version is the last word written."""
+        """Lets clients in: writes the layout version, which is the last word to be written."""
         publish_layout(self.address)
 
     def set_state(self, state: shm.BusState) -> None:
@@ -252,13 +252,13 @@ class Segment:
         if self.out_fd >= 0:
             _remove(self.out_fd, self.out_path)
             os.close(self.out_fd)
-        # The name goes before the lock, so that nobody finds an unlocked segment of ours.
+        # The name goes before the lock, so that nobody finds unlocked shared memory of ours.
         _remove(self.fd, self.path)
         os.close(self.fd)
 
 
 class _Plan:
-    """Where everything lies in the segment, and which signals there are."""
+    """Where everything lies in the shared memory, and which signals there are."""
 
     def __init__(self, bus: Bus, image: Image) -> None:
         self.signals = [

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
 
+from ..engine.engine import Index, open_socket
 from .datagrams import Answer, Datagrams, brd, source_address
-from .engine import Index, open_socket
 
 _SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
 _FLAGS = struct.Struct("16sH14x")  # ifreq

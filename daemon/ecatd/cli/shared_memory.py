@@ -8,13 +8,13 @@ from typing import Any
 
 from ecatd import shm as layout
 from ecatd.model.errors import StateError, UnreachableError, UsageError
-from ecatd.segment.claims import read_claims
-from ecatd.segment.picture import picture
-from ecatd.segment.raw import NAMES, plain, read_raw
+from ecatd.shared_memory.claims import read_claims
+from ecatd.shared_memory.picture import picture
+from ecatd.shared_memory.raw import NAMES, plain, read_raw
 
 from .arguments import add_slave, add_watch
 from .layout_tables import layout_lines
-from .segment_screen import claims_lines, picture_lines
+from .shared_memory_screen import claims_lines, picture_lines
 from .watch import present
 
 # Fields that nobody reads in decimal.

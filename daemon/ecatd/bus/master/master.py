@@ -10,20 +10,20 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from ecatd import shm
+from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.bus import positions_text
 from ecatd.model.errors import StateError, UnreachableError
 from ecatd.model.sii_reader import read_mailbox
 
-from . import soem
-from .datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
-from .interface import open_for_control, own
-from .mailbox.coe import Coe
-from .mailbox.mailboxes import Line
-from .relay import Relay
-from .scan import count_slaves, has_stations, number_slaves, stations
-from .start.eeprom import Words, read_eeproms
-from .steps import Steps, finish
+from ..frames import soem
+from ..frames.datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
+from ..frames.eeprom import Words, read_eeproms
+from ..frames.interface import open_for_control, own
+from ..frames.relay import Relay
+from ..frames.scan import count_slaves, has_stations, number_slaves, stations
+from ..mailbox.coe import Coe
+from ..mailbox.mailboxes import Line
 
 _AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
 _SYNC_MANAGERS = 0x0800

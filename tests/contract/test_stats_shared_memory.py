@@ -1,4 +1,4 @@
-"""Statistics of a real segment: all of it is read, and damage is an error."""
+"""Statistics of real shared memory: all of it is read, and damage is an error."""
 
 import ctypes
 import errno
@@ -9,15 +9,14 @@ from contextlib import contextmanager, suppress
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_segment import make_bus, name_of
+from test_shared_memory import make_bus, name_of
 
 from ecatd import shm
-from ecatd.bus.engine import Grant
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
+from ecatd.bus.engine.engine import Grant
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.cli import info
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
-from ecatd.dc import read_clocks
 from ecatd.model.errors import (
     EcatError,
     NotPermittedError,
@@ -26,13 +25,14 @@ from ecatd.model.errors import (
     UsageError,
 )
 from ecatd.stats import TIMES, from_map, read, to_map
+from ecatd.stats.clocks import read_clocks
 from ecatd.stats.snapshot import COUNTERS, DOMAIN_COUNTERS
 
 
 @contextmanager
-def made_segment() -> Iterator[Segment]:
+def made_segment() -> Iterator[SharedMemory]:
     bus = make_bus()
-    made = Segment(bus.name)
+    made = SharedMemory(bus.name)
     try:
         made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
         made.header.state = shm.BusState.RUNNING
@@ -43,19 +43,19 @@ def made_segment() -> Iterator[Segment]:
 
 
 @pytest.fixture
-def segment() -> Iterator[Segment]:
+def shared() -> Iterator[SharedMemory]:
     with made_segment() as made:
         yield made
 
 
-def row(segment: Segment, table: str, name: str) -> ctypes.Structure:
-    offset = getattr(segment.header, f"{table}_offset")
-    made: ctypes.Structure = shm.struct(name).from_address(segment.address + offset)
+def row(shared: SharedMemory, table: str, name: str) -> ctypes.Structure:
+    offset = getattr(shared.header, f"{table}_offset")
+    made: ctypes.Structure = shm.struct(name).from_address(shared.address + offset)
     return made
 
 
-def test_everything_is_read(segment: Segment) -> None:
-    health = segment.health
+def test_everything_is_read(shared: SharedMemory) -> None:
+    health = shared.health
     for number, name in enumerate(COUNTERS):
         setattr(health, name, number + 10)
     for number, name in enumerate(TIMES):
@@ -69,20 +69,20 @@ def test_everything_is_read(segment: Segment) -> None:
     health.dc_state, health.dc_reference = shm.DcState.LOCKING, 1
     health.dc_time_ns, health.dc_offset_ns, health.dc_drift_ppb = 1 << 63, -5, -70
     health.delay_cycles[3] = 4
-    status = row(segment, "domain_status", "ecat_shm_domain_status")
+    status = row(shared, "domain_status", "ecat_shm_domain_status")
     for number, name in enumerate(DOMAIN_COUNTERS):
         setattr(status, name, number + 1)
     page = shm.struct("ecat_shm_page").from_address(
-        segment.address + row(segment, "domains", "ecat_shm_domain").page_offset  # type: ignore[attr-defined]
+        shared.address + row(shared, "domains", "ecat_shm_domain").page_offset  # type: ignore[attr-defined]
     )
     page.cycle, page.wkc, page.wkc_state = 33, 2, shm.WkcState.INCOMPLETE
-    segment.set_grants([Grant(shm.Setting.SCHEDULING, True, 80, errno.EPERM)])
-    segment.header.cycle, segment.header.cycle_end_ns = 34, 99
+    shared.set_grants([Grant(shm.Setting.SCHEDULING, True, 80, errno.EPERM)])
+    shared.header.cycle, shared.header.cycle_end_ns = 34, 99
 
-    found = read(name_of(segment))
-    assert (found.bus, found.state) == (name_of(segment), shm.BusState.RUNNING)
+    found = read(name_of(shared))
+    assert (found.bus, found.state) == (name_of(shared), shm.BusState.RUNNING)
     assert (found.cycle_time_ns, found.cycle, found.cycle_end_ns) == (500_000, 34, 99)
-    assert (found.start_ns, found.instance) == (7, segment.header.instance)
+    assert (found.start_ns, found.instance) == (7, shared.header.instance)
     assert (found.slaves_expected, found.slaves_found, found.al_status) == (2, 2, 8)
     assert (found.ring, found.ring_break) == (shm.Ring.OPEN, 1)
     assert found.links == (shm.Link.UP, shm.Link.GONE)
@@ -108,30 +108,30 @@ def test_everything_is_read(segment: Segment) -> None:
     assert from_map(to_map(found, buckets=True)).counters == found.counters
 
 
-def test_a_fresh_segment_is_all_zero(segment: Segment) -> None:
-    found = read(name_of(segment))
+def test_a_fresh_segment_is_all_zero(shared: SharedMemory) -> None:
+    found = read(name_of(shared))
     assert found.counters.cycles == 0
     assert all(histogram.count == 0 for _name, histogram in found.times.items())
     assert found.clock.reference == -1 or found.clock.state == shm.DcState.OFF
 
 
-def test_who_is_not_there_is_told(segment: Segment) -> None:
+def test_who_is_not_there_is_told(shared: SharedMemory) -> None:
     with pytest.raises(UnreachableError, match=r"no ecatd serves bus 'nobody'; start it with"):
         read("nobody")
     for name in ("../x", "", "a" * 32, "a/b"):
         with pytest.raises(UsageError, match="is no bus name"):
             read(name)
-    name = name_of(segment)
+    name = name_of(shared)
     left = shm.FOLDER / f"ecat.{name}x"
     try:
-        left.write_bytes(segment.path.read_bytes())  # nobody holds its lock
+        left.write_bytes(shared.path.read_bytes())  # nobody holds its lock
         with pytest.raises(UnreachableError, match="no ecatd serves bus"):
             read(f"{name}x")
         left.write_bytes(b"")
         with pytest.raises(UnreachableError, match="no ecatd serves bus"):
             read(f"{name}x")
         left.unlink()
-        left.symlink_to(segment.path)
+        left.symlink_to(shared.path)
         with pytest.raises(EcatError, match="cannot open"):
             read(f"{name}x")
         left.unlink()
@@ -143,21 +143,21 @@ def test_who_is_not_there_is_told(segment: Segment) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_who_may_not_read_is_told(segment: Segment) -> None:
-    segment.path.chmod(0)
+def test_who_may_not_read_is_told(shared: SharedMemory) -> None:
+    shared.path.chmod(0)
     with pytest.raises(NotPermittedError, match="become a member of the group 'ecat'"):
-        read(name_of(segment))
+        read(name_of(shared))
 
 
-def test_a_daemon_that_starts_is_waited_for_by_others(segment: Segment) -> None:
-    segment.header.layout = 0
+def test_a_daemon_that_starts_is_waited_for_by_others(shared: SharedMemory) -> None:
+    shared.header.layout = 0
     with pytest.raises(UnreachableError, match="is still starting"):
-        read(name_of(segment))
-    segment.header.layout = (7 << 16) | 1
+        read(name_of(shared))
+    shared.header.layout = (7 << 16) | 1
     with pytest.raises(StateError, match=r"speaks layout 7\.1, this client 1\.0: update"):
-        read(name_of(segment))
-    segment.header.layout = shm.LAYOUT + 3  # a later minor version only adds
-    assert read(name_of(segment)).slaves_expected == 2
+        read(name_of(shared))
+    shared.header.layout = shm.LAYOUT + 3  # a later minor version only adds
+    assert read(name_of(shared)).slaves_expected == 2
 
 
 @pytest.mark.parametrize(
@@ -174,66 +174,66 @@ def test_a_daemon_that_starts_is_waited_for_by_others(segment: Segment) -> None:
         ("magic", 1),
     ],
 )
-def test_a_damaged_header_is_refused(segment: Segment, field: str, value: int) -> None:
-    setattr(segment.header, field, value)
+def test_a_damaged_header_is_refused(shared: SharedMemory, field: str, value: int) -> None:
+    setattr(shared.header, field, value)
     with pytest.raises(StateError, match=r"is damaged|speaks layout"):
-        read(name_of(segment))
+        read(name_of(shared))
 
 
-def test_slaves_beyond_all_measure_are_refused(segment: Segment) -> None:
-    segment.header.slave_count = 0xFFFFFFFF
+def test_slaves_beyond_all_measure_are_refused(shared: SharedMemory) -> None:
+    shared.header.slave_count = 0xFFFFFFFF
     with pytest.raises(StateError, match=r"is damaged \(slave_count 4294967295 of the header"):
-        read_clocks(name_of(segment))
+        read_clocks(name_of(shared))
 
 
-def test_a_damaged_table_is_refused(segment: Segment) -> None:
-    domain = row(segment, "domains", "ecat_shm_domain")
+def test_a_damaged_table_is_refused(shared: SharedMemory) -> None:
+    domain = row(shared, "domains", "ecat_shm_domain")
     for field, value in (("page_offset", 0xFFFFFFF8), ("page_offset", 3)):
         kept = getattr(domain, field)
         setattr(domain, field, value)
         with pytest.raises(StateError, match=r"is damaged \(table ecat_shm_page: 1 entries"):
-            read(name_of(segment))
+            read(name_of(shared))
         setattr(domain, field, kept)
 
 
-def test_states_that_a_later_version_has_are_read(segment: Segment) -> None:
-    segment.header.state = 77
+def test_states_that_a_later_version_has_are_read(shared: SharedMemory) -> None:
+    shared.header.state = 77
     for field in ("ring", "link_first", "link_second", "dc_state"):
-        setattr(segment.health, field, 9)
-    found = read(name_of(segment))
+        setattr(shared.health, field, 9)
+    found = read(name_of(shared))
     assert (found.state.name, found.ring.name, found.clock.state.name) == (
         *("UNKNOWN_77", "UNKNOWN_9", "UNKNOWN_9"),
     )
     assert from_map(to_map(found, buckets=True)).state == 77
 
 
-def test_a_file_that_is_cut_short_is_refused(segment: Segment) -> None:
-    os.truncate(segment.path, segment.header.health_offset + 8)
+def test_a_file_that_is_cut_short_is_refused(shared: SharedMemory) -> None:
+    os.truncate(shared.path, shared.header.health_offset + 8)
     with pytest.raises(StateError, match="is damaged"):
-        read(name_of(segment))
-    os.truncate(segment.path, 100)
+        read(name_of(shared))
+    os.truncate(shared.path, 100)
     with pytest.raises(UnreachableError, match="is still starting"):
-        read(name_of(segment))
+        read(name_of(shared))
 
 
 @settings(max_examples=60)
 @given(st.data())
 def test_random_bytes_are_errors_or_values(data: st.DataObject) -> None:
-    with made_segment() as segment:
-        name = name_of(segment)
+    with made_segment() as shared:
+        name = name_of(shared)
         before = read(name)
-        size = segment.header.size
+        size = shared.header.size
         tables = [
-            *(getattr(segment.header, f"{table}_offset") for table in ("domains", "settings")),
-            *(segment.header.health_offset, segment.header.domain_status_offset, 0),
+            *(getattr(shared.header, f"{table}_offset") for table in ("domains", "settings")),
+            *(shared.header.health_offset, shared.header.domain_status_offset, 0),
         ]
         for _ in range(data.draw(st.integers(1, 5))):
             garbage = data.draw(st.binary(min_size=1, max_size=200))
             start = data.draw(st.sampled_from(tables)) + data.draw(st.integers(0, 400))
-            if 0 <= start < 12:  # what says that this is a segment at all
+            if 0 <= start < 12:  # what says what this is at all
                 start += 12
             count = min(len(garbage), size - start)
-            fd = os.open(segment.path, os.O_RDWR)
+            fd = os.open(shared.path, os.O_RDWR)
             os.pwrite(fd, garbage[:count], start)
             os.close(fd)
         with suppress(EcatError):

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from ecatd.model.errors import EcatError
 
-from .engine import LIBRARY, Engine
+from ..engine.engine import LIBRARY, Engine
 
 _WINDOW_US = 1000
 """CYCLIC_RELAY_WINDOW_NS of `relay.h`."""

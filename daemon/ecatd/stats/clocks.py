@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from . import shm
-from .segment.reader import Reader, opened, printable
-from .stats import Snapshot
-from .stats.maps import histogram_to_map
-from .stats.segment import snapshot as take_snapshot
+from ecatd import shm
+from ecatd.shared_memory.reader import Reader, opened
+
+from . import Snapshot
+from .maps import histogram_to_map
+from .reader import snapshot as take_snapshot
 
 
 def read_clocks(bus: str) -> dict[str, Any]:
@@ -23,11 +24,11 @@ def read_clocks(bus: str) -> dict[str, Any]:
     Raises:
         EcatError: As `stats.read`.
     """
-    with opened(bus) as segment:
-        snapshot = take_snapshot(segment)
+    with opened(bus) as shared:
+        snapshot = take_snapshot(shared)
         clock = snapshot.clock
         if clock.state != shm.DcState.OFF and not 0 <= clock.reference < snapshot.slaves_expected:
-            raise segment.damaged(f"reference clock {clock.reference}")
+            raise shared.damaged(f"reference clock {clock.reference}")
         return {
             "bus": bus,
             "state": clock.state.name.lower(),
@@ -37,18 +38,18 @@ def read_clocks(bus: str) -> dict[str, Any]:
             "offset": clock.offset_ns / 1000,
             "phase": histogram_to_map(snapshot.times.dc_offset),
             "drift_ppb": clock.drift_ppb,
-            "slaves": _slaves(segment, snapshot),
+            "slaves": _slaves(shared, snapshot),
         }
 
 
-def _slaves(segment: Reader, snapshot: Snapshot) -> list[dict[str, Any]]:
-    head = segment.header()
-    rows, statuses = segment.table(head, "slaves"), segment.table(head, "slave_status")
+def _slaves(shared: Reader, snapshot: Snapshot) -> list[dict[str, Any]]:
+    head = shared.header()
+    rows, statuses = shared.table(head, "slaves"), shared.table(head, "slave_status")
     clock = snapshot.clock
     return [
         {
             "position": row.position,
-            "name": printable(row.name),
+            "name": shm.printable(row.name),
             "dc_bits": row.dc_bits,
             "dc_delay_ns": row.dc_delay_ns,
             "dc_difference_ns": status.dc_difference_ns

@@ -15,11 +15,11 @@ def read_claims(bus: str) -> dict[str, Any]:
         A map, as `ecatctl claims --json` prints it (docs/command-line.md).
 
     Raises:
-        EcatError: No daemon serves the bus, this user may not read it, or the segment is of another
-            version or damaged beyond use.
+        EcatError: No daemon serves the bus, this user may not read it, or the shared memory is of
+            another version or damaged beyond use.
     """
-    with opened(bus) as segment:
-        picture = Picture(segment)
+    with opened(bus) as shared:
+        picture = Picture(shared)
         return {
             **picture.summary(),
             "slots": picture.slots(),

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby, zip_longest
 from typing import Any
 
-from ecatd.segment.picture import COUNTERS
+from ecatd.shared_memory.picture import COUNTERS
 
 from .output import shortened, table_lines
 from .stats_screen import duration
@@ -30,7 +30,7 @@ Document = dict[str, Any]
 
 
 def picture_lines(document: Document) -> list[str]:
-    """A segment, as `segment.picture.picture` describes it."""
+    """Shared memory, as `picture.picture` describes it."""
     return [
         *_head(document),
         *_section(_domains(document["domains"])),
@@ -44,7 +44,7 @@ def picture_lines(document: Document) -> list[str]:
 
 
 def claims_lines(document: Document) -> list[str]:
-    """Clients and outputs, as `segment.claims.read_claims` describes them."""
+    """Clients and outputs, as `claims.read_claims` describes them."""
     return [
         _title(document),
         *_section(_slots(document["slots"]) or ["no client has outputs or sends requests"]),
@@ -281,7 +281,7 @@ def _grouped(
 
 
 def _slave_names(document: Document) -> dict[int, str]:
-    """Position and name; also of slaves that a damaged segment does not have."""
+    """Position and name; also of slaves that damaged shared memory does not have."""
     names = defaultdict[int, str](lambda: "(no such slave)")
     for slave in document["slaves"]:
         names[slave["position"]] = f"{slave['position']} {slave['name'] or '(no name)'}"
@@ -349,5 +349,5 @@ def _problems(document: Document) -> list[str]:
             f"to remove it now: rm -f {file} {file}.out",
         ]
     elif problems:
-        made.append("Restart the daemon: it makes the segment anew.")
+        made.append("Restart the daemon: it makes the shared memory anew.")
     return made

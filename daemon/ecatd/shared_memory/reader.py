@@ -1,8 +1,8 @@
-"""Opening the segment of a bus, and copying tables out of it.
+"""Opening the shared memory of a bus, and copying tables out of it.
 
-With `pread` rather than through a mapping: a segment that is cut short meanwhile is an error then,
-and not the end of the process (SIGBUS). Nothing of it is believed that was not checked. The rules
-of versions are in `client_c/include/ecat/ecat_shm.h`; the C client says the same sentences.
+The reader uses `pread`, not a mapping. If the file is truncated meanwhile, that is an error, and
+does not end the process (SIGBUS). Every value is checked before it is used. The rules of versions
+are in `client_c/include/ecat/ecat_shm.h`. The C client uses the same sentences in its errors.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class Page:
 
 @contextmanager
 def opened(bus: str) -> Iterator[Reader]:
-    """The segment of a bus, to read tables of it.
+    """The shared memory of a bus, to read tables of it.
 
     Raises:
         UsageError: `bus` is no name of a bus.
-        UnreachableError: There is no such segment.
+        UnreachableError: There is no such shared memory.
         NotPermittedError: This user may not read it.
         EcatError: It cannot be opened for another reason.
     """
@@ -84,19 +84,13 @@ def _not_running(bus: str) -> UnreachableError:
     return UnreachableError(f"no ecatd serves bus '{bus}'; {START}")
 
 
-def printable(raw: bytes) -> str:
-    """Text that can be shown: of a damaged segment, or of a client, it may hold anything."""
-    text = raw.decode("utf-8", "replace")
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-
-
 def version(layout: int) -> str:
     """A layout version as it is printed: `1.0`."""
     return f"{layout >> 16}.{layout & 0xFFFF}"
 
 
 class Reader:
-    """The open segment of a bus.
+    """The open shared memory of a bus.
 
     Attributes:
         bus: Name of the bus.
@@ -115,18 +109,18 @@ class Reader:
 
     @property
     def alive(self) -> bool:
-        """Whether the daemon that made the segment lives."""
+        """Whether the daemon that made the shared memory lives."""
         return held(self._fd, shm.LOCK_DAEMON)
 
     def header(self, *, leftover: bool = False) -> Any:
         """`ecat_shm_header`, checked as far as it can be by itself.
 
         Args:
-            leftover: Also of a segment whose daemon was killed.
+            leftover: Also of shared memory whose daemon was killed.
 
         Raises:
             UnreachableError: No daemon serves the bus, or it is still starting.
-            StateError: The segment is damaged, or of another version.
+            StateError: The shared memory is damaged, or of another version.
         """
         status, alive = os.fstat(self._fd), self.alive
         if not alive and not leftover:
@@ -139,7 +133,7 @@ class Reader:
         if head.layout == 0:
             raise self._unfinished(alive, "its daemon never finished it")
         if head.magic != shm.SHM_MAGIC:
-            raise self.damaged(f"magic number at byte 0 is {printable(data[:8])!r}")
+            raise self.damaged(f"magic number at byte 0 is {shm.printable(data[:8])!r}")
         if head.layout >> 16 != shm.LAYOUT >> 16 or head.layout < shm.LAYOUT:
             cure = "update the client, and generate libraries again"
             if head.layout < shm.LAYOUT:
@@ -164,7 +158,7 @@ class Reader:
         """Copies of all rows of a table, by its name in `shm.TABLES`.
 
         Raises:
-            StateError: It does not lie within the segment, or is larger than any can be.
+            StateError: It does not lie within the shared memory, or is larger than any can be.
         """
         table = shm.TABLES[name]
         if table.counted in _LIMITS:
@@ -177,7 +171,7 @@ class Reader:
         """Copies of rows of a struct.
 
         Raises:
-            StateError: They do not lie within the segment.
+            StateError: They do not lie within the shared memory.
         """
         length = count * shm.size(name)
         data = b""
@@ -194,7 +188,7 @@ class Reader:
             domain: Its `ecat_shm_domain`.
 
         Raises:
-            StateError: It does not lie within the segment.
+            StateError: It does not lie within the shared memory.
         """
         offset, size = domain.page_offset, shm.size("ecat_shm_page")
         if offset + size + domain.image_bytes > self.size:  # before so much memory is asked for
@@ -217,7 +211,7 @@ class Reader:
 
     @contextmanager
     def slots(self, head: Any) -> Iterator[SlotReader]:
-        """The segment in which clients have their slots.
+        """The shared memory in which clients have their slots.
 
         Raises:
             EcatError: It cannot be read, is damaged, or belongs to another run of the daemon.
@@ -238,14 +232,14 @@ class Reader:
             os.close(fd)
 
     def damaged(self, what: str) -> StateError:
-        """The error that something in the segment makes no sense."""
+        """The error that something in the shared memory makes no sense."""
         return StateError(
             f"the shared memory of bus '{self.bus}' is damaged ({what}); restart the daemon"
         )
 
 
 class SlotReader:
-    """The open `.out` segment of a bus: what clients say."""
+    """The open `.out` shared memory of a bus: what clients say."""
 
     def __init__(self, fd: int, path: Path, head: Any, reader: Reader) -> None:
         self._fd = fd
@@ -255,7 +249,7 @@ class SlotReader:
             raise reader.damaged(f"{path} has no header")
         self.header = shm.struct("ecat_out_header").from_buffer_copy(data)
         if self.header.magic != shm.OUT_MAGIC:
-            raise reader.damaged(f"magic number of {path} is {printable(data[:8])!r}")
+            raise reader.damaged(f"magic number of {path} is {shm.printable(data[:8])!r}")
         if self.header.instance != head.instance or self.header.layout != head.layout:
             raise reader.damaged(f"{path} is of another run of the daemon")
         if self.header.slot_count > shm.SLOTS:

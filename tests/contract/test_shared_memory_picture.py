@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_segment import make_bus, name_of, put_image
+from test_shared_memory import make_bus, name_of, put_image
 
 from ecatd import shm
-from ecatd.bus.layout import lay_out
-from ecatd.bus.segment import Segment
-from ecatd.cli.segment_screen import WIDTH, age, claims_lines, picture_lines
-from ecatd.dc import read_clocks
+from ecatd.bus.engine.layout import lay_out
+from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.cli.shared_memory_screen import WIDTH, age, claims_lines, picture_lines
 from ecatd.file_locks import take
 from ecatd.model.errors import (
     EcatError,
@@ -28,10 +27,11 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.segment import raw
-from ecatd.segment.claims import read_claims
-from ecatd.segment.picture import picture
+from ecatd.shared_memory import raw
+from ecatd.shared_memory.claims import read_claims
+from ecatd.shared_memory.picture import picture
 from ecatd.stats import read
+from ecatd.stats.clocks import read_clocks
 
 pytestmark = pytest.mark.unprivileged
 
@@ -39,9 +39,9 @@ MUTATIONS = 10_000
 
 
 @pytest.fixture
-def segment() -> Iterator[Segment]:
+def shared() -> Iterator[SharedMemory]:
     bus = make_bus()
-    made = Segment(bus.name)
+    made = SharedMemory(bus.name)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.state = shm.BusState.RUNNING
     made.header.cycle_end_ns = 1 << 62  # "just now" for ever: no engine runs here
@@ -50,29 +50,29 @@ def segment() -> Iterator[Segment]:
     made.close()
 
 
-def table(segment: Segment, name: str, struct_name: str, number: int = 0) -> Any:
-    offset = getattr(segment.header, f"{name}_offset") + number * shm.size(struct_name)
-    return shm.struct(struct_name).from_address(segment.address + offset)
+def table(shared: SharedMemory, name: str, struct_name: str, number: int = 0) -> Any:
+    offset = getattr(shared.header, f"{name}_offset") + number * shm.size(struct_name)
+    return shm.struct(struct_name).from_address(shared.address + offset)
 
 
-def page(segment: Segment) -> Any:
-    domain = table(segment, "domains", "ecat_shm_domain")
-    return shm.struct("ecat_shm_page").from_address(segment.address + domain.page_offset)
+def page(shared: SharedMemory) -> Any:
+    domain = table(shared, "domains", "ecat_shm_domain")
+    return shm.struct("ecat_shm_page").from_address(shared.address + domain.page_offset)
 
 
-def exchange(segment: Segment, image: bytes) -> None:
-    put_image(segment, image)
-    row = page(segment)
+def exchange(shared: SharedMemory, image: bytes) -> None:
+    put_image(shared, image)
+    row = page(shared)
     row.cycle, row.wkc, row.wkc_state = 7, 3, shm.WkcState.COMPLETE
     for position in range(2):
-        table(segment, "slave_status", "ecat_shm_slave_status", position).al_state = 8
+        table(shared, "slave_status", "ecat_shm_slave_status", position).al_state = 8
 
 
-def test_values_of_all_shapes_are_shown(segment: Segment) -> None:
+def test_values_of_all_shapes_are_shown(shared: SharedMemory) -> None:
     odd = -700
     word = 1 | ((odd & 0x7FF) << 1)
-    exchange(segment, struct.pack("<HHQqfd", 515, word, (1 << 64) - 1, -(1 << 63), 1.5, -2.25))
-    found = picture(name_of(segment))
+    exchange(shared, struct.pack("<HHQqfd", 515, word, (1 << 64) - 1, -(1 << 63), 1.5, -2.25))
+    found = picture(name_of(shared))
     assert [s["raw"] for s in found["signals"]] == [
         *(1, odd, (1 << 64) - 1, -(1 << 63), 1.5, -2.25, 515)
     ]
@@ -86,39 +86,39 @@ def test_values_of_all_shapes_are_shown(segment: Segment) -> None:
     assert max(map(len, text.splitlines())) <= WIDTH
 
 
-def test_validity_says_why(segment: Segment) -> None:
+def test_validity_says_why(shared: SharedMemory) -> None:
     def seen() -> list[str]:
-        return [signal["validity"] for signal in picture(name_of(segment))["signals"]]
+        return [signal["validity"] for signal in picture(name_of(shared))["signals"]]
 
     assert set(seen()) == {"never"}
-    exchange(segment, bytes(32))
-    table(segment, "slave_status", "ecat_shm_slave_status", 0).al_state = 4
-    table(segment, "slave_status", "ecat_shm_slave_status", 1).al_state = 4
+    exchange(shared, bytes(32))
+    table(shared, "slave_status", "ecat_shm_slave_status", 0).al_state = 4
+    table(shared, "slave_status", "ecat_shm_slave_status", 1).al_state = 4
     assert seen() == ["valid"] * 6 + ["not_operational"]  # SAFEOP has inputs, but no outputs
-    table(segment, "slave_status", "ecat_shm_slave_status", 0).al_state = 0x14
+    table(shared, "slave_status", "ecat_shm_slave_status", 0).al_state = 0x14
     assert set(seen()) == {"not_operational"}
-    page(segment).wkc_state = shm.WkcState.INCOMPLETE
+    page(shared).wkc_state = shm.WkcState.INCOMPLETE
     assert set(seen()) == {"incomplete"}
-    segment.header.cycle_end_ns = 1
+    shared.header.cycle_end_ns = 1
     assert set(seen()) == {"stale"}
 
 
-def test_clients_are_shown_without_what_steers_a_terminal(segment: Segment) -> None:
-    out = segment.out
+def test_clients_are_shown_without_what_steers_a_terminal(shared: SharedMemory) -> None:
+    out = shared.out
     bell = shm.struct("ecat_out_doorbell")(generation=3)
-    os.pwrite(segment.out_fd, bytes(bell), out.doorbells_offset + 2 * len(bytes(bell)))
+    os.pwrite(shared.out_fd, bytes(bell), out.doorbells_offset + 2 * len(bytes(bell)))
     evil = b"\x1b[31mroot\x07\n\xff\xe2\x80\xae" + b"x" * 19  # no end, and a right-to-left override
     client = shm.struct("ecat_out_slot")(pid=4242, generation=3, since_ns=1)
     data = bytearray(bytes(client))
     data[-32:] = evil
-    os.pwrite(segment.out_fd, bytes(data), out.slots_offset + 2 * out.slot_stride)
-    status = table(segment, "slot_status", "ecat_shm_slot_status", 2)
+    os.pwrite(shared.out_fd, bytes(data), out.slots_offset + 2 * out.slot_stride)
+    status = table(shared, "slot_status", "ecat_shm_slot_status", 2)
     status.state, status.reason = shm.SlotState.LAPSED, shm.Reason.LAPSED
     status.lease_ns, status.lapses, status.refused = 20_000_000, 1, 4
-    output = table(segment, "outputs", "ecat_shm_output", 6)
+    output = table(shared, "outputs", "ecat_shm_output", 6)
     output.owner, output.state, output.since_cycle, output.since_ns = 2, 2, 9, 1
 
-    found = read_claims(name_of(segment))
+    found = read_claims(name_of(shared))
     (slot,) = found["slots"]
     assert (slot["slot"], slot["pid"], slot["state"], slot["held"]) == (2, 4242, "lapsed", False)
     assert (slot["lease_us"], slot["outputs"], slot["lapses"]) == (20_000, 1, 1)
@@ -156,11 +156,11 @@ def test_clients_are_shown_without_what_steers_a_terminal(segment: Segment) -> N
     ],
 )
 def test_what_is_damaged_is_named_and_the_rest_shown(
-    segment: Segment, row: tuple[str, str, int], field: str, value: Any, problem: str
+    shared: SharedMemory, row: tuple[str, str, int], field: str, value: Any, problem: str
 ) -> None:
-    exchange(segment, bytes(32))
-    setattr(table(segment, *row), field, value)
-    found = picture(name_of(segment))
+    exchange(shared, bytes(32))
+    setattr(table(shared, *row), field, value)
+    found = picture(name_of(shared))
     assert any(problem in text for text in found["problems"]), found["problems"]
     assert len(found["signals"]) == 7
     text = "\n".join(picture_lines(found))
@@ -168,11 +168,11 @@ def test_what_is_damaged_is_named_and_the_rest_shown(
     assert "Restart the daemon" in text
 
 
-def test_an_image_larger_than_the_memory_is_no_traceback(segment: Segment) -> None:
-    table(segment, "domains", "ecat_shm_domain").image_bytes = 0xFFFFFFF0
+def test_an_image_larger_than_the_memory_is_no_traceback(shared: SharedMemory) -> None:
+    table(shared, "domains", "ecat_shm_domain").image_bytes = 0xFFFFFFF0
     most = 3 << 30  # bytes of address space
     shown = subprocess.run(
-        [sys.executable, "-m", "ecatd.cli", "shm", "--bus", name_of(segment)],
+        [sys.executable, "-m", "ecatd.cli", "shm", "--bus", name_of(shared)],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (most, most)),
         text=True,
         capture_output=True,
@@ -182,9 +182,9 @@ def test_an_image_larger_than_the_memory_is_no_traceback(segment: Segment) -> No
     assert shown.stderr == ""
 
 
-def test_a_page_that_was_left_in_the_middle_is_told(segment: Segment) -> None:
-    page(segment).seq = 5
-    (problem,) = picture(name_of(segment))["problems"]
+def test_a_page_that_was_left_in_the_middle_is_told(shared: SharedMemory) -> None:
+    page(shared).seq = 5
+    (problem,) = picture(name_of(shared))["problems"]
     assert problem == "domains[0] has a page that its writer left in the middle"
 
 
@@ -202,22 +202,22 @@ def test_a_page_that_was_left_in_the_middle_is_told(segment: Segment) -> None:
     ],
 )
 def test_a_table_that_is_not_there_is_told(
-    segment: Segment, field: str, value: int, problem: str
+    shared: SharedMemory, field: str, value: int, problem: str
 ) -> None:
-    setattr(segment.header, field, value)
-    found = picture(name_of(segment))
+    setattr(shared.header, field, value)
+    found = picture(name_of(shared))
     assert any(problem in text for text in found["problems"]), found["problems"]
     assert picture_lines(found)
 
 
 @contextmanager
-def copy_of(segment: Segment, *, alive: bool) -> Iterator[tuple[str, Path, int]]:
+def copy_of(shared: SharedMemory, *, alive: bool) -> Iterator[tuple[str, Path, int]]:
     """Both files under another name; `alive`: with the lock of a daemon held."""
-    name = f"{name_of(segment)}c"
+    name = f"{name_of(shared)}c"
     path = shm.FOLDER / f"ecat.{name}"
     out = path.with_name(f"{path.name}.out")
     with ExitStack() as stack:
-        for file, source in ((path, segment.path), (out, segment.out_path)):
+        for file, source in ((path, shared.path), (out, shared.out_path)):
             file.write_bytes(source.read_bytes())
             stack.callback(file.unlink, missing_ok=True)
         fd = os.open(path, os.O_RDWR)
@@ -227,8 +227,8 @@ def copy_of(segment: Segment, *, alive: bool) -> Iterator[tuple[str, Path, int]]
         yield name, path, fd
 
 
-def test_a_leftover_is_shown_and_what_to_do_with_it(segment: Segment) -> None:
-    with copy_of(segment, alive=False) as (name, path, _fd):
+def test_a_leftover_is_shown_and_what_to_do_with_it(shared: SharedMemory) -> None:
+    with copy_of(shared, alive=False) as (name, path, _fd):
         found = picture(name)
         assert not found["alive"]
         assert len(found["signals"]) == 7
@@ -255,9 +255,9 @@ def test_a_leftover_is_shown_and_what_to_do_with_it(segment: Segment) -> None:
     ],
 )
 def test_what_is_no_segment_is_told_in_one_sentence(
-    segment: Segment, alive: bool, change: bytes, sentence: str
+    shared: SharedMemory, alive: bool, change: bytes, sentence: str
 ) -> None:
-    with copy_of(segment, alive=alive) as (name, path, _fd):
+    with copy_of(shared, alive=alive) as (name, path, _fd):
         path.write_bytes(change)
         with pytest.raises((StateError, UnreachableError)) as caught:
             picture(name)
@@ -266,29 +266,29 @@ def test_what_is_no_segment_is_told_in_one_sentence(
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_who_may_not_see_the_clients_sees_the_rest(segment: Segment) -> None:
-    status = table(segment, "slot_status", "ecat_shm_slot_status", 4)
+def test_who_may_not_see_the_clients_sees_the_rest(shared: SharedMemory) -> None:
+    status = table(shared, "slot_status", "ecat_shm_slot_status", 4)
     status.state = shm.SlotState.ACTIVE
-    segment.out_path.chmod(0)
-    found = picture(name_of(segment))
+    shared.out_path.chmod(0)
+    found = picture(name_of(shared))
     (slot,) = found["slots"]
     assert (slot["slot"], slot["pid"], slot["program"], slot["held"]) == (4, None, None, None)
     assert found["problems"] == []
     assert " 4    ?  ?  " in "\n".join(picture_lines(found))
     with pytest.raises(NotPermittedError, match="become a member of the group 'ecat'"):
-        raw.read_raw(name_of(segment), "slots")
+        raw.read_raw(name_of(shared), "slots")
 
 
-def test_a_file_that_is_cut_short_says_so(segment: Segment) -> None:
-    with copy_of(segment, alive=True) as (name, path, _fd):
+def test_a_file_that_is_cut_short_says_so(shared: SharedMemory) -> None:
+    with copy_of(shared, alive=True) as (name, path, _fd):
         size = path.stat().st_size
         os.truncate(path, size - 8)
         with pytest.raises(StateError, match=f"it should have {size} bytes, and has {size - 8}"):
             picture(name)
 
 
-def test_the_segment_of_the_clients_may_be_damaged_too(segment: Segment) -> None:
-    with copy_of(segment, alive=True) as (name, path, _fd):
+def test_the_segment_of_the_clients_may_be_damaged_too(shared: SharedMemory) -> None:
+    with copy_of(shared, alive=True) as (name, path, _fd):
         out = path.with_name(f"{path.name}.out")
         whole = out.read_bytes()
         for data, problem in (
@@ -310,7 +310,7 @@ def test_the_segment_of_the_clients_may_be_damaged_too(segment: Segment) -> None
 
 
 @pytest.mark.parametrize("name", raw.NAMES)
-def test_every_table_can_be_seen_as_it_is(segment: Segment, name: str) -> None:
+def test_every_table_can_be_seen_as_it_is(shared: SharedMemory, name: str) -> None:
     slots, requests = shm.SLOTS, shm.SLOTS * shm.REQUESTS
     counts = {
         "slaves": 2,
@@ -325,7 +325,7 @@ def test_every_table_can_be_seen_as_it_is(segment: Segment, name: str) -> None:
         "requests": requests,
         "images": shm.SLOTS * shm.IMAGES,
     }
-    rows = raw.read_raw(name_of(segment), name)
+    rows = raw.read_raw(name_of(shared), name)
     assert len(rows) == counts.get(name, 1)
     for row in rows:
         made = raw.plain(row)
@@ -334,9 +334,9 @@ def test_every_table_can_be_seen_as_it_is(segment: Segment, name: str) -> None:
         assert (made["name"], made["index"], made["bit_length"]) == ("u16", 0x7000, 16)
 
 
-def test_a_table_that_does_not_exist(segment: Segment) -> None:
+def test_a_table_that_does_not_exist(shared: SharedMemory) -> None:
     with pytest.raises(UsageError, match="'nothing' is no table: use one of header, slaves"):
-        raw.read_raw(name_of(segment), "nothing")
+        raw.read_raw(name_of(shared), "nothing")
 
 
 def mutate(random_: random.Random, fd: int, size: int, hot: list[int]) -> None:
@@ -365,15 +365,15 @@ def read_all_else(bus: str) -> None:
 
 
 @pytest.mark.parametrize("alive", [True, False])
-def test_ten_thousand_random_mutations_are_no_tracebacks(segment: Segment, alive: bool) -> None:
+def test_ten_thousand_random_mutations_are_no_tracebacks(shared: SharedMemory, alive: bool) -> None:
     random_ = random.Random(4711)
-    exchange(segment, random_.randbytes(32))
+    exchange(shared, random_.randbytes(32))
     refused = told = sound = 0
-    with copy_of(segment, alive=alive) as (name, path, fd):
+    with copy_of(shared, alive=alive) as (name, path, fd):
         out = os.open(path.with_name(f"{path.name}.out"), os.O_RDWR)
         whole, whole_out = os.pread(fd, 1 << 24, 0), os.pread(out, 1 << 24, 0)[: 3 * 4096]
-        hot = [0, 12, *(getattr(segment.header, f"{key}_offset") for key in shm.TABLES)]
-        hot.append(table(segment, "domains", "ecat_shm_domain").page_offset)
+        hot = [0, 12, *(getattr(shared.header, f"{key}_offset") for key in shm.TABLES)]
+        hot.append(table(shared, "domains", "ecat_shm_domain").page_offset)
         for turn in range(MUTATIONS // 2):
             mutate(random_, fd, len(whole), hot)
             mutate(random_, out, len(whole_out), [0, 4096, 8192])

@@ -1,4 +1,4 @@
-/* The daemon's segment: opening it, trusting it, and noticing when the daemon is gone. */
+/* The daemon's shared memory: opening it, trusting it, and noticing when the daemon is gone. */
 #include "internal.h"
 
 #include <errno.h>
@@ -26,7 +26,7 @@ static int not_running(ecat_t *bus) {
                    bus->name);
 }
 
-/* Every table must lie within the segment before a byte of it is used. */
+/* Every table must lie within the shared memory before a byte of it is used. */
 static int table_fits(const ecat_t *bus, uint32_t offset, uint64_t count, uint64_t size) {
   return offset % 8 == 0 && offset <= bus->map_size && count <= (bus->map_size - offset) / size;
 }
@@ -184,7 +184,7 @@ static int check_tables(ecat_t *bus) {
   return 0;
 }
 
-int ecat_segment_open(ecat_t *bus) {
+int ecat_memory_open(ecat_t *bus) {
   char path[64];
   struct stat status;
   uint32_t layout;
@@ -235,7 +235,7 @@ void ecat_images_free(ecat_t *bus) {
   }
 }
 
-void ecat_segment_close(ecat_t *bus) {
+void ecat_memory_close(ecat_t *bus) {
   unsigned i;
   if (bus->snapshot != NULL)
     for (i = 0; i < bus->header->domain_count; i++) free_image(bus->snapshot[i].image);
@@ -266,7 +266,7 @@ static int down(ecat_t *bus, int code) {
   return code;
 }
 
-int ecat_segment_check(ecat_t *bus, uint64_t age_ns) {
+int ecat_memory_check(ecat_t *bus, uint64_t age_ns) {
   uint64_t limit = 5 * bus->header->cycle_time_ns;
   if (bus->map == NULL)
     return ecat_fail(bus, ECAT_EDOWN, "this client is not connected to bus '%s'", bus->name);
@@ -302,11 +302,11 @@ static int young(const ecat_t *bus, uint64_t end) {
          (int64_t)(LATE_NS - TICK_NS);
 }
 
-int ecat_segment_age(ecat_t *bus) {
+int ecat_memory_age(ecat_t *bus) {
   uint64_t now, end = __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED);
   if (young(bus, end)) return 0;
   now = ecat_now();
-  return ecat_segment_check(bus, now > end ? now - end : 0);
+  return ecat_memory_check(bus, now > end ? now - end : 0);
 }
 
 /* Whether what the program knows about the bus, its handles above all, is true of this one, too. */
@@ -364,30 +364,30 @@ static void replace(ecat_t *bus, ecat_t *fresh) {
   bus->tables = NULL;
   keep_images(bus, fresh);
   ecat_slot_free(bus); /* ecat_output() may have looked into the old one again */
-  ecat_segment_close(bus);
+  ecat_memory_close(bus);
   *bus = *fresh;
   place_signals(bus);
   /* Old values may lie elsewhere in the image now; reads before the next sample see new ones. */
   for (i = 0; i < bus->header->domain_count; i++) (void)ecat_page_copy(&bus->snapshot[i]);
 }
 
-int ecat_segment_look(ecat_t *bus) {
+int ecat_memory_look(ecat_t *bus) {
   ecat_t fresh = {.fd = -1, .out_fd = -1, .slot = -1};
   static const ecat_shm_header nothing;
   uint64_t now;
   int code;
   now = ecat_now();
-  if (now - bus->tried_ns < RETURN_PAUSE_NS) return ecat_segment_check(bus, 0);
+  if (now - bus->tried_ns < RETURN_PAUSE_NS) return ecat_memory_check(bus, 0);
   bus->tried_ns = now;
   fresh.header = &nothing;
   strcpy(fresh.name, bus->name);
-  code = ecat_segment_open(&fresh);
+  code = ecat_memory_open(&fresh);
   if (code == 0) code = check_same(&fresh, bus);
   if (code == 0) {
     replace(bus, &fresh);
     return 0;
   }
-  ecat_segment_close(&fresh);
+  ecat_memory_close(&fresh);
   memcpy(bus->error, fresh.error, sizeof bus->error);
   return down(bus, code);
 }

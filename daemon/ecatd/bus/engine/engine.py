@@ -185,7 +185,7 @@ def open_socket(interface: str, first: int, last: int) -> socket.socket:
 
 
 def publish_layout(address: int) -> None:
-    """Writes the layout version of a segment: from now on clients may open it."""
+    """Writes the layout version of shared memory: from now on clients may open it."""
     _LIB.cyclic_publish_layout(address)
 
 
@@ -193,8 +193,8 @@ class Engine:
     """One engine; see `cyclic.h` for what each call means.
 
     Args:
-        address: Address of the filled segment's header.
-        out_fd: The `.out` segment.
+        address: Address of the filled shared memory's header.
+        out_fd: The `.out` shared memory.
         sockets: One from `open_socket` for each interface: one, or two with cable redundancy. They
             are the engine's from now on.
         run: 32 bits in the source address of its frames that tell this run from others.

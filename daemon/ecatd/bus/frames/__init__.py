@@ -1,0 +1,1 @@
+"""Frames of the control side: interfaces, relay, register access, scan, EEPROMs."""

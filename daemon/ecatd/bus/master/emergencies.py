@@ -1,0 +1,29 @@
+"""Emergencies of slaves (ETG.1000.6), which they send between other answers."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from ecatd.log import Log
+from ecatd.model.bus import Slave
+
+Emergency = tuple[Slave, int, int]
+"""A slave, an error code, and the content of the error register."""
+
+
+def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:
+    """Logs emergencies, equal ones in one line.
+
+    Args:
+        log: Where to.
+        emergencies: Those to log.
+        left_out: How many more there were.
+    """
+    if left_out:
+        log.warning(f"{left_out} emergencies are left out")
+    times = Counter((slave.label, code, register) for slave, code, register in emergencies)
+    for (label, code, register), count in times.items():
+        log.warning(
+            f"{label} sent an emergency{f' {count} times' if count > 1 else ''}: error code "
+            f"0x{code:04X}, error register 0x{register:02X}"
+        )
