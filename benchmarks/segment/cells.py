@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Rig
 from ecatsim.core import Chip
 from ecatsim.devices.generic import Loopback

@@ -10,7 +10,7 @@ from typing import Any
 
 from ecatd.native import load
 from ecatsim.core import Chip, Segment
-from ecatsim.rig import make
+from ecatsim.rigs.library import make
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sii import Description, build
 

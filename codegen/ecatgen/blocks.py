@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.bus import Slave
 from ecatd.model.datatypes import type_name
+from ecatd.model.pdo import Entry, Pdo
 
 from . import layout, names
 from .connectors import connectors, is_drawn

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType, is_real, is_signed, type_name
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.units import QUANTITIES, modelica_unit
 
 from . import layout

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ecatd.model.bus import Value
+from ecatd.model.pdo import Value
 
 Kind = Literal["Boolean", "Integer", "Real"]
 

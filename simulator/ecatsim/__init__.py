@@ -4,8 +4,8 @@ What a rig file needs is here: `Device` and what it is described with, and `Rig`
 """
 
 from ecatd.model.al import AlState
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
+from ecatd.model.pdo import Entry, Pdo
 
 from .core import Chip
 from .rig import Rig

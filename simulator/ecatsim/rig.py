@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.errors import UsageError
 
 from .faults import Fault
 from .plants.paced import Paced
@@ -160,126 +158,3 @@ class Rig:
             UsageError: `period` is not positive.
         """
         self.plants.append(Paced(plant, period, catch_up))
-
-
-def _troll(argument: str) -> Rig:
-    del argument
-    from .rigs.troll import rig
-
-    return rig()
-
-
-def _branches(argument: str) -> Rig:
-    del argument
-    from .rigs.branches import rig
-
-    return rig()
-
-
-def _line(argument: str) -> Rig:
-    from .rigs.line import rig
-
-    return rig(int(argument))
-
-
-def _terminals(argument: str) -> Rig:
-    from .rigs.terminals import rig
-
-    return rig(int(argument))
-
-
-@dataclass(frozen=True, slots=True)
-class _Named:
-    """A rig of the library: the pattern of its name, how it is listed, and what makes it."""
-
-    pattern: re.Pattern[str]
-    usage: str
-    text: str
-    make: Callable[[str], Rig]
-
-
-_LIBRARY = (
-    _Named(
-        re.compile(r"troll()"),
-        "troll",
-        "wheel drive with motor, coupler, digital and analog terminals, CANopen terminals",
-        _troll,
-    ),
-    _Named(
-        re.compile(r"line:(\d{1,4})"),
-        "line:N",
-        "N slaves of 32 bytes in and 32 bytes out; each returns its outputs as inputs",
-        _line,
-    ),
-    _Named(
-        re.compile(r"terminals:(\d{1,4})"),
-        "terminals:N",
-        "N couplers and digital terminals of one byte; inputs return the outputs before them",
-        _terminals,
-    ),
-    _Named(
-        re.compile(r"branches()"),
-        "branches",
-        "couplers and terminals in two branches at a junction",
-        _branches,
-    ),
-    _Named(
-        re.compile(r"empty()"),
-        "empty",
-        "no slaves: nothing answers",
-        lambda argument: Rig("empty"),
-    ),
-)
-
-
-def library() -> list[tuple[str, str]]:
-    """Name and description of the rigs that come with ecatsim."""
-    return [(item.usage, item.text) for item in _LIBRARY]
-
-
-def make(name: str) -> Rig:
-    """The rig that a user means: a name of the library, a TOML file, or a Python file with `rig()`.
-
-    Raises:
-        UsageError: There is no such rig.
-        ConfigError: The file cannot be used.
-    """
-    for item in _LIBRARY:
-        match = item.pattern.fullmatch(name)
-        if match:
-            return item.make(match[1])
-    if name.endswith(".py"):
-        return _from_python(Path(name))
-    if name.endswith(".toml"):
-        from .files import rig_file
-
-        return rig_file.load(Path(name))
-    if name.startswith("line:"):
-        raise UsageError(f"{name}: a line has 1 to 1024 slaves, as in line:8")
-    if name.startswith("terminals:"):
-        raise UsageError(f"{name}: there can be 1 to 1024 slaves, as in terminals:64")
-    if Path(name).suffix.lower() in (".bin", ".xml") and Path(name).is_file():
-        key = "esi" if name.lower().endswith(".xml") else "sii"
-        raise UsageError(
-            f"'{name}' is no rig: write one in a TOML file, with [[slave]] and {key} = "
-            f'"{Path(name).name}"'
-        )
-    names = ", ".join(usage for usage, _ in library())
-    raise UsageError(
-        f"there is no rig '{name}': use one of {names}, or a file: TOML, or Python that defines "
-        "rig()"
-    )
-
-
-def _from_python(path: Path) -> Rig:
-    from .files import python_file
-
-    if not path.is_file():
-        raise ConfigError(f"there is no rig file '{path}'")
-    function = getattr(python_file.load(path), "rig", None)
-    if not callable(function):
-        raise ConfigError(f"{path}: the file must define a function rig()")
-    result = python_file.explained(path, function)
-    if not isinstance(result, Rig):
-        raise ConfigError(f"{path}: rig() must return an ecatsim.rig.Rig")
-    return result

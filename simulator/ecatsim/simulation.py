@@ -155,6 +155,11 @@ class Simulation:
 
     # --- what faults do ------------------------------------------------------------------------
 
+    @property
+    def devices(self) -> list[Device]:
+        """All devices, by position; also those that were put in the place of others."""
+        return self.rig.devices
+
     def is_on(self, position: int) -> bool:
         """Whether a slave has power."""
         return self._places[position].on

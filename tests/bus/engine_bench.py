@@ -24,9 +24,10 @@ from ecatd.bus.engine.engine import Engine, Index, RealTime, open_socket
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
-from ecatsim import rig as rigs
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim.net import netlink
+from ecatsim.rigs import library as rigs
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sync_managers import derive
 

@@ -208,7 +208,7 @@ def test_a_program_name_does_nothing_to_a_terminal(start_daemon: Callable[..., D
 
 
 RIG = """
-from ecatd.model.bus import Entry, Pdo
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatsim import Rig
 from ecatsim.devices.generic import Loopback

@@ -501,7 +501,7 @@ def test_what_does_not_fit_is_refused():
 
 
 def test_a_line_slave_has_as_many_bytes_as_the_bench_believes():
-    from ecatsim import rig as rigs
+    from ecatsim.rigs import library as rigs
 
     device = rigs.make("line:1").devices[0]
     assert sum(pdo.bit_length for pdo in device.tx_pdos) == 8 * SIZE

@@ -13,8 +13,8 @@ from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.master.master import Master
 from ecatd.bus.start import mapping
 from ecatd.model.al import AlState
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.errors import EcatError
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Rig
 from ecatsim.control import Simulator
 from ecatsim.devices.library import library, make

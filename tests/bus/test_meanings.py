@@ -7,7 +7,7 @@ import pytest
 
 from conftest import Daemon, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
-from ecatd.model.bus import Entry
+from ecatd.model.pdo import Entry
 
 pytestmark = pytest.mark.bus
 

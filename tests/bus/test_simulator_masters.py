@@ -26,8 +26,8 @@ from masters import (
 )
 
 from ecatd.model.al import AlState
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim.control import Simulator
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device

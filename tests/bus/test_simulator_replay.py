@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from masters import run
 from test_simulator_tshark import master_recorded
 
-from ecatsim import rig
+from ecatsim.rigs import library as rigs
 from replay import Datagram, Exchange, Replay, datagrams, pair, read_capture
 
 pytestmark = pytest.mark.bus
@@ -27,7 +27,7 @@ def start_up(tmp_path_factory: pytest.TempPathFactory) -> list[Exchange]:
 
 
 def answers(exchanges: list[Exchange]) -> list[bytes]:
-    replay = Replay(rig.make("troll").devices)
+    replay = Replay(rigs.make("troll").devices)
     try:
         return [replay.answer(exchange) for exchange in exchanges]
     finally:

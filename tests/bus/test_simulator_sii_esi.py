@@ -11,7 +11,8 @@ from test_simulator_masters import master_scan
 
 from ecatsim.files.esi import device_from_esi
 from ecatsim.files.sii_image import device_from_sii
-from ecatsim.rig import Rig, make
+from ecatsim.rig import Rig
+from ecatsim.rigs.library import make
 
 HERE = Path(__file__)
 sys.path.insert(0, str(HERE.parents[1] / "unit"))

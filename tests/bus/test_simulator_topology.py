@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from masters import new_master
 
-from ecatd.model.bus import Entry, Pdo
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim.core import Chip
 from ecatsim.devices.beckhoff import EK1100, EK1122
 from ecatsim.rig import Rig

@@ -21,9 +21,10 @@ from test_shared_memory import put_image
 
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client, Direction, Validity, connection
-from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.shm import Errno
 
 SHAPES = [

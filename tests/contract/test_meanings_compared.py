@@ -16,10 +16,11 @@ from plant_calls import ERROR, STEPS, Model, compile_program, run, sentence, ser
 import player
 from conftest import Daemon
 from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import SignalConfig, load_config
 from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import Profiles
 from ecatgen import generate
 from ecatgen.checks import sample_buses

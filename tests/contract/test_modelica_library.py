@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymoca.parser import parse
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
 from ecatgen import generate
 from ecatgen.build import build_library

@@ -12,8 +12,9 @@ from ecatd import shm
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
+from ecatd.model.pdo import Entry, Pdo
 
 pytestmark = pytest.mark.unprivileged
 

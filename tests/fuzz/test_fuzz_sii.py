@@ -6,15 +6,15 @@ from collections.abc import Callable
 import pytest
 from mutations import mutants
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import byte_length
 from ecatd.model.sii import UNASSIGNED, Sii
 from ecatd.model.sii_reader import read_dc_modes, read_mailbox, read_sii
-from ecatsim import rig
 from ecatsim.core import Segment
 from ecatsim.files.sii_image import device_from_sii
+from ecatsim.rigs import library as rigs
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, build
 from ecatsim.slave.sync_managers import default_size
 
@@ -65,7 +65,7 @@ def seeds() -> list[bytes]:
             tx_pdos=[Pdo(0x1702 + n, "", n + 2, [Entry(0x6000, n, "", 7, 32)]) for n in range(2)],
         )
     )
-    devices = rig.make("troll").devices
+    devices = rigs.make("troll").devices
     library = [devices[i].sii_image() for i in (1, 2, 3, 6)]
     short = [trimmed(data) for data in (image, unusual, *library)]
     return [*short, short[0][:-2] + clocks + b"\xff\xff"]

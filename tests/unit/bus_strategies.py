@@ -4,8 +4,9 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave, Value
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType, bit_length, is_real
+from ecatd.model.pdo import Entry, Pdo, Value
 
 _LARGE = 1.7e308
 

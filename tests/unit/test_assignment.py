@@ -12,8 +12,9 @@ from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
 from ecatd.bus.start.assignment import Assignment
-from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.bus import Slave
 from ecatd.model.errors import SdoAbortError, StateError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import Sii
 from ecatd.model.sii_reader import read_sii
 from ecatsim.slave import sii

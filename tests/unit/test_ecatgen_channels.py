@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
+from ecatd.model.pdo import Entry, Pdo
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses
 from ecatgen.drawing.checks import check_diagram, check_icon

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 import ecatgen.build
 from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
 from ecatgen import generate
 from ecatgen.build import build_library

@@ -4,9 +4,10 @@ from itertools import combinations
 
 import pytest
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
 from ecatgen.build import build_library
 from ecatgen.checks import sample_buses

@@ -2,10 +2,11 @@
 
 import pytest
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
 from ecatgen.blocks import EXAMPLE_COMPONENTS
 from ecatgen.build import build_library

@@ -5,15 +5,16 @@ import math
 import pytest
 
 from ecatd.model.al import AlState
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, UsageError
-from ecatsim import rig
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim.devices.beckhoff import EL3008
 from ecatsim.devices.cia402 import PowerState, PowerStateMachine
 from ecatsim.devices.elmo import ElmoGold
 from ecatsim.devices.library import make
 from ecatsim.plants.motor import Control, Motor
+from ecatsim.rig import Rig
+from ecatsim.rigs import library as rigs
 from ecatsim.simulation import Simulation
 from ecatsim.slave.device import Device
 from ecatsim.slave.state_machine import RefusedError, StateMachine
@@ -383,7 +384,7 @@ def test_analog_input_scales_and_limits():
 
 
 def test_wires_and_blinking_inputs_of_troll():
-    troll = rig.make("troll")
+    troll = rigs.make("troll")
     inputs, outputs = troll.devices[2], troll.devices[3]
     outputs.receive(b"\xf5")
     for plant in troll.plants:
@@ -395,7 +396,7 @@ def test_wires_and_blinking_inputs_of_troll():
 
 
 def test_terminals_return_the_outputs_before_them():
-    devices = rig.make("terminals:70").devices
+    devices = rigs.make("terminals:70").devices
     assert [device.order for device in devices[:5]] == [*("EK1100", *("EL2008", "EL1018") * 2)]
     assert [place for place, device in enumerate(devices) if device.order == "EK1100"] == [
         0,
@@ -411,22 +412,22 @@ def test_terminals_return_the_outputs_before_them():
 
 
 def test_rig_names():
-    assert len(rig.make("line:3").devices) == 3
-    assert rig.make("empty").devices == []
-    assert [name for name, _ in rig.library()] == [
+    assert len(rigs.make("line:3").devices) == 3
+    assert rigs.make("empty").devices == []
+    assert [name for name, _ in rigs.library()] == [
         *("troll", "line:N", "terminals:N", "branches", "empty"),
     ]
     for wrong in ("line:", "line:x", "line:100000"):
         with pytest.raises(UsageError, match="a line has 1 to 1024 slaves"):
-            rig.make(wrong)
+            rigs.make(wrong)
     for wrong in ("trol", ""):
         with pytest.raises(
             UsageError, match=r"use one of troll, line:N, terminals:N, branches, empty"
         ):
-            rig.make(wrong)
+            rigs.make(wrong)
     for wrong in ("line:0", "line:1025", "terminals:0", "terminals:1025", "terminals:x"):
         with pytest.raises(UsageError, match="1 to 1024 slaves"):
-            rig.make(wrong)
+            rigs.make(wrong)
 
 
 @pytest.mark.parametrize(
@@ -446,27 +447,27 @@ def test_wrong_rig_files(tmp_path, monkeypatch, text, message, relative):
     file.write_text(text)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=message):
-        rig.make("rig.py" if relative else str(file))
+        rigs.make("rig.py" if relative else str(file))
 
 
 def test_what_is_no_rig_says_how_to_use_it(tmp_path):
     for name, key in (("x.bin", "sii"), ("x.xml", "esi")):
         (tmp_path / name).touch()
         with pytest.raises(UsageError, match=rf'with \[\[slave\]\] and {key} = "{name}"'):
-            rig.make(str(tmp_path / name))
+            rigs.make(str(tmp_path / name))
 
 
 def test_devices_of_a_rig_are_devices_and_differ():
     device = make("EL1008")
     with pytest.raises(UsageError, match="slaves 0 and 2 are the same object"):
-        Simulation(rig.Rig("twice", [device, make("EL1008"), device]))
+        Simulation(Rig("twice", [device, make("EL1008"), device]))
     with pytest.raises(UsageError, match="slave 1 must be a device, not <class"):
-        Simulation(rig.Rig("class", [device, Device]))
+        Simulation(Rig("class", [device, Device]))
 
 
 def test_missing_rig_file():
     with pytest.raises(ConfigError, match=r"there is no rig file 'gone\.py'"):
-        rig.make("gone.py")
+        rigs.make("gone.py")
 
 
 def test_unknown_type_in_a_pdo_is_said():

@@ -5,7 +5,7 @@ import struct
 import pytest
 from slave_bench import COE, ERROR, INIT, PREOP, SAFEOP, Bench
 
-from ecatd.model.bus import Entry, Pdo
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Access, Device, Mailbox
 
 

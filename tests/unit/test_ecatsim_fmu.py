@@ -13,7 +13,7 @@ from ecatd.model.errors import ConfigError, StateError, UsageError
 from ecatsim import Rig
 from ecatsim.devices.library import make
 from ecatsim.plants.fmu import Connection, FmuPlant, add_fmu
-from ecatsim.rig import make as make_rig
+from ecatsim.rigs.library import make as make_rig
 
 VERSIONS = ("2.0", "3.0")
 

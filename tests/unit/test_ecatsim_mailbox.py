@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from slave_bench import COE, FOE, INIT, PREOP, SAFEOP, Bench
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Device, Mailbox
 from ecatsim.slave.mailbox import MailboxError, MailboxFault, MailboxMode, MailboxServer, Protocol
 

@@ -6,9 +6,9 @@ import pytest
 from slave_bench import ACK, ERROR, PREOP, SAFEOP, Bench
 
 from ecatd.model import abort_codes
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Access, Device, Mailbox
 
 

@@ -11,7 +11,8 @@ from test_ecatsim_device_file import SMALL, mutate
 
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.sii_check import check_sii
-from ecatsim import Device, Rig, Simulation, rig
+from ecatsim import Device, Rig, Simulation
+from ecatsim.rigs import library as rigs
 
 RIG = """\
 name = "bench"
@@ -119,7 +120,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def load(folder: Path, text: str) -> Rig:
-    return rig.make(str(write(folder, text)))
+    return rigs.make(str(write(folder, text)))
 
 
 def test_slaves_of_every_kind(tmp_path: Path) -> None:
@@ -338,7 +339,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
     folder.mkdir()
     write(folder, RIG)
     monkeypatch.chdir(tmp_path)
-    assert len(rig.make("rigs/rig.toml").devices) == 7
+    assert len(rigs.make("rigs/rig.toml").devices) == 7
 
 
 def test_every_slave_is_a_device_of_its_own(tmp_path: Path) -> None:
@@ -601,7 +602,7 @@ def test_mistakes_of_a_device_file_name_that_file(tmp_path: Path) -> None:
     file = write(tmp_path, '[[slave]]\ndevice = "doubler.toml"\n')
     (tmp_path / "doubler.toml").write_text("vendor = 1\nproduct = 'x'\n")
     with pytest.raises(ConfigError) as error:
-        rig.make(str(file))
+        rigs.make(str(file))
     assert (
         str(error.value) == f"{tmp_path}/doubler.toml:2: product: must be a whole number, not 'x'"
     )
@@ -618,13 +619,13 @@ def test_wires_of_a_rig_without_slaves(tmp_path: Path) -> None:
 
 
 def test_names_of_rigs() -> None:
-    assert rig.make("empty").devices == []
+    assert rigs.make("empty").devices == []
     with pytest.raises(UsageError, match="there is no rig 'nothing': use one of troll, "):
-        rig.make("nothing")
+        rigs.make("nothing")
     with pytest.raises(ConfigError, match=r"^nothing.toml: cannot be read: No such file"):
-        rig.make("nothing.toml")
+        rigs.make("nothing.toml")
     with pytest.raises(ConfigError, match=r"^there is no rig file 'nothing.py'"):
-        rig.make("nothing.py")
+        rigs.make("nothing.py")
 
 
 def test_python_rigs_say_where_they_fail(tmp_path: Path) -> None:
@@ -639,7 +640,7 @@ def test_python_rigs_say_where_they_fail(tmp_path: Path) -> None:
         file = tmp_path / f"rig{number}.py"
         file.write_text(text)
         with pytest.raises(ConfigError, match=re.escape(message.format(file=file))):
-            rig.make(str(file))
+            rigs.make(str(file))
 
 
 @settings(max_examples=300)

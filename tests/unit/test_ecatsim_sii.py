@@ -2,10 +2,10 @@ import struct
 
 import pytest
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
-from ecatsim import rig
+from ecatd.model.pdo import Entry, Pdo
+from ecatsim.rigs import library as rigs
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, checksum
@@ -165,12 +165,12 @@ TROLL = [
 
 
 def test_troll_has_its_identities_in_order():
-    found = [parse(device.sii_image()) for device in rig.make("troll").devices]
+    found = [parse(device.sii_image()) for device in rigs.make("troll").devices]
     assert [(f["strings"][1], f["vendor"], f["product"], f["revision"]) for f in found] == TROLL
 
 
 def test_pdos_of_the_terminals_are_those_of_the_real_ones():
-    devices = rig.make("troll").devices
+    devices = rigs.make("troll").devices
     inputs, outputs, analog = (parse(devices[i].sii_image()) for i in (2, 3, 4))
     name = inputs["strings"].index("Input")
     assert inputs["sms"] == [(0x1000, 1, 0x00, 0, 1, 4)]

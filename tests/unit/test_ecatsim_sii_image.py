@@ -4,9 +4,9 @@ import struct
 
 import pytest
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import CATEGORY_DC, SiiDc, SiiMailbox
 from ecatd.model.sii_check import check_sii
 from ecatsim.core import Chip, Segment

@@ -5,7 +5,7 @@ import struct
 import pytest
 from slave_bench import ACK, BOOT, ERROR, INIT, OP, PREOP, SAFEOP, Bench
 
-from ecatd.model.bus import Entry, Pdo
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim import AlState, Device, Mailbox, RefusedError
 
 REQUEST_ID = 0x20

@@ -6,8 +6,8 @@ import pytest
 from slave_bench import ACK, ERROR, OP, PREOP, SAFEOP, Bench
 
 from ecatd.model import abort_codes
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.errors import SdoAbortError
+from ecatd.model.pdo import Entry, Pdo
 from ecatsim import DcMode, Device, Mailbox
 from ecatsim.core import Event
 

@@ -15,9 +15,10 @@ from ecatd.bus.engine.layout import (
     assign_domains,
     lay_out,
 )
-from ecatd.model.bus import Bus, Domain, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.config import DomainConfig
 from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.pdo import Entry, Pdo
 
 
 def pdos(index: int, bits: int) -> list[Pdo]:

@@ -3,7 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.bus import Slave
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import SyncManagerBytes, byte_length, places, sync_manager_bytes
 
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import pytest
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import SignalConfig
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.model.profiles.file import DEVICE, ENTRY
 from ecatd.model.units import is_unit, modelica_unit

@@ -6,12 +6,13 @@ from typing import Any
 import pytest
 
 from ecatd.bus.start.safe import SafeOutputs, safe_outputs
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import SafeConfig, SignalConfig
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import Profiles
 from ecatd.wire import pack, unpack
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
 
 _BECKHOFF = 0x00000002

@@ -13,7 +13,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.bus import Value
+from ecatd.model.pdo import Value
 
 from .. import ir
 from ..render import FILTERS

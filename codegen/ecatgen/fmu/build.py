@@ -7,8 +7,9 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ecatd.model.bus import Bus, Entry
+from ecatd.model.bus import Bus
 from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
+from ecatd.model.pdo import Entry
 from ecatd.version import VERSION
 
 from .. import names

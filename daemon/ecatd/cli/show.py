@@ -6,9 +6,10 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.al import al_state_text
-from ecatd.model.bus import Bus, Entry, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import type_name
 from ecatd.model.errors import StateError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import places
 
 from .arguments import add_slave

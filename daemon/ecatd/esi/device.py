@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ecatd.model.bus import Pdo
+from ecatd.model.pdo import Pdo
 
 from .dictionary import EsiObject
 

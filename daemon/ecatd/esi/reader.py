@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ecatd.model.bus import Entry
 from ecatd.model.datatypes import DataType, type_of_bits
 from ecatd.model.errors import ConfigError
+from ecatd.model.pdo import Entry
 from ecatd.model.sii import UNASSIGNED
 
 from .device import EsiChoice, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager

@@ -16,9 +16,10 @@ from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Any
 
-from .bus import SCHEMA, Bus, Domain, Entry, Pdo, Slave
+from .bus import SCHEMA, Bus, Domain, Slave
 from .bus_reader import read_bus
 from .errors import UsageError
+from .pdo import Entry, Pdo
 from .text_file import read_text
 
 _LISTS = ("outputs", "inputs", "entries")

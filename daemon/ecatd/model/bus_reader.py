@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .bus import SCHEMA, Bus, Domain, Entry, Pdo, Slave, Value
+from .bus import SCHEMA, Bus, Domain, Slave
 from .bus_name import BUS_NAME
 from .config import DOMAINS_MAX, POSITION_MAX
 from .datatypes import bit_length, is_real, type_name
 from .errors import UsageError
+from .pdo import Entry, Pdo, Value
 
 _U8, _U16, _U32, _I64 = 0xFF, 0xFFFF, 0xFFFF_FFFF, (1 << 63) - 1
 _TEXT_MAX = 4096

@@ -11,10 +11,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from .bus import Bus, Entry, Pdo, Slave, Value
+from .bus import Bus, Slave
 from .config import SignalConfig
 from .datatypes import is_real, type_name, value_range
 from .errors import ConfigError
+from .pdo import Entry, Pdo, Value
 from .profiles import DeviceProfile, Profiles
 
 _BITS_MAX = 64  # of one entry in the shared memory

@@ -11,10 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from .bus import Entry, Pdo
+from .pdo import Entry, Pdo
 
 
 @dataclass(frozen=True, slots=True)

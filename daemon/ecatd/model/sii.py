@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .bus import Pdo
+from .pdo import Pdo
 
 CATEGORY_STRINGS = 10
 CATEGORY_GENERAL = 30

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from .bus import Entry
+from .pdo import Entry
 from .sii import (
     CATEGORY_DC,
     CATEGORY_FMMU,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from .bus import Pdo
+from .pdo import Pdo
 from .sii import (
     CATEGORY_SYNC_MANAGER,
     UNASSIGNED,

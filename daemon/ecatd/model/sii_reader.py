@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn
 
-from .bus import Entry, Pdo
+from .pdo import Entry, Pdo
 from .sii import (
     CATEGORY_DC,
     CATEGORY_END,

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 from ecatd.model.errors import EcatError
 
-from .. import rig
+from ..rigs import library as rigs
 from ..simulation import Simulation
 from ..slave.sync_managers import default_size
 from .options import Commands
@@ -43,7 +43,7 @@ def add(commands: Commands) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    what = rig.make(options.rig)
+    what = rigs.make(options.rig)
     try:
         Simulation(what).close()
     except EcatError as error:

@@ -16,10 +16,11 @@ from ecatd import network_namespace as namespace
 from ecatd.model.errors import NotPermittedError, UsageError
 from ecatd.process import die_with_parent
 
-from .. import rig
 from ..control.server import Server
 from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE, folder
 from ..net import netlink
+from ..rig import Rig
+from ..rigs import library as rigs
 from ..simulation import Simulation
 from .options import Commands
 
@@ -78,7 +79,7 @@ class _Runner:
             raise UsageError(f"--ready-fd {arguments.ready_fd}: is no file descriptor")
         if arguments.interface is None and arguments.second is None:
             self._enter_namespace()
-        what = rig.make(arguments.rig)
+        what = rigs.make(arguments.rig)
         what.ring = what.ring or arguments.ring or arguments.second is not None
         self._check_interfaces(what.ring)
         parent = os.getppid()
@@ -179,7 +180,7 @@ class _Runner:
         status = self._child.wait()
         return status if status >= 0 else 128 - status
 
-    def _announce(self, what: rig.Rig) -> None:
+    def _announce(self, what: Rig) -> None:
         arguments = self._arguments
         interface = arguments.interface or MASTER_END
         facts = {

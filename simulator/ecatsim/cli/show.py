@@ -7,8 +7,8 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 
-from .. import rig
 from ..devices.library import LibraryDevice, library
+from ..rigs import library as rigs
 from .options import Commands
 
 
@@ -25,10 +25,10 @@ def add(commands: Commands) -> None:
 
 def _rigs(options: argparse.Namespace) -> int:
     if options.json:
-        rows = [{"name": usage, "description": text} for usage, text in rig.library()]
+        rows = [{"name": usage, "description": text} for usage, text in rigs.library()]
         print(json.dumps({"schema": 1, "rigs": rows}, indent=2, ensure_ascii=False))
         return 0
-    _table(rig.library())
+    _table(rigs.library())
     return 0
 
 

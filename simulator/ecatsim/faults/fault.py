@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 from ecatd.model.errors import UsageError
 
 from ..core import MAX_SLAVES
 from ..parameters import Described, Is, parameters
 from . import named_devices
-
-if TYPE_CHECKING:
-    from ..simulation import Simulation
+from .target import Target
 
 MAX_CYCLE = 2**63 - 1
 _MAX_32 = 2**32 - 1
@@ -69,14 +67,14 @@ class SlaveFault(Fault):
 
     slave: Slave = field(kw_only=False)
 
-    def check(self, simulation: Simulation) -> None:
+    def check(self, target: Target) -> None:
         """Checks that the simulation can carry it out.
 
         Raises:
             UsageError: It cannot.
         """
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Carries it out.
 
         Raises:

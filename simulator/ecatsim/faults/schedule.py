@@ -6,16 +6,13 @@ import contextlib
 import heapq
 import random
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from ecatd.model.errors import EcatError, StateError, UsageError
 
 from .fault import Fault, SlaveFault
 from .frames import FrameFault
 from .methods import FaultMethods
-
-if TYPE_CHECKING:
-    from ..simulation import Simulation
+from .target import Target
 
 MAX_FAULTS = 256
 _FINISHED_KEPT = 64
@@ -63,11 +60,11 @@ class Faults(FaultMethods):
     called from any thread while the simulation runs.
 
     Args:
-        simulation: The simulation they happen in.
+        target: The simulation they happen in.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._simulation = simulation
+    def __init__(self, target: Target) -> None:
+        self._target = target
         self._entries: dict[int, _Entry] = {}
         self._due: list[tuple[int, int]] = []  # a heap of cycle and number
         self._last_id = 0
@@ -79,7 +76,7 @@ class Faults(FaultMethods):
             UsageError: The simulation has no such slave, or its cycle is over.
             StateError: There are too many.
         """
-        with self._simulation.lock:
+        with self._target.lock:
             now = self._cycle()
             self._check(fault, now)
             self._forget_finished()
@@ -92,7 +89,7 @@ class Faults(FaultMethods):
                     first = fault.at_cycle or now + fault.every
                     heapq.heappush(self._due, (first, entry.id))
             elif isinstance(fault, FrameFault):
-                entry.on_segment = self._simulation.segment.inject(fault.on_segment(now))
+                entry.on_segment = self._target.segment.inject(fault.on_segment(now))
             self._entries[entry.id] = entry
             return entry.id
 
@@ -105,7 +102,7 @@ class Faults(FaultMethods):
         Raises:
             UsageError: There is no such fault.
         """
-        with self._simulation.lock:
+        with self._target.lock:
             if identifier is not None and identifier not in self._entries:
                 raise UsageError(f"there is no fault {identifier}; `faults` lists them")
             gone = list(self._entries) if identifier is None else [identifier]
@@ -117,7 +114,7 @@ class Faults(FaultMethods):
 
     def list(self) -> list[FaultState]:
         """All faults that strike or will strike, and the last ones that have, oldest first."""
-        with self._simulation.lock:
+        with self._target.lock:
             self._look_at_segment()
             return [
                 FaultState(e.id, e.fault, e.struck, e.last_cycle, e.done, e.error)
@@ -141,11 +138,11 @@ class Faults(FaultMethods):
     def _withdraw(self, entry: _Entry) -> None:
         if entry.on_segment is not None:
             with contextlib.suppress(UsageError):  # the segment has forgotten it: it is done
-                self._simulation.segment.clear(entry.on_segment)
+                self._target.segment.clear(entry.on_segment)
 
     def _look_at_segment(self) -> None:
         """Takes over how often faults of frames have struck."""
-        known = {state.id: state for state in self._simulation.segment.faults()}
+        known = {state.id: state for state in self._target.segment.faults()}
         for entry in self._entries.values():
             if entry.on_segment is not None:
                 # The segment forgets only what has struck as often as it should.
@@ -154,7 +151,7 @@ class Faults(FaultMethods):
                 entry.done = 0 < entry.fault.count <= entry.struck
 
     def _cycle(self) -> int:
-        return self._simulation.segment.counters().cycles
+        return self._target.segment.counters().cycles
 
     def _check(self, fault: Fault, now: int) -> None:
         if 0 < fault.at_cycle < now:
@@ -162,9 +159,9 @@ class Faults(FaultMethods):
                 f"{fault.kind}: cycle {fault.at_cycle} is over, the bus is in cycle {now}; "
                 "leave at_cycle out to strike at once"
             )
-        fault.check_slave(len(self._simulation.rig.devices))
+        fault.check_slave(len(self._target.devices))
         if isinstance(fault, SlaveFault):
-            fault.check(self._simulation)
+            fault.check(self._target)
 
     def _strike(self, entry: _Entry, cycle: int, *, at_once: bool = False) -> None:
         """One cycle of a schedule. Added faults report errors, scheduled ones keep them."""
@@ -173,7 +170,7 @@ class Faults(FaultMethods):
         if fault.probability < 1.0 and entry.random.random() >= fault.probability:
             return
         try:
-            fault.strike(self._simulation)
+            fault.strike(self._target)
         except EcatError as error:
             if at_once:
                 raise

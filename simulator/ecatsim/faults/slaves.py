@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from ecatd.model.al import AlState
 from ecatd.model.errors import StateError, UsageError
@@ -13,9 +13,7 @@ from ..parameters import Is
 from ..slave.mailbox import MailboxFault, MailboxMode
 from . import named_devices
 from .fault import SlaveFault
-
-if TYPE_CHECKING:
-    from ..simulation import Simulation
+from .target import Target
 
 _MAX_16 = 0xFFFF
 _CHECKSUM = 14  # byte of the SII image
@@ -34,9 +32,9 @@ class BreakLink(SlaveFault):
     kind: ClassVar[str] = "break-link"
     port: Port = 0
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Breaks the link."""
-        simulation.segment.break_link(self.slave, self.port, True)
+        target.segment.break_link(self.slave, self.port, True)
 
 
 @dataclass(frozen=True)
@@ -46,9 +44,9 @@ class HealLink(SlaveFault):
     kind: ClassVar[str] = "heal-link"
     port: Port = 0
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Heals the link."""
-        simulation.segment.break_link(self.slave, self.port, False)
+        target.segment.break_link(self.slave, self.port, False)
 
 
 @dataclass(frozen=True)
@@ -57,9 +55,9 @@ class PowerOff(SlaveFault):
 
     kind: ClassVar[str] = "power-off"
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Switches the power off."""
-        simulation.power(self.slave, False)
+        target.power(self.slave, False)
 
 
 @dataclass(frozen=True)
@@ -68,9 +66,9 @@ class PowerOn(SlaveFault):
 
     kind: ClassVar[str] = "power-on"
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Switches the power on."""
-        simulation.power(self.slave, True)
+        target.power(self.slave, True)
 
 
 @dataclass(frozen=True)
@@ -91,15 +89,15 @@ class Swap(SlaveFault):
         ),
     ]
 
-    def check(self, simulation: Simulation) -> None:
+    def check(self, target: Target) -> None:
         """Checks that there is such a device."""
         if self.device != "original":
             named_devices.make(self.device)
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Puts the other device in."""
         other = None if self.device == "original" else named_devices.make(self.device)
-        simulation.swap(self.slave, other)
+        target.swap(self.slave, other)
 
 
 @dataclass(frozen=True)
@@ -117,9 +115,9 @@ class AlError(SlaveFault):
         "SAFEOP"
     )
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Sets AL status and AL status code."""
-        simulation.powered(self.slave).fail(self.code, AlState[self.state])
+        target.powered(self.slave).fail(self.code, AlState[self.state])
 
 
 @dataclass(frozen=True)
@@ -137,13 +135,13 @@ class Emergency(SlaveFault):
     ] = 0
     data: Annotated[bytes, Is("the device's own data", maximum=5)] = b""
 
-    def check(self, simulation: Simulation) -> None:
+    def check(self, target: Target) -> None:
         """Checks that the slave has a mailbox."""
-        _check_mailbox(self, simulation)
+        _check_mailbox(self, target)
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Sends the emergency."""
-        device = simulation.powered(self.slave)
+        device = target.powered(self.slave)
         if device.machine.state < AlState.PREOP:
             raise StateError(
                 f"slave {self.slave} is in {device.machine.state.name}: emergencies are sent from "
@@ -165,14 +163,14 @@ class Mailbox(SlaveFault):
         float, Is("delay of answers when slow", unit="s", minimum=0.0, maximum=3600.0)
     ] = 1.0
 
-    def check(self, simulation: Simulation) -> None:
+    def check(self, target: Target) -> None:
         """Checks that the slave has a mailbox."""
-        _check_mailbox(self, simulation)
+        _check_mailbox(self, target)
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Sets what is wrong with the mailbox."""
         fault = MailboxFault(MailboxMode(self.mode), self.delay_s if self.mode == "slow" else 0.0)
-        simulation.rig.devices[self.slave].mailbox_fault = fault
+        target.devices[self.slave].mailbox_fault = fault
 
 
 @dataclass(frozen=True)
@@ -198,19 +196,19 @@ class Eeprom(SlaveFault):
         if (self.content == "image") != bool(self.file):
             raise UsageError(f"{self.kind}: content `image`, and no other, takes a file")
 
-    def check(self, simulation: Simulation) -> None:
+    def check(self, target: Target) -> None:
         """Checks that the file can be read."""
         if self.file:
             named_devices.read_image(Path(self.file))
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Changes the content."""
-        original = simulation.original_eeprom(self.slave)
+        original = target.original_eeprom(self.slave)
         image = self._image(original)
         if self.at_power_on:
-            simulation.eeprom_at_power_on(self.slave, image)
+            target.eeprom_at_power_on(self.slave, image)
         else:
-            simulation.segment.set_eeprom(self.slave, image)
+            target.segment.set_eeprom(self.slave, image)
 
     def _image(self, original: bytes) -> bytes:
         if self.content == "checksum":
@@ -238,9 +236,9 @@ class Clock(SlaveFault):
         Is("how much faster it runs from now on", unit="ppm", minimum=-1000.0, maximum=1000.0),
     ] = None
 
-    def check(self, simulation: Simulation) -> None:
+    def check(self, target: Target) -> None:
         """Checks that the slave has a clock."""
-        device = simulation.rig.devices[self.slave]
+        device = target.devices[self.slave]
         if not device.chip.dc:
             name = device.order or device.name
             raise UsageError(f"{self.kind}: slave {self.slave} ({name}) has no distributed clock")
@@ -249,16 +247,16 @@ class Clock(SlaveFault):
         if self.step_ns == 0 and self.drift_ppm is None:
             raise UsageError(f"{self.kind}: give step_ns, drift_ppm, or both")
 
-    def strike(self, simulation: Simulation) -> None:
+    def strike(self, target: Target) -> None:
         """Sets the clock."""
         if self.drift_ppm is not None:
-            simulation.segment.set_clock(self.slave, drift_ppm=self.drift_ppm)
+            target.segment.set_clock(self.slave, drift_ppm=self.drift_ppm)
         if self.step_ns:
-            simulation.segment.step_clock(self.slave, self.step_ns)
+            target.segment.step_clock(self.slave, self.step_ns)
 
 
-def _check_mailbox(fault: SlaveFault, simulation: Simulation) -> None:
-    device = simulation.rig.devices[fault.slave]
+def _check_mailbox(fault: SlaveFault, target: Target) -> None:
+    device = target.devices[fault.slave]
     if device.mailbox is None:
         raise UsageError(
             f"{fault.kind}: slave {fault.slave} ({device.order or device.name}) has no mailbox"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType, bit_length
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
 from ecatd.model.sii_check import check_sii
 

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.bus import Pdo
 from ecatd.model.errors import ConfigError, EcatError
+from ecatd.model.pdo import Pdo
 from ecatd.model.toml_file import Table, read_toml
 
 from ..slave import sync_managers

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import (
     STRINGS,
     DataType,
@@ -15,6 +14,7 @@ from ecatd.model.datatypes import (
     value_range,
 )
 from ecatd.model.errors import SdoAbortError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.toml_file import REQUIRED, Key, Table
 
 from ..slave import units

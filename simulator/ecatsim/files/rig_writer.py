@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 
 from ecatd.model.abort_codes import WRITE_ONLY, abort_text
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType, bit_length, is_real, is_signed, value_range
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import ConfigError
+from ecatd.model.pdo import Entry, Pdo
 
 from ..capture import CapturedSlave, Upload, topology
 from ..chip import Chip, from_registers

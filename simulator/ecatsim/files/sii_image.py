@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
 from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager, in_memory
 from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii, is_description
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from ecatd.model.bus import Pdo
+from ecatd.model.pdo import Pdo
 from ecatd.model.pdo_layout import byte_length
 
 from ..core import Chip

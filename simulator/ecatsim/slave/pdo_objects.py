@@ -11,9 +11,9 @@ from dataclasses import replace
 from functools import partial
 
 from ecatd.model import abort_codes
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError, UsageError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import byte_length
 
 from . import units

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from ecatd.model.bus import Pdo
+from ecatd.model.pdo import Pdo
 
 from ..core import Area, Segment
 from .objects import Dictionary

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from ecatd.model.bus import Pdo
 from ecatd.model.errors import UsageError
+from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED as UNASSIGNED
 from ecatd.model.sii_check import sii_checksum as checksum
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 
-from ecatd.model.bus import Pdo
+from ecatd.model.pdo import Pdo
 from ecatd.model.pdo_layout import byte_length
 
 from ..core import Segment

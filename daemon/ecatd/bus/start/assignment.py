@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TypeVar
 
-from ecatd.model.bus import Entry, Pdo, Slave
+from ecatd.model.bus import Slave
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
 from ..mailbox.coe import Coe

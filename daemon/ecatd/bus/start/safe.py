@@ -12,11 +12,12 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from ecatd.model.bus import Bus, Entry, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import STOPS, SafeConfig
 from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
 from ecatd.model.errors import ConfigError
 from ecatd.model.meanings import find_slave
+from ecatd.model.pdo import Entry
 
 _AXES = range(8)
 _AXIS_OBJECTS = 0x800

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
-from ecatd.model.bus import Bus, Pdo, Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.pdo import Pdo
 from ecatd.model.sii import SiiMailbox
 
 from ..engine.layout import Image

@@ -16,8 +16,9 @@ from typing import Any
 
 from ecatd import shm
 from ecatd.log import Log
-from ecatd.model.bus import Bus, Entry, Slave, positions_text
+from ecatd.model.bus import Bus, Slave, positions_text
 from ecatd.model.config import OutputsConfig
+from ecatd.model.pdo import Entry
 
 from ..engine.engine import Event, EventType
 from ..engine.shared_memory import SharedMemory

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from ..bus import Value
+from ..pdo import Value
 from ..toml_file import Key, Rules, Table, number, printable
 from .slaves import POSITION
 from .tables import SignalConfig

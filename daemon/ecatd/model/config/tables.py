@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from ..bus import parse_address
+from ..pdo import parse_address
 
 
 @dataclass(slots=True)

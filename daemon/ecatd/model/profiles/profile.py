@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..bus import Entry, Slave, Value
+from ..bus import Slave
+from ..pdo import Entry, Value
 
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What a profile says about an entry; each attribute is that of `model.bus.Entry`."""
+    """What a profile says about an entry; each attribute is that of `model.pdo.Entry`."""
 
     name: str = ""
     unit: str = ""

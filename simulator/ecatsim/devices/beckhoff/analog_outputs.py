@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ecatd.model.al import AlState
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
+from ecatd.model.pdo import Entry, Pdo
 
 from ...slave.objects import Access, Variable
 from ...slave.sii import Mailbox, SmType, SyncManager

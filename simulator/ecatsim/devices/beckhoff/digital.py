@@ -6,8 +6,8 @@ for nevertheless, so that the rig `troll` shows what a master gets wrong.
 
 from __future__ import annotations
 
-from ecatd.model.bus import Entry, Pdo
 from ecatd.model.datatypes import DataType
+from ecatd.model.pdo import Entry, Pdo
 
 from ...slave.sii import SmType, SyncManager
 from .terminal import SIMPLE_CHIP, Terminal
