@@ -1,6 +1,7 @@
 """Fixtures: a real daemon on a real simulated segment, and the command line that talks to it."""
 
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -18,6 +19,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
+import guard
 from ecatd.client import Client
 
 # A shell that starts the tests in the background has them ignore SIGINT, and so do their programs.
@@ -29,6 +31,25 @@ settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthC
 settings.load_profile("ecatd")
 
 SHM = Path("/dev/shm")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Names the test for `guard.py` in the environment of all that it starts."""
+    os.environ[guard.RUNNING] = item.nodeid
+    tests = item.nodeid.partition("::")[0]
+    if tests not in _BEGUN:
+        _BEGUN.add(tests)
+        guard.note("begin", tests)
+    try:
+        return (yield)
+    finally:
+        if nextitem is None or nextitem.nodeid.partition("::")[0] != tests:
+            _BEGUN.discard(tests)
+            guard.note("end", tests)
+
+
+_BEGUN: set[str] = set()
 
 
 class Daemon:
@@ -129,12 +150,16 @@ class Daemon:
         return Client(self.bus)
 
     def close(self) -> None:
-        """Ends it if it still runs, and checks that nothing is left."""
-        if self.process.poll() is None:
-            self.stop()
-        self._socket.close()
-        for leftover in SHM.glob(f"ecat.{self.bus}*"):  # of a bus server that the test killed
-            leftover.unlink()
+        """Ends it if it still runs; one that does not end is killed, and the test fails."""
+        try:
+            if self.process.poll() is None:
+                self.stop()
+        finally:
+            if self.process.poll() is None:
+                self.kill_all()
+            self._socket.close()
+            for leftover in SHM.glob(f"ecat.{self.bus}*"):  # of a bus server that was killed
+                leftover.unlink()
 
 
 def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = 30) -> None:
@@ -175,34 +200,35 @@ def run_module(
 @pytest.fixture
 def start_daemon(tmp_path: Path) -> Iterator[Callable[..., Daemon]]:
     """Starts daemons, which are ended after the test; `start_daemon("troll")`."""
-    daemons: list[Daemon] = []
+    with contextlib.ExitStack() as stack:
+        numbers = itertools.count()
 
-    def start(
-        rig: str,
-        *options: str,
-        ready: bool = True,
-        config: str | None = None,
-        preexec: Callable[[], None] | None = None,
-    ) -> Daemon:
-        folder = tmp_path / f"d{len(daemons)}"
-        folder.mkdir()
-        daemon = Daemon(folder, rig, *options, config=config, preexec=preexec)
-        daemons.append(daemon)
-        return daemon.wait_ready() if ready else daemon
+        def start(
+            rig: str,
+            *options: str,
+            ready: bool = True,
+            config: str | None = None,
+            preexec: Callable[[], None] | None = None,
+        ) -> Daemon:
+            folder = tmp_path / f"d{next(numbers)}"
+            folder.mkdir()
+            daemon = Daemon(folder, rig, *options, config=config, preexec=preexec)
+            stack.callback(daemon.close)
+            return daemon.wait_ready() if ready else daemon
 
-    yield start
-    for daemon in daemons:
-        daemon.close()
+        yield start
 
 
 @pytest.fixture(scope="module")
 def troll(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     """A daemon on the rig `troll`, for tests that leave it as they found it."""
-    daemon = Daemon(tmp_path_factory.mktemp("troll"), "troll").wait_ready()
-    yield daemon
-    assert daemon.stop() == 0
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
-    daemon.close()
+    daemon = Daemon(tmp_path_factory.mktemp("troll"), "troll")
+    try:
+        yield daemon.wait_ready()
+        assert daemon.stop() == 0
+        assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    finally:
+        daemon.close()
 
 
 @pytest.fixture(scope="session")

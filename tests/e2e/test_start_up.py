@@ -235,6 +235,7 @@ cd "$1"
 export ECATD_RUNTIME_DIR="$1/run"
 "$2" -m ecatd.service --interface ecat-master --bus tfirst$$ 2> first &
 first=$!
+trap 'kill $first 2> /dev/null' EXIT
 until "$2" -m ecatd.cli info --bus tfirst$$ > /dev/null 2>&1; do kill -0 $first || exit 1; done
 "$2" -m ecatd.service --interface ecat-master --bus tsecond$$ 2> second
 echo "second $?"

@@ -1,0 +1,171 @@
+"""Runs tests, ends what they leave behind, and fails if there was anything: `guard.py COMMAND`.
+
+What a test starts must end with it, also if it fails, takes too long or is killed. This process
+adopts whatever loses its parent (PR_SET_CHILD_SUBREAPER), so nothing gets away from it.
+"""
+
+import contextlib
+import ctypes
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+RUNNING = "ECATD_TEST"
+"""In the environment of what a test starts: the name of the test."""
+DIARY = "ECATD_TEST_DIARY"
+"""A file in which the tests write what exists whenever a file of tests begins or ends."""
+EXIT_STATUS = 9
+_PR_SET_CHILD_SUBREAPER = 36
+_PATIENCE_S = float(os.environ.get("ECATD_TEST_PATIENCE_S", "5"))  # for what is ending already
+_NAMES = ("ecat", "sim", "esc")  # of interfaces
+
+
+class Things(NamedTuple):
+    """What the kernel keeps when a process ends.
+
+    Others may use the machine meanwhile, so only names that tests use are looked at.
+
+    Attributes:
+        files: Shared memory.
+        interfaces: Network interfaces of this namespace.
+        namespaces: Named network namespaces.
+    """
+
+    files: frozenset[str]
+    interfaces: frozenset[str]
+    namespaces: frozenset[str]
+
+    @staticmethod
+    def now() -> "Things":
+        """What there is."""
+        named = Path("/run/netns")
+        return Things(
+            frozenset(str(path) for path in Path("/dev/shm").glob("ecat.*")),
+            frozenset(name for _, name in socket.if_nameindex() if name.startswith(_NAMES)),
+            frozenset(map(str, named.glob("ecat*")) if named.is_dir() else ()),
+        )
+
+    def since(self, before: "Things") -> list[tuple[str, str]]:
+        """What is new and belongs to no process: kind and name."""
+        files = self.files - before.files
+        if files:
+            files -= _open_files()
+        return [
+            *(("shared memory", name) for name in sorted(files)),
+            *(("interface", name) for name in sorted(self.interfaces - before.interfaces)),
+            *(("network namespace", name) for name in sorted(self.namespaces - before.namespaces)),
+        ]
+
+
+def _open_files() -> set[str]:
+    """The files that any process has open."""
+    found = set()
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):
+            found.add(str(link.readlink()))
+    return found
+
+
+def note(what: str, tests: str) -> None:
+    """Writes into the diary that a file of tests begins or ends."""
+    if path := os.environ.get(DIARY):
+        line = json.dumps([what, tests, [sorted(names) for names in Things.now()]])
+        with Path(path).open("a") as diary:
+            diary.write(line + "\n")
+
+
+def suspects(diary: Iterable[str], name: str) -> list[str]:
+    """The files of tests that were running when something was first seen."""
+    running: list[str] = []
+    for line in diary:
+        what, tests, things = json.loads(line)
+        if any(name in names for names in things):
+            return running if tests in running else [*running, tests]
+        if what == "begin":
+            running.append(tests)
+        else:
+            running.remove(tests)
+    return running
+
+
+def descendants() -> Iterator[tuple[int, str, str]]:
+    """Processes below this one: number, name of the test that started it, command line."""
+    parents = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            after_name = (folder / "stat").read_text().rpartition(")")[2].split()
+            if after_name[0] != "Z":
+                parents[int(folder.name)] = int(after_name[1])
+    for pid in parents:
+        above = pid
+        while above in parents and above != os.getpid():
+            above = parents[above]
+        if above == os.getpid() and pid != above:
+            with contextlib.suppress(OSError):
+                environment = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+                begin = f"{RUNNING}=".encode()
+                tests = [x[len(begin) :].decode() for x in environment if x.startswith(begin)]
+                command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+                yield pid, tests[0] if tests else "a test", command.strip()[:120]
+
+
+def _reap() -> None:
+    with contextlib.suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+
+
+def end_processes() -> list[str]:
+    """Kills what still runs after some patience; says what it was."""
+    end = time.monotonic() + _PATIENCE_S
+    while (left := list(descendants())) and time.monotonic() < end:
+        _reap()
+        time.sleep(0.05)
+    for pid, _, _ in left:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    while any(descendants()):
+        time.sleep(0.05)
+    _reap()
+    return [f"process {pid} ({command}), started by {test}" for pid, test, command in left]
+
+
+def remaining(before: Things) -> list[tuple[str, str]]:
+    """What is new and stays: other runs of the tests may make and remove such things meanwhile."""
+    found = Things.now().since(before)
+    end = time.monotonic() + _PATIENCE_S
+    while found and time.monotonic() < end:
+        time.sleep(0.2)
+        found = [thing for thing in Things.now().since(before) if thing in found]
+    return found
+
+
+def main(command: list[str]) -> int:
+    """Runs a command; its exit status, or 9 if it succeeded and left something behind."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    before = Things.now()
+    with tempfile.NamedTemporaryFile("r", prefix="ecatd-tests-") as diary:
+        process = subprocess.Popen(command, env={**os.environ, DIARY: diary.name})
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, lambda number, _: process.send_signal(number))
+        status = process.wait()
+        left = end_processes()
+        lines = diary.readlines()
+        for kind, name in remaining(before):
+            names = " or ".join(suspects(lines, name)) or "a test"
+            left.append(f"{kind} {name}, left by {names}")
+    for line in left:
+        print(f"left behind: {line}", file=sys.stderr)
+    return status if status or not left else EXIT_STATUS
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,83 @@
+"""What tests leave behind is named, ended and removed, and makes the run fail."""
+
+import os
+import subprocess
+import sys
+import uuid
+from pathlib import Path
+
+import pytest
+
+import guard
+
+GUARD = Path(guard.__file__)
+
+TESTS = """
+import os, subprocess
+from pathlib import Path
+
+def test_tidy():
+    subprocess.run(["true"], check=True)
+
+def test_careless():
+    script = f"sleep 1000 & echo $! > {os.environ['LEFT']}"
+    subprocess.run(["setsid", "sh", "-c", script], check=True)
+    Path("/dev/shm", os.environ["NAME"]).touch()
+    assert os.environ["WHAT"] != "fail"
+    if os.environ["WHAT"] == "die":
+        os.kill(os.getpid(), 9)
+"""
+
+
+def guarded(*command: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, GUARD, *map(str, command)],
+        env={**os.environ, "ECATD_TEST_PATIENCE_S": "0.5", **environment},
+        text=True,
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("what", "status"), [("pass", guard.EXIT_STATUS), ("fail", 1), ("die", -9 % 256)]
+)
+def test_what_a_test_leaves_is_named_and_ended(tmp_path: Path, what: str, status: int) -> None:
+    (tmp_path / "test_left.py").write_text(TESTS)
+    conftest = GUARD.with_name("conftest.py")
+    (tmp_path / "conftest.py").write_text(
+        f"import sys\nsys.path.insert(0, {str(GUARD.parent)!r})\n"
+        + conftest.read_text().partition("class Daemon")[0]
+    )
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    name = f"ecat.t{uuid.uuid4().hex[:10]}"
+    left = tmp_path / "pid"
+    pytest_command = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tmp_path)
+    run = guarded(*pytest_command, WHAT=what, NAME=name, LEFT=str(left))
+    assert run.returncode == status, run.stdout + run.stderr
+    pid = int(left.read_text())
+    test = "test_left.py::test_careless"
+    assert f"left behind: process {pid} (sleep 1000), started by {test}" in run.stderr
+    assert f"left behind: shared memory /dev/shm/{name}, left by test_left.py" in run.stderr
+    assert not Path(f"/proc/{pid}").exists()
+    Path("/dev/shm", name).unlink()
+
+
+def test_nothing_is_left(tmp_path: Path) -> None:
+    run = guarded(sys.executable, "-c", "import subprocess; subprocess.run(['true'])")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert guarded(sys.executable, "-c", "raise SystemExit(3)").returncode == 3
+
+
+def test_files_of_tests_that_were_running_are_suspects() -> None:
+    diary = [
+        '["begin", "a.py", [[], [], []]]',
+        '["begin", "b.py", [[], [], []]]',
+        '["end", "b.py", [["/dev/shm/ecat.x"], [], []]]',
+        '["begin", "c.py", [["/dev/shm/ecat.x"], ["veth0"], []]]',
+        '["end", "a.py", [["/dev/shm/ecat.x"], ["veth0"], []]]',
+    ]
+    assert guard.suspects(diary, "/dev/shm/ecat.x") == ["a.py", "b.py"]
+    assert guard.suspects(diary, "veth0") == ["a.py", "c.py"]
+    assert guard.suspects(diary, "eth7") == ["c.py"]
