@@ -10,13 +10,13 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
-	@echo "make test    run all tests"
+	@echo "make test    run the tests that take some minutes; test-all: all of them"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
 	@echo "make torn    100 million reads while the daemon writes: none is of two cycles, some minutes"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
@@ -70,7 +70,7 @@ PARALLEL := --numprocesses auto --dist loadfile
 
 # What fails in the crowd is run once more, alone: some tests are about real time, and on a shared
 # machine a process may get no processor for a tenth of a second. What fails again has failed.
-pytest = $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
+pytest = $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
 define crowd_then_alone
 $(2) $(call pytest,$(1)) $(PARALLEL) $(3) || { [ $$? = 1 ] && \
   echo "Once more, alone, what has failed:" && \
@@ -78,7 +78,12 @@ $(2) $(call pytest,$(1)) $(PARALLEL) $(3) || { [ $$? = 1 ] && \
 endef
 
 test: $(VENV)/.test
-	$(call crowd_then_alone,root)
+	$(call crowd_then_alone,short,,-m "not long")
+
+test-all: test test-long
+
+test-long: $(VENV)/.test
+	$(call crowd_then_alone,long,,-m long)
 	@if [ "$$(id -u)" = 0 ]; then echo "The first steps, as an ordinary user:"; fi
 	@[ "$$(id -u)" != 0 ] || \
 	  $(call crowd_then_alone,user,unshare --user --map-user=1000 --map-group=1000,-m unprivileged $(FIRST_STEPS))

@@ -41,9 +41,11 @@ void session_tell(ecat_session *session, int warning, const char *format, ...) {
 /* This is not the bus that the product was generated for: what is here, and what it expects. */
 static int another(const ecat_session_slave *slave, const char *here, const char *expected) {
   ecat_session *session = slave->session;
-  return ecat_session_fail(session, ECAT_EBUS, "%s%s, but %s %s; regenerate it with: %s",
+  const char *name = ecat_name(session->bus);
+  int usual = strcmp(name, "ecat0") == 0; /* what ecatctl asks where no bus is named */
+  return ecat_session_fail(session, ECAT_EBUS, "%s%s, but %s %s; regenerate it with: %s%s%s",
                            session_heading(slave), here, session->settings.product, expected,
-                           slave->command);
+                           slave->command, usual ? "" : " --bus ", usual ? "" : name);
 }
 
 /* --- what is expected ----------------------------------------------------------------------- */

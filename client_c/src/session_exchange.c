@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "internal.h"
 
@@ -25,6 +26,26 @@ static void forget_claims(ecat_session *session) {
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = 0;
 }
 
+/* The claim was refused: says which of our slaves is concerned, and what may be done about it. */
+static int owned_by_another(ecat_session *session, const int *signals, size_t count) {
+  char text[sizeof session->problem];
+  const ecat_session_slave *slave;
+  ecat_output_info output;
+  ecat_signal_info info;
+  size_t i;
+  snprintf(text, sizeof text, "%s", ecat_error(session->bus));
+  for (i = 0; i < count; i++)
+    if (ecat_output(session->bus, signals[i], &output) == 0 && output.owner >= 0 && !output.owned &&
+        ecat_signal(session->bus, signals[i], &info) == 0)
+      break;
+  if (i == count) return ecat_session_fail(session, ECAT_EOWNED, "%s", text); /* given back since */
+  slave = session->slaves;
+  while (!(slave->writes && slave->position == info.slave)) slave = slave->next;
+  return ecat_session_fail(
+      session, ECAT_EOWNED, "%s%s%s", session_heading(slave), text,
+      output.pid == (unsigned)getpid() ? "" : ", or set readOnly where nothing is to be written");
+}
+
 /* Makes this program the owner of all outputs of all slaves that it writes, at once or not at all. */
 static int claim(ecat_session *session) {
   int i, code, last = -1, wanted = 0, count = ecat_signal_count(session->bus);
@@ -39,6 +60,11 @@ static int claim(ecat_session *session) {
     if (info.output && wanted) signals[found++] = i;
   }
   code = ecat_claim_entries(session->bus, signals, found, session->settings.lease);
+  if (code == ECAT_EOWNED) {
+    code = owned_by_another(session, signals, found);
+    free(signals);
+    return code;
+  }
   free(signals);
   for (slave = session->slaves; code == 0 && slave != NULL; slave = slave->next)
     slave->claimed = slave->writes;

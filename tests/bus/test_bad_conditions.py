@@ -27,7 +27,7 @@ from ecatd.wire import unpack
 from ecatd.zenoh_keys import bus_key, session_config
 from ecatsim.control import Simulator
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 INSIDE = Path(__file__).with_name("inside.py")
 PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23

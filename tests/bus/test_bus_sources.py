@@ -9,7 +9,7 @@ import pytest
 
 from conftest import Daemon, one_line_error, run_module
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 ESI = (Path(__file__).parents[1] / "unit" / "esi_sample.py").read_text().split('"""')[3]
 DEVICES = "AX2:0x00020001,0x1234:0x00020001,DI4"

@@ -14,7 +14,7 @@ import pytest
 from conftest import Daemon
 from ecatd.stats import read
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

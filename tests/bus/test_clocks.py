@@ -26,7 +26,7 @@ from ecatd.zenoh_keys import bus_key, session_config
 from ecatsim.control import Simulator
 from ecatsim.slave.sii import Description, build
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HOP = 400  # ns from a slave of a line to the next
 CYCLE = 1_000_000

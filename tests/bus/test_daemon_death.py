@@ -19,7 +19,7 @@ import pytest
 from conftest import SHM, Daemon, wait_for
 from handle import EBUSY, EDOWN, ELEASE, ESTALE, ETIMEOUT, Handle
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 EL2008, DRIVE = 3, 0
 """Positions in the rig `troll`."""

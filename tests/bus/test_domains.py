@@ -16,7 +16,7 @@ from conftest import SHM, Daemon
 from ecatd import shm
 from ecatd.client import Client
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 RIG = Path(__file__).parents[1] / "rigs" / "domains.py"
 DIVIDERS = (1, 4, 10)

@@ -19,7 +19,7 @@ from ecatd.bus.watch.foreign import ForeignWatch
 from ecatd.model.errors import EcatError, UnreachableError
 from ecatsim.wire import FaultKind, FrameFault
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 PATIENCE = 20.0
 PAGE = resource.getpagesize()

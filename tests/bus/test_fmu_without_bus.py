@@ -15,7 +15,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatgen.fmu import generate_fmu
 from player import BEAR, Model, Player, outputs, plant_of, until
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 ERROR, WAIT, CONTINUE = 1, 2, 3  # EtherCAT.Types.BusFailure
 MISSING, OPERATIONAL = 1, 5  # EtherCAT.Types.BusState
@@ -48,7 +48,7 @@ def test_another_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
         f"slave 2 of bus '{troll.bus}' is EL1018 (vendor 0x00000002, product 0x03FA3052, revision "
         "0x00110000), but this FMU was generated for EL1008 (vendor 0x00000002, product "
         "0x03F03052, revision 0x00110000); regenerate it with: ecatctl generate Other DIR --fmu"
-        f"{fmi}"
+        f"{fmi} --bus {troll.bus}"
     )
 
 

@@ -6,14 +6,14 @@ import signal
 import socket
 import subprocess
 import sys
-import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import zenoh
 
-from conftest import Daemon
+from conftest import Daemon, wait_for
 from ecatd.client.remote import Remote
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
@@ -150,30 +150,22 @@ def test_a_gateway_that_ends_before_it_has_its_answers(daemon: Daemon) -> None:
 
 
 def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session) -> None:
-    heard: dict[str, dict[str, object]] = {}
+    heard: dict[str, list[dict[str, object]]] = defaultdict(list)
 
     def hear(sample: zenoh.Sample) -> None:
-        heard[str(sample.key_expr)] = unpack(bytes(sample.payload))
+        heard[str(sample.key_expr)].append(unpack(bytes(sample.payload)))
 
     subscriber = network.declare_subscriber(bus_key(daemon.bus, "ro", "**"), hear)
-    blinking = bus_key(daemon.bus, "ro", "pdo", "2", "0x6040:01")
-    event = bus_key(daemon.bus, "ro", "event")
-    for _ in range(500):
-        if blinking in heard:
-            break
-        time.sleep(0.01)
-    else:
-        pytest.fail("no value is published")
-    assert heard[blinking]["raw"] in (0, 1)
-    assert heard[blinking]["name"] == "Input"
+    blinking = heard[bus_key(daemon.bus, "ro", "pdo", "2", "0x6040:01")]
+    events = heard[bus_key(daemon.bus, "ro", "event")]
+    wait_for(lambda: bool(blinking), daemon)
+    assert blinking[0]["raw"] in (0, 1)
+    assert blinking[0]["name"] == "Input"
     daemon.ctl("state", "SAFEOP", "-p", "3")
-    for _ in range(500):
-        if heard.get(event, {}).get("event") == "al_state":
-            break
-        time.sleep(0.01)
-    else:
-        pytest.fail(f"no event: {heard.get(event)}")
-    assert (heard[event]["slave"], heard[event]["text"]) == (3, "SAFEOP")
+    states = ("al_state", 3, "SAFEOP")
+    wait_for(
+        lambda: states in [(x["event"], x.get("slave"), x.get("text")) for x in events], daemon
+    )
     subscriber.undeclare()
 
 
@@ -185,6 +177,21 @@ def test_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> None
     daemon.ctl("sdo-write", "0", "0x6060", "0", "8")
     assert "error" not in ask(session, key, payload)[0]
     assert daemon.ctl("sdo-read", "0", "0x6060").stdout == "0x08 8\n"
+    session.close()
+
+
+@pytest.mark.parametrize(
+    ("key", "what"),
+    [
+        ("ro/sdo/0/0x1018/0?foo=1", "'foo' is no parameter of"),
+        ("ro/sdo/0/0x1018/0?complete=2", "'complete=2' in the query: use complete=1 or complete=0"),
+        ("ro/info?complete=1", "use none"),
+    ],
+)
+def test_parameters_that_are_not_known(daemon: Daemon, key: str, what: str) -> None:
+    session = local(daemon)
+    (answer,) = ask(session, bus_key(daemon.bus, *key.split("/")))
+    assert what in answer["error"]["message"]
     session.close()
 
 

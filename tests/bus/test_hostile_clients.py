@@ -20,7 +20,7 @@ from ecatd.client import Outputs
 from ecatd.model.errors import EcatError
 from handle import ESTALE, Handle
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HERE = Path(__file__).parent
 PAGES = int(os.environ.get("ECAT_PAGES", "60000"))

@@ -11,7 +11,7 @@ from ecatd import shm
 from ecatd.client import Client, Reason
 from handle import EBUSY, ELAYOUT, ELEASE, Handle
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 
 @pytest.fixture

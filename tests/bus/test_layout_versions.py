@@ -24,7 +24,7 @@ from ecatd.shared_memory.picture import picture
 from ecatd.stats import read
 from ecatd.stats.clocks import read_clocks
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 ROOT = Path(__file__).parents[2]
 EL1018, EL2008 = 2, 3

@@ -116,7 +116,7 @@ def test_folders_count_in_their_order(
     ("profile", "message"),
     [
         ("[[device]]\nvendor = 1\n", "mine/tests.toml:1: device[0].description: is missing"),
-        (None, "mine: is no folder; 'profiles' names folders with device profiles"),
+        (None, "mine' is no folder"),
     ],
 )
 def test_a_wrong_profile_ends_the_start_before_anything_is_sent(

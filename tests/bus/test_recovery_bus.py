@@ -13,7 +13,7 @@ from conftest import Daemon
 from ecatd import shm
 from ecatd.model.al import AlState
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 SLAVES = 7
 MAILBOX = 1  # with CoE, as the last one

@@ -9,7 +9,7 @@ from test_bad_conditions import Bench
 from conftest import Daemon
 from ecatd.model.al import AlState
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 LONG_LINE = Path(__file__).parent.parent / "rigs" / "long_line.py"
 CONFIG = "state_timeout_s = 2.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"

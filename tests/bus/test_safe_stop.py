@@ -15,7 +15,7 @@ from conftest import Daemon, run_module, wait_for
 from ecatd import shm
 from ecatd.model.errors import StateError, UnreachableError, UsageError
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 DRIVE, EL2008 = 0, 3
 SPEED = 200_000

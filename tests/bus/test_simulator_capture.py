@@ -20,7 +20,7 @@ from ecatd.model.errors import StateError
 from ecatsim.capture import capture
 from ecatsim.devices.beckhoff import EL3008
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 INTERFACE = "ecat-master"
 INIT, PREOP = 1, 2

@@ -14,7 +14,7 @@ from masters import new_master, run
 from ecatsim.devices.library import make
 from ecatsim.rig import Rig
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 INTERFACE = "ecat-master"
 HERE = Path(__file__)

@@ -16,7 +16,7 @@ from ecatsim import Rig
 from ecatsim.devices.beckhoff import EK1100
 from ecatsim.devices.generic import Loopback
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HERE = Path(__file__)
 MOST = 63  # slaves with inputs and outputs: kickcat 2.5 maps all at once, with 255 datagrams

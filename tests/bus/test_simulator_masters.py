@@ -35,7 +35,7 @@ from ecatsim.slave.objects import Access
 from ecatsim.slave.sii import Mailbox
 from ecatsim.slave.state_machine import RefusedError
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HERE = Path(__file__)
 LONG = bytes(range(250)) * 3

@@ -18,6 +18,7 @@ from ecatsim import Mailbox, Rig
 
 pytestmark = [
     pytest.mark.bus,
+    pytest.mark.long,
     pytest.mark.skipif(not shutil.which("tshark"), reason="tshark is not installed"),
 ]
 

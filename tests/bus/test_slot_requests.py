@@ -17,7 +17,7 @@ from ecatd.client import Client
 from ecatd.model.al import AlState
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 DRIVE, EL2008, LAST = 0, 3, 7
 ACCELERATION = 0x6083

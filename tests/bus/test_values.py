@@ -27,7 +27,7 @@ from ecatd.model.errors import UsageError
 from ecatsim.control import Simulator
 from player import BEAR, DISCARD, Model
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HERE = Path(__file__).parent
 PROGRAMS = HERE / "value_clients"

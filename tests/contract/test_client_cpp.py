@@ -17,7 +17,7 @@ WARNINGS = (
 )
 STRICTER = ("-Wpedantic", "-Wold-style-cast", "-Wnon-virtual-dtor")
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 
 def build(

@@ -12,6 +12,9 @@ import pytest
 
 from conftest import run_module
 
+pytestmark = pytest.mark.long
+
+
 ROOT = Path(__file__).parents[2]
 CLIENT = ROOT / "client_c"
 

@@ -6,7 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import ecatd
+
+pytestmark = pytest.mark.long
+
 
 CLIENT = Path(__file__).parents[2] / "client_c"
 TESTS = ("test_client_objects", "test_return", "test_shared_memory")

@@ -13,7 +13,7 @@ from conftest import Daemon
 HERE = Path(__file__).parent
 CLIENT = HERE.parents[1] / "client_c"
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 
 def test_no_call_is_left_out() -> None:

@@ -79,12 +79,14 @@ PAIRS = [
 ]
 
 
-def refusal(name: str, here: Change | None, product: str, made_for: Change | None) -> str:
-    """What is said, but for options of the command."""
+def refusal(
+    name: str, here: Change | None, product: str, made_for: Change | None, options: str = ""
+) -> str:
+    """What is said."""
     return (
         f"entry 0x6000:11 (Value) of slave 4 (EL3008) of bus '{name}' has {WORDS[here]}, but "
         f"{product} was generated for {WORDS[made_for]}; regenerate it with: "
-        f"ecatctl generate Plant DIR"
+        f"ecatctl generate Plant DIR{options} --bus {name}"
     )
 
 
@@ -116,7 +118,7 @@ def test_an_fmu(here: Change | None, made_for: Change | None, fmi: int, tmp_path
             instance.start()
         (said,) = instance.errors()
         options = " --fmu" if fmi == 2 else " --fmu --fmi 3"
-        assert said == refusal(name, here, "this FMU", made_for) + options
+        assert said == refusal(name, here, "this FMU", made_for, options)
     with served(changed(made_for)) as name, model.play(bus=name) as instance:
         assert instance.errors() == []
 

@@ -28,7 +28,7 @@ from plant_calls import (
 from conftest import Daemon
 from ecatsim.control import Simulator
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 ODD_NAMES = str(Path(__file__).parents[1] / "rigs" / "odd_names.py")
 DRIVE, DIGITAL_INPUTS, DIGITAL_OUTPUTS = 0, 2, 3

@@ -88,7 +88,8 @@ def test_another_slave(opener: Path) -> None:
     assert line == (
         f"EtherCAT: slave 2 of bus '{name}' is EL2008 (vendor 0x00000002, product 0x07D83052, "
         "revision 0x00100000), but this library was generated for EL1018 (vendor 0x00000002, "
-        "product 0x03FA3052, revision 0x00100000); regenerate it with: ecatctl generate Plant DIR"
+        "product 0x03FA3052, revision 0x00100000); regenerate it with: ecatctl generate Plant DIR "
+        f"--bus {name}"
     )
 
 
@@ -106,7 +107,8 @@ def test_a_bus_with_fewer_slaves(opener: Path) -> None:
         line = sentence(run(opener, name))
     assert line == (
         f"EtherCAT: bus '{name}' has no slave 7 (it has 7 slaves), but this library was generated "
-        "for EL6751 there; regenerate it with: ecatctl generate Plant DIR"
+        "for EL6751 there; regenerate it with: ecatctl generate Plant DIR "
+        f"--bus {name}"
     )
 
 
@@ -349,3 +351,4 @@ def test_outputs_that_another_program_owns(
         line = sentence(ends.result())
     assert "of slave 3 (EL2008)" in line
     assert "belongs to" in line
+    assert line.endswith("; end it first, or set readOnly where nothing is to be written")

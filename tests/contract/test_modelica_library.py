@@ -25,6 +25,9 @@ from ecatgen.checks import (
 )
 from ecatgen.render import render
 
+pytestmark = pytest.mark.long
+
+
 LIBRARY = "Plant"
 
 

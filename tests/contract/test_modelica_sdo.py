@@ -14,7 +14,7 @@ from ecatgen.checks import check_translation, sample_buses
 from rigs import objects
 
 pytest_plugins = ["sdo_fixtures"]
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 INTEGERS = [kind for kind in objects.NUMBERS if not is_real(kind)]
 

@@ -13,7 +13,7 @@ from ecatd.model.datatypes import DataType as T
 from handle import Handle
 
 pytest_plugins = ["sdo_fixtures"]
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 NO_OBJECT, READ_ONLY = 0x06020000, 0x06010002
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from benchmarks.target import Events, Target, verdicts
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,7 +14,7 @@ import pytest
 from conftest import SHM, Daemon
 from ecatd import shm
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 FIGURE9 = Path(__file__).parents[2] / "examples" / "figure9"
 

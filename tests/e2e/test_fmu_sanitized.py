@@ -16,6 +16,9 @@ from ecatd.model.bus import Bus
 from ecatgen.checks import sample_buses
 from ecatgen.fmu import generate_fmu
 
+pytestmark = pytest.mark.long
+
+
 HARNESS = Path(__file__).with_name("fmu_misuse.c")
 
 

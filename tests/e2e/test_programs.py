@@ -23,7 +23,7 @@ from ecatd import shm
 from ecatd.client import Client, Request, Signal
 from ecatd.model import errors
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 ROOT = Path(__file__).parents[2]
 CLIENT = ROOT / "client_c"

@@ -18,7 +18,7 @@ from ecatsim.control import Simulator
 
 RIGS = Path(__file__).parents[1] / "rigs"
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 
 @pytest.fixture
@@ -176,6 +176,19 @@ def test_slaves_that_do_not_answer_their_mailboxes(start_daemon: Callable[..., D
     result = daemon.ctl("sdo-read", "2", "0x1018", "1", check=False)
     assert result.returncode == 4
     assert "Traceback" not in daemon.log
+
+
+def test_a_slave_that_answers_nonsense_holds_nobody_up(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon(str(RIGS / "nonsense.py"))
+    rows = daemon.ctl_json("state")["slaves"]
+    assert [row["text"] for row in rows] == ["OP", "OP", "OP"]
+    assert [row["recovery"] for row in rows] == ["", "silent", ""]
+    used = "is used with the process data of its EEPROM"
+    assert rows[1]["recovery_text"].startswith(
+        f"its mailbox answered with nonsense at the start, so it {used}"
+    )
+    assert "slave 1, 0x1C12:0" in daemon.log
+    assert f"slave 1 (EL3008) {used}, and its objects cannot be reached" in daemon.log
 
 
 def test_a_silent_slave_comes_back_to_op(

@@ -22,7 +22,7 @@ from conftest import Daemon, one_line_error, run_module
 from ecatd.client.remote import Remote
 from ecatd.stats import read
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
 COUNTED = ("cycles", "frames", "lost", "late", "wkc_bad", "missed")
 PORT = 17463

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
+
 ROOT = Path(__file__).parents[2]
 ESC = ROOT / "simulator" / "esc"
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}

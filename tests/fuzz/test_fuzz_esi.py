@@ -17,6 +17,9 @@ from ecatd.model.errors import ConfigError
 from ecatsim.core import Segment
 from ecatsim.files.esi import device_from_esi
 
+pytestmark = pytest.mark.long
+
+
 FILES, SHARDS = 10_000, 5
 PIECES = re.compile(r"<[^>]*>|[^<]+")
 VALUES = ["0", "1", "-1", "255", "65536", "#xFFFFFFFF", "#x", "", "UINT", "STRING(65535)", "DT2000"]

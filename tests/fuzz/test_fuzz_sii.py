@@ -18,6 +18,9 @@ from ecatsim.rigs import library as rigs
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, build
 from ecatsim.slave.sync_managers import default_size
 
+pytestmark = pytest.mark.long
+
+
 IMAGES, SHARDS = 100_000, 10
 BOOTED = 2_000
 APRD, APWR = 1, 2

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
+
 HERE = Path(__file__).parent
 MODELS = [("snapshot",), ("commit",), ("claim",), ("claim", "COMPETE"), ("request",)]
 DEFECTS = [

@@ -14,6 +14,9 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
+
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 READS = int(os.environ.get("ECAT_READS", "1000000"))

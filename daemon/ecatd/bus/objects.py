@@ -87,9 +87,13 @@ class Objects:
     async def _turn(self, slave: Slave, line: Line) -> AsyncIterator[None]:
         """Waits until the conversations with the slave that came before are over."""
         if len(line) >= _OF_ONE_SLAVE_MAX:
-            raise BusyError(f"{slave.label} has {_OF_ONE_SLAVE_MAX} requests waiting already")
+            raise BusyError(
+                f"{slave.label} has {_OF_ONE_SLAVE_MAX} requests waiting already; try again"
+            )
         if self._waiting >= _REQUESTS_MAX:
-            raise BusyError(f"busy: {_REQUESTS_MAX} mailbox requests are waiting already")
+            raise BusyError(
+                f"busy: {_REQUESTS_MAX} mailbox requests are waiting already; try again"
+            )
         loop, called = asyncio.get_running_loop(), asyncio.Event()
         self._waiting += 1
         try:

@@ -42,7 +42,9 @@ def seconds(text: str) -> float:
     except ValueError:
         value = math.nan
     if not 0 < value <= 3600:
-        raise argparse.ArgumentTypeError(f"'{text}' is no time: give seconds, more than 0")
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no time: give seconds, more than 0 and at most 3600"
+        )
     return value
 
 

@@ -43,6 +43,8 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 def shm(options: argparse.Namespace) -> int:
     """Shows the shared memory; returns the exit status."""
     if options.layout:
+        if options.json:
+            raise UsageError("--layout prints Markdown for the documentation: leave --json out")
         print("\n".join(layout_lines()))
         return 0
     _check_local(options)

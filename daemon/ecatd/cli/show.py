@@ -173,7 +173,10 @@ def _meaning(entry: Entry) -> str:
         high = "any" if entry.maximum is None else f"{entry.maximum:g}"
         facts.append(f"{low} to {high}")
     if entry.safe is not None:
-        facts.append(f"safe {entry.safe}")
+        safe = entry.safe
+        if entry.is_physical and not isinstance(safe, str):
+            safe = f"{safe * entry.scale + entry.offset:g}"
+        facts.append(f"safe {safe}")
     return f"[{', '.join(facts)}]" if facts else ""
 
 

@@ -34,6 +34,13 @@ from .publisher import Publisher
 _REMEMBERED = 1024
 """Changes whose answers are kept, so that a request that arrives twice is carried out once."""
 
+_FLAGS: dict[tuple[str, ...], tuple[str, ...]] = {
+    ("ro", "stats"): ("buckets",),
+    ("ro", "sdo"): ("complete",),
+}
+"""The parameters that queries may have, by the begin of the key."""
+_TRUE, _FALSE = ("1", "true"), ("0", "false")
+
 _ALL_MESSAGES = [
     "put",
     "delete",
@@ -181,6 +188,7 @@ class Gateway:
         payload = b"" if query.payload is None else bytes(query.payload)
         if len(payload) > MAX_MESSAGE:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
+        asked = _flags(query, *_FLAGS.get(tuple(parts[:2]), ()))
         match parts:
             case ["ro", "info"]:
                 return self._bus.ask(ReadInfo())
@@ -189,12 +197,11 @@ class Gateway:
             case ["ro", "state"]:
                 return self._bus.ask(ReadStates())
             case ["ro", "stats"]:
-                return _known(to_map(read(self._config.bus), buckets=_asked(query, "buckets")))
+                return _known(to_map(read(self._config.bus), buckets=asked["buckets"]))
             case ["ro", "dc"]:
                 return _known(read_clocks(self._config.bus))
             case ["ro", "sdo", slave, index, subindex]:
-                complete = {"complete": _asked(query, "complete")}
-                return self._bus.ask(_object_request("sdo_read", slave, index, subindex, complete))
+                return self._bus.ask(_object_request("sdo_read", slave, index, subindex, asked))
             case ["rw", "sdo", slave, index, subindex]:
                 identity, values = _change(payload, "slave", "index", "subindex")
                 request = _object_request("sdo_write", slave, index, subindex, values)
@@ -238,9 +245,18 @@ def _known(found: dict[str, Any]) -> Answer:
     return answer
 
 
-def _asked(query: zenoh.Query, name: str) -> bool:
-    """Whether a query has `?name=1`."""
-    return query.parameters.get(name, "0") in ("1", "true")
+def _flags(query: zenoh.Query, *names: str) -> dict[str, bool]:
+    """The parameters of a query, such as `?complete=1`; those that are missing are false."""
+    flags = dict.fromkeys(names, False)
+    for item in filter(None, str(query.parameters).split(";")):
+        name, _, value = item.partition("=")
+        if name not in flags:
+            known = ", ".join(names) or "none"
+            raise UsageError(f"'{name}' is no parameter of '{query.key_expr}': use {known}")
+        if value not in _TRUE and value not in _FALSE:
+            raise UsageError(f"'{name}={value}' in the query: use {name}=1 or {name}=0")
+        flags[name] = value in _TRUE
+    return flags
 
 
 def _object_request(

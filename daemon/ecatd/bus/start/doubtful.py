@@ -1,10 +1,10 @@
 """Slaves whose process data are in doubt: what becomes of them.
 
-That is so where the mailbox of a slave with CoE does not answer, and where an EEPROM is damaged:
-process data may be missing of which it says nothing any more. Such a slave must not keep the others
-from OP. It is used with the process data that are known of it, if there are some and it goes to
-SAFEOP with them. Otherwise it stays in PREOP, and takes no part in the exchange: in OP it would
-pass for a slave that has no process data.
+Doubtful are slaves with CoE whose mailbox does not answer or answers with nonsense, and slaves with
+a damaged EEPROM, which may describe a part of the process data only. A doubtful slave must not keep
+the others from OP. If some of its process data are known, and it reaches SAFEOP with them, it is
+used. Otherwise it stays in PREOP and takes no part in the exchange: in OP it would look like a
+slave that has no process data.
 """
 
 from __future__ import annotations
@@ -91,7 +91,8 @@ def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
         text = "is used with the process data of its EEPROM, and its objects cannot be reached"
         if not used:
             text = f"{stays}: {why or 'its EEPROM describes no process data'}"
-        return Doubt(SILENT, f"its mailbox did not answer at the start, so it {text}")
+        did = "answered with nonsense" if item.nonsense else "did not answer"
+        return Doubt(SILENT, f"its mailbox {did} at the start, so it {text}")
     text = "is used with the process data that are known of it"
     if not used:
         text = f"{stays}: {why or 'no process data are known of it'}"

@@ -46,14 +46,16 @@ class Scanned:
         slave: The slave.
         sii: Its SII.
         emergencies: Error code and error register of each emergency that it sent meanwhile.
-        silence: Where its mailbox does not answer, what was asked in vain: its process data are
-            those of its SII then.
+        silence: Where its mailbox does not answer, or answers with nonsense, what was asked and why
+            that failed: its process data are those of its SII then.
+        nonsense: Whether it has answered, but with nonsense.
     """
 
     slave: Slave
     sii: Sii
     emergencies: list[tuple[int, int]] = field(default_factory=list)
     silence: str = ""
+    nonsense: bool = False
 
     @property
     def unplaced(self) -> str:
@@ -99,10 +101,8 @@ def _read_assignment(item: Scanned, coe: Coe) -> Talk[None]:
     try:
         yield from Assignment(item.slave, item.sii, coe).read()
     except (NoAnswerError, StateError) as error:
-        # A damaged EEPROM may also describe its mailbox as it is not.
-        if isinstance(error, StateError) and not item.sii.damaged:
-            raise
         item.silence = str(error)
+        item.nonsense = isinstance(error, StateError)
         _take_from_sii(item.slave, item.sii)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.errors import StateError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import SiiMailbox
 
@@ -222,7 +222,7 @@ class SetUp:
         missed = {}
         for number, error in failed.items():
             position = items[number].slave.position
-            if not items[number].silence or not isinstance(error, NoAnswerError):
+            if not items[number].silence:
                 missed[position] = Missed(f"its PDO assignment cannot be read: {error}")
         for number, (outputs, inputs) in found.items():
             item = items[number]

@@ -32,7 +32,8 @@ def load_profiles(named: Iterable[Path] = (), standard: Iterable[Path] = ()) -> 
     for folder in named:
         if not folder.is_dir():
             raise ConfigError(
-                f"{folder}: is no folder; 'profiles' names folders with device profiles (*.toml)"
+                f"'profiles' in the configuration names folders with device profiles (*.toml), and "
+                f"'{folder}' is no folder"
             )
         first += _folder(folder)
     others = [device for folder in (*standard, _OURS) for device in _folder(folder)]
