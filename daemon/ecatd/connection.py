@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+from ecatd.encoding import LENGTH, MAX_REPLY, frame, unpack
+
 from .model.errors import UsageError
-from .wire import LENGTH, MAX_REPLY, frame, unpack
 
 _UNSENT_MAX = MAX_REPLY
 """Bytes: an end is not stuck because it has not read the whole of one reply yet."""

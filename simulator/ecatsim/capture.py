@@ -114,14 +114,14 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
         master.scan(_TIMEOUT)
         count = len(master.stations)
         try:
-            master.reach(AlState.PREOP, _TIMEOUT)
+            master.wait_for_state(AlState.PREOP, _TIMEOUT)
             clocks = clock_bits(master)
             slaves = [
                 _slave(master, i, count, bool(clocks[i]), progress, objects) for i in range(count)
             ]
         finally:
             if before != AlState.PREOP:
-                master.reach(AlState.INIT, _TIMEOUT)
+                master.wait_for_state(AlState.INIT, _TIMEOUT)
     finally:
         master.close()
     return slaves

@@ -39,7 +39,7 @@ class Rig:
         devices: Devices in wire order, which is that of auto-increment addresses: a line, each at
             the first port of the one before that fits (E-bus or Ethernet, else port 1), but for
             those that `connect` plugs in elsewhere.
-        plants: What connects the devices outside the bus: wires, signal sources, mechanics.
+        plants: What connects the devices outside the bus: wires, waveforms, mechanics.
         trace: What to record, or None.
         faults: Faults on demand that it begins with.
         ring: Whether a second interface closes a ring (cable redundancy): at the first free port of
@@ -134,14 +134,14 @@ class Rig:
 
         self.plants.append(carry)
 
-    def drive(self, target: Terminal, signal: Callable[[float], float]) -> None:
-        """Connects a signal source with an input, in the unit of its entry.
+    def drive(self, target: Terminal, waveform: Callable[[float], float]) -> None:
+        """Drives an input by a waveform, in the unit of its entry.
 
         Raises:
             UsageError: The device has no such entry.
         """
         entry = Point(target)
-        self.plants.append(lambda now: entry.set(signal(now)))
+        self.plants.append(lambda now: entry.set(waveform(now)))
 
     def add_plant(self, plant: Plant, period: float = 0.001, catch_up: float = 0.1) -> None:
         """Adds a callable that is to be called at a fixed rate.

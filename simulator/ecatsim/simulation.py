@@ -208,7 +208,7 @@ class Simulation:
     def swap(self, position: int, device: Device | None) -> None:
         """Puts another device in the place of a slave, or (None) the first one again.
 
-        It starts as at power-on. Wires, signals and plants stay with the first one.
+        It starts as at power-on. Wires, waveforms and plants stay with the first one.
         """
         place = self._places[position]
         with self.lock:

@@ -21,9 +21,9 @@ import zenoh
 
 from conftest import Daemon, run_module, wait_for
 from ecatd import shm
+from ecatd.encoding import unpack
 from ecatd.model.al import AlState
 from ecatd.paths import zenoh_socket
-from ecatd.wire import unpack
 from ecatd.zenoh_keys import bus_key, session_config
 from ecatsim.control import Simulator
 

@@ -21,7 +21,7 @@ import zenoh
 
 from conftest import Daemon, one_line_error
 from ecatd import shm
-from ecatd.wire import unpack
+from ecatd.encoding import unpack
 from ecatd.zenoh_keys import bus_key, session_config
 from ecatsim.control import Simulator
 from ecatsim.slave.sii import Description, build

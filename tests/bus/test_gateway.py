@@ -15,10 +15,10 @@ import zenoh
 
 from conftest import Daemon, wait_for
 from ecatd.client.remote import Remote
+from ecatd.encoding import frame, pack, unpack
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
 from ecatd.paths import control_socket
-from ecatd.wire import frame, pack, unpack
 from ecatd.zenoh_keys import bus_key, session_config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]

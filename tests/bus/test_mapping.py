@@ -104,7 +104,7 @@ def master_that_scans(*trouble: str) -> Any:
     try:
         with Simulator() as simulator:
             master.scan(5)
-            master.reach(AlState.PREOP, 5)
+            master.wait_for_state(AlState.PREOP, 5)
             found = mapping.scan_slaves(master)
     except EcatError as error:
         return [type(error).__name__, str(error)]

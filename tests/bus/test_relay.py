@@ -210,7 +210,7 @@ def master_on_a_ring() -> Any:
         try:
             master.scan(5)
             count = len(master.stations)
-            master.reach(AlState.PREOP, 5)
+            master.wait_for_state(AlState.PREOP, 5)
             found = [count, looks(master)]
             for broken in (1, 4, 7):
                 simulator.faults.break_link(broken)

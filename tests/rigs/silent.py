@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from ecatd.model.pdo import Pdo
 from ecatsim.devices.beckhoff import EK1100, EL2008, EL3008, EL4008
-from ecatsim.plants.signals import constant
+from ecatsim.plants.waveforms import constant
 from ecatsim.rig import Rig
 from ecatsim.slave.mailbox import MailboxFault
 from ecatsim.slave.sii import SyncManager

@@ -11,12 +11,12 @@ from bus_strategies import buses
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ecatd.encoding import MAX_REPLY, pack, unpack
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Domain
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
-from ecatd.wire import MAX_REPLY, pack, unpack
 from ecatgen.checks import sample_buses
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from ecatd.connection import Connection
+from ecatd.encoding import MAX_REPLY, frame
 from ecatd.model.errors import UsageError
-from ecatd.wire import MAX_REPLY, frame
 
 LIMIT = 1000
 

@@ -1,4 +1,4 @@
-"""Wires, signal sources and plants at a fixed rate."""
+"""Wires, waveforms and plants at a fixed rate."""
 
 import math
 import re
@@ -12,7 +12,7 @@ import pytest
 from ecatd.model.errors import ConfigError, UsageError
 from ecatsim import DataType, Device, Entry, Pdo, Rig
 from ecatsim.devices.library import make
-from ecatsim.plants import signals
+from ecatsim.plants import waveforms
 from ecatsim.plants.paced import Paced
 from ecatsim.plants.point import Point
 
@@ -96,10 +96,10 @@ def test_a_wire_from_an_analog_output_to_an_analog_input():
     assert inputs[0x6010, 0x11] == 12345
 
 
-def test_a_signal_beyond_the_range_sets_the_status_of_the_input():
+def test_a_waveform_beyond_the_range_sets_the_status_of_the_input():
     device = make("EL3102")
     rig = Rig("signals", [device])
-    rig.drive((device, 0x6000, 0x11), signals.constant(12.0))
+    rig.drive((device, 0x6000, 0x11), waveforms.constant(12.0))
     run(rig)
     assert device[0x6000, 0x11] == 32767
     assert (device[0x6000, 1], device[0x6000, 2], device[0x6000, 7]) == (0, 1, 1)
@@ -165,32 +165,32 @@ def test_a_period_must_be_positive(period):
         Rig("x").add_plant(lambda now: None, period)
 
 
-# --- signals ---------------------------------------------------------------------------------
+# --- waveforms -------------------------------------------------------------------------------
 
 
-def test_periodic_signals():
+def test_periodic_waveforms():
     at = (0.0, 0.25, 0.5, 0.75, 1.0)
-    assert [signals.square(1.0, -2, 5)(t) for t in at] == [5, 5, -2, -2, 5]
-    assert [signals.ramp(-1.0, 1.0, 1.0)(t) for t in at] == [-1, -0.5, 0, 0.5, -1]
-    assert [signals.triangle(-1.0, 1.0, 1.0)(t) for t in at] == [-1, 0, 1, 0, -1]
-    assert [signals.sine(2.0, 1.0, offset=1.0)(t) for t in at] == pytest.approx([1, 3, 1, -1, 1])
+    assert [waveforms.square(1.0, -2, 5)(t) for t in at] == [5, 5, -2, -2, 5]
+    assert [waveforms.ramp(-1.0, 1.0, 1.0)(t) for t in at] == [-1, -0.5, 0, 0.5, -1]
+    assert [waveforms.triangle(-1.0, 1.0, 1.0)(t) for t in at] == [-1, 0, 1, 0, -1]
+    assert [waveforms.sine(2.0, 1.0, offset=1.0)(t) for t in at] == pytest.approx([1, 3, 1, -1, 1])
 
 
 def test_noise_is_the_same_for_the_same_seed():
-    runs = [[signals.noise(2.0, 5.0, seed)(0.0) for _ in range(3)] for seed in (1, 1, 2)]
+    runs = [[waveforms.noise(2.0, 5.0, seed)(0.0) for _ in range(3)] for seed in (1, 1, 2)]
     assert runs[0] == runs[1] != runs[2]
-    source = signals.noise(2.0, 5.0)
+    source = waveforms.noise(2.0, 5.0)
     values = [source(0.0) for _ in range(4000)]
     assert statistics.fmean(values) == pytest.approx(5.0, abs=0.2)
     assert statistics.stdev(values) == pytest.approx(2.0, rel=0.1)
 
 
-def test_signals_from_a_table(tmp_path):
+def test_waveforms_from_a_table(tmp_path):
     file = tmp_path / "speed.csv"
     file.write_text("time,speed,torque\n0,0,7\n1,10,7\n\n3,-10,7\n")
-    signal = signals.table(file, "speed", "time")
-    assert [signal(100.0 + t) for t in (0, 0.5, 1, 2, 3, 99)] == [0, 5, 10, 0, -10, -10]
-    again = signals.table(file, 1, repeat=True)
+    waveform = waveforms.table(file, "speed", "time")
+    assert [waveform(100.0 + t) for t in (0, 0.5, 1, 2, 3, 99)] == [0, 5, 10, 0, -10, -10]
+    again = waveforms.table(file, 1, repeat=True)
     assert [again(7.0 + t) for t in (0, 3.5, 4)] == [0, 5, 10]
 
 
@@ -212,18 +212,18 @@ def test_wrong_tables(tmp_path, text, message):
     file = tmp_path / "t.csv"
     file.write_text(text)
     with pytest.raises(ConfigError, match=message):
-        signals.table(file, "speed")
+        waveforms.table(file, "speed")
 
 
 def test_tables_that_cannot_be_read(tmp_path):
     with pytest.raises(UsageError, match=r"cannot read '.*gone\.csv': No such file"):
-        signals.table(tmp_path / "gone.csv")
+        waveforms.table(tmp_path / "gone.csv")
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="this is not a CSV file"):
-        signals.table(tmp_path / "b.csv")
+        waveforms.table(tmp_path / "b.csv")
     with pytest.raises(UsageError, match="columns are counted from 0, not -1"):
         (tmp_path / "c.csv").write_text("0,0\n")
-        signals.table(tmp_path / "c.csv", -1)
+        waveforms.table(tmp_path / "c.csv", -1)
 
 
 def test_the_tank_of_the_documentation():

@@ -50,17 +50,17 @@ entry = [{ index = 0x6000, subindex = 1, type = "int16", scale = 0.5, offset = 1
 from = { slave = 1, entry = "0x7000:01" }
 to = { slave = 2, entry = "0x6000:01" }
 
-[[signal]]
+[[waveform]]
 to = { slave = 6, entry = "0x6000:01" }
 shape = "constant"
 value = 21.0
 
-[[signal]]
+[[waveform]]
 to = { slave = 2, entry = "0x6010:01" }
 shape = "square"
 frequency = 0.5
 
-[[signal]]
+[[waveform]]
 to = { slave = 3, entry = "0x6000:11" }
 shape = "sine"
 amplitude = 20
@@ -286,7 +286,7 @@ def step(what: Rig, now: float) -> None:
         device.step(now)
 
 
-def test_wires_and_signals(tmp_path: Path) -> None:
+def test_wires_and_waveforms(tmp_path: Path) -> None:
     what = load(tmp_path, RIG)
     _, outputs, inputs, analog, _, counter, scaled = what.devices
     outputs[0x7000, 1] = 1
@@ -316,10 +316,12 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_every_shape_of_signal(tmp_path: Path, shape: str) -> None:
+def test_every_shape_of_waveform(tmp_path: Path, shape: str) -> None:
     (tmp_path / "table.csv").write_text("seconds,volts\n0,1\n10,4\n")
     point = 'to = { slave = 0, entry = "0x6000:11" }\n'
-    text = f"[[slave]]\ndevice = 'EL3008'\n[[signal]]\n{point}shape = '{shape}'\n{SHAPES[shape]}\n"
+    text = (
+        f"[[slave]]\ndevice = 'EL3008'\n[[waveform]]\n{point}shape = '{shape}'\n{SHAPES[shape]}\n"
+    )
     what = load(tmp_path, text)
     what.plants[0](4.0)
     what.plants[0](5.0)
@@ -513,37 +515,37 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             '{ slave = 2, entry = "0x6010:01" }',
             '{ slave = 2, entry = "0x6000:01" }',
-            "rig.toml:42: signal[1].to.entry: is driven by another wire or signal already",
+            "rig.toml:42: waveform[1].to.entry: is driven by another wire or waveform already",
         ),
         (
             '{ slave = 2, entry = "0x6010:01" }',
             '{ slave = 4, entry = "0x6000:01" }',
-            "rig.toml:42: signal[1].to.entry: is driven by its `loopback` already",
+            "rig.toml:42: waveform[1].to.entry: is driven by its `loopback` already",
         ),
         (
             '"constant"',
             '"sinus"',
-            "rig.toml:38: signal[0].shape: is 'sinus', but must be one of \"constant\", ",
+            "rig.toml:38: waveform[0].shape: is 'sinus', but must be one of \"constant\", ",
         ),
         (
             "value = 21.0",
             'value = "21"',
-            "rig.toml:39: signal[0].value: must be a number, not '21'",
+            "rig.toml:39: waveform[0].value: must be a number, not '21'",
         ),
         (
             "value = 21.0",
             "value = 21.0\nfrequency = 1",
-            "rig.toml:40: signal[0].frequency: is no key; valid are to, shape, value",
+            "rig.toml:40: waveform[0].frequency: is no key; valid are to, shape, value",
         ),
         (
             "frequency = 0.5",
             "frequency = -0.5",
-            "rig.toml:44: signal[1].frequency: is -0.5, but must be from 0 to 1000000000",
+            "rig.toml:44: waveform[1].frequency: is -0.5, but must be from 0 to 1000000000",
         ),
         (
             "amplitude = 20\n",
             "",
-            "rig.toml:46: signal[2].amplitude: is missing; it must be a number",
+            "rig.toml:46: waveform[2].amplitude: is missing; it must be a number",
         ),
         (
             '"counter.py:plant"',

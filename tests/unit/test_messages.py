@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ecatd.encoding import unpack
 from ecatd.model.errors import EcatError, SdoAbortError, UsageError
 from ecatd.model.messages import SdoRead, SdoWrite, SetState, parse_request, to_map
-from ecatd.wire import unpack
 
 
 @pytest.mark.parametrize(

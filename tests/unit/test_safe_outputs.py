@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from ecatd.bus.start.safe import SafeOutputs, safe_outputs
+from ecatd.encoding import pack, unpack
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import SafeConfig, SignalConfig
@@ -14,7 +15,6 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.meanings import give_meanings
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import Profiles
-from ecatd.wire import pack, unpack
 
 I8, I16, I32, U16 = (
     DataType.INTEGER8,

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.connection import Connection
+from ecatd.encoding import MAX_MESSAGE
 from ecatd.log import Log
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.model.messages import parse_request
-from ecatd.wire import MAX_MESSAGE
 
 from .server import BusServer
 

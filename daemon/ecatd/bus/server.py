@@ -266,9 +266,9 @@ class BusServer:
                 for state in (AlState.SAFEOP, AlState.INIT):
                     # Slaves that are gone cannot be asked; their watchdog takes care of them.
                     with suppress(StateError):
-                        up.master.reach(state, _STOP_TIMEOUT)
+                        up.master.wait_for_state(state, _STOP_TIMEOUT)
             if up.clocks is not None:
-                up.clocks.signals.stop()
+                up.clocks.sync_signals.stop()
         finally:
             if up.engine is not None:
                 up.engine.close()

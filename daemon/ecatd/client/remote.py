@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import zenoh
 
+from ecatd.encoding import MAX_REPLY, pack, unpack
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import (
     JOIN,
@@ -19,7 +20,6 @@ from ecatd.model.errors import (
     UsageError,
 )
 from ecatd.paths import search_dirs, zenoh_socket
-from ecatd.wire import MAX_REPLY, pack, unpack
 from ecatd.zenoh_keys import bus_key, object_key, session_config
 
 # What only some requests need is loaded by them: most commands are one request, and short.

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.connection import Connection
+from ecatd.encoding import MAX_REPLY
 from ecatd.model.errors import BusyError, EcatError, UnreachableError, UsageError
 from ecatd.model.messages import Request, to_map
-from ecatd.wire import MAX_REPLY
 
 Answer = asyncio.Future[dict[str, Any]]
 

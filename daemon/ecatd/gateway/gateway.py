@@ -12,6 +12,7 @@ from typing import Any
 
 import zenoh
 
+from ecatd.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
@@ -25,7 +26,6 @@ from ecatd.model.messages import (
 from ecatd.paths import control_socket, zenoh_socket
 from ecatd.stats import read, to_map
 from ecatd.stats.clocks import read_clocks
-from ecatd.wire import MAX_MESSAGE, pack, unpack
 from ecatd.zenoh_keys import SCHEMA, bus_key, session_config
 
 from .bus_client import Answer, BusClient

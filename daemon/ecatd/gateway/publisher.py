@@ -8,9 +8,9 @@ from typing import Any
 import zenoh
 
 from ecatd.client import Client
+from ecatd.encoding import pack
 from ecatd.log import Log
 from ecatd.model.errors import EcatError
-from ecatd.wire import pack
 from ecatd.zenoh_keys import SCHEMA, bus_key
 
 _PAUSE = 1.0

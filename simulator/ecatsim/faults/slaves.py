@@ -75,8 +75,8 @@ class PowerOn(SlaveFault):
 class Swap(SlaveFault):
     """Another device takes the place of a slave, as at power-on.
 
-    Wires, signals and plants of the rig stay with the device that was there first; `original` puts
-    that one back.
+    Wires, waveforms and plants of the rig stay with the device that was there first; `original`
+    puts that one back.
     """
 
     kind: ClassVar[str] = "swap"

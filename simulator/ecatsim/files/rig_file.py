@@ -17,10 +17,11 @@ from ..devices import library
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device
-from . import device_file, python_file, rig_fmu, rig_links, rig_signals, sources
+from . import device_file, python_file, rig_fmu, rig_links, sources
+from . import rig_waveforms as rig_signals
 from .esi import device_from_esi
 
-_KEYS = ("name", "ring", "slave", "wire", "signal", "plant", "fault")
+_KEYS = ("name", "ring", "slave", "wire", "waveform", "plant", "fault")
 _PLACE = ("at", "alias", "serial")
 _SOURCES = ("device", "esi")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
@@ -53,7 +54,7 @@ def load(path: Path) -> Rig:
         source = _terminal(row, "from", rig)
         target = _driven(row, rig, driven)
         rig.wire(source, target, row.number("scale", 1.0), row.number("offset", 0.0))
-    for row in table.tables("signal"):
+    for row in table.tables("waveform"):
         rig.drive(_driven(row, rig, driven), rig_signals.read(row))
     for row in table.tables("plant"):
         _add_plant(row, rig)
@@ -189,12 +190,12 @@ def _terminal(table: Table, key: str, rig: Rig) -> Terminal:
 
 
 def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
-    """What `to` means, which only one wire or signal may drive."""
+    """What `to` means, which only one wire or waveform may drive."""
     target = _terminal(table, "to", rig)
     device, index, subindex = target
     loops = device.loops if isinstance(device, device_file.DescribedDevice) else ()
     followers = [(entry.index, entry.subindex) for _, entry in loops]
-    other = "another wire or signal" if target in driven else "its `loopback`"
+    other = "another wire or waveform" if target in driven else "its `loopback`"
     if target in driven or (index, subindex) in followers:
         table.table("to").fail("entry", f"is driven by {other} already")
     driven.add(target)

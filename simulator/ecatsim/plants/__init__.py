@@ -1,1 +1,1 @@
-"""What stands behind the devices: mechanics and signal sources."""
+"""What stands behind the devices: mechanics and waveforms."""

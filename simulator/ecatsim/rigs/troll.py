@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from ..devices.beckhoff import EK1100, EL1018, EL2008, EL3008, EL6751
 from ..devices.elmo import ElmoGold
-from ..plants.signals import constant, sine, square
+from ..plants.waveforms import constant, sine, square
 from ..rig import Rig, Trace
 
 _WIRED = 4

@@ -145,7 +145,7 @@ class Master:
             self._names = []
         self.stations = [*stations(count)]
         self._lines = [Line() for _ in self.stations]
-        self.reach(AlState.INIT, timeout)
+        self.wait_for_state(AlState.INIT, timeout)
         self._set_mailboxes_up()
         return why
 
@@ -296,10 +296,12 @@ class Master:
             for position, answer in enumerate(answers)
         ]
 
-    def approach(
+    def request_state(
         self, state: AlState, timeout: float, positions: Iterable[int] | None = None
     ) -> Steps[list[SlaveState]]:
-        """Acknowledges errors, requests a state and waits for it; nobody holds the others up.
+        """Acknowledges errors, requests an AL state, and waits until all slaves have reached it.
+
+        A slave that does not reach the state does not delay the others.
 
         Args:
             state: The state.
@@ -335,7 +337,7 @@ class Master:
             whom = waiting
             yield
 
-    def reach(
+    def wait_for_state(
         self,
         state: AlState,
         timeout: float,
@@ -343,14 +345,20 @@ class Master:
         *,
         optional: Collection[int] = (),
     ) -> None:
-        """`approach` to its end; of those in `optional`, nothing is said.
+        """Requests an AL state and waits until all slaves have reached it; blocks.
+
+        Args:
+            state: The state.
+            timeout: Seconds to wait.
+            positions: The slaves, or None for all.
+            optional: Slaves that may miss it without an error.
 
         Raises:
             StateError: Slaves did not reach it; the message names each, with its AL status.
         """
-        finish(self.expect(state, timeout, positions, optional=optional))
+        finish(self.require_state(state, timeout, positions, optional=optional))
 
-    def expect(
+    def require_state(
         self,
         state: AlState,
         timeout: float,
@@ -358,8 +366,8 @@ class Master:
         *,
         optional: Collection[int] = (),
     ) -> Steps[None]:
-        """`approach` that raises as `reach` does."""
-        missed = yield from self.approach(state, timeout, positions)
+        """The coroutine of `wait_for_state`, with the same arguments and errors."""
+        missed = yield from self.request_state(state, timeout, positions)
         missed = [item for item in missed if item.position not in optional]
         # What a slave has refused is the news; others were perhaps waiting for it.
         refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]

@@ -200,7 +200,7 @@ class BringUp:
         count = len(master.stations)
         text = f"{count} slave{'s' * (count != 1)} found on {self._interface}"
         self._log.info(f"{text} (numbered by ecatd: {why})" if why else text)
-        master.reach(AlState.PREOP, self._config.state_timeout_s)
+        master.wait_for_state(AlState.PREOP, self._config.state_timeout_s)
 
     def _read(self, master: Master) -> None:
         """Reads what every slave says about itself into the description of the bus."""
@@ -229,7 +229,7 @@ class BringUp:
         """
         idle = set(self._idle)
         used = [n for n in range(len(self.bus.slaves)) if n not in idle] if idle else None
-        master.reach(state, self._config.state_timeout_s, used, optional=self._doubtful)
+        master.wait_for_state(state, self._config.state_timeout_s, used, optional=self._doubtful)
 
     def _map(self, master: Master) -> Image:
         """Gives every slave its place in the process image, and its time."""
@@ -328,7 +328,7 @@ class BringUp:
             f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{self.clocks.reference.label} (after {seconds:.1f} s)"
         )
-        failed = finish(self.clocks.signals.start(shared), _CLOCK_PAUSE)
+        failed = finish(self.clocks.sync_signals.start(shared), _CLOCK_PAUSE)
         for position, why in failed.items():
             raise StateError(f"{self.bus.slaves[position].label}: {why}")
 

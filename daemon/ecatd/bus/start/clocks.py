@@ -36,7 +36,7 @@ from .clock_registers import (
     number,
 )
 from .delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
-from .signals import Signals
+from .sync_signals import SyncSignals
 
 _FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08
 _LOOP_CONTROL, _LOOP_CLOSED = 0x0101, 0x03  # two bits a port
@@ -96,7 +96,7 @@ class Clocks:
         self.reference = self._choose_reference()
         self.followers = [s for s in self._clocks if s.position > self.reference.position]
         self._hearing = self.followers  # those that the time comes to, and not only an estimate
-        self.signals = Signals(bus, config, master, self._check_follower)
+        self.sync_signals = SyncSignals(bus, config, master, self._check_follower)
 
     def _choose_reference(self) -> Slave:
         wanted = self._config.dc.reference
@@ -357,7 +357,7 @@ class Clocks:
                 )
             yield
         # Without SYNC signals, a clock may also come in step while its slave is in OP.
-        waiting = {slave.position for slave in chosen if self.signals.has(slave.position)}
+        waiting = {slave.position for slave in chosen if self.sync_signals.has(slave.position)}
         waiting -= set(failed)
         ready = set(waiting)
         deadline = time.monotonic() + self._config.dc.timeout_s
@@ -368,7 +368,7 @@ class Clocks:
                 ready = set()
                 break
             yield
-        failed |= yield from self.signals.start(shared, ready)
+        failed |= yield from self.sync_signals.start(shared, ready)
         return failed
 
     def _in_step(self, positions: Iterable[int], shared: SharedMemory) -> bool:

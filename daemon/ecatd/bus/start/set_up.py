@@ -139,7 +139,7 @@ class SetUp:
         self, positions: Iterable[int], state: AlState = AlState.OP
     ) -> Steps[dict[int, Missed]]:
         """Asks slaves for a state; returns those that did not reach it."""
-        missed = yield from self._master.approach(state, self._timeout_s, positions)
+        missed = yield from self._master.request_state(state, self._timeout_s, positions)
         return {
             item.position: Missed(f"it does not reach {state.name}: {item.describe()}")
             for item in missed

@@ -1,6 +1,6 @@
 """Watches a running bus: brings the engine's events to those whom they concern, and keeps looking.
 
-`slaves.py` knows the slaves, `clocks.py` their clocks, `wire.py` what lies between
+`slaves.py` knows the slaves, `clocks.py` their clocks, `interfaces.py` what lies between
 them and the engine. Whatever changes is written to shared memory, logged, and published as an
 event.
 """
@@ -25,11 +25,11 @@ from ..master.worker import Worker
 from ..start.bring_up import RunningBus
 from .clocks import ClockWatch
 from .files import FileWatch
+from .interfaces import InterfaceWatch
 from .outputs import OutputWatch
 from .rate_limiter import Throttle
 from .slaves import SlaveWatch
 from .slot_requests import Answer, SlotRequests
-from .wire import WireWatch
 
 _EVENT_PATIENCE = 0.2
 _EVENTS_WAITING = 64
@@ -68,8 +68,8 @@ class Monitor:
             running.shared, running.engine, answer, self._on_wrong_request, log
         )
         self._outputs = OutputWatch(running.bus, running.shared, outputs, log, self._tell)
-        self._wire = WireWatch(running, log, self._tell)
-        self._slaves = SlaveWatch(running, worker, log, self._tell, self._wire.is_foreign)
+        self._interfaces = InterfaceWatch(running, log, self._tell)
+        self._slaves = SlaveWatch(running, worker, log, self._tell, self._interfaces.is_foreign)
         self._clocks = (
             None
             if running.clocks is None
@@ -116,11 +116,11 @@ class Monitor:
             for position, (word, text) in conditions.items()
             if word
         ]
-        return {**self._wire.describe(), "recovery": recovery}
+        return {**self._interfaces.describe(), "recovery": recovery}
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begins to bring the engine's events, and those of the links, to the event loop."""
-        self._wire.start(loop)
+        self._interfaces.start(loop)
         self._thread = threading.Thread(target=self._watch_events, args=(loop,), daemon=True)
         self._thread.start()
 
@@ -139,7 +139,7 @@ class Monitor:
         self._outputs.close()
         if self._clocks is not None:
             self._clocks.close()
-        self._wire.close()
+        self._interfaces.close()
 
     def _watch_events(self, loop: asyncio.AbstractEventLoop) -> None:
         while not self._stopping.is_set():
@@ -172,16 +172,16 @@ class Monitor:
             case EventType.WKC:
                 self._working_counters[event.slave].note(event)
             case EventType.SEND:
-                self._wire.on_send(event)
+                self._interfaces.on_send(event)
             case EventType.SLAVES:
                 self._slaves.on_change(event.slave)
             case EventType.RING:
-                self._wire.on_ring(event)
+                self._interfaces.on_ring(event)
             case EventType.CLOCK:
                 if self._clocks is not None:
                     self._clocks.handle(event)
             case EventType.OVERRUN:
-                self._wire.look()
+                self._interfaces.look()
 
     def _on_wrong_request(self, slot: int, generation: int) -> None:
         kind = EventType.MALFORMED
@@ -198,7 +198,7 @@ class Monitor:
 
     async def run(self) -> None:
         """Watches everything until the watch is stopped."""
-        watches = [self._slaves.watch, self._wire.watch, self._files.watch]
+        watches = [self._slaves.watch, self._interfaces.watch, self._files.watch]
         if self._clocks is not None:
             watches.append(self._clocks.watch)
         await asyncio.gather(*(self._persist(watch) for watch in watches))

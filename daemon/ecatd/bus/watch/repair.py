@@ -126,7 +126,7 @@ class Repair:
         found, failures = self._find(lost)
         _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
         if failures:  # nobody is there: they are waited for, and named if they do not come
-            yield from running.master.expect(min(state, AlState.PREOP), timeout, failures)
+            yield from running.master.require_state(min(state, AlState.PREOP), timeout, failures)
         if state == AlState.BOOT:
             elsewhere = [p for p in positions if seen[p] != AlState.BOOT and p not in failures]
             yield from self._bring(elsewhere, state, AlState.INIT)
@@ -137,7 +137,7 @@ class Repair:
         if state in (AlState.SAFEOP, AlState.OP):
             mapped_anew = [p for p in positions if seen[p] == AlState.PREOP or p in failures]
             yield from self._bring(mapped_anew, state, AlState.PREOP)
-        yield from running.master.expect(state, timeout, positions)
+        yield from running.master.require_state(state, timeout, positions)
 
     def _bring(self, positions: Sequence[int], state: AlState, begin: AlState) -> Steps[None]:
         missed = yield from self._running.set_up.run(positions, state, begin=begin)

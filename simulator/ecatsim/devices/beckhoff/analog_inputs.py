@@ -11,8 +11,8 @@ from ...slave.objects import Access, Variable
 from ...slave.sii import Mailbox, SmType, SyncManager
 from .terminal import COMPLEX_CHIP, COMPLEX_FMMUS, Terminal
 
-Signal = Callable[[float], float]
-"""A signal over time: takes CLOCK_MONOTONIC in seconds."""
+Waveform = Callable[[float], float]
+"""A value over time: takes CLOCK_MONOTONIC in seconds."""
 
 _FULL_SCALE = 10.0  # volts
 _MAX, _MIN = 32767, -32768
@@ -69,7 +69,7 @@ class _Channel:
         index = 0x6000 + 16 * number
         self._entries = {s: terminal.dictionary[index, s] for s in (1, 2, 3, 5, 7, 0x10, 0x11)}
         self._settings = {s: terminal.dictionary[index + 0x2000, s] for s, *_ in _SETTINGS}
-        # What a wire brings: ±32767 at full scale, beyond that where the signal is.
+        # What a wire brings: ±32767 at full scale, beyond that where the waveform is.
         self.measured = Variable(index, 0x11, "Input", DataType.REAL64, 64, value=0.0)
 
     def convert(self) -> None:
@@ -107,7 +107,7 @@ class _AnalogInput(Terminal):
     """Analog inputs, ±10 V = ±32767. The toggle bits change with each conversion.
 
     Args:
-        signals: Voltage at each channel over time; channels without one are at what a wire or a
+        waveforms: Voltage at each channel over time; channels without one are at what a wire or a
             plant brings, or at 0 V.
     """
 
@@ -117,8 +117,8 @@ class _AnalogInput(Terminal):
     ebus_current = 130
     fmmus = COMPLEX_FMMUS
 
-    def __init__(self, signals: Sequence[Signal] = ()) -> None:
-        self._signals = tuple(signals)
+    def __init__(self, waveforms: Sequence[Waveform] = ()) -> None:
+        self._waveforms = tuple(waveforms)
         super().__init__()
         count = len(self.tx_pdos) // 2
         self._channels = [_Channel(self, i) for i in range(count)]
@@ -145,8 +145,8 @@ class _AnalogInput(Terminal):
 
     def step(self, now: float) -> None:
         """Converts all channels."""
-        for channel, signal in zip(self._channels, self._signals, strict=False):
-            channel.measured.value = signal(now) / _FULL_SCALE * _MAX
+        for channel, waveform in zip(self._channels, self._waveforms, strict=False):
+            channel.measured.value = waveform(now) / _FULL_SCALE * _MAX
         for channel in self._channels:
             channel.convert()
 

@@ -34,7 +34,7 @@ _NEAR_NS = 2_000_000_000  # what a clock of 32 bits can tell from the past
 
 
 @dataclass(frozen=True, slots=True)
-class _Signals:
+class _SlaveSignals:
     """The SYNC signals of a slave.
 
     Attributes:
@@ -46,7 +46,7 @@ class _Signals:
     activation: int
 
 
-class Signals:
+class SyncSignals:
     """The SYNC signals of one bus.
 
     Args:
@@ -72,7 +72,7 @@ class Signals:
         """Whether a slave has SYNC signals."""
         return any(signals.slave.position == position for signals in self._signals)
 
-    def _plan(self, item: DcSlaveConfig) -> _Signals:
+    def _plan(self, item: DcSlaveConfig) -> _SlaveSignals:
         """Checks the signals of a slave, and notes them in its description."""
         slave = self._check(item.slave)
         slave.sync0_ns = round(self._config.sync0_us(item) * 1000)
@@ -84,7 +84,7 @@ class Signals:
                 f"more than {_NEAR_NS * 1e-9:g} s away: its signals must come more often"
             )
         self._check_pulse_length(slave)
-        return _Signals(slave, self._activation(slave))
+        return _SlaveSignals(slave, self._activation(slave))
 
     def _check_pulse_length(self, slave: Slave) -> None:
         length = number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
@@ -155,7 +155,7 @@ class Signals:
 
         return mode(zero() for _ in range(_CYCLES_ASKED))
 
-    def _start(self, signals: _Signals, shared: SharedMemory, zero: int) -> None:
+    def _start(self, signals: _SlaveSignals, shared: SharedMemory, zero: int) -> None:
         """Sets the signals of a slave up; again if this takes so long that the start has passed."""
         master, slave = self._master, signals.slave
         position = slave.position

@@ -48,7 +48,7 @@ _LINKS = {
 }
 
 
-class WireWatch:
+class InterfaceWatch:
     """The watch over the wire of one bus.
 
     Args:

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgpack
 
-from .model.errors import UsageError
+from ecatd.model.errors import UsageError
 
 LENGTH = struct.Struct(">I")
 """What stands in front of a message on the control socket."""

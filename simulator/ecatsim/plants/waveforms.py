@@ -1,4 +1,4 @@
-"""Signal sources: functions of time (CLOCK_MONOTONIC in seconds)."""
+"""Waveform sources: functions of time (CLOCK_MONOTONIC in seconds)."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from random import Random
 
 from ecatd.model.errors import ConfigError, UsageError
 
-Signal = Callable[[float], float]
+Waveform = Callable[[float], float]
 
 
-def constant(value: float) -> Signal:
+def constant(value: float) -> Waveform:
     """A constant."""
     return lambda now: value
 
 
-def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float = 0.0) -> Signal:
+def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float = 0.0) -> Waveform:
     """A sine; frequency in Hz, phase in rad."""
     omega = 2 * math.pi * frequency
     return lambda now: offset + amplitude * math.sin(omega * now + phase)
 
 
-def square(frequency: float, low: float = 0, high: float = 1) -> Signal:
+def square(frequency: float, low: float = 0, high: float = 1) -> Waveform:
     """`high` and `low` in turn, half a period each; frequency in Hz."""
     return lambda now: high if now * frequency % 1.0 < 0.5 else low
 
 
-def ramp(low: float, high: float, frequency: float) -> Signal:
+def ramp(low: float, high: float, frequency: float) -> Waveform:
     """From `low` to `high` and at once back, a saw tooth; frequency in Hz."""
     return lambda now: low + (high - low) * (now * frequency % 1.0)
 
 
-def triangle(low: float, high: float, frequency: float) -> Signal:
+def triangle(low: float, high: float, frequency: float) -> Waveform:
     """From `low` to `high` and back at the same rate; frequency in Hz."""
     return lambda now: high - (high - low) * abs(2 * (now * frequency % 1.0) - 1)
 
 
-def noise(deviation: float, mean: float = 0.0, seed: int = 1) -> Signal:
+def noise(deviation: float, mean: float = 0.0, seed: int = 1) -> Waveform:
     """Normally distributed noise, the same for the same seed.
 
     Args:
@@ -54,8 +54,8 @@ def noise(deviation: float, mean: float = 0.0, seed: int = 1) -> Signal:
 
 def table(
     path: Path | str, column: str | int = 1, time: str | int = 0, *, repeat: bool = False
-) -> Signal:
-    """A signal from a CSV file, linear between its points; it begins when it is first asked.
+) -> Waveform:
+    """A waveform from a CSV file, linear between its points; it begins when it is first asked.
 
     Args:
         path: A CSV file; a first line that holds names is skipped.
@@ -69,7 +69,7 @@ def table(
     times, values = _read(Path(path), time, column)
     start: list[float] = []
 
-    def signal(now: float) -> float:
+    def waveform(now: float) -> float:
         if not start:
             start.append(now)
         at = now - start[0] + times[0]
@@ -81,7 +81,7 @@ def table(
         before, after = times[i - 1], times[i]
         return values[i - 1] + (values[i] - values[i - 1]) * (at - before) / (after - before)
 
-    return signal
+    return waveform
 
 
 def _read(path: Path, time: str | int, column: str | int) -> tuple[list[float], list[float]]:

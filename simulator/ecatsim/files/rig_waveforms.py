@@ -1,4 +1,4 @@
-"""`[[signal]]` of a rig file: a source that drives an input."""
+"""`[[waveform]]` of a rig file: a source that drives an input."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from pathlib import Path
 
 from ecatd.model.toml_file import Key, Rules, Table, integer, number
 
-from ..plants import signals
-from ..plants.signals import Signal
+from ..plants import waveforms
+from ..plants.waveforms import Waveform
 
 
-def _table(file: Path, column: str | int = 1, time: str | int = 0, repeat: bool = False) -> Signal:
-    return signals.table(file, column, time, repeat=repeat)
+def _table(
+    file: Path, column: str | int = 1, time: str | int = 0, repeat: bool = False
+) -> Waveform:
+    return waveforms.table(file, column, time, repeat=repeat)
 
 
 def _column(table: Table, key: Key) -> str | int:
@@ -37,20 +39,20 @@ _FILE: Rules = {
     "time": _column,
     "repeat": Table.boolean,
 }
-_SHAPES: dict[str, tuple[Callable[..., Signal], Rules, tuple[str, ...]]] = {
-    "constant": (signals.constant, {"value": number()}, ("value",)),
-    "sine": (signals.sine, _SINE, ("amplitude", "frequency")),
-    "square": (signals.square, _LEVELS, ("frequency",)),
-    "ramp": (signals.ramp, _LEVELS, ("low", "high", "frequency")),
-    "triangle": (signals.triangle, _LEVELS, ("low", "high", "frequency")),
-    "noise": (signals.noise, _NOISE, ("deviation",)),
+_SHAPES: dict[str, tuple[Callable[..., Waveform], Rules, tuple[str, ...]]] = {
+    "constant": (waveforms.constant, {"value": number()}, ("value",)),
+    "sine": (waveforms.sine, _SINE, ("amplitude", "frequency")),
+    "square": (waveforms.square, _LEVELS, ("frequency",)),
+    "ramp": (waveforms.ramp, _LEVELS, ("low", "high", "frequency")),
+    "triangle": (waveforms.triangle, _LEVELS, ("low", "high", "frequency")),
+    "noise": (waveforms.noise, _NOISE, ("deviation",)),
     "table": (_table, _FILE, ("file",)),
 }
-"""For each shape what makes the signal, its keys, and those that must be there."""
+"""For each shape what makes the waveform, its keys, and those that must be there."""
 
 
-def read(table: Table) -> Signal:
-    """The signal of a table, in the unit of the entry that it drives.
+def read(table: Table) -> Waveform:
+    """The waveform of a table, in the unit of the entry that it drives.
 
     Raises:
         ConfigError: Something in it is wrong.
