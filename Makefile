@@ -60,7 +60,7 @@ demo: $(VENV)/.demo
 
 # From the sources as they are: nothing needs to be built for it.
 pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VENV)/.demo))
-	@PYTHONPATH=daemon:codegen $(BIN)/python -m ecatgen.drawing docs/pictures
+	@PYTHONPATH=daemon:codegen:tools $(BIN)/python -m ecatdev.drawing docs/pictures
 
 # Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
 # which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.

@@ -12,7 +12,7 @@ from typing import Any
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import StateError
-from ecatgen.checks import sample_buses
+from ecatdev import sample_buses
 
 SLAVES = 200
 

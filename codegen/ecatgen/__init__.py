@@ -14,7 +14,6 @@ bus description -> build -> ir -> render (templates) -> output (files)
 - `static_library`: the library EtherCAT; `output`: puts both into a folder; `differences`: and says
   what is another than before
 - `fmu`: the same bus as an FMU
-- `checks`, `drawing`: for developers: what is wrong with libraries, and pictures of them
 """
 
 from .generate import generate

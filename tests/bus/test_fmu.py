@@ -17,7 +17,7 @@ import numpy as np
 
 from conftest import Daemon, wait_for
 from ecatd.shm import Outputs, Reason
-from ecatgen.checks import sample_buses
+from ecatdev import sample_buses
 from ecatgen.fmu import generate_fmu
 from player import BEAR, STEP, Model, outputs, plant_of, until
 

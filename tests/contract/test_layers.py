@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 
 ROOT = Path(__file__).parents[2]
-TREES = {"ecatd": "daemon", "ecatgen": "codegen", "ecatsim": "simulator"}
+TREES = {"ecatd": "daemon", "ecatgen": "codegen", "ecatsim": "simulator", "ecatdev": "tools"}
 EVERYTHING = "everything"
 
 

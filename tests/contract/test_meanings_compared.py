@@ -22,8 +22,8 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import Profiles
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 from ecatgen.fmu import generate_fmu
 
 VOLT = 10 / 32767  # of the EL3008 at 4, by its profile

@@ -13,8 +13,8 @@ import pytest
 from plant_calls import compile_program, run, sentence, served
 
 from conftest import Daemon
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 
 OPEN = """
 #include "Plant.h"

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from ecatdev import sample_buses
+from ecatdev.checks import check_conventions
 from ecatgen import generate
-from ecatgen.checks import check_conventions, sample_buses
 
 
 @pytest.mark.parametrize("bus", sample_buses.ALL)

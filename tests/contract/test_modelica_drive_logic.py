@@ -11,8 +11,8 @@ from drive_calls import ABSOLUTE, Has, Mode, Settings, State, build, settings
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 
 STATUS = {
     State.NOT_READY_TO_SWITCH_ON: 0x00,

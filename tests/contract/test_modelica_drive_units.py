@@ -13,11 +13,11 @@ from ecatd.model.bus import Bus
 from ecatd.model.config import SignalConfig
 from ecatd.model.meanings import give_meanings
 from ecatd.model.profiles import Profiles
+from ecatdev import sample_buses
+from ecatdev.drawing.checks import check_diagram
+from ecatdev.drawing.library import Libraries
+from ecatdev.drawing.scene import diagram
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
-from ecatgen.drawing.checks import check_diagram
-from ecatgen.drawing.library import Libraries
-from ecatgen.drawing.scene import diagram
 from ecatgen.ir import Drive, Library
 from ecatgen.render import render
 

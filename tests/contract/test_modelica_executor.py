@@ -20,8 +20,8 @@ from plant_calls import compile_program
 
 from conftest import Daemon
 from ecatd.model.datatypes import DataType, is_real, value_range
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 from ecatsim.control import Simulator
 
 PATIENCE = 20.0

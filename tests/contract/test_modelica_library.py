@@ -14,15 +14,10 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.meanings import give_meanings
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
+from ecatdev import sample_buses
+from ecatdev.checks import check_externals, check_structure, check_syntax, check_translation
 from ecatgen import generate
 from ecatgen.build import build_library
-from ecatgen.checks import (
-    check_externals,
-    check_structure,
-    check_syntax,
-    check_translation,
-    sample_buses,
-)
 from ecatgen.render import render
 
 pytestmark = pytest.mark.long

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 from openmodelica import OpenModelica, needs_omc
 
 pytestmark = [needs_omc, pytest.mark.timeout(900)]

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+import ecatgen
+from ecatdev import checks, sample_buses
+from ecatdev.drawing.checks import check_diagram, check_icon
+from ecatdev.drawing.library import Libraries
+from ecatdev.drawing.pictures import GENERATED, STATIC, libraries, models, pictures
+from ecatdev.drawing.scene import diagram, icon
 from ecatgen import generate
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
-from ecatgen.drawing.checks import check_diagram, check_icon
-from ecatgen.drawing.library import Libraries
-from ecatgen.drawing.pictures import GENERATED, STATIC, libraries, models, pictures
-from ecatgen.drawing.scene import diagram, icon
 from ecatgen.render import render
 from openmodelica import OpenModelica, needs_omc
 
@@ -50,8 +51,8 @@ def test_the_same_for_awkward_slaves(tmp_path: Path) -> None:
         file = tmp_path / "Awkward" / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    checks = Path(sample_buses.__file__).parent
-    found = Libraries([tmp_path, checks.parent / "modelica", checks])
+    static = Path(ecatgen.__file__).parent / "modelica"
+    found = Libraries([tmp_path, static, Path(checks.__file__).parent])
     assert list(findings(found, "Awkward")) == []
 
 
@@ -67,7 +68,7 @@ def test_the_stand_in_has_its_connectors_where_the_standard_library_has_them(
 ) -> None:
     (tmp_path / "Modelica").symlink_to(standard_libraries()[0])
     real = Libraries([tmp_path])
-    ours = Libraries([Path(sample_buses.__file__).parent])
+    ours = Libraries([Path(checks.__file__).parent])
     paths = list(models(ours, "Modelica.Blocks"))
     assert "Modelica.Blocks.Logical.Switch" in paths
     for path in paths:

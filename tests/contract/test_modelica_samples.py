@@ -8,8 +8,8 @@ import pytest
 from plant_calls import compile_program, run, served
 
 from conftest import Daemon
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 
 RIG = str(Path(__file__).parents[1] / "rigs" / "data_types.py")
 

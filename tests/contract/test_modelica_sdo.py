@@ -9,8 +9,9 @@ from sdo_calls import Has, Run, State, answers, build, opened, read, run, write
 from conftest import Daemon
 from ecatd.model.datatypes import DataType as T
 from ecatd.model.datatypes import bit_length, is_real, value_range
+from ecatdev import sample_buses
+from ecatdev.checks import check_translation
 from ecatgen import generate
-from ecatgen.checks import check_translation, sample_buses
 from rigs import objects
 
 pytest_plugins = ["sdo_fixtures"]

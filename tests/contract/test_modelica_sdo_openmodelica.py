@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 from openmodelica import OpenModelica, needs_omc, read_csv, result_of, start
 
 pytest_plugins = ["sdo_fixtures"]

@@ -18,8 +18,8 @@ import pytest
 
 from conftest import Daemon
 from ecatd.shm import Outputs, Reason
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 from openmodelica import OpenModelica, Row, needs_omc, read_csv, simulate, start, until
 
 pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(900)]

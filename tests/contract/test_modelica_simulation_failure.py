@@ -8,8 +8,8 @@ import pytest
 from plant_calls import CONTINUE, MISSING, NOT_AVAILABLE, OP, OPERATIONAL, WAIT
 
 from conftest import Daemon
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 from openmodelica import OpenModelica, Row, needs_omc, read_csv, result_of, start, until
 
 pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(900)]

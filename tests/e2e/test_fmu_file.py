@@ -21,8 +21,8 @@ from ecatd.model.bus import Bus
 from ecatd.model.errors import StateError
 from ecatd.model.meanings import give_meanings
 from ecatd.model.profiles import load_profiles
+from ecatdev import sample_buses
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
 from ecatgen.fmu import generate_fmu
 
 BUSES = (sample_buses.troll, sample_buses.awkward)

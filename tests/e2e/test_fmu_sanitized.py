@@ -13,7 +13,7 @@ import pytest
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
-from ecatgen.checks import sample_buses
+from ecatdev import sample_buses
 from ecatgen.fmu import generate_fmu
 
 pytestmark = pytest.mark.long

@@ -89,11 +89,12 @@ def test_the_folders_of_openmodelica_are_those_of_its_variable(
 @needs_omc
 def test_openmodelica_finds_it(tmp_path: Path) -> None:
     """Also when it loads a library that uses it."""
-    found = Path.home() / ".openmodelica" / "libraries"
+    omc = OpenModelica(tmp_path, tmp_path)
     folder = tmp_path / "home" / ".openmodelica" / "libraries"
     folder.mkdir(parents=True)
-    for library in found.iterdir():
-        if not library.name.startswith("EtherCAT"):
+    where = omc.script("getModelicaPath();").strip().strip('"')
+    for library in (item for path in where.split(":") for item in Path(path).glob("*")):
+        if not library.name.startswith("EtherCAT") and not (folder / library.name).exists():
             (folder / library.name).symlink_to(library)
     env = {**os.environ, "HOME": str(tmp_path / "home")}
     assert run_module("ecatd.cli", "library", "--openmodelica", env=env).returncode == 0
@@ -106,7 +107,6 @@ def test_openmodelica_finds_it(tmp_path: Path) -> None:
         f'  annotation (uses(EtherCAT(version = "{VERSION}")));\n'
         "end User;\n"
     )
-    omc = OpenModelica(tmp_path, tmp_path)
     load = "loadModel(EtherCAT); checkModel(EtherCAT.Examples.DigitalIO);"
     answer = omc.script(load, "getErrorString();", home=tmp_path / "home")
     assert "Check of EtherCAT.Examples.DigitalIO completed successfully" in answer, answer

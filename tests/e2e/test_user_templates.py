@@ -8,7 +8,7 @@ import pytest
 
 from conftest import one_line_error, run_module
 from ecatd.model import bus_file
-from ecatgen.checks import sample_buses
+from ecatdev import sample_buses
 
 Generate = Callable[..., CompletedProcess[str]]
 

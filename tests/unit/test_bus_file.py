@@ -17,7 +17,7 @@ from ecatd.model.bus import Bus, Domain
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
-from ecatgen.checks import sample_buses
+from ecatdev import sample_buses
 
 
 def troll() -> Bus:

@@ -7,11 +7,11 @@ import pytest
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.pdo import Entry, Pdo
+from ecatdev import sample_buses
+from ecatdev.drawing.checks import check_diagram, check_icon
+from ecatdev.drawing.library import Libraries
+from ecatdev.drawing.scene import diagram, icon
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
-from ecatgen.drawing.checks import check_diagram, check_icon
-from ecatgen.drawing.library import Libraries
-from ecatgen.drawing.scene import diagram, icon
 from ecatgen.ir import Channels, Library
 from ecatgen.render import render
 

@@ -17,9 +17,9 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
+from ecatdev import sample_buses
 from ecatgen import generate
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
 from ecatgen.differences import Difference, compare, lines
 from ecatgen.fmu import generate_fmu
 from ecatgen.origin import essence

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
+from ecatdev.drawing.__main__ import main
+from ecatdev.drawing.checks import check_diagram, check_icon
+from ecatdev.drawing.geometry import Box, Point, Transform, arc, bezier, moved, placed, rounded
+from ecatdev.drawing.library import Libraries, NoSuchClassError
+from ecatdev.drawing.scene import Scene, diagram, drag_scale, icon
+from ecatdev.drawing.shapes import Label, Shape
+from ecatdev.drawing.svg import Svg
+from ecatdev.drawing.syntax import parse
+from ecatdev.drawing.tokens import ModelicaSyntaxError
 from ecatgen import font
-from ecatgen.drawing.__main__ import main
-from ecatgen.drawing.checks import check_diagram, check_icon
-from ecatgen.drawing.geometry import Box, Point, Transform, arc, bezier, moved, placed, rounded
-from ecatgen.drawing.library import Libraries, NoSuchClassError
-from ecatgen.drawing.scene import Scene, diagram, drag_scale, icon
-from ecatgen.drawing.shapes import Label, Shape
-from ecatgen.drawing.svg import Svg
-from ecatgen.drawing.syntax import parse
-from ecatgen.drawing.tokens import ModelicaSyntaxError
 
 MODELICA = """
 within ;

@@ -9,8 +9,8 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
+from ecatdev import sample_buses
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
 from ecatgen.font import width
 from ecatgen.ir import Block, Extent
 from ecatgen.labels import ELLIPSIS, WIDEST, label

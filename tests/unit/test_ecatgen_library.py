@@ -8,9 +8,9 @@ from ecatd.model.errors import UsageError
 from ecatd.model.meanings import give_meanings
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
+from ecatdev import sample_buses
 from ecatgen.blocks import EXAMPLE_COMPONENTS
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
 from ecatgen.connectors import kind_of
 from ecatgen.ir import Block, Example, Library
 

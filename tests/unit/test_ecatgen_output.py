@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatdev import sample_buses
 from ecatgen import generate
-from ecatgen.checks import sample_buses
 from ecatgen.output import MANIFEST, Report, install
 
 

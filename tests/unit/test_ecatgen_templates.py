@@ -7,9 +7,9 @@ import pytest
 from pymoca.parser import parse
 
 from ecatd.model.errors import ConfigError
+from ecatdev import sample_buses
+from ecatdev.checks.template_reference import updated
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
-from ecatgen.checks.template_reference import updated
 from ecatgen.render import render
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "templates.md"
@@ -72,7 +72,7 @@ def test_a_folder_of_templates_that_is_not_there(tmp_path: Path) -> None:
 def test_the_documentation_has_every_class_attribute_and_filter() -> None:
     text = DOCUMENT.read_text("utf-8")
     assert "### Connector" in text
-    assert updated(text) == text, "python -m ecatgen.checks.template_reference docs/templates.md"
+    assert updated(text) == text, "python -m ecatdev.checks.template_reference docs/templates.md"
 
 
 def test_the_documentation_has_every_template() -> None:

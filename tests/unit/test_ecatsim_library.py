@@ -11,18 +11,35 @@ from ecatsim.cli.main import main
 from ecatsim.devices.library import library, make
 from ecatsim.devices.parameters import Parameter
 
+# Vendor and product as the devices themselves have them; 0xFFFF is nobody's vendor ID.
+OTHERS = {
+    "CiA402": (0xFFFF, 0x402),
+    "ElmoGold": (0x9A, 0x30924),
+    "DigitalIO": (0xFFFF, 0xD10),
+    "AnalogIO": (0xFFFF, 0xA10),
+    "Loopback32": (0xFFFF, 0x3232),
+}
+BECKHOFF, FAMILIES = 2, {"EK": 0x2C52, "EL": 0x3052}
+
 
 @pytest.mark.parametrize("item", library(), ids=lambda item: item.name)
 def test_every_device_can_be_made_by_its_name(item):
-    device = make(item.name)
-    assert (device.vendor, device.product, device.revision) == (
-        item.vendor,
-        item.product,
-        item.revision,
-    )
-    assert make(item.name.lower()).product == device.product
+    """Beckhoff makes a product code of the number in the name and the family."""
+    if item.name in OTHERS:
+        vendor, product = OTHERS[item.name]
+    else:
+        vendor, product = BECKHOFF, int(item.name[2:]) << 16 | FAMILIES[item.name[:2]]
+    for name in (item.name, item.name.lower()):
+        device = make(name)
+        assert (device.vendor, device.product) == (vendor, product)
+    assert (item.vendor, item.product) == (vendor, product)
     assert item.summary
     assert not item.summary.endswith(".")
+
+
+def test_the_library_has_what_its_page_says():
+    assert {"EK1100", "EL1018", "EL2008", "EL3008", "EL6751"} <= {item.name for item in library()}
+    assert OTHERS.keys() <= {item.name for item in library()}
 
 
 def test_unknown_devices_and_parameters_are_said():

@@ -1,4 +1,4 @@
-"""`python -m ecatgen.drawing FOLDER` writes the pictures of the documentation."""
+"""`python -m ecatdev.drawing FOLDER` writes the pictures of the documentation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .tokens import ModelicaSyntaxError
 
 def main(arguments: list[str]) -> int:
     """Writes all pictures to a folder, and removes those that are no more."""
-    parser = argparse.ArgumentParser(prog="python -m ecatgen.drawing", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m ecatdev.drawing", description=main.__doc__)
     parser.add_argument("folder", type=Path, help="where the pictures go")
     parser.add_argument(
         "--standard-library",

@@ -1,6 +1,6 @@
 """The tables of `docs/templates.md` that follow from the code: classes, attributes and filters.
 
-`python -m ecatgen.checks.template_reference docs/templates.md` brings the file up to date.
+`python -m ecatdev.checks.template_reference docs/templates.md` brings the file up to date.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.model.pdo import Value
-
-from .. import ir
-from ..render import FILTERS
+from ecatgen import ir
+from ecatgen.render import FILTERS
 
 CLASSES = (
     *(ir.Library, ir.Block, ir.Connector, Value, ir.Skipped),

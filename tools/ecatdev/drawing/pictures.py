@@ -6,10 +6,11 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import ecatgen
 from ecatgen.build import build_library
-from ecatgen.checks import sample_buses
 from ecatgen.render import render
 
+from .. import checks, sample_buses
 from .geometry import Box, Point, box_of
 from .library import Libraries
 from .scene import Scene, diagram
@@ -18,7 +19,8 @@ from .sheet import sheet
 from .svg import Svg
 
 STATIC, GENERATED = "EtherCAT", "TrollPlant"
-_ECATGEN = Path(__file__).parents[1]
+_MODELICA = Path(ecatgen.__file__).parent / "modelica"
+_STAND_IN = Path(checks.__file__).parent
 _MARGIN = 6
 
 
@@ -35,7 +37,7 @@ def libraries(folder: Path, standard_library: Path | None = None) -> Libraries:
         file = folder / GENERATED / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    return Libraries([folder, _ECATGEN / "modelica", standard_library or _ECATGEN / "checks"])
+    return Libraries([folder, _MODELICA, standard_library or _STAND_IN])
 
 
 def models(found: Libraries, package: str) -> Iterator[str]:
