@@ -25,8 +25,7 @@ from ecatd.model.profiles import load_profiles
 from ecatdev import sample_buses
 from ecatdev.checks import check_structure
 from ecatdev.drawing.checks import check_diagram, check_icon
-from ecatdev.drawing.library import Libraries
-from ecatdev.drawing.pictures import models
+from ecatdev.drawing.pictures import found_with, models
 from ecatdev.drawing.scene import diagram, icon
 from ecatgen import generate
 from ecatgen.build import build_library
@@ -189,8 +188,7 @@ def test_nothing_overlaps(name: str, tmp_path: Path) -> None:
         file = tmp_path / LIBRARY / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    ours = Path(ecatgen.__file__).parent
-    found = Libraries([tmp_path, ours / "modelica", ours / "checks"])
+    found = found_with(tmp_path)
     for model in models(found, LIBRARY):
         assert list(check_diagram(diagram(found, model))) == []
         assert list(check_icon(icon(found, model))) == []

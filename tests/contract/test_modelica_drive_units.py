@@ -15,13 +15,12 @@ from ecatd.model.meanings import give_meanings
 from ecatd.model.profiles import Profiles
 from ecatdev import sample_buses
 from ecatdev.drawing.checks import check_diagram
-from ecatdev.drawing.library import Libraries
+from ecatdev.drawing.pictures import found_with
 from ecatdev.drawing.scene import diagram
 from ecatgen.build import build_library
 from ecatgen.ir import Drive, Library
 from ecatgen.render import render
 
-GENERATOR = Path(__file__).parents[2] / "codegen" / "ecatgen"
 POSITION, TARGET_POSITION = "0x6064:00", "0x607A:00"
 VELOCITY, TARGET_VELOCITY, TORQUE = "0x606C:00", "0x60FF:00", "0x6077:00"
 TURN = 2 * math.pi / 65536
@@ -147,7 +146,7 @@ def test_the_diagram_is_in_order(tmp_path: Path) -> None:
         file = tmp_path / "Plant" / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    found = Libraries([tmp_path, GENERATOR / "modelica", GENERATOR / "checks"])
+    found = found_with(tmp_path)
     drawn = diagram(found, "Plant.Drives.GoldGCONDrive")
     assert {name for name in drawn.parts if name.endswith("Conversion")} == {
         *("positionActualValueConversion", "velocityActualValueConversion"),

@@ -7,11 +7,17 @@ from pathlib import Path
 
 import pytest
 
-import ecatgen
 from ecatdev import checks, sample_buses
 from ecatdev.drawing.checks import check_diagram, check_icon
 from ecatdev.drawing.library import Libraries
-from ecatdev.drawing.pictures import GENERATED, STATIC, libraries, models, pictures
+from ecatdev.drawing.pictures import (
+    GENERATED,
+    STATIC,
+    found_with,
+    libraries,
+    models,
+    pictures,
+)
 from ecatdev.drawing.scene import diagram, icon
 from ecatgen import generate
 from ecatgen.build import build_library
@@ -51,8 +57,7 @@ def test_the_same_for_awkward_slaves(tmp_path: Path) -> None:
         file = tmp_path / "Awkward" / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    static = Path(ecatgen.__file__).parent / "modelica"
-    found = Libraries([tmp_path, static, Path(checks.__file__).parent])
+    found = found_with(tmp_path)
     assert list(findings(found, "Awkward")) == []
 
 

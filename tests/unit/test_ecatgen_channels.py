@@ -9,13 +9,12 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatdev.drawing.checks import check_diagram, check_icon
-from ecatdev.drawing.library import Libraries
+from ecatdev.drawing.pictures import found_with
 from ecatdev.drawing.scene import diagram, icon
 from ecatgen.build import build_library
 from ecatgen.ir import Channels, Library
 from ecatgen.render import render
 
-GENERATOR = Path(__file__).parents[2] / "codegen" / "ecatgen"
 NAMES = ("level", "speed", "odd", "late", "alone", "valve")
 I16, U16 = DataType.INTEGER16, DataType.UNSIGNED16
 
@@ -44,7 +43,7 @@ def check_drawing(made: Library, tmp_path: Path) -> None:
         file = tmp_path / "Plant" / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    found = Libraries([tmp_path, GENERATOR / "modelica", GENERATOR / "checks"])
+    found = found_with(tmp_path)
     assert made.channels
     for item in made.channels:
         path = f"Plant.Channels.{item.name}"

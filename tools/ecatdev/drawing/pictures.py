@@ -37,6 +37,16 @@ def libraries(folder: Path, standard_library: Path | None = None) -> Libraries:
         file = folder / GENERATED / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
+    return found_with(folder, standard_library)
+
+
+def found_with(folder: Path, standard_library: Path | None = None) -> Libraries:
+    """The libraries in a folder, the library EtherCAT, and the Modelica Standard Library.
+
+    Args:
+        folder: The folder.
+        standard_library: See `libraries`.
+    """
     return Libraries([folder, _MODELICA, standard_library or _STAND_IN])
 
 
