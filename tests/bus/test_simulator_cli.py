@@ -340,7 +340,7 @@ def test_trace_records_the_motor(tmp_path):
 
 
 def test_example_of_the_documentation(tmp_path):
-    text = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "simulator-rigs.md").read_text()
     file = tmp_path / "doublers.py"
     file.write_text(text.split("```python\n")[1].split("```")[0])
     code = (

@@ -37,7 +37,7 @@ from ecatsim.faults.slaves import AlError
 pytestmark = pytest.mark.bus
 
 HERE = Path(__file__)
-DOCUMENT = HERE.parents[2] / "docs" / "simulator.md"
+DOCUMENT = HERE.parents[2] / "docs" / "simulator-control.md"
 APRD, BRD, FRMW = 1, 7, 14
 
 

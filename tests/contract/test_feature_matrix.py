@@ -11,7 +11,7 @@ PREFIXES = {"unit": "test_ecatsim_", "bus": "test_simulator_", "fuzz": "test_"}
 
 def rows() -> list[tuple[str, str]]:
     """Feature and tests of each row."""
-    text = (ROOT / "docs" / "simulator.md").read_text()
+    text = (ROOT / "docs" / "simulator-internals.md").read_text()
     section = text.split("\n## Features\n")[1].split("\n## ")[0]
     cells = [
         [cell.strip() for cell in line.strip("|").split("|")]

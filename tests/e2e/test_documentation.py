@@ -81,7 +81,7 @@ def test_the_readme_commands(start_daemon: Callable[..., Daemon], tmp_path: Path
 
 
 def test_the_rig_and_device_files(tmp_path: Path) -> None:
-    for block in blocks("docs/simulator.md", "toml"):
+    for block in blocks("docs/simulator-rigs.md", "toml"):
         name = re.match(r"# (\w+\.toml)$", block, re.MULTILINE)
         if name:
             (tmp_path / name[1]).write_text(block)

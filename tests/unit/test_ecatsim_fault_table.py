@@ -13,7 +13,7 @@ from ecatsim.faults import FAULTS, Faults, FrameFault, SlaveFault, parse
 from ecatsim.files import rig_file
 from ecatsim.parameters import parameters
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "simulator.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "simulator-control.md"
 SAMPLES = {
     "drop": {"count": 3},
     "delay": {"delay_us": 500},

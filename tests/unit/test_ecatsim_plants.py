@@ -227,7 +227,7 @@ def test_tables_that_cannot_be_read(tmp_path):
 
 
 def test_the_tank_of_the_documentation():
-    text = (Path(__file__).parents[2] / "docs/simulator.md").read_text()
+    text = (Path(__file__).parents[2] / "docs/simulator-rigs.md").read_text()
     (source,) = [part for part in re.findall(r"```python\n(.*?)```", text, re.S) if "tank" in part]
     found = {}
     exec(source, found)

@@ -1,4 +1,4 @@
-"""Device files: a slave described in TOML (`docs/simulator.md`, "Rig and device files").
+"""Device files: a slave described in TOML (`docs/simulator-rigs.md`, "Rig and device files").
 
 Every attribute of `Device` has a key of the same name; what is left out follows from the rest. A
 description may also begin with an SII image or an ESI file and change or add to what that says.

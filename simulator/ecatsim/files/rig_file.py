@@ -1,6 +1,6 @@
 """Rig files: slaves, and what connects them outside the bus, in TOML.
 
-See `docs/simulator.md`, "Rig and device files". Paths are relative to the folder of the file.
+See `docs/simulator-rigs.md`, "Rig and device files". Paths are relative to the folder of the file.
 """
 
 from __future__ import annotations
