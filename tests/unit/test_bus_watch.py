@@ -1,9 +1,11 @@
 """What the watch over a bus decides and says, apart from any bus."""
 
 import asyncio
+from itertools import pairwise
 
 import pytest
 
+import virtual_time
 from ecatd.bus.engine.engine import Event
 from ecatd.bus.watch.counters import Disturbance, Report
 from ecatd.bus.watch.interfaces import describe_ring
@@ -43,41 +45,43 @@ def test_disturbances_that_come_again_and_again_do_not_fill_the_log() -> None:
 
 
 def test_events_of_every_cycle_are_told_at_a_bounded_rate() -> None:
-    told: list[int] = []
+    told: list[tuple[float, int]] = []
 
     async def flap() -> None:
-        paced = Throttle(lambda event: told.append(event.value), 0.05)
+        time = asyncio.get_running_loop().time
+        begin = time()
+        throttle = Throttle(
+            lambda event: told.append((round(time() - begin, 3), event.value)), 0.05
+        )
         for value in [5] + 500 * [0, 7] + [0]:
-            paced.note(Event(value=value))
-        assert told == [5]  # the first one at once
-        while told != [5, 0]:  # the last one in any case
-            await asyncio.sleep(0.01)
-        await asyncio.sleep(0.1)
-        paced.note(Event(value=0))  # says nothing new
-        paced.note(Event(value=3))
-        paced.close()
+            throttle.note(Event(value=value))
+        await asyncio.sleep(0.2)
+        throttle.note(Event(value=0))  # says nothing new
+        throttle.note(Event(value=3))
+        throttle.note(Event(value=4))
+        throttle.close()
+        await asyncio.sleep(0.2)
 
-    asyncio.run(flap())
-    assert told == [5, 0, 3]
+    virtual_time.run(flap())
+    assert told == [(0.0, 5), (0.05, 0), (0.2, 3)]  # the first at once, then the last one
 
 
 def test_events_that_belong_together_are_told_together_and_never_flood() -> None:
     told: list[tuple[list[int], int]] = []
 
     async def flood() -> None:
-        gathered = Batch[int](lambda values, left: told.append((values, left)))
-        gathered.note(1)
-        gathered.note(2)
-        while not told:
-            await asyncio.sleep(0.001)
+        batch = Batch[int](lambda values, left: told.append((values, left)))
+        batch.note(1)
+        batch.note(2)
+        await asyncio.sleep(0.01)
         assert told == [([1, 2], 0)]
         for value in range(5000):
-            gathered.note(value)
+            batch.note(value)
         await asyncio.sleep(0.02)
         assert len(told) == 1  # not now
-        gathered.close()
+        batch.close()
 
-    asyncio.run(flood())
+    virtual_time.run(flood())
     values, left_out = told[1]
     assert (values[-1], left_out + len(values)) == (4999, 5000)
     assert len(values) < 2000
@@ -87,17 +91,20 @@ def test_who_goes_on_is_told_less_and_less() -> None:
     calls: list[float] = []
 
     async def go_on(seconds: float) -> None:
-        loop = asyncio.get_running_loop()
-        gathered = Batch[int](lambda values, left: calls.append(loop.time()))
-        end = loop.time() + seconds
-        while loop.time() < end:
-            gathered.note(1)
+        time = asyncio.get_running_loop().time
+        begin = time()
+        batch = Batch[int](lambda values, left: calls.append(round(time() - begin, 2)))
+        while time() < begin + seconds:
+            batch.note(1)
             await asyncio.sleep(0.001)
-        gathered.close()
+        batch.close()
 
-    asyncio.run(go_on(2.0))
-    # At 0, 0.25, 0.75 and 1.75 s at the earliest, and at the end.
-    assert 2 <= len(calls) <= 5
+    virtual_time.run(go_on(4.5))
+    first = calls[0]
+    pauses = [round(b - a, 2) for a, b in pairwise(calls[:-1])]
+    assert first < 0.1
+    assert pauses == pytest.approx([0.25, 0.5, 1.0, 2.0], abs=0.02)
+    assert calls[-1] == pytest.approx(4.5, abs=0.02)  # what is left is told at the end
 
 
 @pytest.mark.parametrize(
