@@ -13,13 +13,6 @@
 
 enum { PRIORITY = 90, BURST_NS = 100000000, PAUSE_US = 10000 };
 
-static int64_t now_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
-}
-
 int main(int count, char **arguments)
 {
     double seconds = 0, longer_than_us = 0;

@@ -16,13 +16,6 @@ enum { PRIORITY = 80, MAX_SAMPLES = 1 << 22, WARM_UP = 20 };
 
 static uint32_t samples[MAX_SAMPLES];
 
-static int64_t now_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
-}
-
 static int compare(const void *a, const void *b)
 {
     uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;

@@ -49,13 +49,6 @@ static uint32_t samples[MAX_SAMPLES];
 static uint64_t sample_count, lost_frames, lost_cycles, wrong, late, missed;
 static uint8_t next_index;
 
-static int64_t now_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
-}
-
 static void sleep_until(int64_t ns)
 {
     struct timespec time = {ns / 1000000000, ns % 1000000000};

@@ -1,4 +1,4 @@
-/* What both ends of the wire share: a raw socket as the simulator opens it, and real time. */
+/* What both ends of the wire share: a raw socket as the simulator opens it, the clock, real time. */
 #ifndef BENCHMARK_WIRE_H
 #define BENCHMARK_WIRE_H
 
@@ -15,6 +15,7 @@
 #include <sys/socket.h>
 #include <sys/syscall.h>
 #include <sys/time.h>
+#include <time.h>
 #include <unistd.h>
 
 enum { ETHERTYPE_ECAT = 0x88A4, MAX_FRAME = 2048 };
@@ -23,6 +24,13 @@ static inline void fail(const char *what)
 {
     perror(what);
     exit(1);
+}
+
+static inline int64_t now_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
 }
 
 /* A socket for EtherCAT frames of one interface, with the options of simulator/esc/segment.c. */

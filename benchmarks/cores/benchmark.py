@@ -30,12 +30,11 @@ from ..masters.daemon import Daemon
 from ..segment import responder, tap
 from ..segment.peers import SIMULATOR as PAIR
 from ..segment.peers import ecatsim
+from ..segment.responder import KERNEL, SIMULATOR
 
 NAME = "cores"
 
 PROCESSORS = 2
-SIMULATOR, KERNEL = "simulator", "kernel"
-"""Who answers the frames of the cycle."""
 OWN, SHARED = "own", "shared"
 """Whether the engine has a processor for itself (`realtime.cpu`), and all others keep off it."""
 _LINE = (8, 32)
@@ -66,11 +65,7 @@ class Settings:
 
 SETTINGS = {
     "quick": Settings(
-        rates=(1000,),
-        seconds=0.2,
-        load_rounds=1,
-        load_seconds=0.2,
-        loads=(SDO, PYTHON),
+        rates=(1000,), seconds=0.2, load_rounds=1, load_seconds=0.2, loads=(SDO, PYTHON)
     ),
     "normal": Settings(),
     "full": Settings(seconds=60.0, load_rounds=40),

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.turns import ENGINE, SLEEP
+from ..segment.responder import KERNEL
 from ..target import verdicts
 from ..words import US, pace, table, us
-from .benchmark import KERNEL, OWN
+from .benchmark import OWN
 from .targets import LOAD, targets
 
 TITLE = "Two cores"

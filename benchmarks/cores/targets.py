@@ -8,9 +8,10 @@ from typing import Any
 from ..engine.loads import WANTED
 from ..engine.targets import DONE
 from ..engine.turns import ENGINE, SLEEP
+from ..segment.responder import KERNEL
 from ..target import Events, Target
 from ..words import pace
-from .benchmark import KERNEL, OWN, RATE
+from .benchmark import OWN, RATE
 
 LOAD = 1.25
 """Largest ratio of the 99th percentile of an exchange under load to that without."""

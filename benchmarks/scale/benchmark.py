@@ -28,11 +28,10 @@ from ..masters.daemon import Daemon
 from ..segment import responder, tap
 from ..segment.peers import SIMULATOR as PAIR
 from ..segment.peers import ecatsim
+from ..segment.responder import KERNEL, SIMULATOR
 
 NAME = "scale"
 
-SIMULATOR, KERNEL = "simulator", "kernel"
-"""Who answers the frames of the cycle."""
 _SETTLE = 1.0
 _TAP_SECONDS = 0.2
 _BYTES = 1

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from ..segment.responder import KERNEL, SIMULATOR
 from ..target import Events, Target
-from .benchmark import KERNEL, SIMULATOR
 
 LARGE = 1000
 """Slaves of the bus that the targets are about."""

@@ -20,7 +20,11 @@ from typing import Self
 from ecatd.model.errors import NotPermittedError, StateError
 
 from .frames import BRD, BWR, ask, datagrams, encode, frame
-from .peers import SIMULATOR, Pair, wire
+from .peers import SIMULATOR as PAIR
+from .peers import Pair, wire
+
+SIMULATOR, KERNEL = "simulator", "kernel"
+"""Who answers the frames of the cycle."""
 
 Answered = tuple[bytes, bytes]
 """A frame as it was sent, and as it came back."""
@@ -46,7 +50,7 @@ class Responder:
             which does not stand still.
     """
 
-    def __init__(self, program: Path, answered: Sequence[Answered], pair: Pair = SIMULATOR) -> None:
+    def __init__(self, program: Path, answered: Sequence[Answered], pair: Pair = PAIR) -> None:
         for _, answer in answered:
             for command, data, _ in datagrams(answer):
                 if command == BRD and data[0] != _OP:
@@ -109,7 +113,7 @@ def _switch_watchdogs_off(pair: Pair, source: bytes) -> None:
         ask(opened.exchange, request[: _SOURCE.start] + source + request[_SOURCE.stop :])
 
 
-def obstacle(program: Path, pair: Pair = SIMULATOR) -> str | None:
+def obstacle(program: Path, pair: Pair = PAIR) -> str | None:
     """Why this kernel cannot answer frames, or may not for us; None if it can."""
     try:
         Responder(program, [], pair).close()
