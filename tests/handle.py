@@ -62,6 +62,18 @@ class Handle:
 
     def value(self, signal: int) -> float:
         """Raw value of an entry in the last sample."""
-        found = ctypes.c_double()
-        assert self.read(signal, ctypes.byref(found)) == 0
-        return found.value
+        return self._found(self.read, signal, ctypes.c_double())
+
+    def integer(self, signal: int) -> int:
+        """The same as an integer of 64 bits."""
+        return int(self._found(self.read_int, signal, ctypes.c_int64()))
+
+    def physical(self, signal: int) -> float:
+        """Physical value of an entry in the last sample."""
+        return self._found(self.read_physical, signal, ctypes.c_double())
+
+    def _found(
+        self, read: Callable[..., int], signal: int, place: ctypes.c_double | ctypes.c_int64
+    ) -> float:
+        assert read(signal, ctypes.byref(place)) == 0, self.error
+        return place.value

@@ -21,11 +21,9 @@ _LEASE = 0.5
 
 
 def _attach(bus: str) -> None:
-    with Client(bus) as client:
-        client.claim(_SLAVE, lease=_LEASE)
+    with Client(bus) as client, client.claim(_SLAVE, lease=_LEASE):
         client.wait()
         client.sample()
-        client.release(_SLAVE)
 
 
 def _action(kind: str, bus: str) -> Callable[[], object]:

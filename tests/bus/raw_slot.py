@@ -80,7 +80,7 @@ class RawSlot:
 def main() -> None:
     source = random.Random(1)
     with Client(sys.argv[1]) as client:
-        client.sdo_start(0, 0x1018, 1)  # takes a slot
+        client.sdo_upload(0, 0x1018, 1)  # takes a slot
         raw = RawSlot(sys.argv[1])
         print(Path("/proc/self/comm").read_text().strip(), flush=True)
         while True:

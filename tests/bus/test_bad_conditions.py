@@ -258,11 +258,11 @@ def test_frames_of_an_earlier_run_are_not_taken(bench: Bench) -> None:
     other = bench.start_inside("replay", MASTER, SIMULATOR, "3")
     bench.wait_for_log("another ecatd or an earlier run of this one")
     with bench.daemon.client() as client:
-        constant = client.bind(5, 0x6010, 0x11)
+        constant = client.signal(5, 0x6010, 0x11)
         while other.poll() is None:
             client.wait()
             client.sample()
-            assert client.read(constant) == pytest.approx(-4 / 10 * 32767, abs=1)
+            assert constant.raw == pytest.approx(-4 / 10 * 32767, abs=1)
     assert bench.health().foreign > before
     bench.wait_for_data()
     bench.wait_for_op()
@@ -417,19 +417,19 @@ def ring(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Iterator[Bench]
 def exchange_everything(bench: Bench, value: int) -> None:
     """Writes outputs of every slave and waits until they have come back as inputs."""
     with bench.daemon.client() as client:
-        outputs = [client.bind(slave, 0x7000, 1) for slave in range(SLAVES)]
-        inputs = [client.bind(slave, 0x6000, 1) for slave in range(SLAVES)]
+        outputs = [client.signal(slave, 0x7000, 1) for slave in range(SLAVES)]
+        inputs = [client.signal(slave, 0x6000, 1) for slave in range(SLAVES)]
         for slave in range(SLAVES):
-            client.claim(slave, lease=0.5)
+            client.claim(slave, lease=30)
         wanted = [value + slave for slave in range(SLAVES)]
 
         def arrived() -> bool:
             for output, number in zip(outputs, wanted, strict=True):
-                client.write(output, number)
+                output.raw = number
             client.commit()
             client.wait()
             client.sample()
-            return [client.read(item) for item in inputs] == wanted
+            return [item.raw for item in inputs] == wanted
 
         bench.wait_for(arrived)
 

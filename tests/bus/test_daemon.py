@@ -14,8 +14,10 @@ import pytest
 
 from conftest import SHM, Daemon, wait_for
 from ecatd import shm
+from ecatd.client import Request
 from ecatd.model.al import AlState
 from ecatd.model.errors import SdoAbortError, StateError, UnreachableError, UsageError
+from handle import EBUS, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -38,16 +40,15 @@ def test_the_bus_is_described_and_in_op(troll: Daemon) -> None:
         ]
         assert all(slave.al_state == 8 for slave in slaves)
         assert client.cycle_time == 0.001
-        assert client.find(2, 0x0BC03052) == 4
-        assert client.find(2, 0x0BC03052, 1) == 5
-        with pytest.raises(StateError, match="has 2 slaves with vendor 0x00000002"):
-            client.find(2, 0x0BC03052, 2)
+        with Handle(troll.bus) as handle:
+            assert [handle.find(2, 0x0BC03052, nth) for nth in (0, 1, 2)] == [4, 5, EBUS]
+            assert "has 2 slaves with vendor 0x00000002" in handle.error
         with pytest.raises(StateError, match=r"slave 2 of bus .* is EL1018 .* but expected is"):
             client.expect(2, 2, 0x07D83052)
         with pytest.raises(StateError, match="has revision"):
             client.expect(2, 2, 0x03FA3052, 5)
         with pytest.raises(StateError, match=r"slave 2 \(EL1018\) .* has no input 0x6060:00"):
-            client.bind(2, 0x6060, 0, 0)
+            client.signal(2, 0x6060, 0, 0)
 
 
 def test_samples_are_fresh_and_complete(troll: Daemon) -> None:
@@ -63,25 +64,23 @@ def test_samples_are_fresh_and_complete(troll: Daemon) -> None:
             complete += domain.wkc_state == shm.WkcState.COMPLETE
         assert complete > 100  # frames may be late on a busy machine, not most of them
         # Constants at the second analog terminal: -8, -4, -1, 0, 1, 4, 8 and 10 V.
-        values = [
-            client.read(client.bind(EL3008, 0x6000 + 16 * channel, 0x11)) for channel in range(8)
-        ]
+        values = [client.signal(EL3008, 0x6000 + 16 * channel, 0x11).raw for channel in range(8)]
         assert [round(value / VOLT) for value in values] == [-8, -4, -1, 0, 1, 4, 8, 10]
 
 
 def test_outputs_reach_the_slaves_and_come_back_over_wires(troll: Daemon) -> None:
     with troll.client() as client:
-        outputs = [client.bind(EL2008, 0x7000 + 16 * n, 1) for n in range(8)]
-        inputs = [client.bind(EL1018, 0x6000 + 16 * n, 1) for n in range(4)]
-        client.claim(EL2008, lease=0.5)
+        outputs = [client.signal(EL2008, 0x7000 + 16 * n, 1) for n in range(8)]
+        inputs = [client.signal(EL1018, 0x6000 + 16 * n, 1) for n in range(4)]
+        client.claim(EL2008, lease=30)
         for pattern in (0b0101, 0b1010, 0b1111, 0b0000):
             for bit, output in enumerate(outputs):
-                client.write(output, pattern >> bit & 1)
+                output.raw = pattern >> bit & 1
             client.commit()
             for _ in range(2000):
                 client.wait()
                 client.sample()
-                if [client.read(i) for i in inputs] == [pattern >> n & 1 for n in range(4)]:
+                if [i.raw for i in inputs] == [pattern >> n & 1 for n in range(4)]:
                     break
             else:
                 pytest.fail(f"pattern {pattern:04b} does not arrive")
@@ -89,17 +88,17 @@ def test_outputs_reach_the_slaves_and_come_back_over_wires(troll: Daemon) -> Non
 
 def test_outputs_belong_to_one_client(troll: Daemon) -> None:
     with troll.client() as first, troll.client() as second:
-        first.claim(EL2008, lease=0.5)
+        claim = first.claim(EL2008, lease=30)
         with pytest.raises(StateError, match=r"slave 3 \(EL2008\) .* belongs to .*python.* \(pid"):
             second.claim(EL2008)
-        output = second.bind(EL2008, 0x7000, 1)
+        output = second.signal(EL2008, 0x7000, 1)
         with pytest.raises(StateError, match="must be claimed before"):
-            second.write(output, 1)
-        first.release(EL2008)
-        second.claim(EL2008, lease=0.5)  # the lease of the daemon is short on a busy machine
+            output.raw = 1
+        claim.release()
+        second.claim(EL2008, lease=30)
         assert second.slaves()[EL2008].owned
         assert second.slaves()[EL2008].outputs == shm.Outputs.CLAIMED
-        second.write(output, 1)
+        output.raw = 1
         second.commit()
         for _ in range(100):
             second.wait()
@@ -111,20 +110,20 @@ def test_outputs_belong_to_one_client(troll: Daemon) -> None:
 
 def test_values_out_of_range_are_refused(troll: Daemon) -> None:
     with troll.client() as client:
-        client.claim(DRIVE, lease=0.5)
-        torque = client.bind(DRIVE, 0x6071)
+        client.claim(DRIVE, lease=30)
+        torque = client.signal(DRIVE, 0x6071)
         for wrong in (32768, -32769, 32767.5, float("nan"), float("inf"), 1e300):
             with pytest.raises(UsageError, match=r"out of range for 0x6071:00 .*-32768 to 32767"):
-                client.write(torque, wrong)
+                torque.raw = wrong
         for right in (32767, -32768, 0):
-            client.write(torque, right)
-        bit = client.bind(EL2008, 0x7000, 1)
+            torque.raw = right
+        bit = client.signal(EL2008, 0x7000, 1)
         with pytest.raises(StateError, match="claimed"):
-            client.write(bit, 1)
+            bit.raw = 1
         with pytest.raises(UsageError, match="is an input"):
-            client.write(client.bind(EL1018, 0x6000, 1), 1)
+            client.signal(EL1018, 0x6000, 1).raw = 1
         with pytest.raises(UsageError, match="99999 is no signal"):
-            client.read(99999)
+            client.signal(99999)
 
 
 def test_slaves_without_outputs_cannot_be_claimed(troll: Daemon) -> None:
@@ -138,23 +137,22 @@ def test_slaves_without_outputs_cannot_be_claimed(troll: Daemon) -> None:
 def test_sdo_requests_through_shared_memory(troll: Daemon) -> None:
     with troll.client() as client:
 
-        def finish(request: int) -> bytes:
-            while (data := client.poll(request)) is None:
+        def finish(request: Request) -> bytes:
+            while (data := request.poll()) is None:
                 client.wait()
             return data
 
-        assert finish(client.sdo_start(DRIVE, 0x1018, 1)) == b"\x9a\0\0\0"
-        assert finish(client.sdo_start(DRIVE, 0x6060, 0, b"\x03")) == b""
-        assert finish(client.sdo_start(DRIVE, 0x6060, 0)) == b"\x03"
+        assert finish(client.sdo_upload(DRIVE, 0x1018, 1)) == b"\x9a\0\0\0"
+        assert finish(client.sdo_download(DRIVE, 0x6060, 0, b"\x03")) == b""
+        assert finish(client.sdo_upload(DRIVE, 0x6060)) == b"\x03"
         # Several at once, answered in any order to the right one.
-        requests = [client.sdo_start(DRIVE, 0x1018, sub) for sub in (1, 2, 3)]
+        requests = [client.sdo_upload(DRIVE, 0x1018, sub) for sub in (1, 2, 3)]
         assert [finish(r) for r in reversed(requests)][::-1][1] == (0x30924).to_bytes(4, "little")
         with pytest.raises(SdoAbortError, match="does not exist") as caught:
-            finish(client.sdo_start(DRIVE, 0x7777, 0))
+            finish(client.sdo_upload(DRIVE, 0x7777))
         assert caught.value.code == 0x06020000
         with pytest.raises(StateError, match="requests are running"):
-            for _ in range(5):
-                client.sdo_start(DRIVE, 0x1018, 1)
+            requests = [client.sdo_upload(DRIVE, 0x1018, 1) for _ in range(5)]
 
 
 def test_a_client_of_a_bus_that_is_not_there() -> None:
@@ -172,7 +170,7 @@ from ecatd.client import Client
 client = Client(sys.argv[1])
 client.claim(3, lease=float(sys.argv[2]))
 for n in range(8):
-    client.write(client.bind(3, 0x7000 + 16 * n, 1), 1)
+    client.signal(3, 0x7000 + 16 * n, 1).raw = 1
 client.commit()
 print("owns", flush=True)
 while True:
@@ -197,7 +195,7 @@ def outputs_now(daemon: Daemon) -> tuple[list[float], shm.Outputs]:
     with daemon.client() as client:
         client.wait(2)
         client.sample()
-        values = [client.read(client.bind(3, 0x7000 + 16 * n, 1)) for n in range(8)]
+        values = [client.signal(3, 0x7000 + 16 * n, 1).raw for n in range(8)]
         return values, client.slaves()[3].outputs
 
 
@@ -224,16 +222,16 @@ def test_outputs_of_a_client_that_ends_or_hangs_are_safe(troll: Daemon, end: str
 def test_a_client_that_lost_its_lease_is_told(troll: Daemon) -> None:
     with troll.client() as client:
         client.claim(EL2008)  # five cycles
-        output = client.bind(EL2008, 0x7000, 1)
-        client.write(output, 1)
+        output = client.signal(EL2008, 0x7000, 1)
+        output.raw = 1
         client.commit()
         while client.slaves()[EL2008].owned:
             client.wait()  # waiting alone is no sign of life
-        client.write(output, 1)
+        output.raw = 1
         with pytest.raises(StateError, match="did not sample in time"):
             client.commit()
-        client.claim(EL2008, lease=0.5)
-        client.write(output, 1)
+        client.claim(EL2008, lease=30)
+        output.raw = 1
         client.commit()
 
 

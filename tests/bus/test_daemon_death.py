@@ -39,7 +39,7 @@ def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon])
     with Handle(daemon.bus) as handle:
         before = handle.instance
         output = handle.bind(EL2008, 0x7000, 1, 1)
-        assert handle.claim(EL2008, 0.5) == 0
+        assert handle.claim(EL2008, 30.0) == 0
         assert handle.write(output, 1.0) == 0
         assert handle.commit() == 0
         requests = [handle.sdo_start(DRIVE, 0x1018, 1, None, 0) for _ in range(2)]
@@ -60,7 +60,7 @@ def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon])
         for request in requests:
             # One may have been answered by the daemon that is gone, but nobody had asked for it.
             assert handle.poll(request, None, 0, None, None) == EDOWN
-        assert handle.claim(EL2008, 0.5) == 0
+        assert handle.claim(EL2008, 30.0) == 0
         assert handle.write(output, 1.0) == 0
         assert handle.commit() == 0
         request = handle.sdo_start(DRIVE, 0x1018, 1, None, 0)

@@ -93,8 +93,8 @@ def test_the_others_are_exchanged(damaged: Daemon) -> None:
     with damaged.client() as client, Simulator(str(damaged.child_pid("ecatsim"))) as simulator:
         signals = {s.slave: s for s in client.signals()}
         assert signals.keys() == {IN, WITHOUT_END, WITHOUT_TEXT, MISPLACED, OUT}
-        client.claim(OUT, lease=2)
-        client.write(client.bind(OUT, 0x7000, 1), 1)
+        client.claim(OUT, lease=30)
+        client.signal(OUT, 0x7000, 1).raw = 1
         client.commit()
 
         def arrived() -> bool:

@@ -74,12 +74,12 @@ def pattern(slave: int, byte: int, turn: int) -> int:
 def write_all(client: Client, slaves: Iterator[int] | range, turn: int) -> None:
     for slave in slaves:
         for byte in range(1, 33):
-            client.write(client.bind(slave, 0x7000, byte), pattern(slave, byte, turn))
+            client.signal(slave, 0x7000, byte).raw = pattern(slave, byte, turn)
     client.commit()
 
 
 def read_all(client: Client, slave: int) -> list[float]:
-    return [client.read(client.bind(slave, 0x6000, byte)) for byte in range(1, 33)]
+    return [client.signal(slave, 0x6000, byte).raw for byte in range(1, 33)]
 
 
 def arrive(client: Client, slaves: Iterator[int] | range, turn: int) -> None:
@@ -256,7 +256,7 @@ def test_every_byte_of_every_slave_arrives(mixed: Daemon) -> None:
     everybody = range(40)
     with mixed.client() as client:
         for slave in everybody:
-            client.claim(slave, lease=0.5)
+            client.claim(slave, lease=30)
         for turn in (0, 100):
             write_all(client, everybody, turn)
             arrive(client, everybody, turn)
@@ -272,7 +272,7 @@ def test_sampling_one_domain_leaves_the_others(mixed: Daemon) -> None:
         client.sample()
         before = [client.domain(number).cycle for number in range(3)]
         client.wait(20)
-        client.sample_domain(1)
+        client.sample(1)
         now = [client.domain(number).cycle for number in range(3)]
         assert now[0] == before[0]
         assert now[2] == before[2]
@@ -282,7 +282,7 @@ def test_sampling_one_domain_leaves_the_others(mixed: Daemon) -> None:
 def test_outputs_answer_the_newest_sample(mixed: Daemon) -> None:
     """Not that of the slowest domain, which may be ten cycles old."""
     with mixed.client() as client, shared(mixed) as table:
-        client.claim(0, lease=0.5)
+        client.claim(0, lease=30)
         before = list(table("ecat_shm_health", "health_offset").delay_cycles)
         for turn in range(100):
             client.wait()
@@ -297,12 +297,12 @@ def test_outputs_answer_the_newest_sample(mixed: Daemon) -> None:
 
 def test_outputs_answer_the_newest_of_samples_of_one_domain(mixed: Daemon) -> None:
     with mixed.client() as client:
-        client.claim(0, lease=0.5)
+        client.claim(0, lease=30)
         slot = RawSlot(mixed.bus)
         for _ in range(PATIENCE):
             client.wait()
-            client.sample_domain(0)
-            client.sample_domain(2)
+            client.sample(0)
+            client.sample(2)
             newest, slow = client.domain(0).cycle, client.domain(2).cycle
             client.commit()
             if newest > slow:
@@ -313,7 +313,7 @@ def test_outputs_answer_the_newest_of_samples_of_one_domain(mixed: Daemon) -> No
 def test_outputs_of_one_domain_are_safe_when_their_client_ends(mixed: Daemon) -> None:
     with mixed.client() as reader:
         with mixed.client() as owner:
-            owner.claim(36, lease=0.5)
+            owner.claim(36, lease=30)
             write_all(owner, range(36, 37), 1)
             arrive(owner, range(36, 37), 1)
         for _ in range(PATIENCE):
@@ -331,7 +331,7 @@ def test_an_image_larger_than_a_frame(start_daemon: Callable[..., Daemon]) -> No
     assert frames == 2  # 1920 bytes
     with daemon.client() as client, shared(daemon) as table:
         for slave in range(30):
-            client.claim(slave, lease=0.5)
+            client.claim(slave, lease=30)
         write_all(client, range(30), 3)
         arrive(client, range(30), 3)
         assert client.domain().wkc_expected == 90
@@ -351,7 +351,7 @@ def test_sixteen_domains(start_daemon: Callable[..., Daemon]) -> None:
     with daemon.client() as client:
         assert [slave.domain for slave in client.slaves()] == list(range(16))
         for slave in range(16):
-            client.claim(slave, lease=0.5)
+            client.claim(slave, lease=30)
         write_all(client, range(16), 9)
         arrive(client, range(16), 9)
         client.wait(32)

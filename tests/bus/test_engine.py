@@ -36,13 +36,13 @@ def until(condition, what="what is waited for"):
 def write_all(client, b, number):
     """Outputs that differ from slave to slave and from call to call."""
     for item in b.bus.slaves:
-        signal = client.bind(item.position, 0x7000, 1)
-        client.write(signal, (number * 7 + item.position) & 0xFF)
+        signal = client.signal(item.position, 0x7000, 1)
+        signal.raw = (number * 7 + item.position) & 0xFF
     client.commit()
 
 
 def inputs(client, b):
-    return [client.read(client.bind(item.position, 0x6000, 1)) for item in b.bus.slaves]
+    return [client.signal(item.position, 0x6000, 1).raw for item in b.bus.slaves]
 
 
 def returned(client, b, number):
@@ -54,7 +54,7 @@ def returned(client, b, number):
 def owner(b):
     client = b.client()
     for item in b.bus.slaves:
-        client.claim(item.position, lease=0.5)
+        client.claim(item.position, lease=30)
     return client
 
 
@@ -170,15 +170,15 @@ def test_late_frames_are_never_taken_for_new_ones():
     with bench(2, cycle_us=1000) as b:
         b.start()
         with owner(b) as client:
-            out, back = client.bind(0, 0x7000, 1), client.bind(0, 0x6000, 1)
+            out, back = client.signal(0, 0x7000, 1), client.signal(0, 0x6000, 1)
             faults(b, FaultKind.DELAY, 60, value=2_500_000)
             last, laps = 0, 0
             for number in range(600):
-                client.write(out, number & 0xFF)
+                out.raw = number & 0xFF
                 client.commit()
                 client.wait()
                 client.sample()
-                now = int(client.read(back))
+                now = int(back.raw)
                 assert ((now - last) & 0xFF) < 0x80, f"{last} was followed by {now}"
                 laps += now != last
                 last = now

@@ -154,11 +154,11 @@ def test_what_was_set_is_written_and_nothing_else(model: Model, troll: Daemon) -
         for _ in range(3):
             player.step()
         with troll.client() as client:
-            assert client.claims() == []  # who only reads, owns nothing
+            assert client.owners() == []  # who only reads, owns nothing
             player.set("el2008.channel1Output", True)
             player.set("el2008.channel3Output", True)
             until(player, lambda: outputs(troll) == [1, 0, 1, 0, 0, 0, 0, 0])
-            (owner,) = client.claims()
+            (owner,) = client.owners()
             assert owner.pid == os.getpid()
             assert {entry.slave for entry in owner.outputs} == {3}
         player.fmu.terminate()
@@ -170,7 +170,7 @@ def test_a_read_only_fmu_writes_nothing(model: Model, troll: Daemon) -> None:
         player.set("el2008.channel1Output", True)
         for _ in range(5):
             player.step()
-        assert client.claims() == []
+        assert client.owners() == []
 
 
 def test_physical_values(model: Model, troll: Daemon) -> None:

@@ -223,7 +223,7 @@ def test_it_may_be_freed_at_any_time(model: Model, until: str, troll: Daemon) ->
             if until == "terminated":
                 player.fmu.terminate()
     with troll.client() as client:  # the engine sees at the end of a cycle that a slot is left
-        wait_for(lambda: client.claims() == [], troll)
+        wait_for(lambda: client.owners() == [], troll)
 
 
 def test_parameters_may_change_in_the_initialization(model: Model, troll: Daemon) -> None:

@@ -50,28 +50,28 @@ def test_values_go_through_all_sync_managers_and_back(foreign: Daemon) -> None:
         entries = [s for s in client.signals() if s.output and s.slave >= FOLLOWER]
         assert {s.slave for s in entries} == {1, 2, 3}
         for slave in (1, 2, 3):
-            client.claim(slave, lease=2)
-        there = [client.bind(s.slave, s.index, s.subindex) for s in entries]
-        back = [client.bind(s.slave, s.index - 0x1000, s.subindex) for s in entries]
+            client.claim(slave, lease=30)
+        there = [client.signal(s.slave, s.index, s.subindex) for s in entries]
+        back = [client.signal(s.slave, s.index - 0x1000, s.subindex) for s in entries]
         for _ in range(TURNS):
             values = [dice.randrange(1 << s.bit_length) for s in entries]
             for entry, value in zip(there, values, strict=True):
-                client.write(entry, value)
+                entry.raw = value
             client.commit()
 
             def same() -> bool:
                 client.wait()
                 client.sample()
-                return [client.read(entry) for entry in back] == values  # noqa: B023
+                return [entry.raw for entry in back] == values  # noqa: B023
 
             wait_for(same, foreign)
 
 
 def test_both_sync_managers_of_an_oversampling_terminal_get_their_outputs(foreign: Daemon) -> None:
     with foreign.client() as client, Simulator(str(foreign.child_pid("ecatsim"))) as simulator:
-        client.claim(OVERSAMPLER, lease=2)
+        client.claim(OVERSAMPLER, lease=30)
         for index, value in ((0x7000, 0x5A), (0x7010, 0xA5)):
-            client.write(client.bind(OVERSAMPLER, index, 0x22), value)
+            client.signal(OVERSAMPLER, index, 0x22).raw = value
         client.commit()
 
         def arrived() -> bool:
@@ -93,13 +93,13 @@ def test_a_virtual_sync_manager_is_an_fmmu_to_registers(foreign: Daemon) -> None
     assert (managers[16:20], managers[22]) == (bytes(4), 0), "left alone"
     assert (fmmu[4:6], fmmu[8:10], fmmu[11], fmmu[12]) == (b"\x04\x00", b"\x98\x09", 1, 1)
     with foreign.client() as client:
-        time = client.bind(OVERSAMPLER, 0x1D09, 0x98)
+        time = client.signal(OVERSAMPLER, 0x1D09, 0x98)
         seen = set()
 
         def goes_on() -> bool:
             client.wait()
             client.sample()
-            seen.add(client.read(time))
+            seen.add(time.raw)
             return len(seen) > 5
 
         wait_for(goes_on, foreign)

@@ -127,7 +127,7 @@ sys.stdin.read()
 
 def test_who_writes_into_the_slot_of_another_is_named(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:4")
-    with daemon.client() as owner, owner.claim(0, lease=5):
+    with daemon.client() as owner, owner.claim(0, lease=30):
         owner.signal(0, 0x7000, 1).raw = 1
         owner.commit()
         owner.wait(5)
@@ -157,7 +157,7 @@ def test_who_goes_on_while_the_daemon_stops_is_not_accused(
     """A program hears of the end only when it is there, and commits until then."""
     daemon = start_daemon("troll")
     with daemon.client() as owner:
-        owner.claim(3, lease=0.5)
+        owner.claim(3, lease=30)
         owner.signal(3, 0x7000, 1).raw = 1
         daemon.process.terminate()
         with pytest.raises(EcatError, match="the daemon has ended"):

@@ -41,7 +41,7 @@ def check_writable(daemon: Daemon) -> None:
     """A new client can own outputs, and what it writes goes out."""
     with Handle(daemon.bus) as writer:
         output = writer.bind(0, 0x7000, 1, 1)
-        assert writer.claim(0, 0.5) == 0, writer.error
+        assert writer.claim(0, 30.0) == 0, writer.error
         assert writer.write(output, 77.0) == 0
         assert writer.commit() == 0
 
@@ -81,7 +81,7 @@ def test_clients_in_a_file_that_was_cut_short_begin_anew(
     with daemon.client() as eye, Handle(daemon.bus) as owner, Handle(daemon.bus) as asker:
         lamp = eye.signal(3, 0x7000, 1)
         eye.sample()
-        assert owner.claim(3, 0.5) == 0
+        assert owner.claim(3, 30.0) == 0
         running = asker.sdo_start(0, 0x1018, 1, None, 0)
         assert asker.wait_request(running, 30.0) == 0
         os.truncate(out, 0)
@@ -93,7 +93,7 @@ def test_clients_in_a_file_that_was_cut_short_begin_anew(
         assert request >= 0
         assert asker.wait_request(request, 30.0) == 0
         assert asker.poll(request, None, 0, None, None) == 0
-        assert owner.claim(3, 0.5) == 0
+        assert owner.claim(3, 30.0) == 0
         # What runs while that happens ends with an error.
         request = asker.sdo_start(0, 0x1018, 1, None, 0)
         os.truncate(out, 0)
@@ -112,7 +112,7 @@ def test_a_header_that_is_written_over_is_mended(daemon: Daemon) -> None:
         with out.open("r+b") as file:
             file.write(os.urandom(48))
         with Handle(daemon.bus) as early:  # before it is mended, unless that is done already
-            assert early.claim(0, 0.5) in (0, ELAYOUT)
+            assert early.claim(0, 30.0) in (0, ELAYOUT)
         told(daemon, out, "written over")
         assert out.read_bytes()[:48] == right
         check_goes_on(reader, daemon)
@@ -140,7 +140,7 @@ def test_who_is_connected_goes_on_without_a_name(
 ) -> None:
     path = SHM / f"ecat.{daemon.bus}{suffix}"
     with daemon.client() as reader, Handle(daemon.bus) as writer:
-        assert writer.claim(0, 0.5) == 0
+        assert writer.claim(0, 30.0) == 0
         output = writer.bind(0, 0x7000, 1, 1)
         path.unlink()
         match kind:
@@ -154,7 +154,7 @@ def test_who_is_connected_goes_on_without_a_name(
                 path.write_bytes(bytes(1 << 16))
         told(daemon, path, "removed" if kind == "removed" else "replaced")
         check_goes_on(reader, daemon)
-        assert writer.claim(0, 0.5) == 0
+        assert writer.claim(0, 30.0) == 0
         assert writer.write(output, 5.0) == 0
         assert writer.commit() == 0
 
@@ -165,7 +165,7 @@ def test_who_is_connected_goes_on_without_a_name(
         # Who comes now is told something, and does not wait for ever.
         if suffix:
             with Handle(daemon.bus) as late:
-                assert late.claim(1, 0.5) < 0
+                assert late.claim(1, 30.0) < 0
                 assert late.error
         else:
             with pytest.raises(AssertionError):

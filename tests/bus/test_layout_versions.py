@@ -23,6 +23,7 @@ from ecatd.shared_memory.claims import read_claims
 from ecatd.shared_memory.picture import picture
 from ecatd.stats import read
 from ecatd.stats.clocks import read_clocks
+from handle import Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
@@ -118,8 +119,11 @@ def test_the_c_client_reads_a_later_minor_version(troll: Daemon, later: str) -> 
         mine, theirs = client.signals(), present.signals()
         assert [str(signal) for signal in mine] == [str(signal) for signal in theirs]
         seen = {signal["number"]: signal["raw"] for signal in picture(later)["signals"]}
-        assert [client.read(number) for number in range(len(mine))] == list(seen.values())
-        assert {client.validity(number) for number in range(len(mine))} == {shm.Validity.VALID}
+        assert [signal.raw for signal in mine] == list(seen.values())
+        assert {signal.validity for signal in mine} == {shm.Validity.VALID}
+    with Handle(later) as handle:
+        handle.sample()
+        assert [handle.value(number) for number in range(len(mine))] == list(seen.values())
 
 
 def test_the_readers_in_python_read_it_too(troll: Daemon, later: str) -> None:
@@ -203,23 +207,21 @@ def test_a_client_works_with_a_later_daemon(
     assert picture(daemon.bus)["layout"] == "1.1"  # this process is of the earlier version
     assert picture(daemon.bus)["problems"] == []
     with daemon.client() as client:
-        output, input_ = client.bind(EL2008, 0x7000, 1), client.bind(EL1018, 0x6000, 1)
-        client.claim_slave(EL2008, 0.5)
+        output, input_ = client.signal(EL2008, 0x7000, 1), client.signal(EL1018, 0x6000, 1)
+        client.claim(EL2008, 30.0)
         for value in (1.0, 0.0, 1.0):
 
             def arrived(value: float = value) -> bool:
-                client.write(output, value)
+                output.raw = value
                 client.commit()
                 client.wait()
                 client.sample()
-                return client.read(input_) == value
+                return input_.raw == value
 
             wait_for(arrived, daemon)
         (slot,) = read_claims(daemon.bus)["slots"]
         assert (slot["pid"], slot["state"], slot["outputs"]) == (os.getpid(), "active", 8)
-        request = client.sdo_start(0, 0x1018, 1)
-        client.wait_request(request, 10)
-        assert client.poll(request) == (0x9A).to_bytes(4, "little")
+        assert client.sdo_upload(0, 0x1018, 1).result() == (0x9A).to_bytes(4, "little")
 
 
 def test_a_later_client_refuses_an_earlier_daemon(troll: Daemon, later_ecatd: str) -> None:

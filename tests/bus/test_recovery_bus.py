@@ -55,19 +55,19 @@ def undisturbed(bench: Bench, positions: Iterable[int]) -> Iterator[None]:
 
     def exchange() -> None:
         with bench.daemon.client() as client:
-            outputs = {i: client.bind(i, 0x7000, 1) for i in positions}
-            inputs = {i: client.bind(i, 0x6000, 1) for i in positions}
+            outputs = {i: client.signal(i, 0x7000, 1) for i in positions}
+            inputs = {i: client.signal(i, 0x6000, 1) for i in positions}
             for i in positions:
                 client.claim(i, lease=20)
             while not over.is_set():
                 rounds[0] += 1
                 for i in positions:
-                    client.write(outputs[i], rounds[0] % 200 + i)
+                    outputs[i].raw = rounds[0] % 200 + i
                 client.commit()
                 for _ in range(200):
                     client.wait()
                     client.sample()
-                    if all(client.read(inputs[i]) == rounds[0] % 200 + i for i in positions):
+                    if all(inputs[i].raw == rounds[0] % 200 + i for i in positions):
                         break
                 else:
                     wrong.append(f"outputs of {positions} do not arrive")
@@ -273,15 +273,15 @@ def test_outputs_of_an_owner_go_on_when_its_slave_is_back(start: Start) -> None:
     bench = start()
     in_op(bench)
     with bench.daemon.client() as client:
-        output, value = client.bind(5, 0x7000, 1), client.bind(5, 0x6000, 1)
+        output, value = client.signal(5, 0x7000, 1), client.signal(5, 0x6000, 1)
         client.claim(5, lease=20)
 
         def arrives(number: int) -> bool:
-            client.write(output, number)
+            output.raw = number
             client.commit()
             client.wait()
             client.sample()
-            return client.read(value) == number
+            return value.raw == number
 
         bench.wait_for(lambda: arrives(11))
 

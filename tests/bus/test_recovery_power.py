@@ -101,7 +101,7 @@ def test_other_process_data_than_at_the_start(
     rig.write_text(FORGETFUL.format(forget=forget))
     bench = start(str(rig))
     with bench.daemon.client() as client:
-        output, value = client.bind(3, 0x7000, 1), client.bind(3, 0x6000, 1)
+        output, value = client.signal(3, 0x7000, 1), client.signal(3, 0x6000, 1)
         client.claim(3, lease=20)
         bench.power(DRIVE, on=False)
         bench.wait_for(lambda: conditions(bench).keys() == {2, 3})  # 3 is behind it
@@ -113,11 +113,11 @@ def test_other_process_data_than_at_the_start(
         assert states == [AlState.OP, AlState.OP, AlState.PREOP, AlState.OP]
 
         def arrives(number: int) -> bool:
-            client.write(output, number)
+            output.raw = number
             client.commit()
             client.wait()
             client.sample()
-            return client.read(value) == number
+            return value.raw == number
 
         # Asked for OP as it is, it is refused by the same sentence.
         refused = bench.daemon.ctl("state", "OP", "-p", "2", check=False)
@@ -144,10 +144,10 @@ def test_a_coupler_with_its_terminals(start: Start) -> None:
     bench.power(5, 7, 1, 3, 2, 6, 4, on=True)
     in_op(bench)
     with bench.daemon.client() as client:
-        constant = client.bind(5, 0x6010, 0x11)
+        constant = client.signal(5, 0x6010, 0x11)
         client.wait()
         client.sample()
-        assert client.read(constant) == pytest.approx(-4 / 10 * 32767, abs=1)
+        assert constant.raw == pytest.approx(-4 / 10 * 32767, abs=1)
     assert "another device" not in bench.daemon.log
 
 

@@ -44,9 +44,9 @@ def test_requests_of_many_clients_cost_no_cyclic_frame(start_daemon: Callable[..
     def ask(slave: int) -> None:
         with daemon.client() as client:
             for _ in range(COUNT // 4):
-                requests = [client.sdo_start(slave, IDENTITY, 1) for _ in range(4)]
+                requests = [client.sdo_upload(slave, IDENTITY, 1) for _ in range(4)]
                 for request in requests:
-                    while (data := client.poll(request)) is None:
+                    while (data := request.poll()) is None:
                         client.wait()
                     answers.append((slave, data))
 

@@ -85,16 +85,16 @@ def test_cycles_are_answered_in_the_kernel_and_registers_by_the_simulator():
         program, answered = started(b, folder)
         assert len(answered) == 2, "with the second domain, and without"
         client = b.client()
-        signals = [(client.bind(i, 0x7000, 1), client.bind(i, 0x6000, 1)) for i in (0, 2)]
+        signals = [(client.signal(i, 0x7000, 1), client.signal(i, 0x6000, 1)) for i in (0, 2)]
         for position in (0, 2):
             client.claim(position, lease=LEASE)
 
         def returns(number):
             for output, _ in signals:
-                client.write(output, number)
+                output.raw = number
             client.commit()
             client.sample()
-            return [client.read(inputs) for _, inputs in signals] == [number, number]
+            return [inputs.raw for _, inputs in signals] == [number, number]
 
         until(lambda: returns(7), "what was written")
         answered = tap.answered(lambda: time.sleep(0.1), PAIR)
@@ -113,7 +113,7 @@ def test_cycles_are_answered_in_the_kernel_and_registers_by_the_simulator():
             assert counts["passed"] == begun["passed"]
             assert b.esc.counters().frames == served, "nobody was woken"
             client.sample()
-            assert [client.read(inputs) for _, inputs in signals] == [7, 7], "they stand still"
+            assert [inputs.raw for _, inputs in signals] == [7, 7], "they stand still"
             assert ask(b.wire.exchange, frame(APRD, 0, WATCHDOG, bytes(2))) == (bytes(2), 1)
             assert kernel.counts["passed"] == begun["passed"] + 1
             assert b.shared.health.slaves_found == 3

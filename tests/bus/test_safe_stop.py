@@ -30,7 +30,7 @@ def stop_rule(value: str, more: str = "") -> str:
 class Drive:
     """A client that owns the drive, and what it saw in its last sample."""
 
-    def __init__(self, daemon: Daemon, lease: float = 0.5) -> None:
+    def __init__(self, daemon: Daemon, lease: float = 30.0) -> None:
         self.daemon = daemon
         self.client = daemon.client()
         self._lease = lease
@@ -42,10 +42,10 @@ class Drive:
         self.client.close()
 
     def get(self, index: int) -> int:
-        return int(self.client.read(self.client.bind(DRIVE, index)))
+        return int(self.client.signal(DRIVE, index).raw)
 
     def put(self, index: int, value: int) -> None:
-        self.client.write(self.client.bind(DRIVE, index), value)
+        self.client.signal(DRIVE, index).raw = value
 
     @property
     def state(self) -> int:
@@ -75,9 +75,7 @@ class Drive:
         pytest.fail(f"control {self.control:#x}, status {self.state:#x}, speed {self.speed}")
 
     def sdo(self, index: int, data: bytes) -> None:
-        request = self.client.sdo_start(DRIVE, index, 0, data)
-        while self.client.poll(request) is None:
-            self.client.wait()
+        self.client.sdo_download(DRIVE, index, 0, data).result()
 
     def brake_slowly(self) -> None:
         """Quick stop and disable operation follow ramps, which take a second from `SPEED`."""
@@ -87,7 +85,7 @@ class Drive:
 
     def run(self) -> None:
         """Takes the drive over and up to speed, in cyclic synchronous velocity mode."""
-        self.client.claim(DRIVE, self._lease)
+        self.claim = self.client.claim(DRIVE, self._lease)
         self.put(0x6060, 9)
         self.put(0x60FF, SPEED)
         self.put(0x6072, 1000)
@@ -112,7 +110,7 @@ class Drive:
         """State, reason and cycle of an output, as they are published."""
         data = (shm.FOLDER / f"ecat.{self.daemon.bus}").read_bytes()
         header = shm.struct("ecat_shm_header").from_buffer_copy(data)
-        number = self.client.bind(DRIVE, index)
+        number = self.client.signal(DRIVE, index).number
         size = ctypes.sizeof(shm.struct("ecat_shm_output"))
         row = shm.struct("ecat_shm_output").from_buffer_copy(
             data, header.outputs_offset + number * size
@@ -137,7 +135,7 @@ def test_without_a_rule_the_motor_runs_on(start_daemon: Callable[..., Daemon]) -
     with Drive(start_daemon("troll")) as drive:
         drive.brake_slowly()
         drive.run()
-        drive.client.release(DRIVE)
+        drive.claim.release()
         assert drive.until_off()[1] > SPEED / 2
 
 
@@ -146,7 +144,7 @@ def test_a_released_drive_is_braked_before_it_loses_its_power(braking: Daemon) -
         assert drive.output(0x6072)[:2] == (shm.Outputs.SAFE, shm.Reason.START)
         drive.run()
         assert drive.output()[:2] == (shm.Outputs.ACTIVE, shm.Reason.START)
-        drive.client.release(DRIVE)
+        drive.claim.release()
         drive.until(lambda: drive.state == QUICK_STOP)
         assert drive.output()[:2] == (shm.Outputs.STOPPING, shm.Reason.RELEASED)
         # What moves it is zero, what shapes its stop is as it was.
@@ -157,7 +155,7 @@ def test_a_released_drive_is_braked_before_it_loses_its_power(braking: Daemon) -
         drive.until(lambda: drive.control == 0)
         drive.until(lambda: drive.output()[:2] == (shm.Outputs.SAFE, shm.Reason.RELEASED))
         drive.run()  # and a new owner goes on
-        drive.client.release(DRIVE)
+        drive.claim.release()
         drive.until_off()
     wait_for(lambda: braking.log.count("has stopped") >= 2, braking)
 
@@ -176,21 +174,21 @@ def test_a_new_owner_takes_over_while_the_drive_is_stopped(braking: Daemon) -> N
         owner.run()
         owner.client.close()
         heir.until(lambda: heir.state == QUICK_STOP)
-        heir.client.claim(DRIVE, 0.5)
+        claim = heir.client.claim(DRIVE, 30.0)
         heir.until(lambda: heir.output()[0] == shm.Outputs.CLAIMED)
         assert (heir.control, heir.state) == (0x0002, QUICK_STOP)  # a claim alone ends nothing
         heir.put(0x6040, 0)
         heir.until(lambda: heir.output()[0] == shm.Outputs.ACTIVE, commit=True)
         heir.until(lambda: heir.control == 0 and heir.state == DISABLED, commit=True)
         assert heir.speed > SPEED / 50  # the owner wanted it so
-        heir.client.release(DRIVE)
+        claim.release()
 
 
 def test_a_stop_goes_on_under_an_owner_that_writes_nothing(braking: Daemon) -> None:
     with Drive(braking) as owner, Drive(braking) as heir:
         owner.run()
         owner.client.close()
-        heir.client.claim(DRIVE, 0.5)
+        heir.client.claim(DRIVE, 30.0)
         words, speed = heir.until_off()
         assert words - {15} == {0x0002}
         assert speed < SPEED / 50
@@ -202,7 +200,7 @@ def test_disable_operation_brakes_too(start_daemon: Callable[..., Daemon]) -> No
     with Drive(start_daemon("troll", config=stop_rule("disable"))) as drive:
         drive.brake_slowly()
         drive.run()
-        drive.client.release(DRIVE)
+        drive.claim.release()
         words, speed = drive.until_off()
         assert words - {15} == {0x0007}
         assert speed < SPEED / 50
@@ -215,7 +213,7 @@ def test_a_drive_that_stays_in_quick_stop_has_its_time(start_daemon: Callable[..
     with Drive(daemon) as drive:
         drive.sdo(0x605A, struct.pack("<h", 6))
         drive.run()
-        drive.client.release(DRIVE)
+        drive.claim.release()
         drive.until(lambda: drive.control == 0)
         drive.until(lambda: drive.output()[0] == shm.Outputs.SAFE)
     wait_for(lambda: "has not stopped" in daemon.log, daemon)
@@ -279,7 +277,7 @@ def test_without_a_limit_wrong_working_counters_change_nothing(
 ) -> None:
     daemon = start_daemon("troll")
     with Drive(daemon) as drive:
-        drive.client.claim(DRIVE, 0.5)
+        drive.client.claim(DRIVE, 30.0)
         drive.put(0x6060, 9)
         cut = break_link(daemon)
         wrong = shm.WkcState.INCOMPLETE
@@ -314,13 +312,13 @@ maximum = 30.0
 def test_declared_signals_reach_clients_and_hold(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll", config=BASE + RANGE)
     with daemon.client() as client:
-        speed = client.signal(client.bind(DRIVE, 0x60FF))
+        speed = client.signal(DRIVE, 0x60FF)
         assert (speed.name, speed.unit, speed.scale, speed.offset) == ("speed", "rpm", 0.1, 0.0)
         assert (speed.minimum, speed.maximum) == (-300, 300)
-        client.claim(DRIVE, 0.5)
-        client.write_physical(speed.number, 30.0)
+        client.claim(DRIVE, 30.0)
+        speed.value = 30.0
         with pytest.raises(UsageError, match=r"301 is out of range .* from -300 to 300"):
-            client.write(speed.number, 301)
+            speed.raw = 301
     text = daemon.ctl("pdos", "-p", "0").stdout
     assert "0x60FF:00  32 bit  INTEGER32   speed  [rpm = raw * 0.1, -30 to 30, safe 0]" in text
     (slave,) = daemon.ctl_json("pdos", "-p", "0")["slaves"]

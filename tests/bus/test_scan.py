@@ -105,13 +105,13 @@ def test_more_slaves_than_soem_has_room_for(start_daemon: Callable[..., Daemon])
     with daemon.client() as client:
         pairs = [(place, place + 1) for place in range(1, 259, 2) if (place + 1) % 32]
         for output, _ in pairs:
-            client.claim(output, lease=0.5)
-        outputs = [client.bind(slave, 0x7000, 1) for slave, _ in pairs]
-        inputs = [client.bind(slave, 0x6000, 1) for _, slave in pairs]
+            client.claim(output, lease=30)
+        outputs = [client.signal(slave, 0x7000, 1) for slave, _ in pairs]
+        inputs = [client.signal(slave, 0x6000, 1) for _, slave in pairs]
         wanted = [number % 3 == 0 for number in range(len(pairs))]
-        while [client.read(item) for item in inputs] != wanted:
+        while [item.raw for item in inputs] != wanted:
             for item, value in zip(outputs, wanted, strict=True):
-                client.write(item, value)
+                item.raw = value
             client.commit()
             client.wait()
             client.sample()

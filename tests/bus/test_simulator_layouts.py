@@ -47,22 +47,22 @@ def test_every_bit_arrives(layouts: Daemon) -> None:
     with layouts.client() as client:
         there, back = (entries(client, output=output) for output in (True, False))
         assert there == back
-        outputs = {key: client.bind(key[0], key[1] + 0x1000, key[2]) for key in there}
-        inputs = {key: client.bind(*key) for key in back}
+        outputs = {key: client.signal(key[0], key[1] + 0x1000, key[2]) for key in there}
+        inputs = {key: client.signal(*key) for key in back}
         for slave in range(4):
-            client.claim(slave, lease=2)
+            client.claim(slave, lease=30)
         for turn in range(TURNS):
             values = {key: dice.randrange(1 << bits) for key, bits in there.items()}
             if turn < 2:  # all of them, and none
                 values = {key: (1 << bits) - 1 if turn else 0 for key, bits in there.items()}
             for key, value in values.items():
-                client.write(outputs[key], value)
+                outputs[key].raw = value
             client.commit()
 
             def same() -> bool:
                 client.wait()
                 client.sample()
-                return {k: client.read(i) for k, i in inputs.items()} == values  # noqa: B023
+                return {k: i.raw for k, i in inputs.items()} == values  # noqa: B023
 
             wait_for(same, layouts)
 

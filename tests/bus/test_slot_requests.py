@@ -15,7 +15,7 @@ from raw_slot import RawSlot
 from conftest import Daemon, run_module, wait_for
 from ecatd.client import Client
 from ecatd.model.al import AlState
-from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
@@ -30,26 +30,26 @@ def al_state(client: Client, position: int) -> int:
 def test_a_client_brings_a_slave_to_a_state(troll: Daemon) -> None:
     with troll.client() as client:
         for state in (AlState.PREOP, AlState.SAFEOP, AlState.OP):
-            assert client.state_request(EL2008, state).result() == b""
+            assert client.request_state(EL2008, state).result() == b""
             assert al_state(client, EL2008) == state
         # Down in one go, and up in steps.
-        client.state_request(DRIVE, AlState.INIT).result()
+        client.request_state(DRIVE, AlState.INIT).result()
         assert al_state(client, DRIVE) == AlState.INIT
-        client.state_request(DRIVE, AlState.OP).result()
+        client.request_state(DRIVE, AlState.OP).result()
         assert al_state(client, DRIVE) == AlState.OP
 
 
 def test_what_cannot_be_done_is_told_with_the_reason(troll: Daemon) -> None:
     with troll.client() as client:
         with pytest.raises(StateError, match=r"slave 3 \(EL2008\) has no object dictionary"):
-            client.sdo_read(EL2008, 0x1018)
+            client.sdo_upload(EL2008, 0x1018).result()
         with pytest.raises(SdoAbortError, match="does not exist") as caught:
-            client.sdo_read(DRIVE, 0x7777)
+            client.sdo_upload(DRIVE, 0x7777).result()
         assert caught.value.code == 0x06020000
         with pytest.raises(SdoAbortError) as caught:
-            client.sdo_write(DRIVE, 0x1018, 1, bytes(4))
+            client.sdo_download(DRIVE, 0x1018, 1, bytes(4)).result()
         assert caught.value.code == 0x06010002  # read only
-        assert client.sdo_read(DRIVE, 0x1018, 1) == b"\x9a\0\0\0"  # and it goes on
+        assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"  # and it goes on
 
 
 def test_the_state_machine_of_a_slave_may_refuse(start_daemon: Callable[..., Daemon]) -> None:
@@ -57,9 +57,9 @@ def test_the_state_machine_of_a_slave_may_refuse(start_daemon: Callable[..., Dae
     with daemon.client() as client:
         simulator(daemon, "power-off", str(LAST))
         with pytest.raises(StateError, match=r"slave 7 \(EL6751\) does not reach PREOP"):
-            client.state_request(LAST, AlState.PREOP).result()
+            client.request_state(LAST, AlState.PREOP).result()
         with pytest.raises(NoAnswerError, match=r"slave 7 \(EL6751\) does not answer: it is swit"):
-            client.sdo_read(LAST, 0x1018, 1)
+            client.sdo_upload(LAST, 0x1018, 1).result()
 
 
 def simulator(daemon: Daemon, *command: str) -> None:
@@ -71,9 +71,9 @@ ASKER = """
 import struct, sys, time
 from ecatd.client import Client
 client = Client(sys.argv[1])
-client.sdo_start(7, 0x1018, 1)  # waited for, for a while: it does not answer
+asked = [client.sdo_upload(7, 0x1018, 1)]  # waited for, for a while: it does not answer
 for n in range(3):
-    client.sdo_start(0, 0x6083, 0, struct.pack("<I", 4711 + n))
+    asked.append(client.sdo_download(0, 0x6083, 0, struct.pack("<I", 4711 + n)))
 client.wait(50)  # they are queued in the daemon by now
 print("asked", flush=True)
 if sys.argv[2] == "leave":
@@ -89,7 +89,7 @@ def test_what_a_dead_client_asked_for_is_dropped(
     daemon = start_daemon("troll")
     simulator(daemon, "mailbox", str(LAST), "stuck")
     with daemon.client() as client:
-        client.sdo_write(DRIVE, ACCELERATION, 0, struct.pack("<I", 1000))
+        client.sdo_download(DRIVE, ACCELERATION, 0, struct.pack("<I", 1000)).result()
         with subprocess.Popen(
             [sys.executable, "-c", ASKER, daemon.bus, end], stdout=subprocess.PIPE, text=True
         ) as asker:
@@ -98,7 +98,7 @@ def test_what_a_dead_client_asked_for_is_dropped(
             if end == "kill":
                 asker.send_signal(signal.SIGKILL)
             # These wait for the mailbox behind what has begun; then nothing of it is left.
-            values = [client.sdo_read(DRIVE, ACCELERATION, timeout=60) for _ in range(10)]
+            values = [client.sdo_upload(DRIVE, ACCELERATION).result(60) for _ in range(10)]
             asker.kill()
     assert {struct.unpack("<I", value)[0] for value in values} == {1000}
 
@@ -107,17 +107,17 @@ def test_what_was_taken_back_is_dropped(start_daemon: Callable[..., Daemon]) -> 
     daemon = start_daemon("troll")
     simulator(daemon, "mailbox", str(LAST), "stuck")
     with daemon.client() as client:
-        client.sdo_write(DRIVE, ACCELERATION, 0, struct.pack("<I", 1000))
+        client.sdo_download(DRIVE, ACCELERATION, 0, struct.pack("<I", 1000)).result()
         blocked = client.sdo_upload(LAST, 0x1018, 1)
-        handle = client.sdo_start(DRIVE, ACCELERATION, 0, struct.pack("<I", 4711))
+        unwanted = client.sdo_download(DRIVE, ACCELERATION, 0, struct.pack("<I", 4711))
         other = client.sdo_upload(DRIVE, ACCELERATION)
         client.wait(50)  # they are queued in the daemon by now
-        client.cancel(handle)
-        with pytest.raises(UsageError, match="is no running request"):
-            client.poll(handle)
+        unwanted.cancel()
+        with pytest.raises(StateError, match="was cancelled"):
+            unwanted.poll()
         assert other.result(60) == struct.pack("<I", 1000)
         # Its place is free, and answers of others do not come into it.
-        assert client.sdo_read(DRIVE, ACCELERATION) == struct.pack("<I", 1000)
+        assert client.sdo_upload(DRIVE, ACCELERATION).result() == struct.pack("<I", 1000)
         with pytest.raises(NoAnswerError):
             blocked.result(60)
 
@@ -136,7 +136,7 @@ def test_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon
     daemon = start_daemon("troll")
     simulator(daemon, "emergency", str(DRIVE), "0x3220", "--register", "0x04")
     with daemon.client() as client:
-        assert client.sdo_read(DRIVE, 0x1018, 1) == b"\x9a\0\0\0"
+        assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
     told = "slave 0 (Gold EtherCAT GCON Drive) sent an emergency: error code 0x3220, error register"
     wait_for(lambda: told in daemon.log, daemon)
 
@@ -149,13 +149,13 @@ def test_a_slave_that_does_not_answer_holds_up_nobody_else(
     with daemon.client() as first, daemon.client() as second, daemon.client() as client:
         blocked = [one.sdo_upload(LAST, 0x1018, 1) for one in (first, second)]
         for _ in range(20):
-            assert client.sdo_read(DRIVE, 0x1018, 1) == b"\x9a\0\0\0"
+            assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
         assert [request.poll() for request in blocked] == [None, None]
         for request in blocked:
             with pytest.raises(NoAnswerError, match=r"^slave 7, 0x1018:01: the slave does not ans"):
                 request.result(60)
         simulator(daemon, "mailbox", str(LAST), "none")
-        assert client.sdo_read(LAST, 0x1018, 1) == b"\2\0\0\0"
+        assert client.sdo_upload(LAST, 0x1018, 1).result() == b"\2\0\0\0"
 
 
 @contextmanager
@@ -175,11 +175,11 @@ def test_random_requests_are_told_and_starve_nobody(troll: Daemon) -> None:
     before = len(troll.log)
     with hostile(troll, raw, troll.bus) as (pid, program), troll.client() as client:
         for _ in range(50):
-            assert client.sdo_read(DRIVE, 0x1018, 1) == b"\x9a\0\0\0"
+            assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
         who = rf"slot \d+.* holds what no client library writes.*'{program}' \(pid {pid}\)"
         wait_for(lambda: re.search(who, troll.log[before:]) is not None, troll)
         for _ in range(50):
-            assert client.sdo_read(DRIVE, 0x1018, 2) == struct.pack("<I", 0x00030924)
+            assert client.sdo_upload(DRIVE, 0x1018, 2).result() == struct.pack("<I", 0x00030924)
         assert troll.ctl("sdo-read", "0", "0x1018", "1").stdout.startswith("0x0000009A")
         assert [slave.al_state for slave in client.slaves()] == [AlState.OP] * 8
     lines = [line for line in troll.log[before:].splitlines() if "no client library" in line]
@@ -202,7 +202,7 @@ def test_clients_take_turns(troll: Daemon) -> None:
     flood = ("-c", FLOOD, troll.bus)
     with hostile(troll, *flood), hostile(troll, *flood), troll.client() as client:
         for _ in range(100):
-            assert client.sdo_read(DRIVE, 0x1018, 1) == b"\x9a\0\0\0"
+            assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
 
 
 def test_values_out_of_their_range_are_told_and_not_sent(
@@ -214,9 +214,9 @@ def test_values_out_of_their_range_are_told_and_not_sent(
     )
     daemon = start_daemon("troll", config=f"[gateway]\nlisten = []\n{declared}")
     with daemon.client() as client, daemon.client() as reader:
-        torque = client.bind(DRIVE, 0x6071)
-        client.claim(DRIVE, 0.5)
-        client.write(torque, 150)
+        torque = client.signal(DRIVE, 0x6071)
+        client.claim(DRIVE, 30.0)
+        torque.raw = 150
         client.commit()
         raw = RawSlot(daemon.bus)
         byte = client.signal(torque).bit_offset // 8  # there is one domain
@@ -226,8 +226,8 @@ def test_values_out_of_their_range_are_told_and_not_sent(
                 client.wait()
                 client.sample()  # keeps the lease
                 reader.sample()
-                assert -200 <= reader.read(torque) <= 200
-        assert reader.read(torque) == 200
+                assert -200 <= torque.raw <= 200
+        assert torque.raw == 200
         wait_for(lambda: "out of its declared range" in daemon.log, daemon)
     assert re.search(
         r"'\S+' \(pid \d+\) wrote 0x6071:00 \(torque\) of slave 0 \(.*\) out of its declared "

@@ -27,7 +27,7 @@ int main(int argc, char **argv) {
   position = ecat_find(bus, 2, 0x07D83052, 0);
   output = ecat_bind(bus, position, 0x7000, 1, ECAT_OUTPUT);
   input = ecat_bind(bus, ecat_find(bus, 2, 0x03FA3052, 0), 0x6000, 1, ECAT_INPUT);
-  if (output < 0 || input < 0 || ecat_claim(bus, position, 0.5) != 0) return 4;
+  if (output < 0 || input < 0 || ecat_claim(bus, position, 30.0) != 0) return 4;
   if (ecat_write(bus, output, 2) != ECAT_ERANGE) return 5;
   if (ecat_write(bus, output, 1) != 0 || ecat_commit(bus) != 0) return 6;
   for (i = 0; i < 3000 && value != 1; i++)
@@ -133,7 +133,7 @@ int main(int argc, char **argv) {
   double value;
   int i, output, code = 0;
   (void)argc;
-  if (ecat_open(&bus, argv[1]) != 0 || ecat_claim(bus, 3, 0.5) != 0) return 1;
+  if (ecat_open(&bus, argv[1]) != 0 || ecat_claim(bus, 3, 30.0) != 0) return 1;
   output = ecat_bind(bus, 3, 0x7000, 1, ECAT_OUTPUT);
   ecat_sample(bus);
   getppid();

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from signal import ITIMER_REAL, SIGALRM, SIGINT, setitimer
 from signal import signal as on_signal
 
@@ -26,6 +27,7 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.shm import Errno
+from handle import Handle
 
 SHAPES = [
     ("bit", DataType.BOOLEAN, 1),
@@ -84,29 +86,36 @@ def shared(memory: SharedMemory, bus: Bus) -> Iterator[Client]:
         yield client
 
 
+@pytest.fixture(scope="module")
+def handle(memory: SharedMemory, bus: Bus) -> Iterator[Handle]:
+    with Handle(bus.name) as made:
+        yield made
+
+
 def image_bytes(client: Client) -> int:
     return max(s.bit_offset + s.bit_length for s in client.signals()) // 8 + 1
 
 
 @given(data=st.data())
 def test_objects_read_what_the_c_client_reads(
-    memory: SharedMemory, shared: Client, data: st.DataObject
+    memory: SharedMemory, shared: Client, handle: Handle, data: st.DataObject
 ) -> None:
     size = image_bytes(shared)
     put_image(memory, data.draw(st.binary(min_size=size, max_size=size)))
     shared.sample()
+    handle.sample()
     signals = shared.signals()
     assert len(signals) == 2 * (len(SHAPES) - 1)
     for signal in signals:
         raw = signal.raw
         assert isinstance(raw, float if signal.real else int), signal
         if signal.real:
-            assert same(raw, shared.read(signal.number)), signal
+            assert same(raw, handle.value(signal.number)), signal
         else:
             wrapped = ctypes.c_int64(raw).value
-            assert wrapped == shared.read_int(signal.number), signal
+            assert wrapped == handle.integer(signal.number), signal
             assert raw >= 0 or signal.signed
-        assert same(signal.value, shared.read_physical(signal.number)), signal
+        assert same(signal.value, handle.physical(signal.number)), signal
     several = shared.group(signals[::-1])
     assert all(map(same, several.raw, [signal.raw for signal in signals[::-1]]))
     assert all(map(same, several.values, [signal.value for signal in signals[::-1]]))
@@ -234,7 +243,7 @@ def interrupted(seconds: float) -> Iterator[None]:
 
 def test_a_wait_that_is_interrupted_beyond_its_end(bus: Bus, memory: SharedMemory) -> None:
     with Client(bus.name) as client:
-        for wait in (client.wait, lambda n, timeout: client.wait_domain(0, n, timeout)):
+        for wait in (client.wait, partial(client.wait, domain=0)):
             with interrupted(0.4), pytest.raises(NoAnswerError, match=r"within 0\.3 s"):
                 wait(1 << 30, timeout=0.3)
 

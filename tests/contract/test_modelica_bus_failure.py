@@ -239,9 +239,9 @@ def test_lost_outputs_are_an_error_by_default(model: Start, troll: Daemon) -> No
 def pause(daemon: Daemon) -> None:
     """Until the outputs of the model, which takes no samples meanwhile, are safe."""
     with daemon.client() as client:
-        wired = client.bind(DIGITAL_INPUTS, 0x6000, 1)
+        wired = client.signal(DIGITAL_INPUTS, 0x6000, 1)
         client.sample()
-        while client.read(wired):
+        while wired.raw:
             client.wait(1)
             client.sample()
 
@@ -291,7 +291,7 @@ def test_a_bus_that_comes_back_with_more_slaves_is_used(
 @pytest.mark.parametrize("failed", [ERROR, WAIT, CONTINUE])
 def test_outputs_of_somebody_else_are_an_error(model: Start, troll: Daemon, failed: int) -> None:
     with troll.client() as owner:
-        owner.claim(DRIVE, lease=0.5)  # the first one that the model writes
+        owner.claim(DRIVE, lease=30)  # the first one that the model writes
         running = model(troll.bus, ERROR, failed).opened()
         running.send(1)
         running.send(1)

@@ -321,8 +321,8 @@ def test_a_model_that_dies_leaves_the_drive_without_power(play: Play, drives: Da
     player.enable()
     player.run(0.2)
     with drives.client() as client:
-        status = client.bind(ELMO, 0x6041)
+        status = client.signal(ELMO, 0x6041)
         client.wait(1000, timeout=30)  # the model takes no more samples
         client.sample()
-        assert int(client.read(status)) & 0x4F == 0x40
+        assert int(status.raw) & 0x4F == 0x40
     player.__exit__()

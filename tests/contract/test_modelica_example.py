@@ -60,9 +60,9 @@ def read(file: Path) -> list[dict[str, float]]:
 def wait_until_it_rests(troll: Daemon) -> None:
     """Waits until the motor has run out after the test before."""
     with troll.client() as client:
-        velocity = client.bind(DRIVE, 0x606C)
+        velocity = client.signal(DRIVE, 0x606C)
         client.sample()
-        while client.read(velocity) != 0:
+        while velocity.raw != 0:
             client.wait()
             client.sample()
 
@@ -71,11 +71,11 @@ def wait_until_it_moves(troll: Daemon) -> None:
     """Waits until a program that was just started moves the drive."""
     limit = time.monotonic() + 10
     with troll.client() as client:
-        velocity = client.bind(DRIVE, 0x606C)
+        velocity = client.signal(DRIVE, 0x606C)
         while True:
             client.wait()
             client.sample()
-            if client.slaves()[DRIVE].outputs == Outputs.ACTIVE and client.read(velocity) > 100_000:
+            if client.slaves()[DRIVE].outputs == Outputs.ACTIVE and velocity.raw > 100_000:
                 return
             assert time.monotonic() < limit, "the drive does not move"
 

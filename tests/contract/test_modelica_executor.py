@@ -245,10 +245,10 @@ class Witness:
 
     def _watch(self, daemon: Daemon, reads: Sequence[Connector]) -> None:
         with daemon.client() as client:
-            signals = [client.bind(c.slave, c.entry.index, c.entry.subindex, 0) for c in reads]
+            signals = [client.signal(c.slave, c.entry.index, c.entry.subindex, 0) for c in reads]
             while not self._over.is_set():
                 client.sample()
-                values = [client.read(signal) for signal in signals]
+                values = [signal.raw for signal in signals]
                 self.seen[client.domain(0).cycle] = values
 
 

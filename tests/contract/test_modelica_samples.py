@@ -133,10 +133,10 @@ def test_outputs_of_all_slaves_leave_together(
 
     def watch() -> None:
         with daemon.client() as client:
-            outputs = [client.bind(slave, OWNED, FIRST, 1) for slave in (0, 1)]
+            outputs = [client.signal(slave, OWNED, FIRST, 1) for slave in (0, 1)]
             while not over.is_set():
                 client.sample()
-                first, second = (client.read(output) for output in outputs)
+                first, second = (output.raw for output in outputs)
                 seen.add((first, second))
 
     watcher = threading.Thread(target=watch)

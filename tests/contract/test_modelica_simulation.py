@@ -164,13 +164,13 @@ def test_all_slaves(omc: OpenModelica, troll: Daemon) -> None:
 def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, troll: Daemon) -> None:
     process = start(omc.build("EtherCAT.Examples.DigitalIO"), 60, bus=troll.bus)
     with troll.client() as client:
-        output = client.bind(DIGITAL_OUTPUTS, 0x7000, 1)
+        output = client.signal(DIGITAL_OUTPUTS, 0x7000, 1)
 
         def is_on() -> bool:
             client.wait()
             client.sample()
             active = client.slaves()[DIGITAL_OUTPUTS].outputs == Outputs.ACTIVE
-            return active and client.read(output) == 1
+            return active and output.raw == 1
 
         until(is_on, process)
         process.send_signal(signal.SIGKILL)
@@ -181,7 +181,7 @@ def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, trol
             cycles += 1
             assert cycles < 5000, "the outputs are not safe"
         client.sample()
-        assert client.read(output) == 0
+        assert output.raw == 0
         assert client.output(f"{DIGITAL_OUTPUTS}/0x7000:01").reason in (
             Reason.LAPSED,
             Reason.GONE,

@@ -13,8 +13,9 @@ from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
+from ecatd.model.errors import NoAnswerError, StateError, UnreachableError
 from ecatd.model.pdo import Entry, Pdo
+from handle import ERANGE, Handle
 
 pytestmark = pytest.mark.unprivileged
 
@@ -93,29 +94,29 @@ def test_values_of_all_shapes_are_read(shared: SharedMemory) -> None:
         "<HHQqfd", 0, word, (1 << 64) - 1, -(1 << 63), 1.5, -2.25
     )  # two bytes of outputs come first
     put_image(shared, image)
-    with Client(name_of(shared)) as client:
+    with Handle(name_of(shared)) as client:
         client.sample()
-        values = [client.read(n) for n in range(6)]
+        values = [client.value(n) for n in range(6)]
         assert values[:2] == [1.0, odd]
         assert values[2:] == [float(1 << 64), float(-(1 << 63)), 1.5, -2.25]
-        assert client.read_int(2) == -1  # all 64 bits
-        assert client.read_int(3) == -(1 << 63)
-        assert client.read_physical(4) == 1.75
+        assert client.integer(2) == -1  # all 64 bits
+        assert client.integer(3) == -(1 << 63)
+        assert client.physical(4) == 1.75
 
 
 def test_a_real_entry_is_rounded_to_an_integer_as_it_is_written(shared: SharedMemory) -> None:
     import struct
 
-    with Client(name_of(shared)) as client:
+    with Handle(name_of(shared)) as client:
         for number, whole in ((2.5, 2), (3.5, 4), (-0.5, 0), (-1.5, -2), (-2.6, -3), (7.0, 7)):
             put_image(shared, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
             client.sample()
-            assert [client.read_int(n) for n in (4, 5)] == [whole, whole]
+            assert [client.integer(n) for n in (4, 5)] == [whole, whole]
         for number in (float("nan"), float("inf"), 2.0**63):
             put_image(shared, struct.pack("<HHQqfd", 0, 0, 0, 0, number, number))
             client.sample()
-            with pytest.raises(UsageError, match="is no 64-bit integer"):
-                client.read_int(5)
+            assert client.read_int(5, ctypes.byref(ctypes.c_int64())) == ERANGE
+            assert "is no 64-bit integer" in client.error
 
 
 @pytest.mark.parametrize(
@@ -258,9 +259,9 @@ def test_turns_of_a_domain_are_counted_on_its_grid(
         if due > exchanged:
             page.cycle = due - 1
             with pytest.raises(NoAnswerError):
-                client.wait_domain(0, turns, timeout=0)
+                client.wait(turns, timeout=0, domain=0)
         page.cycle = due
-        client.wait_domain(0, turns, timeout=0)
+        client.wait(turns, timeout=0, domain=0)
 
 
 def test_the_cycle_that_stands_still_is_told(shared: SharedMemory) -> None:

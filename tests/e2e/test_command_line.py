@@ -156,7 +156,7 @@ def test_slaves_without_a_name_are_shown_as_such(start_daemon: Callable[..., Dae
     for command in ("slaves", "state"):
         assert daemon.ctl(command).stdout.splitlines()[3].count(" (no name) ") == 1
     with daemon.client() as client, pytest.raises(StateError, match=r"slave 2 \(no name\) of bus"):
-        client.bind(2, 0x1234)
+        client.signal(2, 0x1234)
 
 
 @pytest.mark.parametrize("module", ["ecatd.service", "ecatd.cli"])

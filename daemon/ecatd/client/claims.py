@@ -6,17 +6,92 @@ already, the claim that was first goes on holding it: each gives back only what 
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterable
 from contextlib import suppress
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-from ecatd.model.errors import UnreachableError, UsageError
+from ecatd import shm
+from ecatd.model.errors import UnreachableError
 
+from .connection import Connection, text_of
+from .info import OutputInfo
 from .signals import Signal
+from .structs import QUICK, WAITING, OutputStruct
 
-if TYPE_CHECKING:
-    from .client import Client
+
+class Claims:
+    """What one client owns, and by which claim.
+
+    Attributes:
+        holders: The numbers of the outputs that this client has claimed, and the claim of each.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        # A mark stands for a claim: the client must not keep a claim that nobody else refers to.
+        self.holders: dict[int, object] = {}
+
+    def output(self, signal: Signal) -> OutputInfo:
+        """Who decides an output now, and since when.
+
+        Raises:
+            UsageError: It is an input.
+        """
+        raw = OutputStruct()
+        connection = self._connection
+        connection.check(QUICK.ecat_output(connection.address, signal.number, ctypes.byref(raw)))
+        return OutputInfo(
+            signal,
+            raw.owner if raw.owner >= 0 else None,
+            bool(raw.owned),
+            shm.Outputs(raw.state),
+            shm.Reason(raw.reason),
+            raw.since_cycle,
+            raw.age,
+            raw.pid,
+            text_of(raw.program),
+        )
+
+    def add(
+        self, mark: object, slave: int | None, outputs: tuple[Signal, ...], lease: float
+    ) -> None:
+        """Claims all outputs of a slave, or these; all at once, or none."""
+        connection = self._connection
+        instance = int(QUICK.ecat_instance(connection.address))
+        before = {s.number for s in outputs if s.output and self.output(s).owned}
+        if slave is not None:
+            connection.ask_engine(WAITING.ecat_claim, slave, lease)
+        else:
+            numbers = _array(signal.number for signal in outputs)
+            connection.ask_engine(
+                WAITING.ecat_claim_entries, ctypes.addressof(numbers), len(numbers), lease
+            )
+        if int(QUICK.ecat_instance(connection.address)) != instance:
+            before = set()  # of a daemon that is gone
+        new = (signal.number for signal in outputs if signal.number not in before)
+        self.holders.update(dict.fromkeys(new, mark))
+
+    def remove(self, mark: object) -> None:
+        """Gives back what a claim holds, all in the same cycle."""
+        mine = [number for number, holder in self.holders.items() if holder is mark]
+        for number in mine:
+            del self.holders[number]
+        numbers = _array(mine)
+        self._connection.ask_engine(
+            WAITING.ecat_release_entries, ctypes.addressof(numbers), len(numbers)
+        )
+
+    @property
+    def closed(self) -> bool:
+        """Whether the client was closed, which has given everything back."""
+        return self._connection.closed
+
+
+def _array(numbers: Iterable[int]) -> ctypes.Array[ctypes.c_int]:
+    listed = list(numbers)
+    return (ctypes.c_int * len(listed))(*listed)
 
 
 class Claim:
@@ -32,34 +107,17 @@ class Claim:
     """
 
     def __init__(
-        self, client: Client, what: int | str | Signal | Iterable[str | Signal], lease: float
+        self, claims: Claims, slave: int | None, outputs: tuple[Signal, ...], lease: float
     ) -> None:
-        self._client = client
-        self._mark = object()  # stands for this claim; the client must not hold the claim itself
+        self._claims = claims
+        self._mark = object()
+        self.outputs = outputs
         self.lease = lease
-        self.outputs = _outputs(client, what)
-        instance = client.instance
-        before = {s.number for s in self.outputs if s.output and client.output(s).owned}
-        if isinstance(what, int):
-            client.claim_slave(what, lease)
-        else:
-            client.claim_entries(self._numbers, lease)
-        if client.instance != instance:
-            before = set()  # of a daemon that is gone
-        new = (number for number in self._numbers if number not in before)
-        client._holders.update(dict.fromkeys(new, self._mark))
-
-    @property
-    def _numbers(self) -> list[int]:
-        return [signal.number for signal in self.outputs]
+        claims.add(self._mark, slave, outputs, lease)
 
     def release(self) -> None:
         """Gives the outputs back; they go to their safe values."""
-        client = self._client
-        mine = [n for n in self._numbers if client._holders.get(n) is self._mark]
-        for number in mine:
-            del client._holders[number]
-        client.release_entries(mine)
+        self._claims.remove(self._mark)
 
     def __enter__(self) -> Self:
         return self
@@ -70,25 +128,7 @@ class Claim:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._client.closed:
-            return  # which has released everything
+        if self._claims.closed:
+            return
         with suppress(UnreachableError):  # no daemon, no claims
             self.release()
-
-
-def _outputs(
-    client: Client, what: int | str | Signal | Iterable[str | Signal]
-) -> tuple[Signal, ...]:
-    """What is to be claimed, each once.
-
-    Raises:
-        StateError: There is no such entry.
-        UsageError: It is nothing.
-    """
-    if isinstance(what, int):
-        return tuple(signal for signal in client.signals(what) if signal.output)
-    entries = (what,) if isinstance(what, (str, Signal)) else tuple(what)
-    if not entries:
-        raise UsageError("there is nothing to claim: the list of outputs is empty")
-    found = (client.signal(entry) if isinstance(entry, str) else entry for entry in entries)
-    return tuple(dict.fromkeys(found))

@@ -5,23 +5,22 @@ from __future__ import annotations
 import ctypes
 from collections import defaultdict
 from collections.abc import AsyncIterator, Iterable
-from contextlib import suppress
-from typing import TYPE_CHECKING, overload
+from types import TracebackType
+from typing import TYPE_CHECKING, Self, overload
 from weakref import WeakSet
 
 from ecatd import shm
 from ecatd.model.al import AlState
-from ecatd.model.errors import EcatError, UnreachableError
+from ecatd.model.errors import UnreachableError, UsageError
 from ecatd.shm import Direction
 
-from .claims import Claim
-from .connection import PADDING, text_of
+from .claims import Claim, Claims
+from .connection import PADDING, Connection, text_of
 from .group import SignalGroup
-from .handle import Handle
-from .info import OutputInfo, Owner
-from .requests import Request
+from .info import DomainInfo, OutputInfo, Owner, SlaveInfo
+from .requests import Request, Requests
 from .signals import Signal, make
-from .structs import QUICK, OutputStruct
+from .structs import QUICK, WAITING, DomainStruct, SlaveStruct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,8 +32,8 @@ _LOOK = 0.02
 """Seconds between two looks for a daemon that has gone, in asyncio."""
 
 
-class Client(Handle):
-    """A connection to one bus.
+class Client:
+    """A client of one bus.
 
     ```python
     with Client("ecat0") as bus:
@@ -62,20 +61,19 @@ class Client(Handle):
     """
 
     def __init__(self, bus: str = "ecat0") -> None:
-        super().__init__(bus)
-        self._images = self._find_images()
+        self._connection = Connection(bus, self._renew)
+        self._claims = Claims(self._connection)
+        self._requests = Requests(self._connection)
         self._signals: dict[int, Signal] = {}
         self._groups: WeakSet[SignalGroup] = WeakSet()
-        self._abandoned: list[int] = []
         self._waiter: CycleWaiter | None = None
         self._seen = 0  # last cycle that asyncio waited for
-        self._holders: dict[int, object] = {}  # outputs, and the claim that holds each of them
         self._of_slaves: dict[int, list[int]] = {}  # the entries of each; they never change
 
     @property
     def closed(self) -> bool:
         """Whether `close` was called."""
-        return self._memory is None
+        return self._connection.closed
 
     def close(self) -> None:
         """Releases all claims and forgets the bus; who still waits in asyncio gets an error.
@@ -85,28 +83,89 @@ class Client(Handle):
         Raises:
             UsageError: Another thread waits with this client.
         """
-        super().close()
+        self._connection.close()
         if self._waiter is not None:
             self._waiter.close()
         for signal in self._signals.values():
-            signal._detach()
+            signal.detach()
         for group in self._groups:
-            group._detach()
-        self._images = []
+            group.detach()
 
-    def _find_images(self) -> list[memoryview]:
-        count = QUICK.ecat_domain_count(self._address)
-        return [self._image(domain) for domain in range(count)]
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
     def _renew(self) -> None:
-        self._images = self._find_images()
-        self._holders.clear()
+        """The daemon was started again."""
+        self._claims.holders.clear()
         self._seen = 0
-        for number, signal in self._signals.items():
-            info = self._signal_struct(number)
-            signal._place(info, self._images[info.domain])
+        for signal in self._signals.values():
+            signal.describe()
         for group in self._groups:
-            group._prepare()
+            group.prepare()
+
+    # --- the bus ----------------------------------------------------------------------------------
+
+    @property
+    def name(self) -> str:
+        """Name of the bus."""
+        return self._connection.bus
+
+    @property
+    def fingerprint(self) -> int:
+        """64 bits that differ when the bus is another one."""
+        return int(QUICK.ecat_fingerprint(self._connection.address))
+
+    @property
+    def instance(self) -> int:
+        """64 bits that differ after each start of the daemon."""
+        return int(QUICK.ecat_instance(self._connection.address))
+
+    @property
+    def cycle_time(self) -> float:
+        """Base cycle in seconds."""
+        return float(QUICK.ecat_cycle_time(self._connection.address))
+
+    @property
+    def cycle(self) -> int:
+        """Number of the last finished cycle."""
+        return self._connection.cycle
+
+    def slaves(self) -> list[SlaveInfo]:
+        """All slaves, with their present state."""
+        connection, raw = self._connection, SlaveStruct()
+        found = []
+        for position in range(QUICK.ecat_slave_count(connection.address)):
+            connection.check(QUICK.ecat_slave(connection.address, position, ctypes.byref(raw)))
+            found.append(
+                SlaveInfo(
+                    position,
+                    text_of(raw.name),
+                    raw.vendor,
+                    raw.product,
+                    raw.revision,
+                    raw.serial,
+                    raw.al_state,
+                    raw.al_code,
+                    raw.domain,
+                    bool(raw.has_outputs),
+                    shm.Outputs(raw.outputs),
+                    bool(raw.owned),
+                )
+            )
+        return found
+
+    def expect(self, position: int, vendor: int, product: int, revision: int = 0) -> None:
+        """Raises `StateError` unless the slave at `position` is this one (revision 0: any)."""
+        address = self._connection.address
+        self._connection.check(QUICK.ecat_expect(address, position, vendor, product, revision))
 
     # --- entries ----------------------------------------------------------------------------------
 
@@ -142,37 +201,104 @@ class Client(Handle):
         Raises:
             StateError: There is no such slave or entry, or the name is that of several.
         """
+        connection = self._connection
         if isinstance(what, str):
-            number = self.lookup(what, direction)
+            number = connection.lookup(what, direction)
         elif index is not None:
-            number = self.bind(what, index, subindex, direction)
+            number = connection.check(
+                QUICK.ecat_bind(connection.address, what, index, subindex, direction)
+            )
         else:
             number = what
         found = self._signals.get(number)
         if found is None:
-            info = self._signal_struct(number)
-            found = make(self, number, info, self._images[info.domain])
-            self._signals[number] = found
+            found = self._signals[number] = make(connection, number)
         return found
 
     def signals(self, slave: int | None = None) -> list[Signal]:
         """All entries of the process image, or of one slave: outputs first, then inputs."""
-        numbers: Iterable[int] = range(self._signal_count())
+        connection = self._connection
+        numbers: Iterable[int] = range(QUICK.ecat_signal_count(connection.address))
         if slave is not None:
             if not self._of_slaves:
                 for number in numbers:
-                    of_slave = self._signal_struct(number).slave
+                    of_slave = connection.signal(number).slave
                     self._of_slaves.setdefault(of_slave, []).append(number)
             numbers = self._of_slaves.get(slave, [])
         return [self.signal(number) for number in numbers]
 
     def group(self, signals: Iterable[str | Signal]) -> SignalGroup:
         """Entries that are read at once, for programs that read many in each cycle."""
-        made = SignalGroup(
-            self, tuple(self.signal(s) if isinstance(s, str) else s for s in signals)
-        )
+        made = SignalGroup(self._connection, tuple(self._entry(signal) for signal in signals))
         self._groups.add(made)
         return made
+
+    def _entry(self, what: str | Signal) -> Signal:
+        return self.signal(what) if isinstance(what, str) else what
+
+    # --- the image --------------------------------------------------------------------------------
+
+    def sample(self, domain: int | None = None) -> None:
+        """Takes one consistent image of every domain; all reads until the next call see it.
+
+        It is also the heartbeat that keeps the outputs which this client owns.
+
+        Args:
+            domain: Sample only this one; what was read of the others stays.
+
+        Raises:
+            UnreachableError: The daemon no longer delivers; the last values stay readable.
+            StateError: The daemon was started again, with another bus.
+            UsageError: There is no such domain.
+        """
+        connection = self._connection
+        if domain is None:
+            connection.check_live(QUICK.ecat_sample(connection.address))
+        else:
+            connection.check_live(QUICK.ecat_sample_domain(connection.address, domain))
+
+    def commit(self) -> None:
+        """Publishes all staged outputs at once; they go out with the next cycle.
+
+        Raises:
+            LeaseError: This client has lost its outputs; claim them again.
+        """
+        connection = self._connection
+        connection.check(QUICK.ecat_commit(connection.address))
+
+    def wait(self, cycles: int = 1, timeout: float = 1.0, domain: int | None = None) -> None:
+        """Waits for the end of so many more cycles than at the last sample or wait.
+
+        Args:
+            cycles: How many.
+            timeout: Seconds.
+            domain: Count the exchanges of this one instead of cycles.
+
+        Raises:
+            NoAnswerError: They did not come in time.
+            UnreachableError: The daemon has ended (told within 100 ms), or is not back in time.
+            UsageError: There is no such domain.
+        """
+        connection = self._connection
+        if domain is None:
+            connection.wait_cycles(cycles, timeout)
+        else:
+            connection.wait(WAITING.ecat_wait_domain, "exchange", timeout, domain, cycles)
+
+    def domain(self, number: int = 0) -> DomainInfo:
+        """What is known about the last sample of a domain."""
+        connection, raw = self._connection, DomainStruct()
+        connection.check(QUICK.ecat_domain(connection.address, number, ctypes.byref(raw)))
+        return DomainInfo(
+            text_of(raw.name),
+            raw.divider,
+            raw.cycle,
+            raw.time_ns,
+            raw.age,
+            raw.wkc,
+            raw.wkc_expected,
+            shm.WkcState(raw.wkc_state),
+        )
 
     def domain_array(self, number: int = 0) -> NDArray[np.void]:
         """The last sample of a domain as a structured array of numpy, without a copy.
@@ -187,14 +313,14 @@ class Client(Handle):
         """
         from .arrays import view
 
-        image = self._image(number)[:-PADDING]
+        image = self._connection.image(number)[:-PADDING]
         mine = [signal for signal in self.signals() if signal.domain == number]
         return view(mine, image)
 
     # --- outputs ----------------------------------------------------------------------------------
 
     def claim(self, what: int | str | Signal | Iterable[str | Signal], lease: float = 0.0) -> Claim:
-        """Makes this client the owner of outputs, until `release` or the end of a `with` block.
+        """Makes this client the owner of outputs until `Claim.release`, or the end of a `with`.
 
         They stay at their safe values until the first commit after they were written.
 
@@ -209,41 +335,20 @@ class Client(Handle):
                 and what this client owned before, it still owns.
             UsageError: One is an input, or there is nothing in a list.
         """
-        return Claim(self, what, lease)
-
-    def release(self, what: int | str | Signal | None = None) -> None:
-        """Gives outputs back, of a slave or one; None: everything. They go to their safe values."""
-        if what is None:
-            QUICK.ecat_release_all(self._address)
-            self._holders.clear()
-            return
         if isinstance(what, int):
-            self.release_slave(what)
-            given = [signal.number for signal in self.signals(what)]
-        else:
-            given = [what.number if isinstance(what, Signal) else self.lookup(what)]
-            self.release_entry(given[0])
-        for number in given:
-            self._holders.pop(number, None)
+            outputs = tuple(signal for signal in self.signals(what) if signal.output)
+            return Claim(self._claims, what, outputs, lease)
+        entries = (what,) if isinstance(what, (str, Signal)) else tuple(what)
+        if not entries:
+            raise UsageError("there is nothing to claim: the list of outputs is empty")
+        outputs = tuple(dict.fromkeys(self._entry(entry) for entry in entries))
+        return Claim(self._claims, None, outputs, lease)
 
     def output(self, what: str | Signal) -> OutputInfo:
         """Who decides an output now, and since when."""
-        signal = self.signal(what) if isinstance(what, str) else what
-        raw = OutputStruct()
-        self._check(QUICK.ecat_output(self._address, signal.number, ctypes.byref(raw)))
-        return OutputInfo(
-            signal,
-            raw.owner if raw.owner >= 0 else None,
-            bool(raw.owned),
-            shm.Outputs(raw.state),
-            shm.Reason(raw.reason),
-            raw.since_cycle,
-            raw.age,
-            raw.pid,
-            text_of(raw.program),
-        )
+        return self._claims.output(self._entry(what))
 
-    def claims(self) -> list[Owner]:
+    def owners(self) -> list[Owner]:
         """The clients that own outputs, and which."""
         owned: defaultdict[int, list[OutputInfo]] = defaultdict(list)
         for signal in self.signals():
@@ -284,9 +389,10 @@ class Client(Handle):
 
         from .cycles import CycleWaiter
 
+        connection = self._connection
         clock = asyncio.get_running_loop().time
         end = clock() + timeout
-        while self._unsure:
+        while connection.unsure:
             try:
                 self.sample()
             except UnreachableError:
@@ -302,11 +408,11 @@ class Client(Handle):
                 await asyncio.sleep(0)  # who is always late must not stop all others
             while now < target:
                 # Who owns outputs shows in each cycle that its event loop is alive.
-                step = now + 1 if self._holders else target
-                now = await self._waiter.wait(self._instance, step, end - clock())
+                step = now + 1 if self._claims.holders else target
+                now = await self._waiter.wait(connection.instance, step, end - clock())
                 self.sample()
         except UnreachableError:
-            self._unsure = True
+            connection.unsure = True
             raise
         self._seen = now
         return now
@@ -329,31 +435,12 @@ class Client(Handle):
         Raises:
             StateError: Four are running already.
         """
-        self._cancel_abandoned()
-        return Request(self, self.sdo_start(slave, index, subindex))
+        return self._requests.sdo(slave, index, subindex, None)
 
     def sdo_download(self, slave: int, index: int, subindex: int, data: bytes) -> Request:
         """Starts to write an object of up to 512 bytes; never waits."""
-        self._cancel_abandoned()
-        return Request(self, self.sdo_start(slave, index, subindex, data))
+        return self._requests.sdo(slave, index, subindex, data)
 
-    def state_request(self, slave: int, state: AlState) -> Request:
+    def request_state(self, slave: int, state: AlState) -> Request:
         """Starts to bring a slave to an AL state; never waits."""
-        self._cancel_abandoned()
-        return Request(self, self.state_start(slave, state))
-
-    def sdo_read(self, slave: int, index: int, subindex: int = 0, timeout: float = 10.0) -> bytes:
-        """Reads an object and waits for it, up to `timeout` seconds; see `Request.result`."""
-        return self.sdo_upload(slave, index, subindex).result(timeout)
-
-    def sdo_write(
-        self, slave: int, index: int, subindex: int, data: bytes, timeout: float = 10.0
-    ) -> None:
-        """Writes an object and waits for it, up to `timeout` seconds; see `Request.result`."""
-        self.sdo_download(slave, index, subindex, data).result(timeout)
-
-    def _cancel_abandoned(self) -> None:
-        """Frees the places of requests that nobody asks for any more."""
-        while self._abandoned:
-            with suppress(EcatError):
-                self.cancel(self._abandoned.pop())
+        return self._requests.state(slave, state)

@@ -1,4 +1,8 @@
-"""A connection to the shared memory of one bus: its life, and what all calls have in common."""
+"""A connection to the shared memory of one bus: its life, and what all calls have in common.
+
+The parts of a `Client` share one `Connection`. Only this module knows when the C client can be
+called, which error a code stands for, and that the daemon was started again.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,7 @@ import ctypes
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import TracebackType
-from typing import NoReturn, Self
+from typing import NoReturn
 
 from ecatd.model.errors import (
     EcatError,
@@ -19,9 +22,9 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.shm import Errno
+from ecatd.shm import Direction, Errno
 
-from .structs import QUICK, WAITING
+from .structs import QUICK, WAITING, SignalStruct
 
 _ERRORS: dict[int, type[EcatError]] = {
     Errno.EARG: UsageError,
@@ -75,6 +78,14 @@ class Connection:
 
     Args:
         bus: Name of the bus.
+        renewed: Called after the daemon was started again: places in the image and units may be
+            others.
+
+    Attributes:
+        bus: Name of the bus.
+        images: The last sample of each domain in place, with `PADDING` bytes behind it.
+        instance: 64 bits that differ after each start of the daemon, as last seen.
+        unsure: Whether a call has failed since `instance` was read: the daemon may be another one.
 
     Raises:
         UnreachableError: No daemon serves the bus.
@@ -82,107 +93,114 @@ class Connection:
         StateError: The daemon has another version.
     """
 
-    # Of the `ecat_t`. It is not there while a thread waits in a call, and after `close`, so that
-    # the calls of others fail without a test in each of them: see `__getattr__`.
-    _address: int
+    # The first argument of every function of `ecat.h`. It is not there while a thread waits in a
+    # call, and after `close`, so that the calls of others fail without a test in each of them: see
+    # `__getattr__`.
+    address: int
 
-    def __init__(self, bus: str = "ecat0") -> None:
-        self._name = bus
+    def __init__(self, bus: str, renewed: Callable[[], None] = lambda: None) -> None:
+        self.bus = bus
         self._memory: _Memory | None = None
         self._memory = _Memory(bus)
-        self._address = self._memory.address
+        self.address = self._memory.address
+        self._renewed = renewed
         self._gone = False  # the daemon was not there when it was last looked for
-        self._unsure = False  # the daemon may be another one than before
-        self._instance = int(QUICK.ecat_instance(self._address))
-
-    def close(self) -> None:
-        """Releases all claims and forgets the bus.
-
-        Raises:
-            UsageError: Another thread waits with this client.
-        """
-        if self._memory is not None:
-            QUICK.ecat_release_all(self._address)
-            del self._address
-            self._memory = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
+        self.unsure = False
+        self.instance = int(QUICK.ecat_instance(self.address))
+        self.images = self._find_images()
 
     @property
-    def name(self) -> str:
-        """Name of the bus."""
-        return self._name
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._memory is None
+
+    def close(self) -> None:
+        """Releases all outputs and forgets the bus.
+
+        Raises:
+            UsageError: Another thread waits with this connection.
+        """
+        if self._memory is not None:
+            QUICK.ecat_release_all(self.address)
+            del self.address
+            self._memory = None
+            self.images = []
 
     def __getattr__(self, name: str) -> NoReturn:
-        if name == "_address":
+        if name == "address":
             raise self._unusable()
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def _unusable(self) -> EcatError:
         if self._memory is None:
-            return StateError(f"this client of bus '{self._name}' is closed; make a new one")
+            return StateError(f"this client of bus '{self.bus}' is closed; make a new one")
         return UsageError(
-            f"another thread is waiting with this client of bus '{self._name}': "
+            f"another thread is waiting with this client of bus '{self.bus}': "
             f"a client belongs to one thread, so open one for each"
         )
 
-    def _fail(self, code: int) -> NoReturn:
-        """Raises what a code stands for."""
+    # --- calls of the C client --------------------------------------------------------------------
+
+    def fail(self, code: int) -> NoReturn:
+        """Raises the error that a code stands for."""
         assert self._memory is not None
         self._gone = code == Errno.EDOWN
-        self._unsure = True
+        self.unsure = True
         raise _error(self._memory.address, code)
 
-    def _check(self, code: int) -> int:
+    def check(self, code: int) -> int:
+        """The result of a call; raises the error that it stands for where it is negative."""
         if code < 0:
-            self._fail(code)
+            self.fail(code)
         return code
 
-    def _live(self, code: int) -> int:
+    def check_live(self, code: int) -> int:
         """Checks a call that needs the daemon, and that finds it again after a restart."""
         if code < 0:
-            self._fail(code)
-        if self._unsure:
-            self._gone = self._unsure = False
-            instance = int(QUICK.ecat_instance(self._address))
-            if instance != self._instance:
-                self._instance = instance
-                self._renew()
+            self.fail(code)
+        if self.unsure:
+            self._gone = self.unsure = False
+            instance = int(QUICK.ecat_instance(self.address))
+            if instance != self.instance:
+                self.instance = instance
+                self.images = self._find_images()
+                self._renewed()
         return code
-
-    def _renew(self) -> None:
-        """The daemon has been started again: places in the image and units may be others."""
 
     @contextmanager
     def _waiting(self) -> Iterator[int]:
         """Keeps other threads out while this one waits without the GIL."""
         taken = True
         try:  # from here on, since Ctrl-C may come at any place
-            address = vars(self).pop("_address", 0)
+            address = vars(self).pop("address", 0)
             if not address:
                 taken = False
                 raise self._unusable()
             yield address
         finally:
             if taken and self._memory is not None:
-                self._address = self._memory.address
+                self.address = self._memory.address
 
-    def _ring(self, function: Callable[..., int], *arguments: float) -> None:
-        """Changes claims; the engine answers at the end of a cycle."""
+    def ask_engine(self, function: Callable[..., int], *arguments: float) -> None:
+        """Changes who owns outputs; the engine answers at the end of a cycle."""
         with self._waiting() as address:
             code = function(address, *arguments)
-        self._live(code)
+        self.check_live(code)
 
-    def _wait(self, function: Callable[..., int], name: str, timeout: float, *what: int) -> None:
+    def wait(self, function: Callable[..., int], name: str, timeout: float, *what: int) -> None:
+        """Waits in a function of the C client whose last argument is a timeout.
+
+        Args:
+            function: Of `WAITING`.
+            name: What is waited for, for the message.
+            timeout: Seconds.
+            what: Arguments of the function, none negative.
+
+        Raises:
+            NoAnswerError: It did not come in time.
+            UnreachableError: The daemon has ended, or is not back in time.
+            UsageError: An argument is negative.
+        """
         if any(number < 0 for number in what):
             raise UsageError(f"{min(what)} is nothing to wait for")
         end = time.monotonic() + timeout
@@ -197,17 +215,49 @@ class Connection:
                     break
         if code == Errno.ETIMEOUT:
             raise NoAnswerError(
-                f"bus '{self._name}': the {name} that was waited for did not come within "
+                f"bus '{self.bus}': the {name} that was waited for did not come within "
                 f"{timeout:g} s"
             )
-        self._live(code)
+        self.check_live(code)
 
-    def _image(self, number: int) -> memoryview:
-        """The last sample of a domain in place, and padding; it keeps the connection alive."""
+    # --- what several parts of a client ask -------------------------------------------------------
+
+    @property
+    def cycle(self) -> int:
+        """Number of the last finished cycle."""
+        return int(QUICK.ecat_cycle(self.address))
+
+    def wait_cycles(self, cycles: int, timeout: float) -> None:
+        """Waits for the end of so many more cycles than at the last sample or wait; see `wait`."""
+        self.wait(WAITING.ecat_wait, "cycle", timeout, cycles)
+
+    def signal(self, number: int) -> SignalStruct:
+        """What the daemon says about an entry.
+
+        Raises:
+            UsageError: There is none of this number.
+        """
+        raw = SignalStruct()
+        self.check(QUICK.ecat_signal(self.address, number, ctypes.byref(raw)))
+        return raw
+
+    def lookup(self, name: str, direction: int = Direction.ANY) -> int:
+        """The number of an entry by name: "slave/entry"; raises `StateError` without one."""
+        return self.check(QUICK.ecat_lookup(self.address, name.encode(), direction))
+
+    def image(self, domain: int) -> memoryview:
+        """The last sample of a domain in place, and padding; it keeps the memory alive.
+
+        Raises:
+            UsageError: There is no such domain.
+        """
         size = ctypes.c_size_t()
-        address = QUICK.ecat_image(self._address, number, ctypes.byref(size))
+        address = QUICK.ecat_image(self.address, domain, ctypes.byref(size))
         if not address:
-            self._fail(Errno.EARG)
+            self.fail(Errno.EARG)
         data = (ctypes.c_char * (size.value + PADDING)).from_address(address)
         data.memory = self._memory  # type: ignore[attr-defined]
         return memoryview(data).cast("B").toreadonly()
+
+    def _find_images(self) -> list[memoryview]:
+        return [self.image(domain) for domain in range(QUICK.ecat_domain_count(self.address))]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from ecatd.model.errors import EcatError, NoAnswerError, StateError, UnreachableError
 
-from .handle import Handle
+from .connection import Connection
 
 _IDLE = 1.0
 """Seconds without anybody who waits after which the thread ends."""
@@ -108,24 +108,24 @@ class CycleWaiter:
             self._changed.notify()
 
     def _run(self) -> None:
-        handle: Handle | None = None
+        connection: Connection | None = None
         while self._wanted():
             try:
-                handle = handle or Handle(self._bus)
-                handle.wait(1, _SLICE)
+                connection = connection or Connection(self._bus)
+                connection.wait_cycles(1, _SLICE)
             except NoAnswerError:
                 continue
             except EcatError as error:
-                self._failed(error, handle)
-                if handle is None:
+                self._failed(error, connection)
+                if connection is None:
                     time.sleep(_SLICE)
                 else:
-                    handle.close()
-                    handle = None
+                    connection.close()
+                    connection = None
             else:
-                self._ended(handle)
-        if handle is not None:
-            handle.close()
+                self._ended(connection)
+        if connection is not None:
+            connection.close()
 
     def _wanted(self) -> bool:
         """Whether somebody waits; sleeps until then. When it is False, the thread must end."""
@@ -138,9 +138,9 @@ class CycleWaiter:
             self._tell_closed()
             return False
 
-    def _ended(self, handle: Handle) -> None:
+    def _ended(self, connection: Connection) -> None:
         """A cycle has ended."""
-        cycle, instance = handle.cycle, handle.instance
+        cycle, instance = connection.cycle, connection.instance
         restarted = UnreachableError(f"the daemon of bus '{self._bus}' was started again")
         with self._changed:
             for waiter in self._waiters:
@@ -152,9 +152,9 @@ class CycleWaiter:
                 w for w in self._waiters if w.instance == instance and cycle < w.target
             ]
 
-    def _failed(self, error: EcatError, handle: Handle | None) -> None:
-        """The daemon is gone, or this handle had not yet noticed that it was started again."""
-        instance = handle.instance if handle is not None else None
+    def _failed(self, error: EcatError, connection: Connection | None) -> None:
+        """The daemon is gone, or this connection had not yet noticed that it was started again."""
+        instance = connection.instance if connection is not None else None
         with self._changed:
             for waiter in self._waiters:
                 if instance in (None, waiter.instance):

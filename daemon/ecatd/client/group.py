@@ -5,12 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .connection import Connection
 from .signals import Signal, letter
-
-if TYPE_CHECKING:
-    from .client import Client
 
 
 class SignalGroup:
@@ -22,12 +20,13 @@ class SignalGroup:
         signals: The entries, in the order of the values.
     """
 
-    def __init__(self, client: Client, signals: tuple[Signal, ...]) -> None:
+    def __init__(self, connection: Connection, signals: tuple[Signal, ...]) -> None:
         self.signals = signals
-        self._client = client
-        self._prepare()
+        self._connection = connection
+        self.prepare()
 
-    def _prepare(self) -> None:
+    def prepare(self) -> None:
+        """Finds the entries in the images: at first, and after the daemon was started again."""
         self._parts: list[tuple[Callable[[memoryview], tuple[Any, ...]], memoryview]] = []
         places: dict[int, int] = {}  # where in the words the entries are
         for domain in sorted({signal.domain for signal in self.signals}):
@@ -40,7 +39,7 @@ class SignalGroup:
                 form += f"{first - at}x{letter(signal)}"
                 at = first + signal.bit_length // 8
                 places[signal.number] = len(places)
-            self._parts.append((struct.Struct(form).unpack_from, self._client._images[domain]))
+            self._parts.append((struct.Struct(form).unpack_from, self._connection.images[domain]))
         self._odd = [signal for signal in dict.fromkeys(self.signals) if not letter(signal)]
         for signal in self._odd:
             places[signal.number] = len(places)
@@ -50,7 +49,8 @@ class SignalGroup:
             itemgetter(*order) if len(order) > 1 else lambda words: tuple(words[n] for n in order)
         )
 
-    def _detach(self) -> None:
+    def detach(self) -> None:
+        """The client was closed: reading raises `StateError`."""
         self._parts = []
         self._odd = list(self.signals)
 

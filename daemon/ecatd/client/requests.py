@@ -2,16 +2,56 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Generator
-from typing import TYPE_CHECKING
+from contextlib import suppress
 
-from ecatd.model.errors import EcatError
+from ecatd import shm
+from ecatd.model.errors import EcatError, SdoAbortError, StateError
+from ecatd.shm import Errno
 
-if TYPE_CHECKING:
-    from .client import Client
+from .connection import Connection, text_of
+from .structs import QUICK, WAITING
 
 _FIRST_PAUSE, _PAUSE = 0.0005, 0.005
 """Seconds between two looks: an SDO takes a millisecond or a few, some slaves take hundreds."""
+
+
+class Requests:
+    """The requests of one client; `ecat.h` allows four of them at the same time."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._abandoned: list[int] = []
+
+    def sdo(self, slave: int, index: int, subindex: int, data: bytes | None) -> Request:
+        """Starts an SDO upload, or a download of `data`."""
+        self.free_places()
+        length = len(data) if data is not None else 0
+        address = self._connection.address
+        return self._started(QUICK.ecat_sdo_start(address, slave, index, subindex, data, length))
+
+    def state(self, slave: int, state: int) -> Request:
+        """Asks for an AL state of a slave."""
+        self.free_places()
+        return self._started(QUICK.ecat_state_start(self._connection.address, slave, state))
+
+    def abandon(self, number: int) -> None:
+        """Nobody asks for this request any more; the next start frees its place.
+
+        Called by the garbage collector, which may run while another call is in the C client.
+        """
+        self._abandoned.append(number)
+
+    def _started(self, code: int) -> Request:
+        return Request(self, self._connection, self._connection.check_live(code))
+
+    def free_places(self) -> None:
+        """Cancels the requests that nobody asks for any more."""
+        connection = self._connection
+        while self._abandoned:
+            with suppress(EcatError):
+                connection.check(QUICK.ecat_cancel(connection.address, self._abandoned.pop()))
 
 
 class Request:
@@ -21,10 +61,12 @@ class Request:
     asyncio. One that nobody has a reference to any more is given up, if it has not begun.
     """
 
-    def __init__(self, client: Client, number: int) -> None:
-        self._client = client
+    def __init__(self, requests: Requests, connection: Connection, number: int) -> None:
+        self._requests = requests
+        self._connection = connection
         self._number: int | None = number
         self._answer = b""
+        self._cancelled = False
 
     def poll(self) -> bytes | None:
         """What was uploaded (empty for other requests), or None while it runs. Never waits.
@@ -33,17 +75,41 @@ class Request:
             SdoAbortError: The slave refused.
             NoAnswerError: The slave gave no answer.
             UnreachableError: The daemon has ended.
+            StateError: It was cancelled.
         """
+        if self._cancelled:
+            raise StateError("this request was cancelled; start another one")
         if self._number is None:
             return self._answer
         try:
-            answer = self._client.poll(self._number)
+            answer = self._look(self._number)
         except EcatError:
             self._number = None
             raise
         if answer is not None:
             self._number, self._answer = None, answer
         return answer
+
+    def _look(self, number: int) -> bytes | None:
+        address = self._connection.address
+        buffer = ctypes.create_string_buffer(shm.REQUEST_BYTES)
+        length, abort = ctypes.c_size_t(), ctypes.c_uint32()
+        code = QUICK.ecat_poll(
+            address, number, buffer, len(buffer), ctypes.byref(length), ctypes.byref(abort)
+        )
+        if code == Errno.EBUSY:
+            return None
+        if code == Errno.EABORT:
+            raise SdoAbortError(abort.value, text_of(QUICK.ecat_error(address)))
+        self._connection.check(code)
+        return buffer.raw[: length.value]
+
+    def cancel(self) -> None:
+        """Gives it up to make room for another; the slave may have been asked already."""
+        if self._number is not None:
+            self._requests.abandon(self._number)
+            self._requests.free_places()
+            self._number, self._cancelled = None, True
 
     def result(self, timeout: float = 10.0) -> bytes:
         """Waits for the end. Nothing is sampled meanwhile, so a short lease may pass.
@@ -56,7 +122,7 @@ class Request:
             SdoAbortError: The slave refused.
         """
         if self._number is not None:
-            self._client.wait_request(self._number, timeout)
+            self._connection.wait(WAITING.ecat_wait_request, "answer", timeout, self._number)
         answer = self.poll()
         assert answer is not None
         return answer
@@ -75,4 +141,4 @@ class Request:
 
     def __del__(self) -> None:
         if self._number is not None:
-            self._client._abandoned.append(self._number)
+            self._requests.abandon(self._number)

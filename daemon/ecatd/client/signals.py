@@ -10,16 +10,14 @@ import math
 import reprlib
 import struct
 from operator import index as as_integer
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from ecatd.model.datatypes import is_real, is_signed
 from ecatd.model.errors import EcatError, StateError, UsageError
-from ecatd.shm import Direction, Validity
+from ecatd.shm import Validity
 
-from .structs import QUICK, SignalStruct
-
-if TYPE_CHECKING:
-    from .client import Client
+from .connection import Connection
+from .structs import QUICK
 
 
 class _Cell(Protocol):
@@ -60,6 +58,8 @@ class _Closed:
     def __getitem__(self, number: int) -> int:
         raise StateError(f"the client of bus '{self._bus}' is closed; make a new one")
 
+
+_VALIDITIES = tuple(Validity)
 
 _LETTERS = {8: "B", 16: "H", 32: "I", 64: "Q"}
 
@@ -105,7 +105,7 @@ class Signal:
     __slots__ = (
         "_as_parameter_",
         "_cell",
-        "_client",
+        "_connection",
         "_high",
         "_low",
         "_mask",
@@ -132,13 +132,14 @@ class Signal:
         "unit",
     )
 
-    def __init__(self, client: Client, number: int, info: SignalStruct, image: memoryview) -> None:
-        self._client = client
+    def __init__(self, connection: Connection, number: int) -> None:
+        self._connection = connection
         self.number = self._as_parameter_ = number
-        self._place(info, image)
+        self.describe()
 
-    def _place(self, info: SignalStruct, image: memoryview) -> None:
+    def describe(self) -> None:
         """Takes over what the daemon says about it: at first, and after a restart."""
+        info = self._connection.signal(self.number)
         self.slave: int = info.slave
         self.index: int = info.index
         self.subindex: int = info.subindex
@@ -161,7 +162,7 @@ class Signal:
         unsigned = not (self.signed or self.real)
         self._low = 0 if unsigned else -(1 << 63)
         self._high = (1 << (64 if unsigned and self.bit_length == 64 else 63)) - 1
-        self._cell = self._find_cell(image)
+        self._cell = self._find_cell(self._connection.images[info.domain])
 
     def _find_cell(self, image: memoryview) -> _Cell:
         first, self._shift = divmod(self.bit_offset, 8)
@@ -177,8 +178,9 @@ class Signal:
         bits = next(bits for bits in _LETTERS if span <= bits)
         return image[first : first + bits // 8].cast(_LETTERS[bits])  # type: ignore[call-overload, no-any-return]
 
-    def _detach(self) -> None:
-        self._cell = _Closed(self._client.name)
+    def detach(self) -> None:
+        """The client was closed: reading raises `StateError`."""
+        self._cell = _Closed(self._connection.bus)
 
     @property
     def raw(self) -> Any:
@@ -200,21 +202,25 @@ class Signal:
         self._stage(value)
 
     def _stage(self, value: float) -> None:
-        client = self._client
+        connection = self._connection
         try:
             whole = as_integer(value)  # type: ignore[arg-type]
         except TypeError:
-            client.write(self.number, number_of(value))
+            self._stage_real(number_of(value))
             return
         if self._low <= whole <= self._high:
-            code = QUICK.ecat_write_int(client._address, self.number, whole)
+            code = QUICK.ecat_write_int(connection.address, self.number, whole)
             if code < 0:
-                client._fail(code)
+                connection.fail(code)
         elif self.real:
-            client.write(self.number, number_of(whole))
+            self._stage_real(number_of(whole))
         else:  # out of range, and this says so; a float could be rounded into it
             nearest = number_of(whole)
-            client.write(self.number, math.nextafter(nearest, math.copysign(math.inf, nearest)))
+            self._stage_real(math.nextafter(nearest, math.copysign(math.inf, nearest)))
+
+    def _stage_real(self, value: float) -> None:
+        connection = self._connection
+        connection.check(QUICK.ecat_write(connection.address, self.number, value))
 
     @property
     def value(self) -> float:
@@ -227,12 +233,15 @@ class Signal:
 
     @value.setter
     def value(self, value: float) -> None:
-        self._client.write_physical(self.number, number_of(value))
+        connection = self._connection
+        physical = number_of(value)
+        connection.check(QUICK.ecat_write_physical(connection.address, self.number, physical))
 
     @property
     def validity(self) -> Validity:
         """What the value of the last sample is worth."""
-        return self._client.validity(self.number)
+        code: int = QUICK.ecat_validity(self._connection.address, self.number)
+        return _VALIDITIES[code] if code >= 0 else self._connection.fail(code)
 
     @property
     def address(self) -> str:
@@ -248,7 +257,7 @@ class Signal:
         names = (self.name, f"{self.pdo_name}/{self.name}", self.address)
         for path in (f"{self.slave}/{name}" for name in names):
             try:
-                if self._client.lookup(path, Direction.ANY) == self.number:
+                if self._connection.lookup(path) == self.number:
                     return path
             except EcatError:
                 continue
@@ -273,12 +282,10 @@ class BitSignal(Signal):
         self._stage(value)
 
 
-def make(client: Client, number: int, info: SignalStruct, image: memoryview) -> Signal:
+def make(connection: Connection, number: int) -> Signal:
     """The object of an entry."""
-    plain = Signal(client, number, info, image)
-    if letter(plain) or plain.real:
-        return plain
-    return BitSignal(client, number, info, image)
+    plain = Signal(connection, number)
+    return plain if letter(plain) or plain.real else BitSignal(connection, number)
 
 
 def number_of(value: object) -> float:
