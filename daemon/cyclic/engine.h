@@ -198,7 +198,8 @@ int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_
 
 /* frames.c */
 void cyclic_frames_init(cyclic_t *c);
-void cyclic_frames_fill(cyclic_t *c);  /* the frames of this cycle, ready to be sent */
+int cyclic_frames_fit(const cyclic_t *c); /* whether a cycle with all domains has room */
+void cyclic_frames_fill(cyclic_t *c);     /* the frames of this cycle, ready to be sent */
 /* Whether `bytes` is the answer to a frame: all its datagrams are where they were sent. */
 int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes,
                            size_t length);

@@ -81,15 +81,28 @@ static void end_frame(struct frame *frame) {
   if (frame->length < ETHERNET_MIN) frame->length = ETHERNET_MIN;
 }
 
+/* Whether a datagram goes into a frame that carries so much already. */
+static int has_room(uint32_t payload, const struct datagram *d) {
+  return payload + d->length + DATAGRAM_FRAMING <= PAYLOAD_MAX;
+}
+
+int cyclic_frames_fit(const cyclic_t *c) {
+  uint32_t i, frames = 1, payload = 0;
+  for (i = 0; i < c->datagrams; i++) {
+    if (!has_room(payload, &c->datagram[i])) frames++, payload = 0;
+    payload += c->datagram[i].length + DATAGRAM_FRAMING;
+  }
+  return frames <= MAX_FRAMES;
+}
+
 static void pack(cyclic_t *c) {
   struct frame *frame = NULL;
   uint32_t i, placed = 0;
   c->frames = 0;
   for (i = 0; i < c->datagrams; i++) {
     const struct datagram *d = &c->datagram[i];
-    uint32_t size = d->length + DATAGRAM_FRAMING;
     if (!is_due(c, d)) continue;
-    if (frame == NULL || frame->length - FIRST_DATAGRAM + size > PAYLOAD_MAX) {
+    if (frame == NULL || !has_room(frame->length - FIRST_DATAGRAM, d)) {
       if (frame != NULL) end_frame(frame);
       frame = &c->frame[c->frames++];
       begin_frame(c, frame, placed);
@@ -100,7 +113,7 @@ static void pack(cyclic_t *c) {
     c->position[placed] = (uint16_t)frame->length;
     c->order[placed++] = (uint16_t)i;
     if (d->kind == DOMAIN_DATAGRAM) frame->domains |= 1u << d->domain;
-    frame->length += size;
+    frame->length += d->length + DATAGRAM_FRAMING;
     frame->count++;
   }
   if (frame != NULL) end_frame(frame);

@@ -187,20 +187,9 @@ static int lock_memory(void) {
   return 0;
 }
 
-/* Whether a cycle in which all domains are due has room in the frames. */
-static int fits(const cyclic_t *c) {
-  uint32_t i, frames = 1, payload = 0;
-  for (i = 0; i < c->datagrams; i++) {
-    uint32_t size = c->datagram[i].length + DATAGRAM_FRAMING;
-    if (payload + size > PAYLOAD_MAX) frames++, payload = 0;
-    payload += size;
-  }
-  return frames <= MAX_FRAMES;
-}
-
 int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
   int code;
-  if (!fits(c)) return -ENOSPC;
+  if (!cyclic_frames_fit(c)) return -ENOSPC;
   c->settings = *settings;
   if (settings->lock_memory) c->memory_error = lock_memory();
   if ((code = cyclic_wake_start(c)) != 0) return code;

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import pytest
 from wire_bench import Wire, served
 
+from ecatd.bus.engine.framing import DATAGRAM_MAX
 from ecatd.bus.frames.datagrams import (
-    DATAGRAM_BYTES,
     Datagrams,
     Station,
     aprd,
@@ -73,7 +73,7 @@ def test_frames_that_are_lost_together_are_sent_again_in_order() -> None:
 def test_frames_are_full_and_have_indices_of_their_own() -> None:
     with bus(Chip()) as (registers, _segment, wire):
         assert registers.exchange([]) == []
-        for size, per_frame in ((2, 107), (14, 57), (DATAGRAM_BYTES // 2, 1), (DATAGRAM_BYTES, 1)):
+        for size, per_frame in ((2, 107), (14, 57), (DATAGRAM_MAX // 2, 1), (DATAGRAM_MAX, 1)):
             wire.frames.clear()
             count = 3 * per_frame + 1
             answers = registers.exchange([fprd(0x1001, PROCESS_MEMORY, size)] * count)
@@ -81,7 +81,7 @@ def test_frames_are_full_and_have_indices_of_their_own() -> None:
             assert len(wire.frames) == 4
             assert max(map(len, wire.frames)) <= 1514
         with pytest.raises(ValueError, match="1487 bytes are more"):
-            registers.exchange([fprd(0x1001, PROCESS_MEMORY, DATAGRAM_BYTES + 1)])
+            registers.exchange([fprd(0x1001, PROCESS_MEMORY, DATAGRAM_MAX + 1)])
         wire.frames.clear()
         for _ in range(300):
             registers.exchange([brd(0x0130, 2)])

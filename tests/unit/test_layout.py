@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ecatd.bus.engine.framing import DOMAIN_DATAGRAM_MAX
 from ecatd.bus.engine.layout import (
-    DATAGRAM_BYTES,
     LRD,
     LRW,
     LWR,
@@ -68,9 +68,9 @@ def test_large_images_are_cut_at_slave_boundaries() -> None:
 
 
 def test_more_than_a_datagram_for_one_slave_is_refused() -> None:
-    lay_out(bus(slave(0, 8 * DATAGRAM_BYTES, 8 * DATAGRAM_BYTES)), set())
+    lay_out(bus(slave(0, 8 * DOMAIN_DATAGRAM_MAX, 8 * DOMAIN_DATAGRAM_MAX)), set())
     with pytest.raises(StateError, match=r"slave 0 \(S0\) has 1453 bytes of inputs, but one datag"):
-        lay_out(bus(slave(0, 0, 8 * DATAGRAM_BYTES + 8)), set())
+        lay_out(bus(slave(0, 0, 8 * DOMAIN_DATAGRAM_MAX + 8)), set())
     with pytest.raises(StateError, match=r"slave 1 \(S1\) has 1500 bytes of outputs"):
         lay_out(bus(slave(0, 8, 8), slave(1, 12000, 8)), {1})
 
@@ -116,7 +116,7 @@ def test_domains_that_do_not_fit_the_bus_are_refused() -> None:
 def buses(draw: st.DrawFn) -> tuple[Bus, set[int]]:
     """Any mix of slaves: sizes from nothing to a datagram, with and without LRW, in domains."""
     bits = st.one_of(
-        st.just(0), st.integers(1, 100), st.integers(1, 8 * DATAGRAM_BYTES), st.just(8 * 726)
+        st.just(0), st.integers(1, 100), st.integers(1, 8 * DOMAIN_DATAGRAM_MAX), st.just(8 * 726)
     )
     count = draw(st.integers(1, 30))
     domains = draw(st.integers(1, 16))
@@ -163,7 +163,7 @@ def test_every_byte_is_exchanged_once_and_the_right_way(case: tuple[Bus, set[int
     for domain in image.domains:
         carried = dict.fromkeys(range(domain.output_bytes + domain.input_bytes), 0)
         for d in domain.datagrams:
-            assert 0 < d.length <= DATAGRAM_BYTES
+            assert 0 < d.length <= DOMAIN_DATAGRAM_MAX
             assert d.command != LWR or d.offset + d.length <= domain.output_bytes
             assert d.command != LRD or d.offset >= domain.output_bytes
             for byte in range(d.offset, d.offset + d.length):

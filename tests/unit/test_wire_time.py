@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.bus.engine.layout import DATAGRAM_BYTES, LRW, Datagram, DomainImage, Image
+from ecatd.bus.engine.framing import DOMAIN_DATAGRAM_MAX
+from ecatd.bus.engine.layout import LRW, Datagram, DomainImage, Image
 from ecatd.bus.start.wire_time import WireTime, wire_time
 from ecatd.model.errors import StateError
 
@@ -39,9 +40,9 @@ def test_eight_slaves_of_64_bytes() -> None:
 
 
 def test_a_full_datagram_fills_the_first_frame_to_the_last_byte() -> None:
-    time = cycle(1000, 1, DATAGRAM_BYTES, clock=True)
+    time = cycle(1000, 1, DOMAIN_DATAGRAM_MAX, clock=True)
     assert (time.frames, time.wire_bytes) == (1, 8 + 1514 + 4 + 12)
-    assert cycle(1000, 1, DATAGRAM_BYTES + 1, clock=True).frames == 2
+    assert cycle(1000, 1, DOMAIN_DATAGRAM_MAX + 1, clock=True).frames == 2
 
 
 def test_domains_are_due_together() -> None:
@@ -137,13 +138,15 @@ def test_above_four_fifths_there_is_a_warning() -> None:
 
 def test_what_the_engine_has_no_room_for_is_refused() -> None:
     with pytest.raises(StateError, match=r"IO larger than the engine can exchange: .* 65 frames"):
-        cycle(1_000_000, 1, *[DATAGRAM_BYTES] * 65).check()
+        cycle(1_000_000, 1, *[DOMAIN_DATAGRAM_MAX] * 65).check()
     with pytest.raises(StateError, match="255 datagrams in"):
         cycle(1_000_000, 1, *[10] * 255).check()
-    assert cycle(1_000_000, 1, *[DATAGRAM_BYTES] * 64).check() == ""
+    assert cycle(1_000_000, 1, *[DOMAIN_DATAGRAM_MAX] * 64).check() == ""
 
 
-@given(st.lists(st.integers(1, DATAGRAM_BYTES), max_size=60), st.booleans(), st.integers(1, 200))
+@given(
+    st.lists(st.integers(1, DOMAIN_DATAGRAM_MAX), max_size=60), st.booleans(), st.integers(1, 200)
+)
 def test_what_is_said_to_work_works(lengths: list[int], clock: bool, slaves: int) -> None:
     time = cycle(1_000_000, slaves, *lengths, clock=clock)
     framing = 12 * (len(lengths) + 1) + 2 + (20 if clock else 0)

@@ -21,9 +21,7 @@ from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.config import DomainConfig
 from ecatd.model.errors import ConfigError, StateError
 
-DATAGRAM_BYTES = 1452
-"""Most process data in one datagram: with its header and working counter, and the datagrams of
-each cycle for AL state and clocks (14 and 20 bytes), it fills the 1498 bytes of a frame."""
+from .framing import DOMAIN_DATAGRAM_MAX
 
 WINDOW = 0x0010_0000
 """Logical addresses of one domain: domain d begins at (d + 1) * WINDOW."""
@@ -176,10 +174,10 @@ class _Part:
 def _append(parts: list[_Part], slave: Slave, offset: int, *, output: bool) -> int:
     """Adds a slave's bytes to a row, if there are any; returns the offset behind them."""
     length = slave.output_bytes if output else slave.input_bytes
-    if length > DATAGRAM_BYTES:
+    if length > DOMAIN_DATAGRAM_MAX:
         raise StateError(
             f"{slave.label} has {length} bytes of {'outputs' if output else 'inputs'}, but one "
-            f"datagram carries at most {DATAGRAM_BYTES}: choose a smaller PDO assignment"
+            f"datagram carries at most {DOMAIN_DATAGRAM_MAX}: choose a smaller PDO assignment"
         )
     if length:
         parts.append(_Part(output, offset, length))
@@ -191,7 +189,7 @@ def _datagrams(command: int, parts: Iterable[_Part]) -> list[Datagram]:
     written, read = _COUNTS[command]
     datagrams: list[Datagram] = []
     for part in parts:
-        if not datagrams or datagrams[-1].length + part.length > DATAGRAM_BYTES:
+        if not datagrams or datagrams[-1].length + part.length > DOMAIN_DATAGRAM_MAX:
             datagrams.append(Datagram(command, part.offset, 0, 0))
         datagrams[-1].length += part.length
         datagrams[-1].wkc_expected += written if part.output else read

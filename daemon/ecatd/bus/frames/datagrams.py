@@ -11,24 +11,24 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
 from ..engine.engine import Index
+from ..engine.framing import (
+    DATAGRAM_FRAMING,
+    DATAGRAM_HEADER,
+    DATAGRAM_WKC,
+    ETHERNET_MIN,
+    ETHERTYPE,
+    FIRST_DATAGRAM,
+    pack,
+)
 
-_ETHERTYPE = 0x88A4
-
-DATAGRAM_BYTES = 1486
-"""The most data that one datagram can carry: what is left of a frame of 1518 bytes."""
-
-_PAYLOAD = 1498
-_HEADER, _COUNTER = 10, 2
-_MIN_FRAME = 60  # without the checksum, which the interface adds
 _MORE = 0x8000
-_DATAGRAMS_AT = 16
 _WINDOW = 8
 """Frames on the wire at once: enough to keep it busy, few enough for every receive buffer."""
 
@@ -59,7 +59,7 @@ class Datagram(NamedTuple):
             16 bits.
         register: First address in the memory of the slave.
         data: What is written; for reading as many zeros as bytes are wanted. At most
-            `DATAGRAM_BYTES`.
+            `DATAGRAM_MAX`.
     """
 
     command: Command
@@ -143,9 +143,8 @@ def bwr(register: int, data: bytes) -> Datagram:
 
 @dataclass(slots=True)
 class _Frame:
-    first: int  # datagram
-    count: int
-    tries: int = _TRIES
+    datagrams: range
+    tries: int
     index: int = 0
 
 
@@ -164,7 +163,7 @@ class Datagrams:
         self._link.setblocking(False)
         self._poll = select.poll()
         self._poll.register(link, select.POLLIN)
-        self._ethernet = b"\xff" * 6 + source + struct.pack(">H", _ETHERTYPE)
+        self._ethernet = b"\xff" * 6 + source + struct.pack(">H", ETHERTYPE)
         self._next_index = int(Index.CONTROL)
 
     def exchange(self, datagrams: Sequence[Datagram], *, repeat: bool = True) -> list[Answer]:
@@ -182,7 +181,9 @@ class Datagrams:
             The answers, in the order of `datagrams`.
         """
         answers = [Answer(item.data, 0) for item in datagrams]
-        waiting = list(reversed([*_pack(datagrams, _TRIES if repeat else 1)]))
+        tries = _TRIES if repeat else 1
+        frames = pack(len(item.data) for item in datagrams)
+        waiting = [_Frame(numbers, tries) for numbers in reversed(frames)]
         flying: dict[int, _Frame] = {}
         deadline = 0.0
         while waiting or flying:
@@ -217,9 +218,9 @@ class Datagrams:
 
     def _send(self, frame: _Frame, datagrams: Sequence[Datagram]) -> None:
         parts = [self._ethernet, b""]
-        last = frame.first + frame.count - 1
+        last = frame.datagrams[-1]
         length = 0
-        for number in range(frame.first, last + 1):
+        for number in frame.datagrams:
             item = datagrams[number]
             size = len(item.data)
             parts += (
@@ -233,10 +234,10 @@ class Datagrams:
                 item.data,
                 b"\0\0",
             )
-            length += _HEADER + size + _COUNTER
+            length += DATAGRAM_FRAMING + size
         parts[1] = struct.pack("<H", length | 0x1000)
         with suppress(OSError):  # as if the frame was lost: the interface may be back soon
-            self._link.send(b"".join(parts).ljust(_MIN_FRAME, b"\0"))
+            self._link.send(b"".join(parts).ljust(ETHERNET_MIN, b"\0"))
 
     def _receive(self, deadline: float) -> bytes | None:
         """The next frame, or None when there is none in time."""
@@ -245,7 +246,7 @@ class Datagrams:
                 continue
             try:
                 received = self._link.recv(2048)
-                if len(received) >= _MIN_FRAME:
+                if len(received) >= ETHERNET_MIN:
                     return received
             except BlockingIOError:
                 continue
@@ -258,34 +259,16 @@ class Datagrams:
         self._link.close()
 
 
-def _pack(datagrams: Sequence[Datagram], tries: int) -> Iterator[_Frame]:
-    """Puts the datagrams into as few frames as their order allows."""
-    frame = _Frame(0, 0, tries)
-    payload = 0
-    for number, item in enumerate(datagrams):
-        size = _HEADER + len(item.data) + _COUNTER
-        if size > _PAYLOAD:
-            raise ValueError(f"{len(item.data)} bytes are more than a datagram can carry")
-        if payload + size > _PAYLOAD:
-            yield frame
-            frame = _Frame(number, 0, tries)
-            payload = 0
-        frame.count += 1
-        payload += size
-    if frame.count:
-        yield frame
-
-
 def _take(
     received: bytes, frame: _Frame, datagrams: Sequence[Datagram], answers: list[Answer]
 ) -> bool:
     """Takes the answers out of a frame, if it is the one that was sent."""
-    at = _DATAGRAMS_AT
+    at = FIRST_DATAGRAM
     found = []
-    for number in range(frame.first, frame.first + frame.count):
+    for number in frame.datagrams:
         item = datagrams[number]
-        end = at + _HEADER + len(item.data)
-        if end + _COUNTER > len(received):
+        end = at + DATAGRAM_HEADER + len(item.data)
+        if end + DATAGRAM_WKC > len(received):
             return False
         command, _, address, length, _ = _HEAD.unpack_from(received, at)
         # Slaves count the position in the first half of the address up.
@@ -295,9 +278,11 @@ def _take(
             len(item.data),
         ):
             return False
-        found.append(Answer(received[at + _HEADER : end], received[end] | received[end + 1] << 8))
-        at = end + _COUNTER
-    answers[frame.first : frame.first + frame.count] = found
+        found.append(
+            Answer(received[at + DATAGRAM_HEADER : end], received[end] | received[end + 1] << 8)
+        )
+        at = end + DATAGRAM_WKC
+    answers[frame.datagrams.start : frame.datagrams.stop] = found
     return True
 
 

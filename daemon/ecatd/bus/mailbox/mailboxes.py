@@ -24,7 +24,8 @@ from typing import NamedTuple, Self, TypeAlias, TypeVar
 from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.errors import EcatError, NoAnswerError, StateError
 
-from ..frames.datagrams import DATAGRAM_BYTES, Answer, Datagram, Datagrams, fprd, fpwr
+from ..engine.framing import DATAGRAM_MAX
+from ..frames.datagrams import Answer, Datagram, Datagrams, fprd, fpwr
 
 T = TypeVar("T")
 
@@ -382,9 +383,9 @@ def _area(managers: bytes, number: int, kind: int, least: int) -> _Area:
     start, size, control, _, activate = struct.unpack_from("<HHBBB", managers, _SM1 * number)
     if control & _KIND != kind or not activate & _ENABLED:
         raise StateError(f"sync manager {number} is not set up for a mailbox")
-    if not least <= size <= DATAGRAM_BYTES:
+    if not least <= size <= DATAGRAM_MAX:
         raise StateError(
-            f"the mailbox in sync manager {number} has {size} bytes; {least} to {DATAGRAM_BYTES} "
+            f"the mailbox in sync manager {number} has {size} bytes; {least} to {DATAGRAM_MAX} "
             f"are possible"
         )
     return _Area(start, size)

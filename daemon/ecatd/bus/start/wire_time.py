@@ -10,23 +10,27 @@ several are if any two of them are (Chinese remainder theorem).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import gcd
 
 from ecatd.model.errors import StateError
 
+from ..engine.framing import (
+    DATAGRAM_FRAMING,
+    ETHERNET_MIN,
+    FIRST_DATAGRAM,
+    MAX_DOMAIN_DATAGRAMS,
+    MAX_FRAMES,
+    STATUS_BYTES,
+    TIME_BYTES,
+    pack,
+)
 from ..engine.layout import DomainImage, Image
 
 _NS_PER_BYTE = 80
 _PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12
-_ETHERNET_HEADER, _ETHERCAT_HEADER = 14, 2
-_ETHERNET_MIN = 60
-_PAYLOAD_MAX = 1498
-_DATAGRAM_FRAMING = 12
-_STATUS_BYTES, _TIME_BYTES = 2, 8
-_FRAMES_MAX, _DATAGRAMS_MAX = 64, 254  # `daemon/cyclic/engine.h`
 _SLAVE_DELAY_NS = 1000
 """Of a slave with MII ports, there and back: its processing unit, and its PHYs four times."""
 
@@ -137,18 +141,19 @@ def wire_time(
     times = []
     for domains in (image.domains, *_meetings(image.domains)):
         data = [item.length for domain in domains for item in domain.datagrams]
-        frames = _pack([_STATUS_BYTES, *([_TIME_BYTES] if clock else []), *data])
-        wire_bytes = sum(_on_wire(payload) for payload in frames)
+        lengths = [STATUS_BYTES, *([TIME_BYTES] if clock else []), *data]
+        frames = pack(lengths)
+        wire_bytes = sum(_on_wire([lengths[number] for number in frame]) for frame in frames)
         crowd = _crowd(domains)
         times.append(
             WireTime(cycle_us, len(frames), len(data), sum(data), wire_bytes, delay, crowd)
         )
     everything, *cycles = times
-    if everything.frames > _FRAMES_MAX or everything.datagrams > _DATAGRAMS_MAX:
+    if everything.frames > MAX_FRAMES or everything.datagrams > MAX_DOMAIN_DATAGRAMS:
         raise StateError(
             f"IO larger than the engine can exchange: {everything.data_bytes} bytes of process "
             f"data take {everything.datagrams} datagrams in {everything.frames} frames, but there "
-            f"can be {_DATAGRAMS_MAX} in {_FRAMES_MAX}: assign fewer PDOs"
+            f"can be {MAX_DOMAIN_DATAGRAMS} in {MAX_FRAMES}: assign fewer PDOs"
         )
     return max(cycles, key=lambda time: time.wire_bytes)
 
@@ -175,18 +180,7 @@ def _crowd(domains: Sequence[DomainImage]) -> tuple[int, ...]:
     return tuple(sorted(apart))
 
 
-def _pack(datagrams: Iterable[int]) -> list[int]:
-    """Payloads of the frames that carry datagrams of these lengths, as `frames.c` packs them."""
-    frames: list[int] = []
-    for length in datagrams:
-        size = length + _DATAGRAM_FRAMING
-        if not frames or frames[-1] + size > _PAYLOAD_MAX:
-            frames.append(0)
-        frames[-1] += size
-    return frames
-
-
-def _on_wire(payload: int) -> int:
-    """Bytes of a frame and of the time in which no other can follow."""
-    frame = max(_ETHERNET_HEADER + _ETHERCAT_HEADER + payload, _ETHERNET_MIN)
-    return _PREAMBLE + frame + _CHECK_SUM + _GAP
+def _on_wire(lengths: Sequence[int]) -> int:
+    """Bytes of a frame with these datagrams, and of the time in which no other can follow."""
+    payload = sum(lengths) + len(lengths) * DATAGRAM_FRAMING
+    return _PREAMBLE + max(FIRST_DATAGRAM + payload, ETHERNET_MIN) + _CHECK_SUM + _GAP

@@ -1,0 +1,34 @@
+"""The sizes of frames are the same for the engine, in C, and for what lies beside it, in Python."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from ecatd.bus.engine import framing
+
+pytestmark = pytest.mark.unprivileged
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_both_languages_have_the_same_sizes(compiler: str, tmp_path: Path) -> None:
+    header = (ROOT / "daemon/cyclic/engine.h").read_text()
+    names = [
+        name
+        for name, value in vars(framing).items()
+        if isinstance(value, int) and re.search(rf"^  {name} = ", header, re.MULTILINE)
+    ]
+    assert len(names) >= 11, names
+    lines = "".join(f'printf("%d\\n", {name});' for name in names)
+    source = tmp_path / "sizes.c"
+    source.write_text(f'#include "engine.h"\n#include <stdio.h>\nint main(void) {{ {lines} }}\n')
+    program = tmp_path / "sizes"
+    folders = ("daemon/cyclic", "client_c/include")
+    subprocess.run(
+        [compiler, *(f"-I{ROOT / folder}" for folder in folders), "-o", program, source], check=True
+    )
+    printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    sizes = dict(zip(names, map(int, printed.split()), strict=True))
+    assert sizes == {name: getattr(framing, name) for name in names}
