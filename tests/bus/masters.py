@@ -8,6 +8,7 @@ import contextlib
 import inspect
 import json
 import multiprocessing
+import os
 import socket
 import struct
 import subprocess
@@ -34,11 +35,18 @@ def run(rig_name, master, *arguments):
         text=True,
         timeout=90,
         check=False,
+        preexec_fn=go_first,
     )
     assert result.returncode == 0, result.stderr + result.stdout
     # Masters print lines of their own, before and after.
     (found,) = [line for line in result.stdout.splitlines() if line.startswith("found ")]
     return json.loads(found.removeprefix("found "))
+
+
+def go_first():
+    """Lets this process run before others: foreign masters have time-outs of 2 ms built in."""
+    with contextlib.suppress(PermissionError):
+        os.nice(-10)
 
 
 def pattern(slave, number, size):
