@@ -6,6 +6,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from ecatd.model.datatypes import DataType
+from ecatdev.files import write_files
 from ecatgen.static_library import static_files
 from rigs import objects
 
@@ -89,10 +90,8 @@ def build(
     without_bus: int = ERROR,
 ) -> Path:
     """Compiles statements in C against the library EtherCAT; returns the program."""
-    for path, data in static_files().items():
-        if path.startswith("Resources/"):
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_bytes(data)
+    resources = {p: data for p, data in static_files().items() if p.startswith("Resources/")}
+    write_files(folder, resources)
     source = PROGRAM.replace("%FUNCTIONS%", functions)
     source = source.replace("%FAILURE%", str(without_bus)).replace("%STATEMENTS%", statements)
     (folder / "program.c").write_text(source)

@@ -27,6 +27,7 @@ from ecatdev.checks import check_structure
 from ecatdev.drawing.checks import check_diagram, check_icon
 from ecatdev.drawing.pictures import found_with, models
 from ecatdev.drawing.scene import diagram, icon
+from ecatdev.files import write_files
 from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.render import render
@@ -169,10 +170,7 @@ def files(bus: Bus) -> dict[str, bytes]:
 def problems(made: dict[str, bytes]) -> list[str]:
     """What the check of files says; links to the library EtherCAT are not followed."""
     with tempfile.TemporaryDirectory() as folder:
-        for path, data in made.items():
-            file = Path(folder) / LIBRARY / path
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(data)
+        write_files(Path(folder) / LIBRARY, made)
         found = list(check_structure(Path(folder) / LIBRARY))
     return [problem for problem in found if "modelica://EtherCAT" not in problem]
 
@@ -184,10 +182,7 @@ def test_files_names_and_texts(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in BUSES if name != "hundreds"])
 def test_nothing_overlaps(name: str, tmp_path: Path) -> None:
-    for path, data in files(Bus("ecat0", 1000, BUSES[name])).items():
-        file = tmp_path / LIBRARY / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+    write_files(tmp_path / LIBRARY, files(Bus("ecat0", 1000, BUSES[name])))
     found = found_with(tmp_path)
     for model in models(found, LIBRARY):
         assert list(check_diagram(diagram(found, model))) == []

@@ -17,6 +17,7 @@ from ecatdev import sample_buses
 from ecatdev.drawing.checks import check_diagram
 from ecatdev.drawing.pictures import found_with
 from ecatdev.drawing.scene import diagram
+from ecatdev.files import write_files
 from ecatgen.build import build_library
 from ecatgen.ir import Drive, Library
 from ecatgen.render import render
@@ -142,10 +143,7 @@ def test_the_diagram_is_in_order(tmp_path: Path) -> None:
     """Conversions stand in the lines between state machine and slave, and nothing overlaps."""
     scaled = [rule(entry, "rad") for entry in (POSITION, TARGET_POSITION)]
     scaled += [rule(entry, "rpm") for entry in (VELOCITY, TARGET_VELOCITY)]
-    for path, data in render(library(*scaled, rule(TORQUE, "%"))).items():
-        file = tmp_path / "Plant" / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+    write_files(tmp_path / "Plant", render(library(*scaled, rule(TORQUE, "%"))))
     found = found_with(tmp_path)
     drawn = diagram(found, "Plant.Drives.GoldGCONDrive")
     assert {name for name in drawn.parts if name.endswith("Conversion")} == {

@@ -19,6 +19,7 @@ from ecatdev.drawing.pictures import (
     pictures,
 )
 from ecatdev.drawing.scene import diagram, icon
+from ecatdev.files import write_files
 from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.render import render
@@ -53,10 +54,7 @@ def test_nothing_overlaps_and_every_line_meets_its_connectors(
 
 def test_the_same_for_awkward_slaves(tmp_path: Path) -> None:
     library = build_library(sample_buses.awkward(), "Awkward")
-    for path, data in render(library).items():
-        file = tmp_path / "Awkward" / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+    write_files(tmp_path / "Awkward", render(library))
     found = found_with(tmp_path)
     assert list(findings(found, "Awkward")) == []
 

@@ -11,6 +11,7 @@ from ecatdev import sample_buses
 from ecatdev.drawing.checks import check_diagram, check_icon
 from ecatdev.drawing.pictures import found_with
 from ecatdev.drawing.scene import diagram, icon
+from ecatdev.files import write_files
 from ecatgen.build import build_library
 from ecatgen.ir import Channels, Library
 from ecatgen.render import render
@@ -39,10 +40,7 @@ def vectors(inputs: list[Entry]) -> dict[str, tuple[str, ...]]:
 
 
 def check_drawing(made: Library, tmp_path: Path) -> None:
-    for path, data in render(made).items():
-        file = tmp_path / "Plant" / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+    write_files(tmp_path / "Plant", render(made))
     found = found_with(tmp_path)
     assert made.channels
     for item in made.channels:

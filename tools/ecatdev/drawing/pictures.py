@@ -11,6 +11,7 @@ from ecatgen.build import build_library
 from ecatgen.render import render
 
 from .. import checks, sample_buses
+from ..files import write_files
 from .geometry import Box, Point, box_of
 from .library import Libraries
 from .scene import Scene, diagram
@@ -33,10 +34,7 @@ def libraries(folder: Path, standard_library: Path | None = None) -> Libraries:
             there is the stand-in of the checks, so that the pictures are the same everywhere.
     """
     library = build_library(sample_buses.troll(), GENERATED)
-    for path, data in render(library).items():
-        file = folder / GENERATED / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+    write_files(folder / GENERATED, render(library))
     return found_with(folder, standard_library)
 
 

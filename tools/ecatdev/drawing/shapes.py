@@ -82,7 +82,6 @@ class Label:
         wanted: Size that the height of the extent allows; a text too wide for it is smaller.
         color: Its colour.
         style: Names of text styles.
-        fits: Whether the extent was meant to limit the width.
     """
 
     text: str

@@ -33,11 +33,10 @@ class Svg:
     Args:
         box: What the picture shows.
         title: What it is, for those who cannot see it.
-        scale: Pixels of a unit.
     """
 
-    def __init__(self, box: Box, title: str, scale: float = PIXELS) -> None:
-        self._box, self._title, self._scale = box, title, scale
+    def __init__(self, box: Box, title: str) -> None:
+        self._box, self._title = box, title
         self._lines: list[str] = []
         self._definitions: dict[str, str] = {}
 
@@ -65,7 +64,7 @@ class Svg:
     def write(self) -> str:
         """The file."""
         box = self._box
-        width, height = box.width * self._scale, box.height * self._scale
+        width, height = box.width * PIXELS, box.height * PIXELS
         view = f"{_number(box.x1)} {_number(-box.y2)} {_number(box.width)} {_number(box.height)}"
         definitions = "".join(f"{text}\n" for text in self._definitions.values())
         return (
