@@ -18,8 +18,6 @@ from ..segment.peers import SIMULATOR
 from . import costs, delay, languages, paths, peers
 from .plant import Plant
 
-NAME = "client"
-
 SMALL, LARGE = (8, 16), (200, 8)
 """Slaves, and bytes of outputs and of inputs of each: a domain of 256 bytes, and a long line."""
 

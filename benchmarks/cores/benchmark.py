@@ -32,8 +32,6 @@ from ..segment.peers import SIMULATOR as PAIR
 from ..segment.peers import ecatsim
 from ..segment.responder import KERNEL, SIMULATOR
 
-NAME = "cores"
-
 PROCESSORS = 2
 OWN, SHARED = "own", "shared"
 """Whether the engine has a processor for itself (`realtime.cpu`), and all others keep off it."""

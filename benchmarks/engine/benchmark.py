@@ -19,8 +19,6 @@ from ..segment.peers import SIMULATOR
 from . import beside, clocks, deadlines, exchange, start_up, work
 from .turns import Tools, awake, on_line
 
-NAME = "engine"
-
 Line = tuple[int, int]
 """Slaves, and bytes of outputs and of inputs of each."""
 

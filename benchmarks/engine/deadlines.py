@@ -54,10 +54,3 @@ def _case(turns: Turns, rate: float, seconds: float, loops: Sequence[Loop]) -> d
             for q in (50, 99, 99.9):
                 total[f"{kind}_p{q:g}"] = round(histogram.quantile(buckets, q / 100))
     return {"rate": rate, "seconds": seconds, "loops": totals}
-
-
-def allowed(case: dict[str, Any], loop: str) -> float:
-    """Cycles that the engine may miss: 1.1 × what the machine does, and one in 100 000."""
-    sleep, cycles = case["loops"][SLEEP], case["loops"][loop]["cycles"]
-    expected = sleep["missed_cycles"] / max(1, sleep["cycles"]) * cycles
-    return float(1.1 * expected + 1e-5 * cycles)

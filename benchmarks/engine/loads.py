@@ -25,8 +25,6 @@ PYTHON = "a busy Python thread in the bus server"
 MEMORY = f"{READERS} readers of the shared memory"
 ATTACH = "clients that attach, claim outputs and leave"
 ZENOH = f"{REQUESTS} Zenoh requests a second"
-WANTED = {ZENOH: REQUESTS}
-"""How often a second a load is meant to be done, where that is said."""
 
 Load = Callable[[float], contextlib.AbstractContextManager[dict[str, Any]]]
 """Is on while it is entered, for the time it is given; says then how much it did."""

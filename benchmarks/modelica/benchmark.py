@@ -19,8 +19,6 @@ from ecatsim.net import netlink
 from ..segment.peers import SIMULATOR
 from . import generation, sample
 
-NAME = "modelica"
-
 
 @dataclass(frozen=True)
 class Settings:

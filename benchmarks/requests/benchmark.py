@@ -27,8 +27,6 @@ from ..masters.read_worker import INDEX, SLAVE, SUBINDEX
 from ..masters.worker import Worker
 from ..segment.peers import SIMULATOR, ecatsim
 
-NAME = "requests"
-
 RIG = "troll"
 _COMMAND = ("ecatctl", "sdo-read", str(SLAVE), f"0x{INDEX:04X}", str(SUBINDEX))
 

@@ -30,8 +30,6 @@ from ..segment.peers import SIMULATOR as PAIR
 from ..segment.peers import ecatsim
 from ..segment.responder import KERNEL, SIMULATOR
 
-NAME = "scale"
-
 _SETTLE = 1.0
 _TAP_SECONDS = 0.2
 _BYTES = 1

@@ -30,7 +30,6 @@ from ..segment.frames import BRD, encode, frame
 from ..segment.peers import ECHO, SIMULATOR, echo, on, ping, simulator
 from . import alone
 
-NAME = "simulator"
 COUNTS = (1, 8, 64, 200)
 RATE = 1000
 MODES = ((RATE, False), (RATE, True), (0, False), (0, True))
