@@ -13,6 +13,7 @@ from typing import Any
 from ecatd.model.errors import EcatError, UsageError
 
 from . import interruptions, machine, report
+from .bench import prepared
 from .report import SECTIONS
 
 
@@ -45,9 +46,8 @@ def main() -> int:
 def _measure(name: str, extent: str, facts: dict[str, Any]) -> dict[str, Any]:
     """The result of one benchmark, with the facts of the machine that it was found on."""
     module = import_module(f".{name}.benchmark", __package__)
-    found = module.measure(
-        module.SETTINGS[extent], lambda text: print(f"  {text} ...", file=sys.stderr, flush=True)
-    )
+    with prepared(lambda text: print(f"  {text} ...", file=sys.stderr, flush=True)) as bench:
+        found = module.measure(bench, **module.SETTINGS.get(extent, {}))
     return {
         "schema": 1,
         "benchmark": name,
