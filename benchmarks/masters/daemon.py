@@ -13,7 +13,7 @@ from typing import Self
 from ecatd.model.errors import StateError
 
 from ..bench import Bench
-from ..machine import ROOT, Processors
+from ..machine import ROOT
 from ..segment.peers import SIMULATOR, end, on
 
 _PATIENCE = 60.0
@@ -38,9 +38,10 @@ class Daemon:
     def __init__(self, bench: Bench, *, busy_receive: bool = False, more: str = "") -> None:
         self.bus = bench.bus
         file, address = bench.folder / "ecatd.toml", bench.folder / "notify"
+        cpu = bench.cpu if len(bench.processors.master) == 1 else -1
         file.write_text(
             f'bus = "{self.bus}"\ninterface = "{SIMULATOR.near}"\n[realtime]\n'
-            f"cpu = {_own(bench.processors)}\nbusy_receive = {str(busy_receive).lower()}\n"
+            f"cpu = {cpu}\nbusy_receive = {str(busy_receive).lower()}\n"
             f"[gateway]\nlisten = []\n{more}"
         )
         self.environment = {
@@ -98,8 +99,3 @@ class Daemon:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _own(processors: Processors) -> int:
-    """The processor of the engine, -1 if it has none of its own."""
-    return min(processors.master) if len(processors.master) == 1 else -1

@@ -11,12 +11,11 @@ import os
 import secrets
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ecatd.bus.engine.engine import Engine, Index, RealTime, open_socket
-from ecatd.bus.engine.layout import Image, lay_out
+from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
 from ecatd.shm import Setting
@@ -33,25 +32,21 @@ _WARM_UP = 0.05
 _ANY_RATE = 1000
 
 
-@contextmanager
-def running(
-    bus: Bus, interface: str, wanted: RealTime, image: Image | None = None
-) -> Iterator[bool]:
+@contextlib.contextmanager
+def running(bus: Bus, interface: str, wanted: RealTime) -> Iterator[bool]:
     """An engine in this process that exchanges; whether it has real-time priority.
 
     Args:
         bus: Its slaves.
         interface: Where they are.
         wanted: What it asks the system for.
-        image: Where their process data are, if they have been laid out already.
     """
-    image = image or lay_out(bus, set())
-    shared = SharedMemory(bus.name)
-    try:
+    image = lay_out(bus, set())
+    with contextlib.closing(SharedMemory(bus.name)) as shared:
         shared.fill(bus, image, _LEASE_NS, _LEASE_NS)
         wire = open_socket(interface, Index.ENGINE, Index.LAST)
         engine = Engine(shared.address, shared.out_fd, [wire], secrets.randbits(32))
-        try:
+        with contextlib.closing(engine):
             for domain in image.domains:
                 engine.add_domain(domain)
             grants = {grant.setting: grant for grant in engine.start(wanted)}
@@ -59,10 +54,6 @@ def running(
                 time.sleep(_PAUSE)
             shared.publish()
             yield grants[Setting.SCHEDULING].error == 0
-        finally:
-            engine.close()
-    finally:
-        shared.close()
 
 
 def thread() -> int:

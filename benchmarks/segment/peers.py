@@ -6,7 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,17 +47,10 @@ def end(process: subprocess.Popen[Any], patience: float = _GRACE) -> None:
 
 @contextlib.contextmanager
 def _running(
-    processors: frozenset[int], *command: object, fds: Sequence[int] = ()
-) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [*map(str, command)],
-        stdout=subprocess.PIPE,
-        text=True,
-        pass_fds=fds,
-        preexec_fn=on(processors),
-    )
-    assert process.stdout
-    with process.stdout:
+    processors: frozenset[int], *command: object, **options: Any
+) -> Iterator[subprocess.Popen[bytes]]:
+    words = map(str, command)
+    with subprocess.Popen([*words], preexec_fn=on(processors), **options) as process:
         try:
             yield process
         finally:
@@ -67,8 +60,8 @@ def _running(
 @contextlib.contextmanager
 def echo(program: Path, processors: Processors) -> Iterator[None]:
     """The bare echo; its working counters stay 0."""
-    with _running(processors.peer, program, ECHO.far) as process:
-        if process.stdout and process.stdout.readline() != "ready\n":
+    with _running(processors.peer, program, ECHO.far, stdout=subprocess.PIPE) as process:
+        if process.stdout and process.stdout.readline() != b"ready\n":
             raise StateError("the echo does not start")
         yield
 
@@ -79,7 +72,7 @@ def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None
     reader, writer = os.pipe()
     command = (sys.executable, "-m", "ecatsim", "run", rig, "--interface", SIMULATOR.far)
     more = ("--ready-fd", writer, "--die-with-parent", *options)
-    with _running(processors.rest, *command, *more, fds=[writer]) as process:
+    with _running(processors.rest, *command, *more, pass_fds=[writer]) as process:
         os.close(writer)
         with os.fdopen(reader) as ready:
             if not ready.readline():
@@ -90,14 +83,9 @@ def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None
         yield
 
 
-@contextlib.contextmanager
-def wire(pair: Pair = SIMULATOR) -> Iterator[Wire]:
+def wire(pair: Pair = SIMULATOR) -> contextlib.closing[Wire]:
     """A way to ask single frames."""
-    opened = Wire(pair.near)
-    try:
-        yield opened
-    finally:
-        opened.close()
+    return contextlib.closing(Wire(pair.near))
 
 
 @contextlib.contextmanager
