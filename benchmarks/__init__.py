@@ -1,8 +1,8 @@
 """Benchmarks of ecatd and ecatsim: `make bench`, or `python -m benchmarks --help`.
 
-A benchmark is a module with settings for a trial, for minutes and for an hour (`SETTINGS`) and
-`measure(settings, say)`, which returns what was measured as data for JSON; and a report with
-`section(result)`, which says it in Markdown, and `plot(result, path)`, which draws it.
+A folder for each: `benchmark.py` has `measure(bench, ...)`, which returns what was measured as data
+for JSON, and what is different in a trial and when there is an hour (`SETTINGS`);
+`section.md.j2` has what the page says about it: text, tables, targets and a figure.
 """
 
 import sys

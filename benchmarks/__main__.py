@@ -6,24 +6,15 @@ import argparse
 import json
 import re
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ecatd.model.errors import EcatError, UsageError
 
 from . import interruptions, machine, report
-from .client import benchmark as client
-from .cores import benchmark as cores
-from .engine import benchmark as engine
-from .modelica import benchmark as modelica
-from .requests import benchmark as requests
-from .scale import benchmark as scale
-from .simulator import benchmark as simulator
-
-BENCHMARKS: dict[str, Any] = {
-    module.NAME: module for module in (simulator, engine, cores, scale, requests, client, modelica)
-}
-"""By name: modules with `SETTINGS` and `measure`."""
+from .bench import prepared
+from .report import SECTIONS
 
 
 def main() -> int:
@@ -33,7 +24,7 @@ def main() -> int:
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="seconds instead of minutes: a trial")
     length.add_argument("--full", action="store_true", help="everything, and for longer: an hour")
-    parser.add_argument("--only", choices=BENCHMARKS, help="this one; results of others stay")
+    parser.add_argument("--only", choices=SECTIONS, help="this one; results of others stay")
     parser.add_argument("--report-only", action="store_true", help="write the page again")
     options = parser.parse_args()
     folder = options.out / "performance"
@@ -43,7 +34,7 @@ def main() -> int:
             _prepare(folder)
             facts = machine.describe()  # before the first one enters a namespace
             facts["interruptions"] = interruptions.measure(extent)
-            for name in [options.only] if options.only else BENCHMARKS:
+            for name in [options.only] if options.only else SECTIONS:
                 (folder / f"{name}.json").write_text(_as_json(_measure(name, extent, facts)))
         print(report.write(options.out))
         return 0
@@ -54,10 +45,9 @@ def main() -> int:
 
 def _measure(name: str, extent: str, facts: dict[str, Any]) -> dict[str, Any]:
     """The result of one benchmark, with the facts of the machine that it was found on."""
-    module = BENCHMARKS[name]
-    found = module.measure(
-        module.SETTINGS[extent], lambda text: print(f"  {text} ...", file=sys.stderr, flush=True)
-    )
+    module = import_module(f".{name}.benchmark", __package__)
+    with prepared(lambda text: print(f"  {text} ...", file=sys.stderr, flush=True)) as bench:
+        found = module.measure(bench, **module.SETTINGS.get(extent, {}))
     return {
         "schema": 1,
         "benchmark": name,

@@ -56,21 +56,20 @@ class Interval:
 
     def __init__(self, before: Health, after: Health) -> None:
         self.seconds = after.time - before.time
+        both = after.values, before.values
         self.counts = {
-            name: int(getattr(after.values, key) - getattr(before.values, key))
+            name: int(getattr(both[0], key) - getattr(both[1], key))
             for name, key in _COUNTERS.items()
         }
-        self.buckets: dict[str, Buckets] = {
-            key: histogram.of_shared(getattr(after.values, key))
-            - histogram.of_shared(getattr(before.values, key))
-            for key in _HISTOGRAMS
-        }
+        self.buckets: dict[str, Buckets] = {}
+        for key in _HISTOGRAMS:
+            now, then = (histogram.of_shared(getattr(values, key)) for values in both)
+            self.buckets[key] = now - then
 
     def to_json(self) -> dict[str, Any]:
         """All of it."""
         return {
             **self.counts,
-            "seconds": self.seconds,
             "rate": self.counts["cycles"] / self.seconds,
             "buckets": {key: histogram.pairs(item) for key, item in self.buckets.items()},
         }

@@ -1,98 +1,83 @@
-"""Writes performance.md and its plots from the JSON of the benchmarks."""
+"""Writes performance.md and its plots from the JSON of the benchmarks.
+
+Each section is a template, `NAME/section.md.j2`: what it says, its tables, targets
+(`target.Target`) and figure (`plot.Figure`), with the results of the benchmark as variables.
+"""
 
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from jinja2 import ChainableUndefined, Environment, FileSystemLoader, StrictUndefined, Undefined
+
 from ecatd.model.errors import UsageError
 
-from .client import report as client_report
-from .cores import report as cores_report
-from .engine import report as engine_report
-from .modelica import report as modelica_report
-from .requests import report as requests_report
-from .scale import report as scale_report
-from .simulator import report as simulator_report
+from .plot import Figure, Panel, Series
+from .target import Target
 
-SECTIONS: dict[str, Any] = {
-    "simulator": simulator_report,
-    "engine": engine_report,
-    "cores": cores_report,
-    "scale": scale_report,
-    "requests": requests_report,
-    "client": client_report,
-    "modelica": modelica_report,
+SECTIONS = ("simulator", "engine", "cores", "scale", "requests", "client", "modelica")
+"""Names of the benchmarks, in the order of the page."""
+
+
+class _Missing(ChainableUndefined, StrictUndefined):
+    """What a result has not: `us` may write it, and nothing else."""
+
+
+def _us(ns: float | Undefined) -> str:
+    """Nanoseconds in microseconds."""
+    return "–" if isinstance(ns, Undefined) else f"{ns / 1000:.1f}"
+
+
+def _flat(items: Iterable[dict[str, Any]], key: str) -> list[dict[str, Any]]:
+    """The items of the lists `key` of all items, each with what its owner has, too."""
+    return [{**owner, **item} for owner in items for item in owner.get(key, ())]
+
+
+def _ratio(case: dict[str, Any], key: str, sign: str = "") -> str:
+    """A ratio with its quartiles."""
+    return "{:.2f}{} ({:.2f} to {:.2f})".format(case[key], sign, *case[f"{key}_quartiles"])
+
+
+_ENVIRONMENT = Environment(
+    loader=FileSystemLoader(Path(__file__).parent),
+    undefined=_Missing,
+    extensions=["jinja2.ext.do"],
+    trim_blocks=True,
+    lstrip_blocks=True,
+    autoescape=False,  # it is Markdown
+)
+_ENVIRONMENT.filters |= {
+    "digits": lambda value, count=0: f"{value:.{count}f}",
+    "short": lambda value: f"{value:g}",
+    "percent": lambda value, count=0: f"{value:.{count}%}",
+    "us": _us,
+    "pace": lambda rate: f"{rate / 1000:g} kHz" if rate else "free-running",
+    "slaves": lambda count: f"{count} slave" + "s" * (count != 1),
+    "flat": _flat,
+    "ratio": _ratio,
 }
-"""Reports by the name of the benchmark, in the order of the page."""
-
-_HEAD = """\
-# Performance
-
-`make bench` measures for a quarter of an hour, `make bench-full` more, for over an hour. Both need
-gcc and g++ and leave such a page and its results in `bench/`, or where `OUT=docs` says; the last
-line of each section names the one that wrote it. They need no root, but an ordinary user gets no
-real-time priority, and then the load of the machine shows in the numbers, and no frames are
-answered in the kernel. Compare ratios, not times: both sides of a ratio are measured in one run,
-in turns. A target that assumes more cores than a machine has, and is not met, says so. So does one
-that counts lost frames or missed cycles where the processors themselves stood still at least as
-often: the host of a virtual machine takes them away whenever it likes.
-"""
-
-_COMMANDS = {
-    "quick": "`python -m benchmarks --quick` (a trial of seconds)",
-    "normal": "`make bench` (a quarter of an hour for all sections)",
-    "full": "`make bench-full` (over an hour for all sections)",
-}
-"""By the extent of a result."""
+_ENVIRONMENT.globals |= {"panel": Panel, "series": Series}
 
 
-def page(results: dict[str, dict[str, Any]]) -> str:
-    """The page, from results by the name of the benchmark."""
-    parts = [_HEAD]
-    for name, module in SECTIONS.items():
-        if name in results:
-            parts += [module.section(results[name]), _origin(results[name]) + "\n"]
-    return "\n".join(parts)
+def section(name: str, result: dict[str, Any]) -> tuple[str, Figure]:
+    """What a benchmark has found, in Markdown, and the figure in it."""
+    figures: list[Figure] = []
 
+    def figure(text: str, size: tuple[float, float], *rows: list[Panel]) -> str:
+        figures.append(Figure(rows, size))
+        return f"![{text}](performance/{name}.svg)"
 
-def _origin(result: dict[str, Any]) -> str:
-    """How the results above it were found, and on what."""
-    machine = result["machine"]
-    kind = "virtual machine" if machine["virtual"] else "machine"
-    rights = "as root" if machine["root"] else "as an ordinary user"
-    again = result.get("again")  # a part that was measured later, written in by hand
-    return (
-        f"\nMeasured by {_COMMANDS[result['extent']]} on {machine['date']} {rights}, "
-        f"revision {machine['revision']}, on a {kind} with {machine['cores']} cores "
-        f"({machine['processor']}, governor {machine['governor']}), "
-        f"Linux {machine['kernel']}, Python {machine['python']}, "
-        f"load before the run {machine['load']}."
-        + _interruptions(machine.get("interruptions"))
-        + (f" {again['what']}: again on {again['date']}, {again['revision']}." if again else "")
-    )
+    def target(*arguments: Any, **more: Any) -> str:
+        return Target(*arguments, **more).row(result["machine"])
 
-
-def _interruptions(found: dict[str, Any] | None) -> str:
-    """How steady the machine is."""
-    if found is None:
-        return ""
-    who = "the highest priority" if found["real_time"] else "ordinary priority"
-    return (
-        f" A loop of {who} that never sleeps stood still on each of these processors "
-        f"{found['rate']:g} times a second for longer than {found['longer_than_us']:g} µs, "
-        f"{found['longest_us'] / 1000:.1f} ms at most."
-    )
-
-
-def load(folder: Path) -> dict[str, dict[str, Any]]:
-    """The results in a folder."""
-    return {
-        name: json.loads(file.read_text())
-        for name in SECTIONS
-        if (file := folder / f"{name}.json").exists()
-    }
+    template = _ENVIRONMENT.get_template(f"{name}/section.md.j2")
+    text = template.render(result, figure=figure, target=target)
+    text = re.sub(r"(?<=\S)\n *(?=[^\s|#-])", " ", text)  # a paragraph is a line
+    return re.sub(r"\n\n+", "\n\n", text).strip(), figures[0]
 
 
 def write(out: Path) -> str:
@@ -102,10 +87,14 @@ def write(out: Path) -> str:
         UsageError: There are no results.
     """
     folder = out / "performance"
-    results = load(folder)
+    files = {name: folder / f"{name}.json" for name in SECTIONS}
+    results = {name: json.loads(file.read_text()) for name, file in files.items() if file.exists()}
     if not results:
         raise UsageError(f"there are no results in '{folder}': run without --report-only")
+    texts = {}
     for name, result in results.items():
-        SECTIONS[name].plot(result, folder / f"{name}.svg")
-    (out / "performance.md").write_text(page(results))
-    return "\n\n".join(SECTIONS[name].section(result) for name, result in results.items())
+        texts[name], figure = section(name, result)
+        figure.save(folder / f"{name}.svg")
+    page = _ENVIRONMENT.get_template("page.md.j2").render(results=results, texts=texts)
+    (out / "performance.md").write_text(page.rstrip() + "\n")
+    return "\n\n".join(texts.values())

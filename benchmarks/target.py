@@ -2,68 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import operator
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from .words import table
-
-
-class Events(NamedTuple):
-    """What a processor that stands still causes, too: frames lost, cycles missed.
-
-    Attributes:
-        number: How many there were.
-        seconds: In how long a time.
-    """
-
-    number: int
-    seconds: float
+_COMPARE: dict[str, Callable[[float, float], bool]] = {
+    "<": operator.lt,
+    "≤": operator.le,
+    "≥": operator.ge,
+    "±": lambda figure, limit: abs(figure) <= limit,
+}
+_LIMIT = re.compile(r"([<≤≥±]?) ?([\d.]+)(%?)")
 
 
 @dataclass(frozen=True)
 class Target:
-    """One target.
+    """One target: a row of a table.
 
     Attributes:
         what: What is measured.
-        target: What it is meant to be.
-        measured: What it is.
-        met: Whether that is enough.
+        wanted: What it is meant to be, as "≤ 150 ns": how to compare, and the limit. A number alone
+            is the most; without a number and a limit nothing is meant.
+        figure: What it is.
+        measured: The same as the table has it.
+        limit: The limit, where the text has it rounded.
+        valid: Whether the figure was found as it was meant to be.
         cores: How many a machine must have for it: one for each of those that are busy at once.
-        events: What was counted for it, if it is not a ratio or a time.
+        seconds: Where the figure counts what a processor that stands still causes, too (frames
+            lost, cycles missed): in how long a time.
     """
 
     what: str
-    target: str
+    wanted: str
+    figure: float
     measured: str
-    met: bool
+    limit: float | None = None
+    valid: bool = True
     cores: int = 1
-    events: Events | None = None
+    seconds: float | None = None
 
+    @property
+    def met(self) -> bool:
+        """Whether the figure is enough."""
+        found = _LIMIT.match(self.wanted)
+        sign, number, percent = found.groups() if found else ("", "inf", "")
+        limit = float(number) / (100 if percent else 1) if self.limit is None else self.limit
+        return self.valid and _COMPARE[sign or "≤"](self.figure, limit)
 
-def verdicts(targets: Iterable[Target], machine: dict[str, Any]) -> str:
-    """A table of targets, on a machine (`machine.describe`, `interruptions.measure`)."""
-    cores = machine["cores"]
-    rows = [(t.what, _wanted(t, cores), t.measured, _met(t, machine)) for t in targets]
-    return table(("what", "target", "measured", "met"), rows)
+    def row(self, machine: dict[str, Any]) -> str:
+        """The row, on a machine (`machine.describe`, `interruptions.measure`)."""
+        few = machine["cores"] < self.cores
+        wanted = self.wanted + (f", with {self.cores} cores" if few else "")
+        if self.met:
+            verdict = "yes"
+        elif few:
+            verdict = f"needs {self.cores} cores"
+        else:
+            verdict = self._interrupted(machine) or "**no**"
+        return f"| {self.what} | {wanted} | {self.measured} | {verdict} |"
 
-
-def _wanted(target: Target, cores: int) -> str:
-    return target.target + (f", with {target.cores} cores" if cores < target.cores else "")
-
-
-def _met(target: Target, machine: dict[str, Any]) -> str:
-    if target.met:
-        return "yes"
-    if machine["cores"] < target.cores:
-        return f"needs {target.cores} cores"
-    return _interrupted(target.events, machine) or "**no**"
-
-
-def _interrupted(events: Events | None, machine: dict[str, Any]) -> str:
-    """That the processors themselves stood still at least as often, if they did."""
-    if events is None or "interruptions" not in machine:
-        return ""
-    alone = round(machine["interruptions"]["rate"] * machine["cores"] * events.seconds)
-    return f"not here: some {alone} interruptions" if events.number <= alone else ""
+    def _interrupted(self, machine: dict[str, Any]) -> str:
+        """That the processors themselves stood still at least as often, if they did."""
+        if self.seconds is None or "interruptions" not in machine:
+            return ""
+        alone = round(machine["interruptions"]["rate"] * machine["cores"] * self.seconds)
+        return f"not here: some {alone} interruptions" if self.figure <= alone else ""

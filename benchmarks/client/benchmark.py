@@ -5,85 +5,229 @@ The engine of the daemon exchanges with simulated slaves meanwhile, at 1 kHz or 
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass
+import os
+import shutil
+import statistics
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ecatd import network_namespace as namespace
-from ecatsim.net import netlink
+from ecatd.client import Client
+from ecatd.model.errors import StateError
 
-from ..segment.peers import SIMULATOR
-from . import costs, delay, languages, paths, peers
-from .plant import Plant
+from ..bench import Bench
+from ..engine.exchange import buckets
+from ..engine.turns import PYSOEM, on_line
+from ..health import Health
+from ..histogram import quantile
+from ..segment.mirror import MirrorLine, mirror_line
+from . import costs
 
-NAME = "client"
-
-SMALL, LARGE = (8, 16), (200, 8)
+SETTINGS: dict[str, dict[str, Any]] = {
+    "quick": {
+        "readers": (1, 4),
+        "seconds": 0.05,
+        "cycles": 200,
+        "cost_rounds": 1,
+        "cost_seconds": 0.05,
+    },
+    "full": {"seconds": 5.0, "cost_rounds": 15, "cost_seconds": 1.0},
+}
+_SMALL, _LARGE = (8, 16), (200, 8)
 """Slaves, and bytes of outputs and of inputs of each: a domain of 256 bytes, and a long line."""
+_RARE = "sched_yield"
+"""A sample that finds the engine interrupted in the middle of writing lets it run."""
+_MARK = "getppid"
+_DELAY_RATE, _DELAY_PRIORITY = 2000, 70
+_READS, _TURN = 20, 50
+_SOURCES = "DEVICE_DRIVERS"
+"""Environment variable: a checkout of github.com/modelica-3rdparty/Modelica_DeviceDrivers."""
+_HEADERS = Path("Modelica_DeviceDrivers") / "Resources" / "Include"
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What is measured, and how long.
+def measure(
+    bench: Bench,
+    *,
+    readers: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64),
+    seconds: float = 0.5,
+    cycles: int = 100_000,
+    cost_rounds: int = 5,
+    cost_seconds: float = 0.3,
+) -> dict[str, Any]:
+    """Everything.
 
-    Attributes:
+    Args:
+        bench: Where.
         readers: How many processes read at once.
-        seconds: How long each measurement of a path takes.
+        seconds: How long each measurement takes.
         cycles: How often the delay from sample to wire is measured.
-        writers: Numbers of clients that commit in every cycle.
-        claims: Numbers of slaves whose outputs one client has.
-        waiters: Numbers of processes that wait for every cycle.
-        cost_rounds: How often each of these has its turn.
+        cost_rounds: How often clients of each kind have their turn.
         cost_seconds: How long a turn is.
     """
+    with mirror_line(bench, *_SMALL) as line:
+        snapshots = _snapshots(line, readers, seconds)
+        bench.say("commit")
+        commits = _commits(line, seconds)
+        calls = _system_calls(line)
+        bench.say("from sample to wire")
+        delay = _delay(line, cycles)
+        bench.say("C++ and Python")
+        with line.exchanged():
+            languages = {
+                "wrapper": bench.run("wrapper", bench.bus, seconds),
+                "python": _python(bench.bus, seconds),
+            }
+    with mirror_line(bench, *_LARGE) as line:
+        bench.say("commit, 200 slaves")
+        commits += _commits(line, seconds)
+        bench.say("what clients cost the engine")
+        cost = costs.measure(line, cost_rounds, cost_seconds)
+    bench.say("others")
+    return {
+        "processors": bench.processors.to_json(),
+        "snapshots": snapshots,
+        "commits": commits,
+        "calls": calls,
+        "delay": delay,
+        "languages": languages,
+        "costs": cost,
+        "peers": {
+            "in_process": _in_process(bench, seconds),
+            "device_drivers": _device_drivers(bench, seconds),
+        },
+    }
 
-    readers: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64)
-    seconds: float = 0.5
-    cycles: int = 100_000
-    writers: tuple[int, ...] = (0, 1, 8, 31)
-    claims: tuple[int, ...] = (1, 10, 50, 200)
-    waiters: tuple[int, ...] = (0, 1, 2, 64)
-    cost_rounds: int = 5
-    cost_seconds: float = 0.3
+
+def _snapshots(line: MirrorLine, readers: Sequence[int], seconds: float) -> list[dict[str, Any]]:
+    """A snapshot and 20 reads, beside the least that it could be, with so many readers at once.
+
+    Those that share a processor run as much longer.
+    """
+    bench = line.bench
+    processors = sorted(bench.processors.rest)
+    result = []
+    for free_running in (False, True):
+        with line.exchanged(free_running=free_running):
+            for count in readers:
+                bench.say(f"snapshot, {count} readers{', free-running' if free_running else ''}")
+                longer = seconds * min(-(-count // len(processors)), 8)
+                found = bench.run("snapshot", bench.bus, count, longer, *processors)
+                result.append({"free_running": free_running, "readers": count, **_summary(found)})
+    return result
 
 
-SETTINGS = {
-    "quick": Settings(readers=(1, 4), seconds=0.05, cycles=200, cost_rounds=1, cost_seconds=0.05),
-    "normal": Settings(),
-    "full": Settings(seconds=5.0, cost_rounds=15, cost_seconds=1.0),
-}
+def _summary(processes: list[dict[str, float]]) -> dict[str, Any]:
+    """Medians over the processes of their medians, and their span."""
+    samples = [process["sample"] for process in processes]
+    medians = {
+        key: statistics.median(process[key] for process in processes)
+        for key in ("sample", "plain", "ratio")
+    }
+    turns = sum(process["turns"] for process in processes)
+    return {**medians, "span": [min(samples), max(samples)], "turns": turns}
 
 
-def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
-    """Everything; moves this process into a network namespace of its own."""
-    namespace.enter_new()
-    netlink.create_veth(SIMULATOR.far, SIMULATOR.near)
-    with tempfile.TemporaryDirectory() as folder:
-        plant = Plant.make(Path(folder))
-        result: dict[str, Any] = {"processors": plant.processors.to_json()}
-        with plant.line(*SMALL) as line:
-            result["snapshots"] = paths.snapshots(line, settings.readers, settings.seconds, say)
-            say("commit")
-            result["commits"] = paths.commits(line, settings.seconds)
-            result["calls"] = paths.system_calls(line, plant)
-            say("from sample to wire")
-            result["delay"] = delay.measure(line, settings.cycles)
-            say("C++ and Python")
-            result["languages"] = languages.measure(line, settings.seconds)
-        with plant.line(*LARGE) as line:
-            say("commit, 200 slaves")
-            result["commits"] += paths.commits(line, settings.seconds)
-            say("what clients cost the engine")
-            result["costs"] = costs.measure(
-                line,
-                settings.writers,
-                settings.claims,
-                settings.waiters,
-                settings.cost_rounds,
-                settings.cost_seconds,
-            )
-        say("others")
-        result["peers"] = peers.measure(plant, *SMALL, settings.seconds)
-        return result
+def _commits(line: MirrorLine, seconds: float) -> list[dict[str, Any]]:
+    """A commit and a whole step of a program, with the outputs of one slave and of all."""
+    with line.exchanged():
+        return [
+            {
+                "slaves": line.slaves,
+                "claimed": claimed,
+                **line.bench.run("commit", line.bench.bus, claimed, seconds),
+            }
+            for claimed in (1, line.slaves)
+        ]
+
+
+def _system_calls(line: MirrorLine) -> dict[str, Any]:
+    """System calls of 10000 steps, counted by strace."""
+    strace = shutil.which("strace")
+    if strace is None:
+        return {"reason": "strace is not installed"}
+    bench = line.bench
+    log = bench.folder / "calls"
+    with line.exchanged():
+        found = bench.run("commit", bench.bus, 1, "--once", command=(strace, "-o", str(log)))
+    calls = [call.partition("(")[0] for call in log.read_text().splitlines()]
+    first, second = (n for n, call in enumerate(calls) if call == _MARK)
+    between = calls[first + 1 : second]
+    return {
+        "steps": found["steps"],
+        "calls": sum(call != _RARE for call in between),
+        "yields": between.count(_RARE),
+    }
+
+
+def _delay(line: MirrorLine, cycles: int) -> dict[str, Any]:
+    """In how many cycles what was sampled goes out, and how often; by a loop-back of numbers."""
+    bus = line.bench.bus
+    with line.exchanged(cycle_us=1_000_000 // _DELAY_RATE):
+        before = Health(bus).values.delay_cycles
+        found = line.bench.run("delay", bus, cycles, _DELAY_PRIORITY)
+        after = Health(bus).values.delay_cycles
+    engine = [int(now - then) for now, then in zip(after, before, strict=True)]
+    return {"cycles": cycles, "rate": _DELAY_RATE, **found, "engine": engine}
+
+
+def _python(bus: str, seconds: float) -> dict[str, float]:
+    """Nanoseconds of what programs in Python do in each cycle."""
+    with Client(bus) as client:
+        signals = client.signals()
+        chosen = [signals[i * len(signals) // _READS] for i in range(_READS)]
+        one, group, output = chosen[0], client.group(chosen), signals[0]
+        with client.claim(0):
+
+            def step() -> None:
+                client.sample()
+                values = group.raw
+                output.raw = values[0] & 0x7F
+                client.commit()
+
+            actions: dict[str, Callable[[], Any]] = {
+                "sample": client.sample,
+                "one read": lambda: one.raw,
+                f"{_READS} reads as a group": lambda: group.raw,
+                "one write": lambda: setattr(output, "raw", 1),
+                "commit": client.commit,
+                "a whole step with one write": step,
+            }
+            return {name: _time(client, action, seconds) for name, action in actions.items()}
+
+
+def _time(client: Client, action: Callable[[], Any], seconds: float) -> float:
+    """The median of turns, with the call from Python."""
+    turns: list[float] = []
+    end = time.perf_counter() + seconds
+    while not turns or time.perf_counter() < end:
+        client.sample()  # keeps the claim
+        start = time.perf_counter_ns()
+        for _ in range(_TURN):
+            action()
+        turns.append((time.perf_counter_ns() - start) / _TURN)
+    return round(statistics.median(turns), 1)
+
+
+def _in_process(bench: Bench, seconds: float) -> dict[str, Any]:
+    """The master in the process of the model: SOEM exchanges in every step, in its thread."""
+    with on_line(bench, *_SMALL) as turns:
+        if not turns.has(PYSOEM):
+            return {"reason": turns.missing[PYSOEM]}
+        found = turns.run(PYSOEM, rate=0, seconds=seconds)
+    return {
+        "step": round(quantile(buckets(found), 0.5)),
+        "sleeps": round(found["sleeps"] / found["cycles"], 2),
+    }
+
+
+def _device_drivers(bench: Bench, seconds: float) -> dict[str, Any]:
+    """The shared memory of Modelica_DeviceDrivers."""
+    if _SOURCES not in os.environ:
+        return {"reason": f"{_SOURCES} names no checkout of it"}
+    headers = Path(os.environ[_SOURCES]) / _HEADERS
+    if not (headers / "MDDSharedMemory.h").exists():
+        raise StateError(f"{_SOURCES}: there is no {headers / 'MDDSharedMemory.h'}")
+    bench.program("device_drivers", "-isystem", str(headers))
+    found: dict[str, Any] = bench.run("device_drivers", bench.bus, seconds)
+    return found

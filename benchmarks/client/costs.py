@@ -12,10 +12,10 @@ from typing import Any
 from ..engine import instructions
 from ..health import Health
 from ..histogram import quantile
-from ..least_squares import fit
 from ..masters.engine import thread
+from ..segment.mirror import MirrorLine
 from ..segment.peers import on
-from .plant import Line
+from ..summary import fit
 
 _SETTLE = 0.1
 _THREAD_CLOCK = 6
@@ -24,62 +24,48 @@ _THREAD_CLOCK = 6
 Case = tuple[str, int, int]
 """Program, clients, and slaves that each claims."""
 
+_WRITERS: dict[int, Case] = {count: ("writers", count, 1) for count in (0, 1, 8, 31)}
+"""By their number: clients that commit in every cycle, with the outputs of one slave each."""
+_CLAIMS: dict[int, Case] = {count: ("writers", 1, count) for count in (1, 10, 50, 200)}
+"""By number of slaves: one such client that has the outputs of all of them."""
+_WAITERS: dict[int, Case] = {count: ("readers", count, 0) for count in (0, 1, 2, 64)}
+"""By their number: processes that wait for every cycle and sample."""
 
-def measure(
-    line: Line,
-    writers: Sequence[int],
-    claims: Sequence[int],
-    waiters: Sequence[int],
-    rounds: int,
-    seconds: float,
-) -> dict[str, Any]:
+
+def measure(line: MirrorLine, rounds: int, seconds: float) -> dict[str, Any]:
     """Time and instructions of the engine's thread in a cycle, beside clients of all kinds.
 
     Args:
         line: The slaves.
-        writers: Numbers of clients that commit in every cycle, with the outputs of one slave each.
-        claims: Numbers of slaves whose outputs one such client has.
-        waiters: Numbers of processes that wait for every cycle and sample.
         rounds: How often each has its turn.
         seconds: How long a turn is.
     """
-    cases: list[Case] = [
-        *(("writers", count, 1) for count in writers),
-        *(("writers", 1, count) for count in claims),
-        *(("readers", count, 0) for count in waiters),
-    ]
-    found: dict[Case, list[dict[str, float]]] = {}
-    with line.exchanged(poll_us=0), _meter(line) as meter:
+    cases = [*_WRITERS.values(), *_CLAIMS.values(), *_WAITERS.values()]
+    found: dict[Case, list[dict[str, float]]] = {case: [] for case in cases}
+    bus = line.bench.bus
+    with line.exchanged(poll_us=0), contextlib.closing(_Meter(bus)) as meter:
         for _ in range(rounds):
-            for case in dict.fromkeys(cases):
+            for case, results in found.items():
                 with _clients(line, *case):
                     time.sleep(_SETTLE)
-                    found.setdefault(case, []).append(meter.cycles(seconds))
+                    results.append(meter.cycles(seconds))
     return {
-        "writers": _points(found, ((n, ("writers", n, 1)) for n in writers), "writers"),
-        "claims": _points(found, ((n, ("writers", 1, n)) for n in claims), "slaves"),
-        "waiters": _points(found, ((n, ("readers", n, 0)) for n in waiters), "waiters"),
+        "writers": _points("writers", {n: found[case] for n, case in _WRITERS.items()}),
+        "claims": _points("slaves", {n: found[case] for n, case in _CLAIMS.items()}),
+        "waiters": _points("waiters", {n: found[case] for n, case in _WAITERS.items()}),
     }
 
 
-def _points(
-    found: dict[Case, list[dict[str, float]]], cases: Iterator[tuple[int, Case]], axis: str
-) -> dict[str, Any]:
-    """Medians over the rounds, and the straight line through them."""
+def _points(axis: str, found: dict[int, Sequence[dict[str, float]]]) -> dict[str, Any]:
+    """Medians over the rounds, and the slopes of the straight lines through them."""
+    keys = next(iter(found.values()))[0]
     points = [
-        {
-            axis: number,
-            **{
-                key: round(statistics.median(item[key] for item in found[case]), 1)
-                for key in found[case][0]
-            },
-        }
-        for number, case in cases
+        {axis: number}
+        | {key: round(statistics.median(item[key] for item in results), 1) for key in keys}
+        for number, results in found.items()
     ]
-    return {
-        "points": points,
-        "more": {key: round(fit(points, (axis,), key)[1], 2) for key in points[0] if key != axis},
-    }
+    more = {key: round(fit(points, (axis,), key, ("", axis))[axis], 2) for key in keys}
+    return {"points": points, "more": more}
 
 
 class _Meter:
@@ -100,17 +86,12 @@ class _Meter:
         time.sleep(seconds)
         after, last = Health(self._bus), self._read()
         passed = after.since(before)
-        cycles = passed.counts["cycles"]
-        return {
-            **{key: (last[key] - first[key]) / cycles for key in first},
-            "exchange": quantile(passed.buckets["exchange"], 0.5),
-        }
+        spent = {key: (last[key] - first[key]) / passed.counts["cycles"] for key in first}
+        return spent | {"exchange": quantile(passed.buckets["exchange"], 0.5)}
 
     def _read(self) -> dict[str, int]:
-        result = {"ns": time.clock_gettime_ns(self._clock)}
-        if self._counter:
-            result["instructions"] = self._counter.read()
-        return result
+        counted = {"instructions": self._counter.read()} if self._counter else {}
+        return {"ns": time.clock_gettime_ns(self._clock), **counted}
 
     def close(self) -> None:
         """Ends counting."""
@@ -118,34 +99,29 @@ class _Meter:
             self._counter.close()
 
 
-def _meter(line: Line) -> contextlib.closing[_Meter]:
-    return contextlib.closing(_Meter(line.plant.bus))
-
-
 @contextlib.contextmanager
-def _clients(line: Line, program: str, count: int, slaves: int) -> Iterator[None]:
+def _clients(line: MirrorLine, program: str, count: int, slaves: int) -> Iterator[None]:
     """So many clients, while it is entered."""
     if count == 0:
         yield
         return
-    arguments = [line.plant.bus, str(count), *([str(slaves)] if slaves else [])]
-    process = subprocess.Popen(
-        [line.plant.programs[program], *arguments],
+    bench = line.bench
+    arguments = [bench.bus, str(count), *([str(slaves)] if slaves else [])]
+    with subprocess.Popen(
+        [bench.program(program), *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        preexec_fn=on(line.plant.processors.rest),
-    )
-    assert process.stdin
-    assert process.stdout
-    try:
+        bufsize=0,
+        preexec_fn=on(bench.processors.rest),
+    ) as process:
+        assert process.stdin
+        assert process.stdout
         if program == "writers":
             process.stdout.readline()
         else:
             time.sleep(_SETTLE)  # readers stop themselves before they are let go
             process.stdin.write(b"!")
-            process.stdin.flush()
-        yield
-    finally:
-        process.stdin.close()
-        process.wait()
-        process.stdout.close()
+        try:
+            yield
+        finally:
+            process.stdin.close()

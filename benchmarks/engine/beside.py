@@ -9,45 +9,41 @@ from __future__ import annotations
 import contextlib
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from .. import histogram
+from ..bench import Bench
 from ..health import Health, Interval
 from ..masters.daemon import Daemon
 from ..segment.peers import ecatsim
+from ..summary import ratio, total
 from .loads import LOADS, Load
-from .turns import SLEEP, Tools
+from .turns import SLEEP
 
 RIG = "troll"
-_ON, _OFF = "on", "off"
 _SETTLE = 0.05
+_COUNTS = ("cycles", "frames", "lost_frames", "late_frames", "wrong", "missed_cycles")
 
 
 def measure(
-    tools: Tools,
-    rounds: int,
-    seconds: float,
-    *,
-    busy: Sequence[bool],
-    say: Callable[[str], None],
+    bench: Bench, rounds: int, seconds: float, *, busy: Sequence[bool]
 ) -> list[dict[str, Any]]:
     """Every load, for `rounds` times `seconds` on and as long off.
 
     Args:
-        tools: What is used.
+        bench: Where.
         rounds: How often.
         seconds: How long.
         busy: Whether the engine polls the socket; one daemon for each.
-        say: Told what is going on.
     """
     result = []
-    with ecatsim(RIG, tools.processors):
+    with ecatsim(RIG, bench.processors):
         for polls in busy:
-            with Daemon(tools.folder, tools.processors, busy_receive=polls) as daemon:
+            with Daemon(bench, busy_receive=polls) as daemon:
                 for name, make in LOADS.items():
-                    say(f"loads: {name}{', busy receive' if polls else ''}")
-                    with make(tools, daemon) as load:
+                    bench.say(f"loads: {name}{', busy receive' if polls else ''}")
+                    with make(bench, daemon) as load:
                         found = compare(daemon.bus, load, rounds, seconds)
                     result.append({"load": name, "busy": polls, **found})
     return result
@@ -70,30 +66,22 @@ def compare(
         sleep: Has a loop that only wakes up run for so many seconds: it has turns beside the load,
             too, and the engine goes on meanwhile.
     """
-    found: dict[str, list[Any]] = {_OFF: [], _ON: []} | ({} if sleep is None else {SLEEP: []})
+    found: dict[str, list[Any]] = {"off": [], "on": []} | ({SLEEP: []} if sleep else {})
     done: list[dict[str, Any]] = []
     for number in range(rounds):
         for name in reversed(found) if number % 2 else found:
             last = seconds + (4 if name == SLEEP else 2) * _SETTLE
-            with load(last) if name != _OFF else contextlib.nullcontext({}) as did:
+            with load(last) if name != "off" else contextlib.nullcontext({}) as did:
                 time.sleep(_SETTLE)
-                if sleep is not None and name == SLEEP:
-                    found[name].append(sleep(seconds))
-                else:
-                    found[name].append(_engine(bus, seconds))
-            if name != _OFF:
+                turn = sleep if sleep and name == SLEEP else lambda s: _engine(bus, s)
+                found[name].append(turn(seconds))
+            if name != "off":
                 done.append(did)
-    ratios = sorted(
-        _quantile(with_load, 0.99) / _quantile(without, 0.99)
-        for with_load, without in zip(found[_ON], found[_OFF], strict=True)
-    )
-    quarter = len(ratios) // 4
     return {
-        "on": _summary(found[_ON]),
-        "off": _summary(found[_OFF]),
-        **({} if sleep is None else {SLEEP: _slept(found[SLEEP])}),
-        "ratio_p99": round(statistics.median(ratios), 4),
-        "ratio_p99_quartiles": [round(ratios[quarter], 4), round(ratios[-1 - quarter], 4)],
+        "on": _summary(found["on"]),
+        "off": _summary(found["off"]),
+        **({SLEEP: total(found[SLEEP], "cycles", "missed_cycles")} if sleep else {}),
+        **ratio("ratio_p99", _quantiles(found["on"], 99), _quantiles(found["off"], 99)),
         "counted": any("rate" in d for d in done),
         "rate": round(sum(d.get("rate", 0) for d in done) / len(done), 1),
         "failed": sum(d.get("failed", 0) for d in done),
@@ -106,22 +94,11 @@ def _engine(bus: str, seconds: float) -> Interval:
     return Health(bus).since(before)
 
 
-def _quantile(interval: Interval, q: float) -> float:
-    return histogram.quantile(interval.buckets["exchange"], q)
+def _quantiles(intervals: Iterable[Interval], percent: int) -> Iterator[float]:
+    return (histogram.quantile(item.buckets["exchange"], percent / 100) for item in intervals)
 
 
-def _summary(intervals: list[Interval]) -> dict[str, Any]:
+def _summary(intervals: Sequence[Interval]) -> dict[str, Any]:
     """Medians over the rounds, and sums."""
-    counts = {
-        key: sum(item.counts[key] for item in intervals)
-        for key in ("cycles", "frames", "lost_frames", "late_frames", "wrong", "missed_cycles")
-    }
-    times = {
-        f"p{q}": round(statistics.median(_quantile(item, q / 100) for item in intervals))
-        for q in (50, 99)
-    }
-    return {**counts, **times}
-
-
-def _slept(results: list[dict[str, Any]]) -> dict[str, int]:
-    return {key: sum(item[key] for item in results) for key in ("cycles", "missed_cycles")}
+    medians = {f"p{q}": round(statistics.median(_quantiles(intervals, q))) for q in (50, 99)}
+    return total((item.counts for item in intervals), *_COUNTS) | medians

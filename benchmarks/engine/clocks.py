@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +11,10 @@ from ecatd.model.errors import StateError
 from ecatsim.control import Simulator
 
 from .. import histogram
+from ..bench import Bench
 from ..health import Health
 from ..masters.daemon import Daemon
 from ..segment.peers import ecatsim
-from .turns import Tools
 
 DRIFTS = (10.0, 50.0, -50.0, 25.0, -25.0, 50.0, -50.0, 0.0)
 """Errors of the slaves' oscillators in ppm; the first one is the reference clock."""
@@ -41,14 +39,13 @@ def _write_rig(folder: Path) -> Path:
     return file
 
 
-def measure(tools: Tools, seconds: float, say: Callable[[str], None]) -> dict[str, Any]:
+def measure(bench: Bench, seconds: float) -> dict[str, Any]:
     """Differences of the slaves' clocks and of the cycle to the reference clock, once locked."""
-    say("distributed clocks")
-    name = f"bench{os.getpid()}"
+    bench.say("distributed clocks")
     with (
-        ecatsim(_write_rig(tools.folder), tools.processors, "--name", name),
-        Daemon(tools.folder, tools.processors, more=_CONFIGURATION) as daemon,
-        Simulator(name) as simulator,
+        ecatsim(_write_rig(bench.folder), bench.processors, "--name", bench.bus),
+        Daemon(bench, more=_CONFIGURATION) as daemon,
+        Simulator(bench.bus) as simulator,
     ):
         _wait_for_lock(daemon)
         before = Health(daemon.bus)

@@ -6,58 +6,46 @@ from collections.abc import Sequence
 from typing import Any
 
 from .. import histogram
+from ..summary import total
 from .exchange import Loop, key
 from .turns import ENGINE, SLEEP, Turns
 
 LOOPS: Sequence[Loop] = ((SLEEP, False), (ENGINE, False), (ENGINE, True))
 _SLICE = 2.0
 """Seconds of a turn: short enough for both to see the same disturbances of the machine."""
+_COUNTS = ("cycles", "missed_cycles", "lost_frames", "late_frames", "wrong")
 
 
 def measure(
-    turns: Turns, rates: Sequence[float], seconds: float, loops: Sequence[Loop] = LOOPS
-) -> list[dict[str, Any]]:
-    """Every rate for some seconds, as long for each of the loops.
+    turns: Turns, rate: float, seconds: float, loops: Sequence[Loop] = LOOPS
+) -> dict[str, Any]:
+    """One rate for some seconds, as long for each of the loops.
 
     Args:
         turns: The loops.
-        rates: Cycles a second.
-        seconds: How long each of them runs at each rate.
+        rate: Cycles a second.
+        seconds: How long each of them runs.
         loops: Those that are compared.
     """
-    return [_case(turns, rate, seconds, loops) for rate in rates]
-
-
-def _case(turns: Turns, rate: float, seconds: float, loops: Sequence[Loop]) -> dict[str, Any]:
     count = max(1, round(seconds / _SLICE))
-    totals: dict[str, dict[str, Any]] = {}
-    times: dict[str, dict[str, histogram.Buckets]] = {}
+    found: dict[Loop, list[dict[str, Any]]] = {loop: [] for loop in loops}
     for number in range(count):
         for loop in reversed(loops) if number % 2 else loops:
             name, busy = loop
-            found = turns.run(name, rate=rate, seconds=seconds / count, busy=busy)
-            total = totals.setdefault(
-                key(loop), {"cycles": 0, "missed_cycles": 0, "real_time": True}
-            )
-            total["cycles"] += found["cycles"]
-            total["missed_cycles"] += found["missed_cycles"]
-            total["real_time"] &= found["real_time"]
-            for item in ("lost_frames", "late_frames", "wrong"):
-                if item in found:
-                    total[item] = total.get(item, 0) + found[item]
-            pairs = {"wakeup": found["buckets"]} if name == SLEEP else found["buckets"]
-            sums = times.setdefault(key(loop), {})
-            for kind in {"wakeup", "exchange"} & set(pairs):
-                sums[kind] = sums.get(kind, histogram.Buckets()) + histogram.of_pairs(pairs[kind])
-    for name, total in totals.items():
-        for kind, buckets in sorted(times[name].items()):
-            for q in (50, 99, 99.9):
-                total[f"{kind}_p{q:g}"] = round(histogram.quantile(buckets, q / 100))
-    return {"rate": rate, "seconds": seconds, "loops": totals}
+            found[loop].append(turns.run(name, rate=rate, seconds=seconds / count, busy=busy))
+    summaries = {key(loop): _summary(loop[0], results) for loop, results in found.items()}
+    return {"rate": rate, "seconds": seconds, "loops": summaries}
 
 
-def allowed(case: dict[str, Any], loop: str) -> float:
-    """Cycles that the engine may miss: 1.1 × what the machine does, and one in 100 000."""
-    sleep, cycles = case["loops"][SLEEP], case["loops"][loop]["cycles"]
-    expected = sleep["missed_cycles"] / max(1, sleep["cycles"]) * cycles
-    return float(1.1 * expected + 1e-5 * cycles)
+def _summary(name: str, results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Sums, and quantiles over all turns."""
+    summary = total(results, *_COUNTS)
+    summary["real_time"] = all(result["real_time"] for result in results)
+    for kind in ("wakeup",) if name == SLEEP else ("exchange", "wakeup"):
+        times = histogram.Buckets()
+        for result in results:
+            pairs = result["buckets"]
+            times += histogram.of_pairs(pairs if name == SLEEP else pairs[kind])
+        for q in (50, 99, 99.9):
+            summary[f"{kind}_p{q:g}"] = round(histogram.quantile(times, q / 100))
+    return summary

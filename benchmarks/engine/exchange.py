@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from .. import histogram
+from ..summary import ratio
 from .turns import BARE, ENGINE, KICKCAT, PYSOEM, Turns
 
 Loop = tuple[str, bool]
@@ -16,7 +17,6 @@ Loop = tuple[str, bool]
 _C: Sequence[Loop] = ((BARE, False), (ENGINE, False), (BARE, True), (ENGINE, True))
 _PYTHON: Sequence[Loop] = ((PYSOEM, False), (KICKCAT, False))
 _TOTALS = ("cycles", "lost_frames", "wrong", "missed_cycles")
-_FREE_RUNNING = 0
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Plan:
         seconds: How long a turn is at least.
     """
 
-    rates: tuple[float, ...]
-    python_rates: tuple[float, ...]
-    rounds: int
-    cycles: int
-    seconds: float
+    rates: tuple[float, ...] = (1000, 4000, 0)
+    python_rates: tuple[float, ...] = (1000, 0)
+    rounds: int = 9
+    cycles: int = 300
+    seconds: float = 0.1
 
     def turn(self, rate: float) -> float:
         """Seconds of a turn."""
@@ -44,7 +44,7 @@ class Plan:
 
 def measure(turns: Turns, plan: Plan) -> list[dict[str, Any]]:
     """Every rate with every loop that is there, in rounds."""
-    found: dict[tuple[float, Loop], list[dict[str, Any]]] = {}
+    found: dict[float, dict[Loop, list[dict[str, Any]]]] = {rate: {} for rate in plan.rates}
     for number in range(plan.rounds):
         for rate in plan.rates:
             loops = [*_C]
@@ -52,28 +52,23 @@ def measure(turns: Turns, plan: Plan) -> list[dict[str, Any]]:
                 loops += [loop for loop in _PYTHON if turns.has(loop[0])]
             for name, busy in reversed(loops) if number % 2 else loops:
                 result = turns.run(name, rate=rate, seconds=plan.turn(rate), busy=busy)
-                found.setdefault((rate, (name, busy)), []).append(result)
-    return [_case(rate, found) for rate in plan.rates]
+                found[rate].setdefault((name, busy), []).append(result)
+    return [
+        {
+            "rate": rate,
+            "loops": {key(loop): _summary(results) for loop, results in rounds.items()},
+            "ratios": {
+                name: _ratios(rounds, busy, free_running=not rate)
+                for name, busy in (("blocking", False), ("busy", True))
+            },
+        }
+        for rate, rounds in found.items()
+    ]
 
 
 def key(loop: Loop) -> str:
     """The loop in the results."""
     return f"{loop[0]} busy" if loop[1] else loop[0]
-
-
-def _case(rate: float, found: dict[tuple[float, Loop], list[dict[str, Any]]]) -> dict[str, Any]:
-    rounds = {loop: results for (at, loop), results in found.items() if at == rate}
-    return {
-        "rate": rate,
-        "loops": {key(loop): _summary(results) for loop, results in rounds.items()},
-        "ratios": {
-            name: {
-                "exchange": _ratios(rounds[ENGINE, busy], rounds[BARE, busy]),
-                **(_rate_ratios(rounds, busy) if rate == _FREE_RUNNING else {}),
-            }
-            for name, busy in (("blocking", False), ("busy", True))
-        },
-    }
 
 
 def buckets(result: dict[str, Any]) -> histogram.Buckets:
@@ -82,53 +77,35 @@ def buckets(result: dict[str, Any]) -> histogram.Buckets:
     return histogram.of_pairs(pairs["exchange"] if isinstance(pairs, dict) else pairs)
 
 
-def _quantiles(results: Sequence[dict[str, Any]], q: float) -> list[float]:
+def _quantiles(results: Sequence[dict[str, Any]], percent: int) -> Iterator[float]:
     """Of each round."""
-    return [histogram.quantile(buckets(result), q) for result in results]
+    return (histogram.quantile(buckets(result), percent / 100) for result in results)
 
 
 def _summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Medians over the rounds, and sums."""
-    cycles = sum(result["cycles"] for result in results)
+    sums = {name: sum(result.get(name, 0) for result in results) for name in _TOTALS}
     return {
-        **{f"p{q}": round(statistics.median(_quantiles(results, q / 100))) for q in (50, 99)},
-        **{name: sum(result.get(name, 0) for result in results) for name in _TOTALS},
+        **{f"p{q}": round(statistics.median(_quantiles(results, q))) for q in (50, 99)},
+        **sums,
         "rate": round(statistics.median(result["rate"] for result in results), 1),
-        "sleeps": round(sum(result["sleeps"] for result in results) / cycles, 3),
+        "sleeps": round(sum(result["sleeps"] for result in results) / sums["cycles"], 3),
         "real_time": all(result["real_time"] for result in results),
     }
 
 
 def _ratios(
-    ours: Sequence[dict[str, Any]], theirs: Sequence[dict[str, Any]]
-) -> dict[str, float | list[float]]:
-    """Medians over the rounds, with quartiles."""
-    result: dict[str, float | list[float]] = {}
+    rounds: dict[Loop, list[dict[str, Any]]], busy: bool, *, free_running: bool
+) -> dict[str, Any]:
+    """Exchanges of the engine against the bare loop's; free-running, its rate against pysoem's.
+
+    The rate of the bare loop is the limit.
+    """
+    ours, bare, peer = rounds[ENGINE, busy], rounds[BARE, busy], rounds.get((PYSOEM, False))
+    result: dict[str, Any] = {"exchange": {}}
     for q in (50, 99):
-        both = zip(_quantiles(ours, q / 100), _quantiles(theirs, q / 100), strict=True)
-        ratios = sorted(mine / other for mine, other in both)
-        result[f"p{q}"] = round(statistics.median(ratios), 4)
-        result[f"p{q}_quartiles"] = _quartiles(ratios)
+        result["exchange"] |= ratio(f"p{q}", _quantiles(ours, q), _quantiles(bare, q))
+    if free_running and peer:
+        for name, loop in (("rate", ours), ("limit", bare)):
+            result |= ratio(name, (x["rate"] for x in loop), (x["rate"] for x in peer))
     return result
-
-
-def _rate_ratios(rounds: dict[Loop, list[dict[str, Any]]], busy: bool) -> dict[str, Any]:
-    """Cycles a second of the engine and, as the limit, of the bare loop, against pysoem's."""
-    peer = rounds.get((PYSOEM, False))
-    if peer is None:
-        return {}
-    result = {}
-    for name, loop in (("rate", ENGINE), ("limit", BARE)):
-        ratios = sorted(
-            mine["rate"] / other["rate"]
-            for mine, other in zip(rounds[loop, busy], peer, strict=True)
-        )
-        result[name] = round(statistics.median(ratios), 4)
-        result[f"{name}_quartiles"] = _quartiles(ratios)
-    return result
-
-
-def _quartiles(values: Sequence[float]) -> list[float]:
-    """Lower and upper quartile of sorted values."""
-    quarter = len(values) // 4
-    return [round(values[quarter], 4), round(values[-1 - quarter], 4)]

@@ -7,15 +7,15 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
-from ecatd.cli.library import static_flags
-
-from .. import native
+from ..bench import Bench
 from ..masters.daemon import Daemon
+from ..masters.requests import Requests
 from ..masters.worker import Worker
 from ..segment.peers import on
-from .turns import Tools
+from ..summary import total
 
 READERS, REQUESTS = 64, 1000
 _ASKING = 4
@@ -25,27 +25,18 @@ PYTHON = "a busy Python thread in the bus server"
 MEMORY = f"{READERS} readers of the shared memory"
 ATTACH = "clients that attach, claim outputs and leave"
 ZENOH = f"{REQUESTS} Zenoh requests a second"
-WANTED = {ZENOH: REQUESTS}
-"""How often a second a load is meant to be done, where that is said."""
 
 Load = Callable[[float], contextlib.AbstractContextManager[dict[str, Any]]]
 """Is on while it is entered, for the time it is given; says then how much it did."""
 
 
 @contextlib.contextmanager
-def _clients(kind: str, count: int, rate: float, tools: Tools, daemon: Daemon) -> Iterator[Load]:
+def _clients(kind: str, count: int, rate: float, bench: Bench, daemon: Daemon) -> Iterator[Load]:
     """So many clients of one kind, which act `rate` times a second in all, or without pause."""
     with contextlib.ExitStack() as stack:
+        what = (Requests, bench.processors, kind, daemon.bus)
         workers = [
-            stack.enter_context(
-                Worker(
-                    "load_worker",
-                    tools.processors,
-                    *(kind, daemon.bus),
-                    environment=daemon.environment,
-                )
-            )
-            for _ in range(count)
+            stack.enter_context(Worker(*what, environment=daemon.environment)) for _ in range(count)
         ]
 
         @contextlib.contextmanager
@@ -54,66 +45,47 @@ def _clients(kind: str, count: int, rate: float, tools: Tools, daemon: Daemon) -
             for worker in workers:
                 worker.tell(seconds=seconds, rate=rate / count)
             yield done
-            for answer in [worker.answer() for worker in workers]:
-                for key, value in answer.items():
-                    done[key] = done.get(key, 0) + value
+            done |= total([worker.answer() for worker in workers], "rate", "failed")
 
         yield load
 
 
 @contextlib.contextmanager
-def _busy_thread(tools: Tools, daemon: Daemon) -> Iterator[Load]:
-    """A thread that computes in Python, in the process whose thread the engine is."""
-    del tools
-    pid = daemon.bus_server
-
-    @contextlib.contextmanager
-    def load(seconds: float) -> Iterator[dict[str, Any]]:
-        del seconds
-        os.kill(pid, signal.SIGUSR1)
-        try:
-            yield {}
-        finally:
-            os.kill(pid, signal.SIGUSR2)
-
-    yield load
-
-
-@contextlib.contextmanager
-def _readers(tools: Tools, daemon: Daemon) -> Iterator[Load]:
-    """Processes that wait for each cycle and sample the process image."""
-    program = native.build(tools.folder, "readers", *static_flags())
-    process = subprocess.Popen(
-        [program, daemon.bus, str(READERS)],
-        stdin=subprocess.PIPE,
-        preexec_fn=on(tools.processors.rest),
-    )
-    assert process.stdin
-    switch = process.stdin
-
-    @contextlib.contextmanager
-    def load(seconds: float) -> Iterator[dict[str, Any]]:
-        del seconds
-        switch.write(b"!")
-        switch.flush()
-        try:
-            yield {}
-        finally:
-            switch.write(b"!")
-            switch.flush()
-
+def _switched(on: Callable[[], object], off: Callable[[], object]) -> Iterator[dict[str, Any]]:
+    on()
     try:
-        yield load
+        yield {}
     finally:
-        switch.close()
-        process.wait()
+        off()
 
 
-LOADS: Mapping[str, Callable[[Tools, Daemon], contextlib.AbstractContextManager[Load]]] = {
+@contextlib.contextmanager
+def _busy_thread(bench: Bench, daemon: Daemon) -> Iterator[Load]:
+    """A thread that computes in Python, in the process whose thread the engine is."""
+    del bench
+    begin, end = (partial(os.kill, daemon.bus_server, n) for n in (signal.SIGUSR1, signal.SIGUSR2))
+    yield lambda _: _switched(begin, end)
+
+
+@contextlib.contextmanager
+def _readers(bench: Bench, daemon: Daemon) -> Iterator[Load]:
+    """Processes that wait for each cycle and sample the process image."""
+    with subprocess.Popen(
+        [bench.program("readers"), daemon.bus, str(READERS)],
+        stdin=subprocess.PIPE,
+        bufsize=0,
+        preexec_fn=on(bench.processors.rest),
+    ) as process:
+        assert process.stdin
+        switch = partial(process.stdin.write, b"!")
+        yield lambda _: _switched(switch, switch)
+
+
+LOADS: Mapping[str, Callable[[Bench, Daemon], contextlib.AbstractContextManager[Load]]] = {
     SDO: lambda *what: _clients("sdo", 2, 0, *what),
     PYTHON: _busy_thread,
     MEMORY: _readers,
-    ZENOH: lambda *what: _clients("requests", _ASKING, REQUESTS, *what),
+    ZENOH: lambda *what: _clients("info", _ASKING, REQUESTS, *what),
     ATTACH: lambda *what: _clients("attach", 1, 0, *what),
 }
 """By name: load of a daemon, there while it is entered."""

@@ -8,13 +8,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from ecatd.model.errors import StateError
 
-from ..machine import ROOT, Processors
-from ..segment.peers import SIMULATOR, on
+from ..bench import Bench
+from ..machine import ROOT
+from ..segment.peers import SIMULATOR, end, on
 
 _PATIENCE = 60.0
 
@@ -23,8 +23,7 @@ class Daemon:
     """An `ecatd`, ready to serve.
 
     Args:
-        folder: For its files.
-        processors: Where its threads run; if the master has one, that is the engine's.
+        bench: Where its threads run; if the master has a processor, that is the engine's.
         busy_receive: Whether its engine polls the socket.
         more: What else stands in its configuration.
 
@@ -36,19 +35,18 @@ class Daemon:
         StateError: It does not start.
     """
 
-    def __init__(
-        self, folder: Path, processors: Processors, *, busy_receive: bool = False, more: str = ""
-    ) -> None:
-        self.bus = f"bench{os.getpid()}"
-        file, address = folder / "ecatd.toml", folder / "notify"
+    def __init__(self, bench: Bench, *, busy_receive: bool = False, more: str = "") -> None:
+        self.bus = bench.bus
+        file, address = bench.folder / "ecatd.toml", bench.folder / "notify"
+        cpu = bench.cpu if len(bench.processors.master) == 1 else -1
         file.write_text(
             f'bus = "{self.bus}"\ninterface = "{SIMULATOR.near}"\n[realtime]\n'
-            f"cpu = {_own(processors)}\nbusy_receive = {str(busy_receive).lower()}\n"
+            f"cpu = {cpu}\nbusy_receive = {str(busy_receive).lower()}\n"
             f"[gateway]\nlisten = []\n{more}"
         )
         self.environment = {
             **os.environ,
-            "ECATD_RUNTIME_DIR": str(folder / "run"),
+            "ECATD_RUNTIME_DIR": str(bench.folder / "run"),
             "NOTIFY_SOCKET": str(address),
             # The service does not look for modules in the working directory.
             "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])),
@@ -59,21 +57,21 @@ class Daemon:
         self._messages.settimeout(0.2)
         begin = time.monotonic()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.masters.busy_service", str(file)],
+            [sys.executable, "-m", "benchmarks.masters.busy_daemon", str(file)],
             env=self.environment,
-            preexec_fn=on(processors.rest),
+            preexec_fn=on(bench.processors.rest),
         )
         self._wait(begin + _PATIENCE)
         self.seconds = time.monotonic() - begin
 
-    def _wait(self, end: float) -> None:
+    def _wait(self, deadline: float) -> None:
         """Waits for the message that systemd would wait for."""
         while True:
             try:
                 if b"READY=1" in self._messages.recv(4096):
                     return
             except TimeoutError:
-                if self._process.poll() is not None or time.monotonic() > end:
+                if self._process.poll() is not None or time.monotonic() > deadline:
                     self.close()
                     raise StateError("ecatd does not start") from None
 
@@ -87,32 +85,17 @@ class Daemon:
     def bus_server(self) -> int:
         """The process of its bus server."""
         for pid in self.processes:
-            if b"busy_bus" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            if b"busy_daemon" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 return pid
         raise StateError("ecatd has no bus server")
 
     def close(self) -> None:
         """Ends it."""
-        self._process.terminate()
-        try:
-            self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end(self._process, _PATIENCE)
         self._messages.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _own(processors: Processors) -> int:
-    """The processor of the engine, -1 if it has none of its own."""
-    return min(processors.master) if len(processors.master) == 1 else -1

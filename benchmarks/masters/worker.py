@@ -1,31 +1,30 @@
-"""A process that measures on command: commands and results are lines of JSON."""
+"""A process that measures on command."""
 
 from __future__ import annotations
 
-import json
+import contextlib
 import os
-import subprocess
-import sys
 from collections.abc import Callable, Mapping
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from ecatd.model.errors import StateError
 from ecatd.process import die_with_parent
 
 from ..machine import Processors
-from ..segment.peers import on
 
 _PATIENCE = 10.0
 
 
 class Worker:
-    """A module of this folder, run as a process.
+    """A process with an object that carries commands out, which are its keyword arguments.
 
     Args:
-        module: Its name; it calls `serve`.
+        make: Makes the object in the new process.
         processors: It begins on those for everything else.
-        arguments: For its command line.
-        environment: Environment variables, if not those of this process.
+        arguments: For `make`.
+        environment: Further environment variables.
 
     Raises:
         StateError: It does not start.
@@ -33,20 +32,18 @@ class Worker:
 
     def __init__(
         self,
-        module: str,
+        make: Callable[..., Callable[..., dict[str, Any]]],
         processors: Processors,
         *arguments: object,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        self._name = module
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", f"benchmarks.masters.{module}", *map(str, arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=environment,
-            preexec_fn=on(processors.rest),
-        )
+        context = get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        what = (theirs, os.getpid(), processors.rest, environment or {}, make, arguments)
+        self._name = make.__name__
+        self._process = context.Process(target=_serve, args=what)
+        self._process.start()
+        theirs.close()
         self.answer()
 
     def ask(self, **command: Any) -> dict[str, Any]:
@@ -60,51 +57,47 @@ class Worker:
 
     def tell(self, **command: Any) -> None:
         """Has it begin to carry a command out."""
-        assert self._process.stdin
-        try:
-            self._process.stdin.write(json.dumps(command) + "\n")
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            pass  # reading tells
+        with contextlib.suppress(BrokenPipeError):  # receiving tells
+            self._pipe.send(command)
 
     def answer(self) -> dict[str, Any]:
         """Waits for the result of the oldest command; raises as `ask`."""
-        assert self._process.stdout
-        for line in self._process.stdout:
-            if line.startswith("{"):  # libraries print lines of their own
-                result: dict[str, Any] = json.loads(line)
-                return result
-        raise StateError(
-            f"benchmarks.masters.{self._name} has ended (status {self._process.wait()})"
-        )
-
-    def close(self) -> None:
-        """Ends it."""
-        assert self._process.stdin
-        assert self._process.stdout
-        self._process.stdin.close()
         try:
-            self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._process.stdout.close()
+            result: dict[str, Any] = self._pipe.recv()
+        except (EOFError, ConnectionError):
+            self._process.join(_PATIENCE)
+            status = self._process.exitcode
+            raise StateError(f"the process of {self._name} has ended (status {status})") from None
+        return result
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._pipe.close()
+        self._process.join(_PATIENCE)
+        self._process.kill()
+        self._process.join()
 
 
-def serve(ready: dict[str, Any], handle: Callable[..., dict[str, Any]]) -> None:
-    """Carries commands out until there are no more.
-
-    Args:
-        ready: What is told first.
-        handle: Called with the items of each command as keyword arguments.
-    """
-    die_with_parent(os.getppid())
-    print(json.dumps(ready), flush=True)
-    for line in sys.stdin:
-        print(json.dumps(handle(**json.loads(line))), flush=True)
+def _serve(
+    pipe: Connection,
+    parent: int,
+    processors: frozenset[int],
+    environment: Mapping[str, str],
+    make: Callable[..., Callable[..., dict[str, Any]]],
+    arguments: tuple[object, ...],
+) -> None:
+    """Carries commands out until there are no more."""
+    die_with_parent(parent)
+    os.sched_setaffinity(0, processors)
+    os.environ.update(environment)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print lines of their own
+    handle = make(*arguments)
+    pipe.send({})
+    while True:
+        try:
+            command = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(handle(**command))

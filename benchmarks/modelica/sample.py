@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ from ecatd.model.errors import StateError
 from ecatgen import generate
 
 from .. import native
-from ..client.plant import CYCLE_US, Plant
-from ..machine import Processors
+from ..bench import Bench
 from ..segment import cells
+from ..segment.mirror import CYCLE_US, mirror_line
 
 SIZE = 8
 """Bytes of outputs, and of inputs, of each slave: two values of 32 bits each."""
@@ -25,30 +26,18 @@ _FEW, _MANY = 1_000, 21_000
 _SAMPLE_TIME = 0.001
 
 
-def measure(
-    folder: Path, slaves: Sequence[int], seconds: float, say: Callable[[str], None]
-) -> list[dict[str, Any]]:
-    """A sample through the blocks, beside plain calls of the client, for so many slaves.
-
-    Args:
-        folder: For libraries and programs.
-        slaves: Numbers of slaves.
-        seconds: How long each is measured.
-        say: Told what is going on.
-    """
-    result = []
-    for count in slaves:
-        say(f"a sample of {count} slaves")
-        plant = _plant(folder, count)
-        with plant.line(count, SIZE) as line, line.exchanged():
-            result.append({"slaves": count, **plant.run("model", seconds)})
-    return result
+def measure(bench: Bench, slaves: int, seconds: float) -> dict[str, Any]:
+    """A sample through the blocks, beside plain calls of the client, for some seconds."""
+    bench.say(f"a sample of {slaves} slaves")
+    here = _with_library(bench, slaves)
+    with mirror_line(here, slaves, SIZE) as line, line.exchanged():
+        return {"slaves": slaves, **here.run("model", here.bus, seconds)}
 
 
-def _plant(folder: Path, count: int) -> Plant:
-    out = folder / f"model{count}"
-    bus = cells.bus(f"bench{count}", count, SIZE, CYCLE_US)
-    generate(bus, _LIBRARY, out)
+def _with_library(bench: Bench, slaves: int) -> Bench:
+    """One whose folder has the library of so many slaves and the program `model` for it."""
+    out = bench.folder / f"model{slaves}"
+    generate(cells.bus(bench.bus, slaves, SIZE, CYCLE_US), _LIBRARY, out)
     resources = out / "EtherCAT" / "Resources"
     (archive,) = (resources / "Library").rglob("libecat.a")
     include = (
@@ -56,28 +45,20 @@ def _plant(folder: Path, count: int) -> Plant:
         resources / "Source" / "standalone",
         out / _LIBRARY / "Resources" / "Source",
     )
-    flags = [f"-I{path}" for path in include]
-    return Plant(
-        Processors.plan(), out, {"model": native.build(out, "model", *flags, str(archive), "-lm")}
-    )
+    native.build(out, "model", *(f"-I{path}" for path in include), str(archive), "-lm")
+    return dataclasses.replace(bench, folder=out)
 
 
-def translated(folder: Path, slaves: Sequence[int], say: Callable[[str], None]) -> dict[str, Any]:
-    """The same by a model with all blocks that OpenModelica has translated, free-running.
-
-    Args:
-        folder: Of `measure`, with its libraries.
-        slaves: Numbers of slaves, of those of `measure`.
-        say: Told what is going on.
-    """
+def translated(bench: Bench, slaves: Sequence[int]) -> dict[str, Any]:
+    """The same by a model with all blocks that OpenModelica has translated, free-running."""
     if slaves and shutil.which("omc") is None:
         return {"reason": "OpenModelica (omc) is not on PATH"}
     cases = []
     for count in slaves:
-        say(f"a model of {count} slaves in OpenModelica")
-        plant = _plant(folder, count)
-        program = _translate(plant.folder, plant.bus, count)
-        with plant.line(count, SIZE) as line, line.exchanged():
+        bench.say(f"a model of {count} slaves in OpenModelica")
+        here = _with_library(bench, count)
+        program = _translate(here.folder, here.bus, count)
+        with mirror_line(here, count, SIZE) as line, line.exchanged():
             few, many = (_run(program, samples) for samples in (_FEW, _MANY))
         cases.append({"slaves": count, "sample": round((many - few) / (_MANY - _FEW) * 1e9)})
     return {"cases": cases}

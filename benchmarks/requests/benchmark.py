@@ -10,89 +10,74 @@ import contextlib
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ecatd import network_namespace as namespace
 from ecatd.model.errors import StateError
-from ecatsim.net import netlink
 
+from ..bench import Bench
 from ..machine import Processors
 from ..masters.daemon import Daemon
-from ..masters.read_worker import INDEX, SLAVE, SUBINDEX
+from ..masters.requests import INDEX, SLAVE, SUBINDEX, Requests
 from ..masters.worker import Worker
-from ..segment.peers import SIMULATOR, ecatsim
+from ..segment.peers import ecatsim
 
-NAME = "requests"
-
-RIG = "troll"
+SETTINGS = {
+    "quick": {"rounds": 1, "seconds": 0.1, "commands": 1},
+    "full": {"rounds": 20, "seconds": 5.0, "commands": 100},
+}
+_RIG = "troll"
 _COMMAND = ("ecatctl", "sdo-read", str(SLAVE), f"0x{INDEX:04X}", str(SUBINDEX))
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What is measured, and how long.
+def measure(
+    bench: Bench,
+    *,
+    clients: tuple[int, ...] = (1, 2),
+    rounds: int = 5,
+    seconds: float = 2.0,
+    commands: int = 20,
+) -> dict[str, Any]:
+    """Everything.
 
-    Attributes:
+    Args:
+        bench: Where.
         clients: Numbers of clients that read at once.
         rounds: How often each of them has its turn.
         seconds: How long a turn is.
         commands: How often the command is run.
     """
-
-    clients: tuple[int, ...] = (1, 2)
-    rounds: int = 5
-    seconds: float = 2.0
-    commands: int = 20
-
-
-SETTINGS = {
-    "quick": Settings(rounds=1, seconds=0.1, commands=1),
-    "normal": Settings(),
-    "full": Settings(rounds=20, seconds=5.0, commands=100),
-}
-
-
-def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
-    """Everything; moves this process into a network namespace of its own."""
-    namespace.enter_new()
-    netlink.create_veth(SIMULATOR.far, SIMULATOR.near)
-    processors = Processors.together()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        ecatsim(RIG, processors),
-        Daemon(Path(folder), processors) as daemon,
-    ):
+    here = bench.on(Processors.together())
+    with ecatsim(_RIG, here.processors), Daemon(here) as daemon:
         return {
-            "reads": _reads(settings, daemon, processors, say),
-            "command": _commands(settings.commands, daemon, say),
+            "reads": _reads(here, daemon, clients, rounds, seconds),
+            "command": _commands(here, daemon, commands),
         }
 
 
 def _reads(
-    settings: Settings, daemon: Daemon, processors: Processors, say: Callable[[str], None]
+    bench: Bench, daemon: Daemon, clients: tuple[int, ...], rounds: int, seconds: float
 ) -> list[dict[str, Any]]:
     """Reads a second, and how long one takes, for each number of clients, in turns."""
-    rates: dict[int, list[float]] = {count: [] for count in settings.clients}
-    times: dict[int, list[int]] = {count: [] for count in settings.clients}
+    rates: dict[int, list[float]] = {count: [] for count in clients}
+    times: dict[int, list[int]] = {count: [] for count in clients}
     with contextlib.ExitStack() as stack:
+        what = (Requests, bench.processors, "sdo", daemon.bus)
         workers = [
-            stack.enter_context(
-                Worker("read_worker", processors, daemon.bus, environment=daemon.environment)
-            )
-            for _ in range(max(settings.clients))
+            stack.enter_context(Worker(*what, environment=daemon.environment))
+            for _ in range(max(clients))
         ]
-        for number in range(settings.rounds):
-            say(f"SDO reads over Zenoh, round {number + 1} of {settings.rounds}")
-            for count in settings.clients:
+        for number in range(rounds):
+            bench.say(f"SDO reads over Zenoh, round {number + 1} of {rounds}")
+            for count in clients:
                 for worker in workers[:count]:
-                    worker.tell(seconds=settings.seconds)
+                    worker.tell(seconds=seconds)
                 answers = [worker.answer() for worker in workers[:count]]
-                rates[count].append(sum(len(x["times"]) / x["seconds"] for x in answers))
+                if any(answer["failed"] for answer in answers):
+                    raise StateError("SDO reads fail")
+                rates[count].append(sum(answer["rate"] for answer in answers))
                 times[count] += [time for answer in answers for time in answer["times"]]
     return [
         {
@@ -103,7 +88,7 @@ def _reads(
             "p50": _quantile(times[count], 0.5),
             "p99": _quantile(times[count], 0.99),
         }
-        for count in settings.clients
+        for count in clients
     ]
 
 
@@ -111,9 +96,9 @@ def _quantile(times: list[int], q: float) -> int:
     return sorted(times)[int(q * (len(times) - 1))]
 
 
-def _commands(count: int, daemon: Daemon, say: Callable[[str], None]) -> dict[str, Any]:
+def _commands(bench: Bench, daemon: Daemon, count: int) -> dict[str, Any]:
     """One read by a process of its own, beside an interpreter that does nothing, in turns; ns."""
-    say("one SDO read as a command")
+    bench.say("one SDO read as a command")
     command = [str(Path(sys.executable).with_name(_COMMAND[0])), *_COMMAND[1:], "--bus", daemon.bus]
     kinds = {"command": command, "python": [sys.executable, "-c", "pass"]}
     times: dict[str, list[int]] = {kind: [] for kind in kinds}

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.errors import StateError
 
 from ..machine import Processors
-from .frames import Line, Wire, encode
+from .frames import Line, Wire
 
 
 @dataclass(frozen=True)
@@ -36,64 +35,57 @@ def on(processors: frozenset[int]) -> Callable[[], None]:
     return lambda: os.sched_setaffinity(0, processors)
 
 
-@contextlib.contextmanager
-def _ending(process: subprocess.Popen[str]) -> Iterator[None]:
+def end(process: subprocess.Popen[Any], patience: float = _GRACE) -> None:
+    """Ends a process, by force if need be."""
+    process.terminate()
     try:
-        yield
-    finally:
-        process.terminate()
+        process.wait(patience)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+@contextlib.contextmanager
+def _running(
+    processors: frozenset[int], *command: object, **options: Any
+) -> Iterator[subprocess.Popen[bytes]]:
+    words = map(str, command)
+    with subprocess.Popen([*words], preexec_fn=on(processors), **options) as process:
         try:
-            process.wait(_GRACE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        if process.stdout:
-            process.stdout.close()
+            yield process
+        finally:
+            end(process)
 
 
 @contextlib.contextmanager
 def echo(program: Path, processors: Processors) -> Iterator[None]:
     """The bare echo; its working counters stay 0."""
-    process = subprocess.Popen(
-        [program, ECHO.far], stdout=subprocess.PIPE, text=True, preexec_fn=on(processors.peer)
-    )
-    with _ending(process):
-        assert process.stdout
-        if process.stdout.readline() != "ready\n":
+    with _running(processors.peer, program, ECHO.far, stdout=subprocess.PIPE) as process:
+        if process.stdout and process.stdout.readline() != b"ready\n":
             raise StateError("the echo does not start")
         yield
 
 
 @contextlib.contextmanager
 def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None]:
-    """`ecatsim run RIG`, ready to answer."""
+    """`ecatsim run RIG`, ready to answer; the thread that answers has a processor of its own."""
     reader, writer = os.pipe()
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "ecatsim", "run", str(rig)),
-            *("--interface", SIMULATOR.far, "--ready-fd", str(writer), "--die-with-parent"),
-            *options,
-        ],
-        pass_fds=[writer],
-        text=True,
-        preexec_fn=on(processors.rest),
-    )
-    os.close(writer)
-    with os.fdopen(reader) as ready, _ending(process):
-        if not ready.readline():
-            raise StateError("ecatsim does not start")
-        _place_frame_thread(process.pid, processors)
+    command = (sys.executable, "-m", "ecatsim", "run", rig, "--interface", SIMULATOR.far)
+    more = ("--ready-fd", writer, "--die-with-parent", *options)
+    with _running(processors.rest, *command, *more, pass_fds=[writer]) as process:
+        os.close(writer)
+        with os.fdopen(reader) as ready:
+            if not ready.readline():
+                raise StateError("ecatsim does not start")
+        for task in Path(f"/proc/{process.pid}/task").iterdir():
+            if int(task.name) != process.pid:  # the only one beside the main thread
+                os.sched_setaffinity(int(task.name), processors.peer)
         yield
 
 
-@contextlib.contextmanager
-def wire(pair: Pair = SIMULATOR) -> Iterator[Wire]:
+def wire(pair: Pair = SIMULATOR) -> contextlib.closing[Wire]:
     """A way to ask single frames."""
-    opened = Wire(pair.near)
-    try:
-        yield opened
-    finally:
-        opened.close()
+    return contextlib.closing(Wire(pair.near))
 
 
 @contextlib.contextmanager
@@ -105,31 +97,3 @@ def simulator(count: int, processors: Processors) -> Iterator[Line]:
             line.bring_to_op()
             line.check_exchange()
         yield line
-
-
-def _place_frame_thread(pid: int, processors: Processors) -> None:
-    """The thread that answers frames is the only one beside the main thread."""
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        if int(task.name) != pid:
-            os.sched_setaffinity(int(task.name), processors.peer)
-
-
-def ping(
-    program: Path, processors: Processors, pair: Pair, frames: Sequence[bytes], *options: object
-) -> dict[str, Any]:
-    """What `ping` found.
-
-    Raises:
-        NoAnswerError: It failed.
-    """
-    result = subprocess.run(
-        [program, pair.near, *map(str, options)],
-        input=encode(frames),
-        capture_output=True,
-        check=False,
-        preexec_fn=on(processors.master),
-    )
-    if result.returncode != 0:
-        raise NoAnswerError(f"ping: {result.stderr.decode().strip()}")
-    found: dict[str, Any] = json.loads(result.stdout)
-    return found

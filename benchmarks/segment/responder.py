@@ -9,16 +9,17 @@ still meanwhile.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from ecatd.model.errors import NotPermittedError, StateError
 
+from . import tap
 from .frames import BRD, BWR, ask, datagrams, encode, frame
 from .peers import SIMULATOR as PAIR
 from .peers import Pair, wire
@@ -97,12 +98,7 @@ class Responder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -120,3 +116,27 @@ def obstacle(program: Path, pair: Pair = PAIR) -> str | None:
     except NotPermittedError as error:
         return str(error)
     return None
+
+
+def possible(program: Path) -> tuple[str | None, tuple[str, ...]]:
+    """Why this kernel cannot, if so, and who can answer the frames of the cycle."""
+    reason = obstacle(program)
+    return reason, (SIMULATOR,) if reason else (SIMULATOR, KERNEL)
+
+
+@contextlib.contextmanager
+def answering(who: str, program: Path, exchange: Callable[[], object]) -> Iterator[dict[str, int]]:
+    """Has the frames of the cycle answered; what it gives has then how many the kernel did.
+
+    Args:
+        who: Answers them.
+        program: As for `Responder`.
+        exchange: Has the engine exchange for a while.
+    """
+    counts: dict[str, int] = {}
+    if who == SIMULATOR:
+        yield counts
+        return
+    with Responder(program, tap.answered(exchange)) as kernel:
+        yield counts
+        counts |= kernel.counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from ecatd.native import load
@@ -14,8 +14,8 @@ from ecatsim.rigs.library import make
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sii import Description, build
 
-from ..least_squares import fit
 from ..segment.frames import BYTES, MAX_DATA, Line, logical_frame
+from ..summary import fit
 
 _CALLS = 20
 _RIGS = ("troll", "line:8", "line:64", "line:200")
@@ -23,9 +23,8 @@ _PERIOD = 0.001
 _BYSTANDERS = (64, 200, 1000)
 
 
-def processing(timing: ctypes.CDLL, batches: int, say: Callable[[str], None]) -> dict[str, Any]:
+def processing(timing: ctypes.CDLL, batches: int) -> dict[str, Any]:
     """What one LRW costs in the slave controllers, by slaves, bytes and slaves not addressed."""
-    say("slave controllers alone")
     most = MAX_DATA // (2 * BYTES)
     grid = [(n, size, 0) for n in (1, 2, 4, 8, 16, most) for size in (2, 8, 16, BYTES)]
     grid += [(8, BYTES, others) for others in _BYSTANDERS]
@@ -38,7 +37,9 @@ def processing(timing: ctypes.CDLL, batches: int, say: Callable[[str], None]) ->
         }
         for slaves, size, others in grid
     ]
-    return {"points": points, "fit": _fit(points)}
+    # Nanoseconds of a frame, and of each slave, byte and bystander more.
+    names = ("frame", "slave", "byte", "bystander")
+    return {"points": points, "fit": fit(points, ("slaves", "bytes", "bystanders"), "ns", names)}
 
 
 def _frame_ns(timing: ctypes.CDLL, batches: int, slaves: int, size: int, others: int) -> float:
@@ -66,15 +67,8 @@ def _frame_ns(timing: ctypes.CDLL, batches: int, slaves: int, size: int, others:
         segment.close()
 
 
-def _fit(points: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Least squares: nanoseconds of a frame, and of each slave, byte and bystander more."""
-    keys = ("slaves", "bytes", "bystanders")
-    return dict(zip(("frame", "slave", "byte", "bystander"), fit(points, keys, "ns"), strict=True))
-
-
-def steps(batches: int, say: Callable[[str], None]) -> list[dict[str, Any]]:
+def steps(batches: int) -> list[dict[str, Any]]:
     """How long one step of the device side takes, which is due every millisecond."""
-    say("device side alone")
     return [{"rig": name, **_step(name, batches)} for name in _RIGS]
 
 

@@ -14,179 +14,89 @@ import json
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from ecatd import network_namespace as namespace
-from ecatsim.net import netlink
-
 from .. import native
-from ..machine import Processors
+from ..bench import Bench
 from ..segment.frames import BRD, encode, frame
-from ..segment.peers import ECHO, SIMULATOR, echo, on, ping, simulator
+from ..segment.peers import ECHO, SIMULATOR, echo, end, on, simulator
+from ..summary import ratio, total
 from . import alone
 
-NAME = "simulator"
-COUNTS = (1, 8, 64, 200)
-RATE = 1000
-MODES = ((RATE, False), (RATE, True), (0, False), (0, True))
+SETTINGS = {
+    "quick": {"rounds": 1, "seconds": 0.03, "endurance": 0.3, "starts": 1, "batches": 20},
+    "full": {"rounds": 60, "endurance": 300.0},
+}
+_RATE = 1000
+_MODES = ((_RATE, False), (_RATE, True), (0, False), (0, True))
 _TOTALS = ("cycles", "lost_frames", "wrong", "late_frames", "missed_cycles")
+_ASK = frame(BRD, 0, 0, bytes(1))
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How long everything is measured.
+def measure(
+    bench: Bench,
+    *,
+    rounds: int = 15,
+    seconds: float = 0.15,
+    endurance: float = 60.0,
+    starts: int = 10,
+    batches: int = 400,
+    counts: tuple[int, ...] = (1, 8, 64, 200),
+) -> dict[str, Any]:
+    """Everything.
 
-    Attributes:
+    Args:
+        bench: Where.
         rounds: Rounds of the comparison with the echo.
         seconds: Seconds of each of its measurements.
-        endurance: Seconds of 200 slaves at 1 kHz.
+        endurance: Seconds of the most slaves at 1 kHz.
         starts: How often `ecatsim run troll` is started.
         batches: Samples of what is timed without a wire.
         counts: Slaves on the line.
     """
-
-    rounds: int = 15
-    seconds: float = 0.15
-    endurance: float = 60.0
-    starts: int = 10
-    batches: int = 400
-    counts: tuple[int, ...] = COUNTS
-
-
-SETTINGS = {
-    "quick": Settings(rounds=1, seconds=0.03, endurance=0.3, starts=1, batches=20),
-    "normal": Settings(),
-    "full": Settings(rounds=60, endurance=300.0),
-}
-
-
-def measure(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
-    """Everything; moves this process into a network namespace of its own."""
-    processors = Processors.plan()
-    namespace.enter_new()
-    for pair in (ECHO, SIMULATOR):
-        netlink.create_veth(pair.far, pair.near)
-    with tempfile.TemporaryDirectory() as folder:
-        bench = _Bench(settings, processors, Path(folder), say)
-        return {
-            "processors": processors.to_json(),
-            "turn_around": bench.turn_around(),
-            "endurance": bench.endurance(),
-            "start": bench.start(),
-            "processing": alone.processing(bench.timing, settings.batches, say),
-            "step": alone.steps(settings.batches, say),
-        }
+    timing = ctypes.CDLL(str(native.build(bench.folder, "timing", library=True)))
+    cases = [case for count in counts for case in _turn_around(bench, count, rounds, seconds)]
+    lasting = _endurance(bench, max(counts), endurance)
+    bench.say("start of `ecatsim run troll`")
+    both = [(_start_with_namespace(bench), _start_on_interface(bench)) for _ in range(starts)]
+    bench.say("slave controllers and device side alone")
+    return {
+        "processors": bench.processors.to_json(),
+        "turn_around": cases,
+        "endurance": lasting,
+        "start": {
+            "own_namespace": [own for own, _ in both],
+            "existing_interface": [existing for _, existing in both],
+        },
+        "processing": alone.processing(timing, batches),
+        "step": alone.steps(batches),
+    }
 
 
-class _Bench:
-    def __init__(
-        self, settings: Settings, processors: Processors, folder: Path, say: Callable[[str], None]
-    ) -> None:
-        self._settings = settings
-        self._processors = processors
-        self._say = say
-        self._echo = native.build(folder, "echo")
-        self._ping = native.build(folder, "ping")
-        self.timing = ctypes.CDLL(str(native.build(folder, "timing", library=True)))
-
-    def turn_around(self) -> list[dict[str, Any]]:
-        """Every number of slaves, pace and way to receive, with both peers."""
-        return [case for count in self._settings.counts for case in self._cases(count)]
-
-    def _cases(self, count: int) -> list[dict[str, Any]]:
-        """All rounds with one number of slaves."""
-        self._say(f"turn-around, {count} slaves")
-        found: dict[tuple[int, bool], dict[str, list[dict[str, Any]]]] = {
-            mode: {"echo": [], "simulator": []} for mode in MODES
-        }
-        with (
-            echo(self._echo, self._processors),
-            simulator(count, self._processors) as line,
-        ):
-            frames = line.cycle_frames()
-            peers = [("echo", ECHO, 0), ("simulator", SIMULATOR, line.counter)]
-            for _ in range(self._settings.rounds):
-                peers.reverse()
-                for rate, spin in MODES:
-                    for name, pair, counter in peers:
-                        result = ping(
-                            self._ping,
-                            self._processors,
-                            pair,
-                            frames,
-                            *("--seconds", self._settings.seconds, "--rate", rate),
-                            *("--counter", counter, *(("--spin",) if spin else ())),
-                        )
-                        found[rate, spin][name].append(result)
-        return [
-            {"slaves": count, "rate": rate, "spin": spin, **_compare(peers)}
-            for (rate, spin), peers in found.items()
-        ]
-
-    def endurance(self) -> dict[str, Any]:
-        """Many slaves at 1 kHz, for long."""
-        count = max(self._settings.counts)
-        self._say(f"{count} slaves at {RATE} Hz for {self._settings.endurance:g} s")
-        with simulator(count, self._processors) as line:
-            found = ping(
-                self._ping,
-                self._processors,
-                SIMULATOR,
-                line.cycle_frames(),
-                *("--seconds", self._settings.endurance, "--rate", RATE),
-                *("--counter", line.counter),
-            )
-        return {"slaves": count, **found}
-
-    def start(self) -> dict[str, list[float]]:
-        """Seconds from the command to the first answer, in a namespace of its own and without."""
-        self._say("start of `ecatsim run troll`")
-        own, existing = [], []
-        for _ in range(self._settings.starts):
-            own.append(self._start_with_namespace())
-            existing.append(self._start_on_interface())
-        return {"own_namespace": own, "existing_interface": existing}
-
-    def _start_with_namespace(self) -> float:
-        """The master is started by ecatsim itself."""
-        begin = time.monotonic()
-        command = (sys.executable, "-m", "ecatsim", "run", "troll", "--")
-        result = subprocess.run(
-            [*command, self._ping, "ecat-master", "--first"],
-            input=encode([frame(BRD, 0, 0, bytes(1))]),
-            capture_output=True,
-            check=True,
-            preexec_fn=on(self._processors.rest),
-        )
-        return _first_answer(result.stdout) - begin
-
-    def _start_on_interface(self) -> float:
-        """The master polls from the beginning."""
-        begin = time.monotonic()
-        command = (sys.executable, "-m", "ecatsim", "run", "troll", "--interface", SIMULATOR.far)
-        process = subprocess.Popen(
-            [*command, "--die-with-parent"],
-            stdout=subprocess.DEVNULL,
-            preexec_fn=on(self._processors.rest),
-        )
-        try:
-            found = ping(
-                self._ping, self._processors, SIMULATOR, [frame(BRD, 0, 0, bytes(1))], "--first"
-            )
-        finally:
-            process.terminate()
-            process.wait()
-        return float(found["first_answer"]) - begin
-
-
-def _first_answer(output: bytes) -> float:
-    found: float = json.loads(output)["first_answer"]
-    return found
+def _turn_around(bench: Bench, count: int, rounds: int, seconds: float) -> list[dict[str, Any]]:
+    """Every pace and way to receive, with both peers, in rounds."""
+    bench.say(f"turn-around, {count} slaves")
+    found: dict[tuple[int, bool], dict[str, list[dict[str, Any]]]] = {
+        mode: {"echo": [], "simulator": []} for mode in _MODES
+    }
+    with (
+        echo(bench.program("echo"), bench.processors),
+        simulator(count, bench.processors) as line,
+    ):
+        frames = line.cycle_frames()
+        peers = [("echo", ECHO, 0), ("simulator", SIMULATOR, line.counter)]
+        for _ in range(rounds):
+            peers.reverse()
+            for rate, spin in _MODES:
+                options = ("--seconds", seconds, "--rate", rate, *(("--spin",) if spin else ()))
+                for name, pair, counter in peers:
+                    result = bench.ping(pair.near, frames, *options, "--counter", counter)
+                    found[rate, spin][name].append(result)
+    return [
+        {"slaves": count, "rate": rate, "spin": spin, **_compare(both)}
+        for (rate, spin), both in found.items()
+    ]
 
 
 def _compare(peers: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
@@ -196,19 +106,51 @@ def _compare(peers: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
         result[name] = {
             **{key: statistics.median(r[key] for r in rounds) for key in ("p50", "p99", "rate")},
             "max": max(r["max"] for r in rounds),
-            **{key: sum(r[key] for r in rounds) for key in _TOTALS},
+            **total(rounds, *_TOTALS),
             "real_time": all(r["real_time"] for r in rounds),
             "rounds": [r["p50"] for r in rounds],
         }
-    for quantile in ("p50", "p99"):
-        ratios = sorted(
-            ours[quantile] / theirs[quantile]
-            for ours, theirs in zip(peers["simulator"], peers["echo"], strict=True)
-        )
-        result[f"ratio_{quantile}"] = round(statistics.median(ratios), 4)
-        quarter = len(ratios) // 4
-        result[f"ratio_{quantile}_quartiles"] = [
-            round(ratios[quarter], 4),
-            round(ratios[-1 - quarter], 4),
-        ]
+    for key in ("p50", "p99"):
+        ours, theirs = ((r[key] for r in peers[name]) for name in ("simulator", "echo"))
+        result |= ratio(f"ratio_{key}", ours, theirs)
     return result
+
+
+def _endurance(bench: Bench, count: int, seconds: float) -> dict[str, Any]:
+    """Many slaves at 1 kHz, for long."""
+    bench.say(f"{count} slaves at {_RATE} Hz for {seconds:g} s")
+    with simulator(count, bench.processors) as line:
+        options = ("--seconds", seconds, "--rate", _RATE, "--counter", line.counter)
+        return {"slaves": count, **bench.ping(SIMULATOR.near, line.cycle_frames(), *options)}
+
+
+def _start_with_namespace(bench: Bench) -> float:
+    """Seconds from the command to the first answer; ecatsim itself starts the master."""
+    program = bench.program("ping")
+    begin = time.monotonic()
+    result = subprocess.run(
+        [
+            *(sys.executable, "-m", "ecatsim", "run", "troll", "--"),
+            *(program, "ecat-master", "--first"),
+        ],
+        input=encode([_ASK]),
+        capture_output=True,
+        check=True,
+        preexec_fn=on(bench.processors.rest),
+    )
+    return float(json.loads(result.stdout)["first_answer"]) - begin
+
+
+def _start_on_interface(bench: Bench) -> float:
+    """The same on an interface that is there, where the master polls from the beginning."""
+    begin = time.monotonic()
+    command = (sys.executable, "-m", "ecatsim", "run", "troll", "--interface", SIMULATOR.far)
+    process = subprocess.Popen(
+        [*command, "--die-with-parent"],
+        stdout=subprocess.DEVNULL,
+        preexec_fn=on(bench.processors.rest),
+    )
+    try:
+        return float(bench.ping(SIMULATOR.near, [_ASK], "--first")["first_answer"]) - begin
+    finally:
+        end(process)

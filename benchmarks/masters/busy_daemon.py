@@ -1,0 +1,56 @@
+"""`ecatd` with a bus server that can be told to compute: `python -m …masters.busy_daemon FILE`.
+
+FILE is a configuration; without it this is the bus server. It has a thread that computes from
+SIGUSR1 until SIGUSR2. Everything else is as the command `ecatd` has it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+import threading
+from pathlib import Path
+
+from ecatd.bus.__main__ import main as serve
+from ecatd.log import Log
+from ecatd.model.config import load_config
+from ecatd.service.supervisor import Supervisor
+
+_LEVEL = "warning"
+_working = threading.Event()
+_thread: list[threading.Thread] = []
+
+
+class _Service(Supervisor):
+    async def _start_python(self, module: str) -> asyncio.subprocess.Process:
+        ours = "benchmarks.masters.busy_daemon" if module == "ecatd.bus" else module
+        return await super()._start_python(ours)
+
+
+def _compute() -> None:
+    """Never gives the interpreter away by itself, as a program does that has a lot to do."""
+    while True:
+        _working.wait()
+        sum(i * i for i in range(1000))
+
+
+def _begin(*_: object) -> None:
+    if not _thread:
+        _thread.append(threading.Thread(target=_compute, daemon=True))
+        _thread[0].start()
+    _working.set()
+
+
+def main() -> int:
+    """Runs the service or the bus server; returns its exit status."""
+    if sys.argv[1:]:
+        config = load_config(Path(sys.argv[1]))
+        return asyncio.run(_Service(config, None, Log("ecatd", _LEVEL), _LEVEL).run())
+    signal.signal(signal.SIGUSR1, _begin)
+    signal.signal(signal.SIGUSR2, lambda *_: _working.clear())
+    return serve()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,57 @@
+"""Clients that keep the daemon busy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from ecatd.client import Client
+from ecatd.client.remote import Remote
+from ecatd.model.errors import EcatError
+
+SLAVE, INDEX, SUBINDEX = 0, 0x1018, 1
+"""The object that is read."""
+_LEASE = 0.5
+
+
+class Requests:
+    """Acts again and again on command.
+
+    Args:
+        kind: "sdo": SDO reads over Zenoh; "info": other requests over it; "attach": connects to the
+            shared memory, takes part, and leaves.
+        bus: Of the daemon.
+    """
+
+    def __init__(self, kind: str, bus: str) -> None:
+        self._bus = bus
+        self._act: Callable[[], object] = self._attach
+        if kind != "attach":
+            remote = Remote(bus)
+            read = partial(remote.sdo_read, SLAVE, INDEX, SUBINDEX)
+            self._act = read if kind == "sdo" else remote.info
+
+    def _attach(self) -> None:
+        with Client(self._bus) as client, client.claim(SLAVE, lease=_LEASE):
+            client.wait()
+            client.sample()
+
+    def __call__(self, *, seconds: float, rate: float = 0.0) -> dict[str, Any]:
+        """Acts `rate` times a second, or without pause; how often, also in vain; times in ns."""
+        times: list[int] = []
+        failed = 0
+        begin = now = due = time.monotonic_ns()
+        while now < begin + seconds * 1e9:
+            start = time.monotonic_ns()
+            try:
+                self._act()
+                times.append(time.monotonic_ns() - start)
+            except EcatError:
+                failed += 1
+            now = time.monotonic_ns()
+            if rate:
+                due += round(1e9 / rate)
+                time.sleep(max(0, due - now) / 1e9)
+        return {"rate": len(times) / (now - begin) * 1e9, "failed": failed, "times": times}

@@ -1,0 +1,70 @@
+"""Slaves in OP whose inputs are their outputs, for one engine in this process after the other."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from ecatd.bus.engine.engine import RealTime
+from ecatd.bus.engine.layout import lay_out
+
+from ..bench import Bench
+from ..masters.engine import PRIORITY, running
+from . import cells
+from .peers import SIMULATOR, ecatsim, wire
+from .shared_line import SharedLine
+
+CYCLE_US = 1000
+_MEMORY = 0x2000
+"""Memory of a slave that belongs to no sync manager."""
+
+
+class _Mirror(SharedLine):
+    """Slaves whose inputs are their outputs, in the same frame.
+
+    Both FMMUs lead to the same memory, outside of all sync managers: a frame that passes writes it,
+    then reads it. So what comes back does not depend on when the simulated device would look.
+    """
+
+    def _pair(self, outputs: int, inputs: int) -> bytes:
+        return b"".join(
+            struct.pack("<IHBBHBBB3x", start, self.size, 0, 7, _MEMORY, 0, kind, 1)
+            for start, kind in ((outputs, 2), (inputs, 1))
+        )
+
+
+@dataclass(frozen=True)
+class MirrorLine:
+    """The slaves; made by `mirror_line`."""
+
+    bench: Bench
+    slaves: int
+    size: int
+
+    @contextmanager
+    def exchanged(
+        self, *, free_running: bool = False, poll_us: int = 30, cycle_us: int = CYCLE_US
+    ) -> Iterator[None]:
+        """The engine of the daemon exchanges with them.
+
+        Args:
+            free_running: Whether the next cycle follows at once.
+            poll_us: How long the engine polls for an answer before it sleeps.
+            cycle_us: Its cycle.
+        """
+        bus = cells.bus(self.bench.bus, self.slaves, self.size, cycle_us)
+        wanted = RealTime(PRIORITY, self.bench.cpu, free_running=free_running, poll_us=poll_us)
+        with running(bus, SIMULATOR.near, wanted):
+            yield
+
+
+@contextmanager
+def mirror_line(bench: Bench, slaves: int, size: int) -> Iterator[MirrorLine]:
+    """Slaves with so many bytes of outputs, and as many of inputs."""
+    with ecatsim(cells.write_rig(bench.folder, slaves, size), bench.processors):
+        bus = cells.bus(bench.bus, slaves, size, CYCLE_US)
+        with wire() as opened:
+            _Mirror(opened.exchange, bus, lay_out(bus, set())).share([])
+        yield MirrorLine(bench, slaves, size)
