@@ -71,7 +71,7 @@ class Daemon:
         self.bus = f"t{uuid.uuid4().hex[:10]}"
         self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": self.bus}
         file = folder / "ecat.toml"
-        file.write_text(config if config is not None else "[gateway]\nlisten = []\n")
+        file.write_text(_with_long_leases("[gateway]\nlisten = []\n" if config is None else config))
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         address = str(folder / "notify")
         Path(address).unlink(missing_ok=True)
@@ -160,6 +160,11 @@ class Daemon:
             self._socket.close()
             for leftover in SHM.glob(f"ecat.{self.bus}*"):  # of a bus server that was killed
                 leftover.unlink()
+
+
+def _with_long_leases(config: str) -> str:
+    """Lets clients ask for leases that a busy machine does not end; half a second is too short."""
+    return config if "[outputs]" in config else f"{config}\n[outputs]\nlease_max_ms = 60000\n"
 
 
 def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = 30) -> None:

@@ -154,5 +154,5 @@ def until(player: Player, condition: Callable[[], bool], seconds: float = 30) ->
     pytest.fail(f"it does not come about; the FMU has said {player.said}")
 
 
-BEAR: dict[str, Any] = {"lease": 0.5, "whenFailed": 3}
+BEAR: dict[str, Any] = {"lease": 30.0, "whenFailed": 3}
 """Parameters with which a busy machine, on which a step comes too late, does no harm."""

@@ -160,7 +160,7 @@ def test_goes_on_while_the_bus_is_away(model: Model, start_daemon: Callable[...,
 
 def test_waits_while_the_bus_is_away(model: Model, start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
-    with model.play(bus=daemon.bus, whenFailed=WAIT, patience=60.0, lease=0.5) as player:
+    with model.play(bus=daemon.bus, whenFailed=WAIT, patience=60.0, lease=30.0) as player:
         player.set("el2008.channel2Output", True)
         player.step()
         daemon.kill_all()

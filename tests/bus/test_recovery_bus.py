@@ -19,7 +19,7 @@ SLAVES = 7
 MAILBOX = 1  # with CoE, as the last one
 DOMAINS = "".join(f"[[domain]]\nname = 'd{i}'\nslaves = [{i}]\n" for i in range(1, SLAVES))
 CONFIG = f"[[domain]]\nname = 'd0'\n{DOMAINS}[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"
-CONFIG += "[outputs]\nlease_max_ms = 20000\n"
+CONFIG += "[outputs]\nlease_max_ms = 60000\n"
 SIGNALS = "".join(f"[[dc.slave]]\nslave = {i}\n" for i in (0, 2, 3, 4, 5))
 CLOCKS = f"[dc]\nenabled = true\nlock_us = 400.0\ntimeout_s = 30.0\n{SIGNALS}"
 

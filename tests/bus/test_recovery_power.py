@@ -13,7 +13,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 LONG_LINE = Path(__file__).parent.parent / "rigs" / "long_line.py"
 CONFIG = "state_timeout_s = 2.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"
-CONFIG += "[outputs]\nlease_max_ms = 20000\n"
+CONFIG += "[outputs]\nlease_max_ms = 60000\n"
 DRIVE = 2
 
 FORGETFUL = """

@@ -29,7 +29,7 @@ int main(int argc, char **argv) {
   static Plant plant;
   double time, age;
   int output, connected, missed, state, counter, expected, cycle;
-  void *master = ecatm_master_open(argv[1], atoi(argv[2]), 0.001, 1, 0.5, atoi(argv[3]),
+  void *master = ecatm_master_open(argv[1], atoi(argv[2]), 0.001, 1, 30.0, atoi(argv[3]),
                                    atoi(argv[4]), atof(argv[5]), argc > 6 && atoi(argv[6]),
                                    argc > 7 && atoi(argv[7]), "");
   Plant_open(&plant, master, 1);

@@ -344,7 +344,7 @@ def test_outputs_that_another_program_owns(
 ) -> None:
     program = build(START + END, live)
     with troll.client() as owner, ThreadPoolExecutor() as pool:
-        owner.claim(3, lease=0.5)
+        owner.claim(3, lease=30.0)
         ends = pool.submit(run, program, troll.bus)
         while not ends.done():
             owner.sample()
