@@ -202,9 +202,8 @@ def run_module(
     )
 
 
-@pytest.fixture
-def start_daemon(tmp_path: Path) -> Iterator[Callable[..., Daemon]]:
-    """Starts daemons, which are ended after the test; `start_daemon("troll")`."""
+@contextlib.contextmanager
+def _starter(base: Path) -> Iterator[Callable[..., Daemon]]:
     with contextlib.ExitStack() as stack:
         numbers = itertools.count()
 
@@ -215,12 +214,26 @@ def start_daemon(tmp_path: Path) -> Iterator[Callable[..., Daemon]]:
             config: str | None = None,
             preexec: Callable[[], None] | None = None,
         ) -> Daemon:
-            folder = tmp_path / f"d{next(numbers)}"
+            folder = base / f"d{next(numbers)}"
             folder.mkdir()
             daemon = Daemon(folder, rig, *options, config=config, preexec=preexec)
             stack.callback(daemon.close)
             return daemon.wait_ready() if ready else daemon
 
+        yield start
+
+
+@pytest.fixture
+def start_daemon(tmp_path: Path) -> Iterator[Callable[..., Daemon]]:
+    """Starts daemons, which are ended after the test; `start_daemon("troll")`."""
+    with _starter(tmp_path) as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def start_shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Daemon]]:
+    """The same for a file of tests, which leave a daemon as they found it."""
+    with _starter(tmp_path_factory.mktemp("shared")) as start:
         yield start
 
 

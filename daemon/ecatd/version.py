@@ -1,8 +1,3 @@
-"""The version, in one place for all of Python."""
+"""The version, in one place for Python and the package."""
 
-from importlib.metadata import PackageNotFoundError, version
-
-try:
-    VERSION = version("ecatd")
-except PackageNotFoundError:  # run from a checkout that is not installed
-    VERSION = "0+uninstalled"
+VERSION = "0.1.0"

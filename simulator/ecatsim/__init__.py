@@ -1,38 +1,54 @@
 """An EtherCAT segment in software.
 
-What a rig file needs is here: `Device` and what it is described with, and `Rig`.
+What a rig file needs is here: `Device` and what it is described with, and `Rig`. Nothing is loaded
+before it is asked for.
 """
 
-from ecatd.model.al import AlState
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from .core import Chip
-from .rig import Rig
-from .simulation import Simulation
-from .slave.device import Device
-from .slave.foe import FoeCode, FoeError
-from .slave.mailbox import MailboxFault
-from .slave.objects import Access, Variable
-from .slave.sii import DcMode, Mailbox
-from .slave.state_machine import AlCode, RefusedError
+if TYPE_CHECKING:
+    from ecatd.model.al import AlState as AlState
+    from ecatd.model.datatypes import DataType as DataType
+    from ecatd.model.pdo import Entry as Entry
+    from ecatd.model.pdo import Pdo as Pdo
 
-__all__ = [
-    "Access",
-    "AlCode",
-    "AlState",
-    "Chip",
-    "DataType",
-    "DcMode",
-    "Device",
-    "Entry",
-    "FoeCode",
-    "FoeError",
-    "Mailbox",
-    "MailboxFault",
-    "Pdo",
-    "RefusedError",
-    "Rig",
-    "Simulation",
-    "Variable",
-]
+    from .core import Chip as Chip
+    from .rig import Rig as Rig
+    from .simulation import Simulation as Simulation
+    from .slave.device import Device as Device
+    from .slave.foe import FoeCode as FoeCode
+    from .slave.foe import FoeError as FoeError
+    from .slave.mailbox import MailboxFault as MailboxFault
+    from .slave.objects import Access as Access
+    from .slave.objects import Variable as Variable
+    from .slave.sii import DcMode as DcMode
+    from .slave.sii import Mailbox as Mailbox
+    from .slave.state_machine import AlCode as AlCode
+    from .slave.state_machine import RefusedError as RefusedError
+
+_HOME = {
+    "AlState": "ecatd.model.al",
+    "DataType": "ecatd.model.datatypes",
+    "Entry": "ecatd.model.pdo",
+    "Pdo": "ecatd.model.pdo",
+    "Chip": ".core",
+    "Rig": ".rig",
+    "Simulation": ".simulation",
+    "Device": ".slave.device",
+    "FoeCode": ".slave.foe",
+    "FoeError": ".slave.foe",
+    "MailboxFault": ".slave.mailbox",
+    "Access": ".slave.objects",
+    "Variable": ".slave.objects",
+    "DcMode": ".slave.sii",
+    "Mailbox": ".slave.sii",
+    "AlCode": ".slave.state_machine",
+    "RefusedError": ".slave.state_machine",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME[name], __name__), name)

@@ -180,11 +180,13 @@ class Segment(Wire, Clocks):
         self._images: tuple[object, object] = (None, None)
         self._carriers: dict[str, bool] = {}
         self._indices: dict[str, int] = {}
+        self._interfaces: netlink.Interfaces | None = None
         self.outputs = memoryview(b"")
         self.inputs = memoryview(b"")
 
     def close(self) -> None:
         """Stops the segment and frees it."""
+        self._look_no_more()
         if self._pointer:
             self._lib.esc_destroy(self._pointer)
             self._pointer = None
@@ -225,7 +227,9 @@ class Segment(Wire, Clocks):
         other = None if second is None else second.encode()
         interfaces = (interface,) if second is None else (interface, second)
         self._carriers = dict.fromkeys(interfaces, True)
-        self._indices = {name: netlink.index(name) for name in interfaces}
+        self._look_no_more()
+        self._interfaces = netlink.Interfaces()
+        self._indices = {name: self._interfaces.index(name) for name in interfaces}
         result = self._lib.esc_start(self._handle, interface.encode(), other)
         names = interface if second is None else f"{interface}' or '{second}"
         if result in (-errno.ENODEV, -errno.ENXIO):
@@ -244,13 +248,15 @@ class Segment(Wire, Clocks):
 
         An interface that was made again is served again: to the slaves it is the same socket.
         """
+        if self._interfaces is None:
+            return
         for number, (interface, before) in enumerate(list(self._carriers.items())):
-            index = netlink.index(interface)
+            index = self._interfaces.index(interface)
             made_again = index not in (0, self._indices[interface])
             # One that has gone again already will be seen when it is back.
             if made_again and self._lib.esc_reopen(self._handle, number, interface.encode()) == 0:
                 self._indices[interface] = index
-            now = netlink.has_carrier(interface)
+            now = self._interfaces.has_carrier(interface)
             if now != before:
                 self._carriers[interface] = now
                 checked(self._lib.esc_set_carrier(self._handle, number, now))
@@ -259,6 +265,11 @@ class Segment(Wire, Clocks):
         """Stops serving the interface."""
         self._carriers = {}
         checked(self._lib.esc_stop(self._handle))
+
+    def _look_no_more(self) -> None:
+        if self._interfaces is not None:
+            self._interfaces.close()
+            self._interfaces = None
 
     def wait(self, seconds: float) -> list[tuple[int, Event]]:
         """Waits for events; returns pairs of position and events, none after the timeout."""

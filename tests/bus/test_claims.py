@@ -27,6 +27,11 @@ DRIVE, EL2008 = 0, 3
 CONFIG = "[gateway]\nlisten = []\n[outputs]\nlease_cycles = 7\nlease_max_ms = 50000\n"
 
 
+@pytest.fixture(scope="module")
+def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared("troll", config=CONFIG)
+
+
 def lease(daemon: Daemon, slot: int = 0) -> float:
     """The lease in force in seconds, as everybody may see it."""
     rows = {row["slot"]: row for row in daemon.ctl_json("claims")["slots"]}
@@ -65,8 +70,7 @@ def own_lamps(daemon: Daemon) -> None:
     assert handle.commit() == 0
 
 
-def test_the_lease_is_that_of_what_is_owned(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+def test_the_lease_is_that_of_what_is_owned(daemon: Daemon) -> None:
     with Handle(daemon.bus) as client, Handle(daemon.bus) as other:
         lamps = [client.bind(EL2008, 0x7000 + 16 * n, 1, 1) for n in range(3)]
         assert client.claim_entry(lamps[0], 20.0) == 0
@@ -89,11 +93,8 @@ def test_the_lease_is_that_of_what_is_owned(start_daemon: Callable[..., Daemon])
         assert lease(daemon) == 0.007  # less is not granted
 
 
-def test_a_killed_owner_is_gone_and_has_released_nothing(
-    start_daemon: Callable[..., Daemon],
-) -> None:
+def test_a_killed_owner_is_gone_and_has_released_nothing(daemon: Daemon) -> None:
     """However the engine meets the client that takes its slot; see ecat_slot_begin()."""
-    daemon = start_daemon("troll", config=CONFIG)
     with daemon.client() as eye:
         lamp = eye.signal(EL2008, 0x7000, 1)
         for _ in range(30):
@@ -105,8 +106,7 @@ def test_a_killed_owner_is_gone_and_has_released_nothing(
                 assert eye.output(lamp).reason is Reason.GONE
 
 
-def test_who_takes_a_slot_slowly_is_no_release(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+def test_who_takes_a_slot_slowly_is_no_release(daemon: Daemon) -> None:
     with daemon.client() as eye, Handle(daemon.bus) as client:
         lamp = eye.signal(EL2008, 0x7000, 1)
         assert client.claim(EL2008, 50.0) == 0
@@ -129,8 +129,7 @@ def test_who_takes_a_slot_slowly_is_no_release(start_daemon: Callable[..., Daemo
         assert eye.output(lamp).reason is Reason.RELEASED
 
 
-def test_a_forked_process_leaves_the_outputs_alone(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+def test_a_forked_process_leaves_the_outputs_alone(daemon: Daemon) -> None:
     with Handle(daemon.bus) as client, daemon.client() as eye:
         lamp = eye.signal(EL2008, 0x7000, 1)
         other = client.bind(EL2008, 0x7010, 1, 1)
@@ -180,8 +179,7 @@ def test_a_forked_process_takes_a_slot_of_its_own(start_daemon: Callable[..., Da
             assert len({eye.output(lamp).owner for lamp in lamps} - {None}) == 3
 
 
-def test_a_forked_process_keeps_no_slot(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+def test_a_forked_process_keeps_no_slot(daemon: Daemon) -> None:
     with Handle(daemon.bus) as client, daemon.client() as eye:
         lamp = eye.signal(EL2008, 0x7000, 1)
         assert client.claim(EL2008, 50.0) == 0
@@ -193,8 +191,7 @@ def test_a_forked_process_keeps_no_slot(start_daemon: Callable[..., Daemon]) -> 
             assert eye.output(lamp).owner == before
 
 
-def test_a_program_name_does_nothing_to_a_terminal(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+def test_a_program_name_does_nothing_to_a_terminal(daemon: Daemon) -> None:
     comm = Path("/proc/self/comm")
     name = comm.read_text()
     with Handle(daemon.bus) as hostile, Handle(daemon.bus) as client:

@@ -26,9 +26,9 @@ pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 PORT = 17451
 
 
-@pytest.fixture
-def daemon(start_daemon: Callable[..., Daemon]) -> Daemon:
-    return start_daemon(
+@pytest.fixture(scope="module")
+def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared(
         "troll", config=f"[gateway]\nlisten = ['tcp/127.0.0.1:{PORT}']\npublish_hz = 50\n"
     )
 
@@ -111,8 +111,11 @@ def test_objects_come_with_their_types(daemon: Daemon, monkeypatch: pytest.Monke
         assert remote.sdo_read(0, 0x6060) == mode, "nothing was written"
 
 
-def test_a_bus_server_that_does_not_answer(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bus_server_that_does_not_answer(
+    start_daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whoever may change things is not told that he may not; nobody minds who is gone."""
+    daemon = start_daemon("troll")
     monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
     server = daemon.child_pid("ecatd.bus")
     os.kill(server, signal.SIGSTOP)
@@ -132,8 +135,9 @@ def test_a_bus_server_that_does_not_answer(daemon: Daemon, monkeypatch: pytest.M
     assert "never retrieved" not in daemon.log
 
 
-def test_a_gateway_that_ends_before_it_has_its_answers(daemon: Daemon) -> None:
+def test_a_gateway_that_ends_before_it_has_its_answers(start_daemon: Callable[..., Daemon]) -> None:
     """The bus server finds the connection broken while it answers, and thinks nothing of it."""
+    daemon = start_daemon("troll")
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     with socket.socket(socket.AF_UNIX) as gateway:
         gateway.connect(str(path))
@@ -167,6 +171,7 @@ def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session)
         lambda: states in [(x["event"], x.get("slave"), x.get("text")) for x in events], daemon
     )
     subscriber.undeclare()
+    daemon.ctl("state", "OP", "-p", "3")
 
 
 def test_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> None:
@@ -213,18 +218,18 @@ def test_parameters_that_are_not_known(daemon: Daemon, key: str, what: str) -> N
     ],
 )
 def test_wrong_requests_are_answered_and_change_nothing(
-    troll: Daemon, key: str, payload: dict[str, object] | bytes | None, what: str
+    daemon: Daemon, key: str, payload: dict[str, object] | bytes | None, what: str
 ) -> None:
-    session = local(troll)
+    session = local(daemon)
     data = pack(payload) if isinstance(payload, dict) else payload
-    (answer,) = ask(session, bus_key(troll.bus, *key.split("/")), data)
+    (answer,) = ask(session, bus_key(daemon.bus, *key.split("/")), data)
     assert what in str(answer["error"]["message"])  # type: ignore[index]
     session.close()
 
 
-def test_remote_errors_have_their_class(troll: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ECATD_RUNTIME_DIR", troll.env["ECATD_RUNTIME_DIR"])
-    with Remote(troll.bus) as remote:
+def test_remote_errors_have_their_class(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+    with Remote(daemon.bus) as remote:
         with pytest.raises(StateError, match="there is no slave 99"):
             remote.sdo_read(99, 0x1018)
         with pytest.raises(UsageError, match="is no AL state"):

@@ -5,12 +5,12 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
 
 from conftest import run_module
+from ecatd.version import VERSION
 
 pytestmark = pytest.mark.long
 
@@ -185,10 +185,9 @@ def test_the_command_says_all_at_once_to_programs(wheel: Path) -> None:
 
 
 def test_the_version_is_that_of_ecatd(prefix: Path) -> None:
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    assert f"VERSION {version} " in (ROOT / "CMakeLists.txt").read_text()
-    assert f"\nVersion: {version}\n" in (prefix / "lib/pkgconfig/ecat.pc").read_text()
-    interface = ".".join(version.split(".")[:2])
+    assert f"VERSION {VERSION} " in (ROOT / "CMakeLists.txt").read_text()
+    assert f"\nVersion: {VERSION}\n" in (prefix / "lib/pkgconfig/ecat.pc").read_text()
+    interface = ".".join(VERSION.split(".")[:2])
     soname = re.search(r"SONAME.*\[(.*)\]", run("readelf", "-d", prefix / "lib/libecat.so"))
     assert soname
     assert soname[1] == f"libecat.so.{interface}"

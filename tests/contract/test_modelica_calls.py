@@ -57,10 +57,11 @@ def build(tmp_path: Path, compiler: str) -> Callable[..., Path]:
     return compile_
 
 
-@pytest.fixture
-def opener(build: Callable[..., Path], out: Path) -> Path:
+@pytest.fixture(scope="module")
+def opener(tmp_path_factory: pytest.TempPathFactory, compiler: str, out: Path) -> Path:
     """A program that opens and closes all blocks: arguments bus, domain, sample time."""
-    return build(OPEN, out, "-std=c89", "-pedantic-errors")
+    folder = tmp_path_factory.mktemp("opener")
+    return compile_program(compiler, OPEN, out, folder, "-std=c89", "-pedantic-errors")
 
 
 def test_the_bus_that_the_library_was_generated_for(opener: Path) -> None:

@@ -216,7 +216,7 @@ def test_a_call_that_is_left_out_is_noticed(
             )
             executable = compile_program(
                 *(compiler, source, types, tmp_path),
-                *("-I", str(tmp_path / f"{number}"), "-Wno-unused-parameter"),
+                *("-I", str(tmp_path / f"{number}"), "-Wno-unused-parameter", "-O0"),
             )
             executor = Executor(executable, header, typed.bus)
             try:

@@ -66,21 +66,20 @@ int main(int argc, char **argv) {
 """
 
 
+@pytest.fixture(scope="module")
+def two_domains(tmp_path_factory: pytest.TempPathFactory, compiler: str, troll: Daemon) -> Path:
+    folder = tmp_path_factory.mktemp("two_domains")
+    troll.ctl("generate", "Plant", str(folder / "out"))
+    return compile_program(compiler, TWO_DOMAINS, folder / "out", folder)
+
+
 @pytest.mark.bus
 @pytest.mark.parametrize("wait_for_bus", [0, 1])
 @pytest.mark.parametrize(("first", "second", "together"), [(1, 4, 100), (2, 3, 67), (4, 1, 100)])
 def test_reads_of_a_time_see_one_cycle_in_all_domains_of_the_model(
-    build: Build,
-    tmp_path: Path,
-    troll: Daemon,
-    first: int,
-    second: int,
-    together: int,
-    wait_for_bus: int,
+    two_domains: Path, troll: Daemon, first: int, second: int, together: int, wait_for_bus: int
 ) -> None:
-    troll.ctl("generate", "Plant", str(tmp_path / "out"))
-    program = build(TWO_DOMAINS, tmp_path / "out")
-    result = run(program, troll.bus, *map(str, (first, second, wait_for_bus)))
+    result = run(two_domains, troll.bus, *map(str, (first, second, wait_for_bus)))
     assert (result.returncode, result.stderr) == (0, "")
     common, changes = map(int, result.stdout.split())
     assert common == together
@@ -121,13 +120,20 @@ OWNED, FIRST = 0x7000, 14
 """The UNSIGNED16 of the rig."""
 
 
+@pytest.fixture(scope="module")
+def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared(RIG)
+
+
+@pytest.fixture(scope="module")
+def two_slaves(tmp_path_factory: pytest.TempPathFactory, compiler: str, daemon: Daemon) -> Path:
+    folder = tmp_path_factory.mktemp("two_slaves")
+    daemon.ctl("generate", "Plant", str(folder / "out"))
+    return compile_program(compiler, TOGETHER, folder / "out", folder)
+
+
 @pytest.mark.bus
-def test_outputs_of_all_slaves_leave_together(
-    build: Build, tmp_path: Path, start_daemon: Callable[..., Daemon]
-) -> None:
-    daemon = start_daemon(RIG)
-    daemon.ctl("generate", "Plant", str(tmp_path / "out"))
-    program = build(TOGETHER, tmp_path / "out")
+def test_outputs_of_all_slaves_leave_together(two_slaves: Path, daemon: Daemon) -> None:
     over = threading.Event()
     seen: set[tuple[float, float]] = set()
 
@@ -141,7 +147,7 @@ def test_outputs_of_all_slaves_leave_together(
 
     watcher = threading.Thread(target=watch)
     watcher.start()
-    result = run(program, daemon.bus, "1")
+    result = run(two_slaves, daemon.bus, "1")
     over.set()
     watcher.join()
     assert (result.returncode, result.stderr) == (0, "")
@@ -152,11 +158,9 @@ def test_outputs_of_all_slaves_leave_together(
 
 @pytest.mark.bus
 def test_a_slave_that_is_not_written_any_more_holds_up_no_other(
-    build: Build, tmp_path: Path, start_daemon: Callable[..., Daemon]
+    two_slaves: Path, daemon: Daemon
 ) -> None:
-    daemon = start_daemon(RIG)
-    daemon.ctl("generate", "Plant", str(tmp_path / "out"))
-    result = run(build(TOGETHER, tmp_path / "out"), daemon.bus, "0")
+    result = run(two_slaves, daemon.bus, "0")
     assert (result.returncode, result.stderr) == (0, "")
 
 

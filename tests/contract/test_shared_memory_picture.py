@@ -35,8 +35,6 @@ from ecatd.stats.clocks import read_clocks
 
 pytestmark = pytest.mark.unprivileged
 
-MUTATIONS = 10_000
-
 
 @pytest.fixture
 def shared() -> Iterator[SharedMemory]:
@@ -364,8 +362,11 @@ def read_all_else(bus: str) -> None:
             json.dumps([raw.plain(row) for row in raw.read_raw(bus, name)])
 
 
+@pytest.mark.parametrize("mutations", [1000, pytest.param(10_000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("alive", [True, False])
-def test_ten_thousand_random_mutations_are_no_tracebacks(shared: SharedMemory, alive: bool) -> None:
+def test_random_mutations_are_no_tracebacks(
+    shared: SharedMemory, alive: bool, mutations: int
+) -> None:
     random_ = random.Random(4711)
     exchange(shared, random_.randbytes(32))
     refused = told = sound = 0
@@ -374,7 +375,7 @@ def test_ten_thousand_random_mutations_are_no_tracebacks(shared: SharedMemory, a
         whole, whole_out = os.pread(fd, 1 << 24, 0), os.pread(out, 1 << 24, 0)[: 3 * 4096]
         hot = [0, 12, *(getattr(shared.header, f"{key}_offset") for key in shm.TABLES)]
         hot.append(table(shared, "domains", "ecat_shm_domain").page_offset)
-        for turn in range(MUTATIONS // 2):
+        for turn in range(mutations // 2):
             mutate(random_, fd, len(whole), hot)
             mutate(random_, out, len(whole_out), [0, 4096, 8192])
             if turn % 50 == 0:
@@ -397,8 +398,8 @@ def test_ten_thousand_random_mutations_are_no_tracebacks(shared: SharedMemory, a
             os.pwrite(out, whole_out, 0)
         os.close(out)
     # Each kind of outcome was met often, or this would say nothing.
-    assert min(told, refused) > MUTATIONS // 100
-    assert sound > MUTATIONS // 100
+    assert min(told, refused) > mutations // 100
+    assert sound > mutations // 100
 
 
 def test_ages_are_short() -> None:

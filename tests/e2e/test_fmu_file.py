@@ -5,6 +5,7 @@ import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,10 +24,23 @@ from ecatd.model.meanings import give_meanings
 from ecatd.model.profiles import load_profiles
 from ecatdev import sample_buses
 from ecatgen.build import build_library
-from ecatgen.fmu import generate_fmu
+from ecatgen.fmu import FmuReport, generate_fmu
+
+Make = Callable[[Callable[[], Bus], int], FmuReport]
 
 BUSES = (sample_buses.troll, sample_buses.awkward)
 VERSIONS = pytest.mark.parametrize("fmi", [2, 3])
+
+
+@pytest.fixture(scope="module")
+def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
+    """Makes the FMU of a bus, once for all tests that only read it."""
+
+    @cache
+    def make(bus: Callable[[], Bus], fmi: int) -> FmuReport:
+        return generate_fmu(bus(), "Plant", tmp_path_factory.mktemp("fmu"), fmi)
+
+    return make
 
 
 def headers(folder: Path, fmi: int) -> set[str]:
@@ -48,9 +62,9 @@ def symbols(library: Path) -> set[str]:
 
 @VERSIONS
 @pytest.mark.parametrize("bus", BUSES)
-def test_fmpy_finds_nothing_wrong(bus: Callable[[], Bus], fmi: int, tmp_path: Path) -> None:
+def test_fmpy_finds_nothing_wrong(bus: Callable[[], Bus], fmi: int, make: Make) -> None:
     """It checks the schema, names, units, start values and the model structure."""
-    report = generate_fmu(bus(), "Plant", tmp_path, fmi)
+    report = make(bus, fmi)
     assert validate_fmu(str(report.fmu)) == []
     description = read_model_description(str(report.fmu))
     assert description.fmiVersion == f"{fmi}.0"
@@ -60,14 +74,9 @@ def test_fmpy_finds_nothing_wrong(bus: Callable[[], Bus], fmi: int, tmp_path: Pa
     assert (causes.count("input"), causes.count("output")) == (report.inputs, report.outputs)
 
 
-def test_terminals_and_build_description_fit_their_schemas(tmp_path: Path) -> None:
+def test_terminals_and_build_description_fit_their_schemas(make: Make, tmp_path: Path) -> None:
     """Each slave is a terminal of an FMU for FMI 3.0."""
-    folder = Path(
-        extract(
-            str(generate_fmu(sample_buses.awkward(), "Plant", tmp_path, 3).fmu),
-            str(tmp_path / "plant"),
-        )
-    )
+    folder = Path(extract(str(make(sample_buses.awkward, 3).fmu), str(tmp_path / "plant")))
     schemas = Path(fmpy.__file__).parent / "schema" / "fmi3"
     build = etree.parse(folder / "sources" / "buildDescription.xml")
     etree.XMLSchema(etree.parse(schemas / "fmi3BuildDescription.xsd")).assertValid(build)
@@ -78,8 +87,8 @@ def test_terminals_and_build_description_fit_their_schemas(tmp_path: Path) -> No
 
 @VERSIONS
 @pytest.mark.parametrize("bus", BUSES)
-def test_names_are_those_of_the_library(bus: Callable[[], Bus], fmi: int, tmp_path: Path) -> None:
-    description = read_model_description(str(generate_fmu(bus(), "Plant", tmp_path, fmi).fmu))
+def test_names_are_those_of_the_library(bus: Callable[[], Bus], fmi: int, make: Make) -> None:
+    description = read_model_description(str(make(bus, fmi).fmu))
     causality = {item.name: item.causality for item in description.modelVariables}
     for block in build_library(give_meanings(bus(), load_profiles()), "Plant").blocks:
         for connector in block.writes:
@@ -145,9 +154,10 @@ def test_files_of_others_are_kept(tmp_path: Path) -> None:
 
 
 @VERSIONS
-def test_the_binary_needs_nothing_and_shows_nothing_else(fmi: int, tmp_path: Path) -> None:
-    report = generate_fmu(sample_buses.troll(), "Plant", tmp_path, fmi)
-    folder = Path(extract(str(report.fmu), str(tmp_path / "plant")))
+def test_the_binary_needs_nothing_and_shows_nothing_else(
+    fmi: int, make: Make, tmp_path: Path
+) -> None:
+    folder = Path(extract(str(make(sample_buses.troll, fmi).fmu), str(tmp_path / "plant")))
     (binary,) = (folder / "binaries").rglob("Plant.so")
     assert symbols(binary) >= headers(folder, fmi)
     assert all(name.startswith(f"fmi{fmi}") for name in symbols(binary))
@@ -172,9 +182,8 @@ def stated(folder: Path, fmi: int) -> tuple[list[str], list[str]]:
 
 @VERSIONS
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_the_sources_make_the_binary(compiler: str, fmi: int, tmp_path: Path) -> None:
-    report = generate_fmu(sample_buses.troll(), "Plant", tmp_path, fmi)
-    folder = Path(extract(str(report.fmu), str(tmp_path / "plant")))
+def test_the_sources_make_the_binary(compiler: str, fmi: int, make: Make, tmp_path: Path) -> None:
+    folder = Path(extract(str(make(sample_buses.troll, fmi).fmu), str(tmp_path / "plant")))
     sources, options = stated(folder, fmi)
     done = subprocess.run(
         [

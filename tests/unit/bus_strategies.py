@@ -38,7 +38,9 @@ _entries = st.builds(
     )
 )
 _pdos = st.lists(
-    st.builds(Pdo, st.integers(0, 0xFFFF), _names, st.integers(0, 255), st.lists(_entries)),
+    st.builds(
+        Pdo, st.integers(0, 0xFFFF), _names, st.integers(0, 255), st.lists(_entries, max_size=4)
+    ),
     max_size=3,
 )
 _slaves = st.builds(

@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.version import VERSION
 
 from .arguments import seconds
 
@@ -72,16 +73,6 @@ class _Command(_Parser):
         return super().parse_known_args(args, namespace)
 
 
-class _Version(argparse.Action):
-    """Prints the version, which takes longer to find out than many a command."""
-
-    def __call__(self, *_arguments: object) -> NoReturn:
-        from ecatd.version import VERSION
-
-        print(f"ecatctl {VERSION}")
-        sys.exit(0)
-
-
 def _print_error(error: EcatError) -> None:
     import json
 
@@ -127,7 +118,9 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
+    parser.add_argument(
+        "--version", action="version", version=f"ecatctl {VERSION}", help="print the version"
+    )
     _add_common(parser, defaults=True)
     commands = parser.add_subparsers(
         title="commands", metavar="COMMAND", required=True, parser_class=_Command

@@ -11,22 +11,23 @@ from pathlib import Path
 
 from ecatd.model.errors import UsageError
 
-from .options import Commands
+from ..capture import capture
+from ..files.rig_writer import rig_text
+from .options import Parser
 
 _INTERRUPTED = 130
 
 
-def add(commands: Commands) -> None:
-    """Adds the command."""
-    capture = commands.add_parser(
-        "capture",
-        help="write a rig file from a real segment",
-        description="Scans a real segment and writes a rig file that simulates it: EEPROM images, "
-        "slave controllers, topology, PDOs and object dictionaries. The slaves go to PREOP, and "
-        "afterwards to the state they were in.",
+def add_arguments(parser: Parser, command: str) -> None:
+    """Declares the arguments."""
+    del command
+    parser.description = (
+        "Scans a real segment and writes a rig file that simulates it: EEPROM images, slave "
+        "controllers, topology, PDOs and object dictionaries. The slaves go to PREOP, and "
+        "afterwards to the state they were in."
     )
-    capture.add_argument("--interface", metavar="IF", required=True, help="where the slaves are")
-    capture.add_argument(
+    parser.add_argument("--interface", metavar="IF", required=True, help="where the slaves are")
+    parser.add_argument(
         "-o",
         metavar="FILE",
         dest="output",
@@ -34,18 +35,14 @@ def add(commands: Commands) -> None:
         required=True,
         help="rig file to write, in .toml",
     )
-    capture.add_argument("--force", action="store_true", help="overwrite FILE")
-    capture.add_argument(
+    parser.add_argument("--force", action="store_true", help="overwrite FILE")
+    parser.add_argument(
         "--no-objects", action="store_true", help="leave out object dictionaries (much faster)"
     )
-    capture.set_defaults(execute=_capture)
+    parser.set_defaults(execute=_capture)
 
 
 def _capture(options: argparse.Namespace) -> int:
-    # Only here: it brings a master along, which no other command needs.
-    from ..capture import capture
-    from ..files.rig_writer import rig_text
-
     output: Path = options.output
     _check(output, options.force)
     try:

@@ -11,7 +11,7 @@ from ecatd.model.errors import EcatError
 from ..rigs import library as rigs
 from ..simulation import Simulation
 from ..slave.sync_managers import default_size
-from .options import Commands
+from .options import Parser
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +30,13 @@ class _Row:
     port: int | None
 
 
-def add(commands: Commands) -> None:
-    """Adds the command."""
-    check = commands.add_parser(
-        "check",
-        help="check a rig and list its slaves",
-        description="Makes everything that `ecatsim run` would simulate, and lists it.",
-    )
-    check.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file")
-    check.add_argument("--json", action="store_true", help="print JSON for programs")
-    check.set_defaults(execute=_check)
+def add_arguments(parser: Parser, command: str) -> None:
+    """Declares the arguments."""
+    del command
+    parser.description = "Makes everything that `ecatsim run` would simulate, and lists it."
+    parser.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file")
+    parser.add_argument("--json", action="store_true", help="print JSON for programs")
+    parser.set_defaults(execute=_check)
 
 
 def _check(options: argparse.Namespace) -> int:

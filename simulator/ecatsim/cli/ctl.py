@@ -21,15 +21,14 @@ _SCHEMA = 1
 _DIGITS_A_LINE = 32
 
 
-def add(commands: Commands) -> None:
-    """Adds the command."""
-    ctl = commands.add_parser(
-        "ctl",
-        help="control a running simulator: faults, values, status",
-        description="Controls a simulator that runs, `ecatsim run`, of the same user.",
+def add_arguments(parser: Parser, command: str) -> None:
+    """Declares the arguments."""
+    del command
+    parser.description = "Controls a simulator that runs, `ecatsim run`, of the same user."
+    _add_common(parser, name=None, json=False)
+    inner = parser.add_subparsers(
+        dest="request", required=True, metavar="COMMAND", parser_class=Parser
     )
-    _add_common(ctl, name=None, json=False)
-    inner = ctl.add_subparsers(dest="request", required=True, metavar="COMMAND")
     listing = inner.add_parser("list", help="list the simulators that run")
     _add_common(listing, name=argparse.SUPPRESS, json=argparse.SUPPRESS)
     listing.set_defaults(execute=lambda options: _execute(options, _list))

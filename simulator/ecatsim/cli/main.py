@@ -1,4 +1,9 @@
-"""The command `ecatsim`: its commands, and errors as exit statuses."""
+"""The command `ecatsim`: its commands, and errors as exit statuses.
+
+What a command does not need is not loaded. So each module declares the arguments of its commands
+itself (`add_arguments`), when one of them is asked for, and sets `execute`: from its options to
+the exit status.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +17,17 @@ from ecatd.model.errors import EcatError, UsageError
 from ecatd.version import VERSION
 
 from ..files import python_file
-from . import capture, check, ctl, run, show
-from .options import Parser
+from .options import Command, Parser
+
+_COMMANDS = (
+    ("run", "run", "simulate a rig"),
+    ("capture", "capture", "write a rig file from a real segment"),
+    ("check", "check", "check a rig and list its slaves"),
+    ("ctl", "ctl", "control a running simulator: faults, values, status"),
+    ("rigs", "show", "list the rigs that come with ecatsim"),
+    ("devices", "show", "list the devices that come with ecatsim"),
+)
+"""Name, module and summary of each."""
 
 _BROKEN_PIPE = 128 + signal.SIGPIPE
 _INTERRUPTED = 128 + signal.SIGINT
@@ -24,9 +38,11 @@ def _parser() -> Parser:
         prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
     )
     parser.add_argument("--version", action="version", version=f"ecatsim {VERSION}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for group in (run, capture, check, ctl, show):
-        group.add(commands)
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="COMMAND", parser_class=Command
+    )
+    for name, module, summary in _COMMANDS:
+        commands.add_parser(name, command=name, module=module, help=summary)
     return parser
 
 

@@ -22,7 +22,7 @@ from ..net import netlink
 from ..rig import Rig
 from ..rigs import library as rigs
 from ..simulation import Simulation
-from .options import Commands
+from .options import Parser
 
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
@@ -31,34 +31,35 @@ _CHILD_GRACE = 2.0
 _MAX_DESCRIPTOR = 2**31 - 1
 
 
-def add(commands: Commands) -> None:
-    """Adds the command."""
-    run = commands.add_parser(
-        "run",
-        help="simulate a rig",
-        description="Simulates a rig until it is interrupted, or until COMMAND ends.",
-        epilog=f"Without --interface the segment is reachable on {MASTER_END}, a ring also on "
+def add_arguments(parser: Parser, command: str) -> None:
+    """Declares the arguments."""
+    del command
+    parser.description = "Simulates a rig until it is interrupted, or until COMMAND ends."
+    parser.epilog = (
+        f"Without --interface the segment is reachable on {MASTER_END}, a ring also on "
         f"{MASTER_END}{SECOND}, in a network namespace of its own; COMMAND runs in there. The exit "
-        "status is that of COMMAND.",
+        "status is that of COMMAND."
     )
-    run.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file, TOML or Python")
-    run.add_argument("--interface", metavar="IF", help="serve an existing interface")
-    run.add_argument("--ring", action="store_true", help="close a ring with a second interface")
-    run.add_argument("--second", metavar="IF", help="with --interface: the other end of a ring")
-    run.add_argument("--trace", metavar="FILE", type=Path, help="record the plant as CSV")
-    run.add_argument(
+    parser.add_argument(
+        "rig", metavar="RIG", help="name (see `ecatsim rigs`) or file, TOML or Python"
+    )
+    parser.add_argument("--interface", metavar="IF", help="serve an existing interface")
+    parser.add_argument("--ring", action="store_true", help="close a ring with a second interface")
+    parser.add_argument("--second", metavar="IF", help="with --interface: the other end of a ring")
+    parser.add_argument("--trace", metavar="FILE", type=Path, help="record the plant as CSV")
+    parser.add_argument(
         "--name", metavar="NAME", help="name for `ecatsim ctl --name` (default: its process id)"
     )
-    run.add_argument(
+    parser.add_argument(
         "--ready-fd", metavar="N", type=int, help="write a line of JSON there when it answers"
     )
-    run.add_argument(
+    parser.add_argument(
         "--die-with-parent", action="store_true", help="end when the calling process ends"
     )
-    run.add_argument(
+    parser.add_argument(
         "child", metavar="-- COMMAND", nargs="*", default=[], help="command to run beside it"
     )
-    run.set_defaults(execute=lambda options: _Runner(options).run())
+    parser.set_defaults(execute=lambda options: _Runner(options).run())
 
 
 class _Runner:

@@ -9,18 +9,13 @@ from dataclasses import asdict
 
 from ..devices.library import LibraryDevice, library
 from ..rigs import library as rigs
-from .options import Commands
+from .options import Parser
 
 
-def add(commands: Commands) -> None:
-    """Adds the commands."""
-    for name, text, execute in (
-        ("rigs", "list the rigs that come with ecatsim", _rigs),
-        ("devices", "list the devices that come with ecatsim", _devices),
-    ):
-        parser = commands.add_parser(name, help=text)
-        parser.add_argument("--json", action="store_true", help="print JSON for programs")
-        parser.set_defaults(execute=execute)
+def add_arguments(parser: Parser, command: str) -> None:
+    """Declares the arguments of one of the two."""
+    parser.add_argument("--json", action="store_true", help="print JSON for programs")
+    parser.set_defaults(execute=_rigs if command == "rigs" else _devices)
 
 
 def _rigs(options: argparse.Namespace) -> int:

@@ -20,7 +20,8 @@ _IFLA_IFNAME, _IFLA_LINKINFO = 3, 18
 _IFLA_INFO_KIND, _IFLA_INFO_DATA = 1, 2
 _VETH_INFO_PEER = 1
 _IFF_UP, _IFF_NOARP = 0x01, 0x80
-_SIOCGIFFLAGS, _SIOCETHTOOL, _ETHTOOL_GLINK = 0x8913, 0x8946, 0x0A
+_SIOCGIFFLAGS, _SIOCGIFINDEX = 0x8913, 0x8933
+_SIOCETHTOOL, _ETHTOOL_GLINK = 0x8946, 0x0A
 _NLMSG_HEADER = struct.Struct("=IHHII")
 _IFINFOMSG = struct.Struct("=BxHiII")
 _RECEIVE_SIZE = 65536
@@ -99,25 +100,35 @@ def check_up(name: str) -> None:
         raise StateError(f"network interface '{name}' is down: `ip link set {name} up`")
 
 
-def index(name: str) -> int:
-    """Number of an interface, which is another one after it was made again; 0 if there is none."""
-    try:
-        return socket.if_nametoindex(name)
-    except OSError:
-        return 0
+class Interfaces:
+    """The interfaces of the network namespace in which this was made; asked again and again."""
 
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
-def has_carrier(name: str) -> bool:
-    """Whether an interface is up and has a link; False where there is none of this name."""
-    # Not IFF_RUNNING, which follows up to a second later.
-    value = (ctypes.c_uint32 * 2)(_ETHTOOL_GLINK, 0)
-    request = struct.pack("16sP8x", name.encode(), ctypes.addressof(value))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+    def close(self) -> None:
+        """Asks no more."""
+        self._socket.close()
+
+    def index(self, name: str) -> int:
+        """Number of an interface, another one after it was made again; 0 if there is none."""
         try:
-            fcntl.ioctl(any_socket, _SIOCETHTOOL, request)
+            reply = fcntl.ioctl(self._socket, _SIOCGIFINDEX, struct.pack("16s24x", name.encode()))
+        except OSError:
+            return 0
+        number: int = struct.unpack_from("=16xi", reply)[0]
+        return number
+
+    def has_carrier(self, name: str) -> bool:
+        """Whether an interface is up and has a link; False where there is none of this name."""
+        # Not IFF_RUNNING, which follows up to a second later.
+        value = (ctypes.c_uint32 * 2)(_ETHTOOL_GLINK, 0)
+        request = struct.pack("16sP8x", name.encode(), ctypes.addressof(value))
+        try:
+            fcntl.ioctl(self._socket, _SIOCETHTOOL, request)
         except OSError:
             return False
-    return value[1] != 0
+        return value[1] != 0
 
 
 def _disable_ipv6(name: str) -> None:

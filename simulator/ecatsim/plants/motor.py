@@ -95,6 +95,7 @@ class Motor:
         self._voltage_integral = 0.0
         self._current_integral = 0.0
         self._time: float | None = None
+        self._was_off = False
         d = self.data
         # The winding over one step with constant voltage, exactly.
         self._decay = math.exp(-_STEP * d.resistance / d.inductance)
@@ -109,13 +110,20 @@ class Motor:
             self._time = now - _STEP if self._time is None else now - _MAX_CATCH_UP
         while self._time + _STEP <= now:
             self._time += _STEP
-            self._substep()
+            if not self._rests:
+                self._substep()
         self.measured_current = self.current + self._noise.gauss(0.0, self.data.current_noise)
+
+    @property
+    def _rests(self) -> bool:
+        """Whether a step changes nothing."""
+        return self._was_off and self.control is Control.OFF and self.speed == 0.0
 
     def _substep(self) -> None:
         d = self.data
         voltage = 0.0
-        if self.control is Control.OFF:
+        self._was_off = self.control is Control.OFF
+        if self._was_off:
             self._voltage_integral = self._current_integral = 0.0
             self.current = 0.0
             self.limited = False

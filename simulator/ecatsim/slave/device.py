@@ -14,10 +14,13 @@ A device of one's own states its identity and its PDOs and computes its inputs f
 
 from __future__ import annotations
 
-import copy
+from collections.abc import Iterable
+from copy import copy
+from dataclasses import replace
 
 from ecatd.model.al import AlState
 from ecatd.model.errors import UsageError
+from ecatd.model.pdo import Pdo
 
 from ..core import Event, Segment
 from . import emergency, standard_objects
@@ -49,8 +52,8 @@ class Device(DeviceType):
 
     def __init__(self) -> None:
         # Class attributes describe a type; a device may change its own copies.
-        self.rx_pdos = copy.deepcopy(tuple(self.rx_pdos))
-        self.tx_pdos = copy.deepcopy(tuple(self.tx_pdos))
+        self.rx_pdos = _copies(self.rx_pdos)
+        self.tx_pdos = _copies(self.tx_pdos)
         self.files = dict(self.files)
         self.position = -1
         self.dictionary = Dictionary()
@@ -388,3 +391,7 @@ class Device(DeviceType):
         self._last_outputs = b""
         self.receive(bytes(self._process_data.outputs.size))
         self.outputs_stopped()
+
+
+def _copies(pdos: Iterable[Pdo]) -> tuple[Pdo, ...]:
+    return tuple(replace(pdo, entries=[copy(entry) for entry in pdo.entries]) for pdo in pdos)

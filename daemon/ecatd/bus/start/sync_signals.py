@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import struct
 import time
+from collections import Counter
 from collections.abc import Callable, Container
 from contextlib import suppress
 from dataclasses import dataclass
-from statistics import mode
 
 from ecatd.coroutine_steps import Steps
 from ecatd.model.bus import Bus, Slave
@@ -153,7 +153,7 @@ class SyncSignals:
             # The frame passed the reference clock after the deadline, hardly ever before.
             return int((now - phase + period // 4) // period - cycle) * period
 
-        return mode(zero() for _ in range(_CYCLES_ASKED))
+        return Counter(zero() for _ in range(_CYCLES_ASKED)).most_common(1)[0][0]
 
     def _start(self, signals: _SlaveSignals, shared: SharedMemory, zero: int) -> None:
         """Sets the signals of a slave up; again if this takes so long that the start has passed."""

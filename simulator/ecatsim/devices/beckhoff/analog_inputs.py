@@ -18,6 +18,7 @@ _FULL_SCALE = 10.0  # volts
 _MAX, _MIN = 32767, -32768
 _SMALLER, _LARGER, _EQUAL = 1, 2, 3  # status bits "Limit"
 _UNITY_GAIN = 0x00010000
+_NUMBERS = (int, float)
 _GAP = Entry(0, 0, "Status__", DataType.PADDING, 1)
 _SETTINGS = (
     (0x01, "Enable user scale", DataType.BOOLEAN, 0),
@@ -63,44 +64,66 @@ def _pdos(channels: int, reserved: Sequence[Entry]) -> tuple[Pdo, ...]:
 
 
 class _Channel:
-    """One input: measures, and sets value and status in the dictionary."""
+    """One input: measures, and sets value and status in the dictionary.
+
+    Terminals convert all the time, so each entry is looked up only once.
+    """
 
     def __init__(self, terminal: Terminal, number: int) -> None:
         index = 0x6000 + 16 * number
-        self._entries = {s: terminal.dictionary[index, s] for s in (1, 2, 3, 5, 7, 0x10, 0x11)}
-        self._settings = {s: terminal.dictionary[index + 0x2000, s] for s, *_ in _SETTINGS}
+        inputs = {s: terminal.dictionary[index, s] for s in (1, 2, 3, 5, 7, 0x10, 0x11)}
+        settings = {s: terminal.dictionary[index + 0x2000, s] for s, *_ in _SETTINGS}
+        self._underrange, self._overrange = inputs[0x01], inputs[0x02]
+        self._error, self._toggle, self._value = inputs[0x07], inputs[0x10], inputs[0x11]
+        self._user_scale = settings[0x01]
+        self._offset, self._gain = settings[0x11], settings[0x12]
+        self._limits = (
+            _Limit(inputs[0x03], settings[0x07], settings[0x13]),
+            _Limit(inputs[0x05], settings[0x08], settings[0x14]),
+        )
         # What a wire brings: ±32767 at full scale, beyond that where the waveform is.
         self.measured = Variable(index, 0x11, "Input", DataType.REAL64, 64, value=0.0)
 
     def convert(self) -> None:
         """Converts what is measured now."""
         measured = self.measured.value
-        raw = round(measured) if isinstance(measured, int | float) else 0
+        raw = round(measured) if isinstance(measured, _NUMBERS) else 0
         under, over = raw < _MIN, raw > _MAX
-        value = self._scaled(min(max(raw, _MIN), _MAX))
-        entries = self._entries
-        entries[0x01].value, entries[0x02].value = int(under), int(over)
-        entries[0x07].value = int(under or over)
-        entries[0x03].value = self._limit(value, 0x07, 0x13)
-        entries[0x05].value = self._limit(value, 0x08, 0x14)
-        entries[0x11].value = value
-        entries[0x10].value = 1 - int(entries[0x10].value == 1)
+        value = _MIN if under else _MAX if over else raw
+        if self._user_scale.value:
+            scaled = value * _number(self._gain) // _UNITY_GAIN + _number(self._offset)
+            value = min(max(scaled, _MIN), _MAX)
+        self._underrange.value, self._overrange.value = int(under), int(over)
+        self._error.value = int(under or over)
+        for limit in self._limits:
+            limit.compare(value)
+        self._value.value = value
+        self._toggle.value = 1 - int(self._toggle.value == 1)
 
-    def _setting(self, subindex: int) -> int:
-        value = self._settings[subindex].value
-        return value if isinstance(value, int) else 0
 
-    def _scaled(self, value: int) -> int:
-        if self._setting(0x01):
-            value = value * self._setting(0x12) // _UNITY_GAIN + self._setting(0x11)
-        return min(max(value, _MIN), _MAX)
+class _Limit:
+    """A limit of a channel: the two bits that compare the value with it.
 
-    def _limit(self, value: int, enable: int, limit: int) -> int:
-        """The two bits that compare a value with a limit; 0 where that is not enabled."""
-        if not self._setting(enable):
-            return 0
-        at = self._setting(limit)
-        return _EQUAL if value == at else _LARGER if value > at else _SMALLER
+    Args:
+        result: The bits; 0 where the limit is not enabled.
+        enable: Whether it is.
+        limit: The limit.
+    """
+
+    def __init__(self, result: Variable, enable: Variable, limit: Variable) -> None:
+        self._result, self._enable, self._limit = result, enable, limit
+
+    def compare(self, value: int) -> None:
+        """Compares with a value."""
+        result = 0
+        if self._enable.value:
+            at = _number(self._limit)
+            result = _EQUAL if value == at else _LARGER if value > at else _SMALLER
+        self._result.value = result
+
+
+def _number(setting: Variable) -> int:
+    return setting.value if isinstance(setting.value, int) else 0
 
 
 class _AnalogInput(Terminal):
