@@ -171,6 +171,7 @@ class Player:
         drive: Settings,
         start_up: Sequence[tuple[int, int, int, int]] = (),
         failure: int = ERROR,
+        lease: float = 30.0,
     ) -> None:
         vendor, product = ((0x9A, 0x30924), (0xFFFF, 0x402))[slave]
         self._calls = calls
@@ -178,6 +179,7 @@ class Player:
         self._axis = calls.axis_open(
             bus.encode(),
             ctypes.c_double(0.001),
+            ctypes.c_double(lease),
             failure,
             slave,
             vendor,

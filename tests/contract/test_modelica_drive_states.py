@@ -21,7 +21,7 @@ from drive_calls import (
     settings,
 )
 
-from conftest import Daemon
+from conftest import Daemon, wait_for
 from ecatsim.control.client import Simulator
 
 pytest_plugins = ["drive_fixtures"]
@@ -315,14 +315,18 @@ def test_a_bus_that_dies_and_comes_back(
         player.disable()
 
 
-def test_a_model_that_dies_leaves_the_drive_without_power(play: Play, drives: Daemon) -> None:
-    player = play(settings(Mode.CYCLIC_VELOCITY))
-    player.reference = lambda time: 20.0
-    player.enable()
-    player.run(0.2)
-    with drives.client() as client:
+def test_a_model_that_dies_leaves_the_drive_without_power(
+    calls: ctypes.CDLL, drives: Daemon
+) -> None:
+    drive = settings(Mode.CYCLIC_VELOCITY)
+    with Player(calls, drives.bus, ELMO, drive, lease=0.5) as player, drives.client() as client:
+        player.reference = lambda time: 20.0
+        player.enable()
+        player.run(0.2)
         status = client.signal(ELMO, 0x6041)
-        client.wait(1000, timeout=30)  # the model takes no more samples
-        client.sample()
-        assert int(status.raw) & 0x4F == 0x40
-    player.__exit__()
+
+        def is_disabled() -> bool:  # the model takes no more samples
+            client.sample()
+            return int(status.raw) & 0x4F == 0x40
+
+        wait_for(is_disabled, drives)
