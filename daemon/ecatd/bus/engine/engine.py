@@ -53,7 +53,7 @@ class Event(ctypes.Structure):
 
 
 class Index(IntEnum):
-    """`cyclic_index`: by the index of its first datagram a socket chooses its frames."""
+    """`cyclic_index`: a socket accepts a frame by the index of the frame's first datagram."""
 
     CONTROL = 0x00
     ENGINE = 0x80
@@ -90,20 +90,21 @@ class Clock(ctypes.Structure):
 
 @dataclass(slots=True)
 class RealTime:
-    """What real time the engine asks for.
+    """Real-time settings that the engine asks the system for.
 
     Attributes:
         priority: SCHED_FIFO priority, 0 for ordinary scheduling.
         cpu: CPU to run on, -1 for any.
         lock_memory: Whether the memory of the process is locked.
         busy_receive: Whether the engine polls for the answer and never sleeps.
-        poll_us: How long it polls otherwise before it sleeps, in microseconds, where answers
-            usually come that soon.
+        poll_us: Microseconds for which the engine polls before it sleeps, without `busy_receive`.
+            It polls only where answers usually come within this time.
         dma_latency_us: Longest time that processors may need to wake up, in microseconds;
             -1 leaves it as it is.
-        wkc_limit: Outputs fall to their safe values after so many bad working counters in a row;
-            0: never.
-        free_running: Whether the next cycle follows at once; to measure, not for slaves.
+        wkc_limit: Number of bad working counters in a row after which outputs take their safe
+            values; 0: never.
+        free_running: Whether each cycle starts as soon as the one before has ended. For
+            measurements without slaves.
     """
 
     priority: int = 80
@@ -118,13 +119,13 @@ class RealTime:
 
 @dataclass(slots=True)
 class Grant:
-    """What the system said to one kind of real time.
+    """The system's answer to one real-time setting.
 
     Attributes:
-        setting: Which one.
+        setting: The setting.
         wanted: Whether it was asked for.
-        value: See `ecat_setting`.
-        error: errno where it was refused, else 0.
+        value: The value asked for; see `ecat_setting`.
+        error: errno if the system refused it, else 0.
     """
 
     setting: Setting
@@ -165,11 +166,11 @@ def _library() -> ctypes.CDLL:
 
 
 LIBRARY = _LIB = _library()
-"""The engine's library, for the relay, which is part of it."""
+"""The C library of the engine. The relay is part of it, and uses it too."""
 
 
 def open_socket(interface: str, first: int, last: int) -> socket.socket:
-    """A raw socket for EtherCAT frames whose first datagram has an index of `first` to `last`.
+    """Opens a raw socket for EtherCAT frames whose first datagram has an index `first` to `last`.
 
     Raises:
         NotPermittedError: The process may not use raw sockets.
@@ -185,7 +186,7 @@ def open_socket(interface: str, first: int, last: int) -> socket.socket:
 
 
 def publish_layout(address: int) -> None:
-    """Writes the layout version of shared memory: from now on clients may open it."""
+    """Writes the layout version into shared memory: from now on clients may open it."""
     _LIB.cyclic_publish_layout(address)
 
 
@@ -193,14 +194,14 @@ class Engine:
     """One engine; see `cyclic.h` for what each call means.
 
     Args:
-        address: Address of the filled shared memory's header.
-        out_fd: The `.out` shared memory.
-        sockets: One from `open_socket` for each interface: one, or two with cable redundancy. They
-            are the engine's from now on.
-        run: 32 bits in the source address of its frames that tell this run from others.
+        address: Address of the header of the filled shared memory.
+        out_fd: File descriptor of the `.out` shared memory.
+        sockets: One socket from `open_socket` for each interface: one, or two with cable
+            redundancy. The engine owns them from now on, and `close` closes them.
+        run: 32 bits that go into the source address of its frames, and tell this run from others.
 
     Raises:
-        EcatError: The engine cannot be made; `errno` says why.
+        EcatError: The engine cannot be made; the message gives the reason.
     """
 
     def __init__(
@@ -221,17 +222,17 @@ class Engine:
         return int(self._engine)
 
     def set_clock(self, clock: Clock) -> None:
-        """Has the cycle follow a reference clock; before `start`."""
+        """Makes the cycle follow a reference clock. Call it before `start`."""
         _LIB.cyclic_set_clock(self._engine, ctypes.byref(clock))
 
     def set_socket(self, port: int, new: socket.socket) -> None:
-        """Replaces the socket of an interface that went and came back; it is the engine's then."""
+        """Replaces the socket of an interface that went away and came back; the engine owns it."""
         _LIB.cyclic_set_socket(self._engine, port, new.fileno())
         self._sockets[port].close()
         self._sockets[port] = new
 
     def add_domain(self, domain: DomainImage) -> None:
-        """Adds the datagrams of a domain."""
+        """Adds the datagrams of a domain; raises `EcatError` if the engine has no room for one."""
         for item in domain.datagrams:
             code = _LIB.cyclic_add_datagram(
                 self._engine,
@@ -246,23 +247,31 @@ class Engine:
                 raise EcatError(f"datagram refused by the engine: {os.strerror(-code)}")
 
     def set_safe(self, slave: int, value: bytes, hold: bytes) -> None:
-        """Safe values of a slave: bits of `hold` keep what was last sent, others take `value`."""
+        """Sets a slave's safe values: bits set in `hold` keep their last value, others use `value`.
+
+        Both have as many bytes as the slave has outputs.
+        """
         _LIB.cyclic_set_safe(self._engine, slave, value, hold)
 
     def set_limit(self, signal: int, minimum: float, maximum: float) -> None:
-        """Refuses raw values of an output beyond these, both included; before `start`."""
+        """Makes the engine refuse raw values of an output outside `minimum` to `maximum`.
+
+        Both limits are allowed values. Call it before `start`.
+        """
         code = _LIB.cyclic_set_limit(self._engine, signal, minimum, maximum)
         if code != 0:
             raise EcatError(f"range of signal {signal} refused by the engine: {os.strerror(-code)}")
 
     def set_stop(self, controlword: int, statusword: int, value: int, patience: float) -> None:
-        """How a drive without owner is stopped; see `cyclic_set_stop`. Before `start`.
+        """Sets how a drive that lost its owner is stopped; see `cyclic_set_stop`.
+
+        Call it before `start`.
 
         Args:
             controlword: Signal of object 0x6040 of CiA 402.
             statusword: Signal of object 0x6041.
-            value: Controlword while the drive moves.
-            patience: Seconds after which the controlword gets its safe value in any case.
+            value: Controlword to send while the drive still moves.
+            patience: Seconds after which the controlword takes its safe value in any case.
         """
         code = _LIB.cyclic_set_stop(
             self._engine, controlword, statusword, value, int(patience * 1e9)
@@ -272,11 +281,11 @@ class Engine:
 
     @property
     def stopping(self) -> int:
-        """How many drives are being stopped."""
+        """Number of drives that are being stopped now."""
         return int(_LIB.cyclic_stopping(self._engine))
 
     def start(self, wanted: RealTime) -> list[Grant]:
-        """Starts the exchange; returns what the system granted."""
+        """Starts the cyclic exchange, and returns what the system granted of the settings."""
         settings = _Settings(
             wanted.priority,
             wanted.cpu,
@@ -310,7 +319,7 @@ class Engine:
         ]
 
     def _hold_dma_latency(self, wanted_us: int) -> Grant:
-        """Keeps processors from deep sleep for as long as the file is open (`cpu_dma_latency`)."""
+        """Keeps processors out of deep sleep, by holding `/dev/cpu_dma_latency` open."""
         error = 0
         if wanted_us >= 0:
             try:
@@ -321,22 +330,26 @@ class Engine:
         return Grant(Setting.DMA_LATENCY, wanted_us >= 0, wanted_us, error)
 
     def restart_counting(self) -> None:
-        """Begins all counters and histograms of the engine anew."""
+        """Sets all counters and histograms of the engine back to zero."""
         _LIB.cyclic_restart_counting(self._engine)
 
     def make_safe(self) -> None:
-        """From the next cycle on all outputs are at their safe values."""
+        """Sets all outputs to their safe values from the next cycle on, and refuses claims."""
         _LIB.cyclic_make_safe(self._engine)
 
     def wait_event(self, timeout: float) -> Event | None:
-        """The next event, or None after `timeout` seconds. For one thread."""
+        """Returns the next event, or None after `timeout` seconds. Only one thread may call it."""
         event = Event()
         if _LIB.cyclic_wait_event(self._engine, ctypes.byref(event), int(timeout * 1e9)):
             return event
         return None
 
     def listen(self, slot: int) -> None:
-        """Has the engine tell again when there are new requests in a slot; it does so once."""
+        """Lets the engine send one more event when a slot has new requests.
+
+        The engine sends one REQUEST event for a slot, and then none until this is called. So a
+        client that rings its doorbell without end cannot flood the events.
+        """
         _LIB.cyclic_listen(self._engine, slot)
 
     def reply(
@@ -349,7 +362,7 @@ class Engine:
         abort_code: int,
         data: bytes,
     ) -> None:
-        """Answers a request of a client."""
+        """Answers a client's request; see `cyclic_reply`."""
         _LIB.cyclic_reply(
             self._engine, slot, cell, generation, seq, status, abort_code, data, len(data)
         )
@@ -359,7 +372,7 @@ class Engine:
         _LIB.cyclic_stop(self._engine)
 
     def close(self) -> None:
-        """Frees the engine; no other call may follow."""
+        """Stops and frees the engine, and closes its sockets. No other call may follow."""
         if self._engine:
             _LIB.cyclic_free(self._engine)
             self._engine = None

@@ -1,7 +1,7 @@
-"""How datagrams share frames: sizes of ETG.1000.4, 5.3 and 5.4, and the rule of packing.
+"""How datagrams share frames: the sizes of ETG.1000.4, 5.3 and 5.4, and the packing rule.
 
 The engine packs the frames of the cycle in C (`daemon/cyclic/frames.c`, `engine.h`), by the same
-rule and with the same sizes; a test compares both.
+rule and with the same sizes. A test compares the two.
 """
 
 from __future__ import annotations
@@ -14,42 +14,42 @@ ETHERNET_HEADER = 14
 ETHERCAT_HEADER = 2
 FIRST_DATAGRAM = ETHERNET_HEADER + ETHERCAT_HEADER
 ETHERNET_MIN = 60
-"""Shortest frame in bytes, without the check sum, which the interface adds."""
+"""Shortest frame in bytes. The check sum is not included: the interface adds it."""
 
 DATAGRAM_HEADER = 10
 DATAGRAM_WKC = 2
 DATAGRAM_FRAMING = DATAGRAM_HEADER + DATAGRAM_WKC
 
 PAYLOAD_MAX = 1498
-"""Bytes of datagrams in one frame, which has 1518 bytes with its check sum."""
+"""Most bytes of datagrams in one frame. A full frame has 1518 bytes with its check sum."""
 
 DATAGRAM_MAX = PAYLOAD_MAX - DATAGRAM_FRAMING
-"""Most bytes of data in one datagram: it then has a frame of its own."""
+"""Most bytes of data in one datagram. Such a datagram fills a frame alone."""
 
 STATUS_BYTES = 2
 TIME_BYTES = 8
-"""Data of the two datagrams that a cycle begins with: AL status of all slaves, and clock."""
+"""Data bytes of the two datagrams at the start of each cycle: AL status, and reference clock."""
 
 DOMAIN_DATAGRAM_MAX = DATAGRAM_MAX - STATUS_BYTES - TIME_BYTES - 2 * DATAGRAM_FRAMING
-"""Most process data in one datagram: it shares its frame with these two."""
+"""Most process data in one datagram, so that it fits into one frame with those two."""
 
 MAX_FRAMES = 64
 MAX_DATAGRAMS = 256
 MAX_DOMAIN_DATAGRAMS = MAX_DATAGRAMS - 2
-"""What the engine has room for in one cycle."""
+"""What the engine has room for in one cycle; two datagrams are its own (status and time)."""
 
 
 def pack(lengths: Iterable[int]) -> list[range]:
-    """Which datagrams travel in one frame: as many as fit, without changing their order.
+    """Distributes datagrams over frames: each frame takes as many as fit, in the given order.
 
     Args:
         lengths: Bytes of data of each datagram.
 
     Returns:
-        The numbers of the datagrams in each frame, 0 first.
+        For each frame, the numbers of its datagrams, counted from 0.
 
     Raises:
-        ValueError: One has more data than `DATAGRAM_MAX`.
+        ValueError: A datagram has more data than `DATAGRAM_MAX`.
     """
     frames: list[range] = []
     payload = PAYLOAD_MAX

@@ -1,15 +1,16 @@
-"""The logical address space: a window per domain, whole bytes per slave.
+"""The logical address space: each domain has a window, and each slave has whole bytes in it.
 
-Addresses are ours, and not those that SOEM would give, so that there can be several domains, and
-bits of two slaves never share a byte.
+ecatd assigns the addresses itself instead of taking SOEM's, so that there can be several domains,
+and the bits of two slaves never share a byte.
 
-A domain's image is, slave after slave:
+The image of a domain has four parts, each with one slave after the other. "No LRW" are the slaves
+that do not support the LRW command:
 
-    outputs of slaves without LRW | outputs of the others | their inputs | inputs of slaves without
+    outputs, no LRW | outputs, other slaves | inputs, other slaves | inputs, no LRW
 
-so outputs lie in front of inputs, as clients expect, and three rows of bytes are exchanged by
-LWR, LRW and LRD. Only slaves that cannot do LRW cost a second datagram. The rows
-are cut at slave boundaries, so that the working counter of each datagram is known.
+Outputs lie before inputs, as clients expect. The first part is exchanged by LWR, the two in the
+middle together by LRW, and the last by LRD. So only slaves without LRW cost extra datagrams. A
+datagram always ends at the boundary of a slave, so that its working counter is known.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ WINDOW = 0x0010_0000
 LRD, LWR, LRW = 10, 11, 12
 
 _COUNTS = {LWR: (1, 0), LRW: (2, 1), LRD: (0, 1)}
-"""What a slave adds to the working counter when it was written to, and read (ETG.1000.4)."""
+"""What one slave adds to the working counter: for outputs, and for inputs (ETG.1000.4)."""
 
 
 @dataclass(slots=True)
 class Datagram:
-    """A row of bytes of a domain's image that travels together."""
+    """A piece of a domain's image that one datagram carries. Offset and length are in bytes."""
 
     command: int
     offset: int
@@ -62,7 +63,7 @@ class DomainImage:
 
     @property
     def wkc_expected(self) -> int:
-        """Working counter of all datagrams when every slave takes part."""
+        """Sum of the working counters of all datagrams when every slave takes part."""
         return sum(datagram.wkc_expected for datagram in self.datagrams)
 
 
@@ -74,23 +75,24 @@ class Image:
 
     @property
     def output_bytes(self) -> int:
-        """Outputs of all domains in a row, as clients commit them."""
+        """Bytes of outputs of all domains together, as clients commit them."""
         return sum(domain.output_bytes for domain in self.domains)
 
 
 def assign_domains(
     bus: Bus, configured: Sequence[DomainConfig], idle: Collection[int] = ()
 ) -> None:
-    """Puts every slave into the domain that the configuration says, else into domain 0.
+    """Puts every slave into its configured domain, or into domain 0 if none is configured.
 
     Args:
         bus: Scanned slaves with their PDOs; `domains` and the `domain` of each slave are set.
         configured: Domains of the configuration.
-        idle: Positions of slaves whose process data are unknown: a domain may have no others.
+        idle: Positions of slaves whose process data are unknown. A domain of such slaves is
+            accepted, although nothing is known to be exchanged in it.
 
     Raises:
-        ConfigError: A domain names a slave that is not there.
-        StateError: One of several domains has no process data.
+        ConfigError: A domain names a slave that does not exist.
+        StateError: There are several domains, and one has no process data.
     """
     bus.domains = [Domain(item.name, item.divider, item.phase) for item in configured] or [Domain()]
     for slave in bus.slaves:
@@ -116,11 +118,11 @@ def assign_domains(
 
 
 def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
-    """Gives every slave its bytes, and says how they are exchanged.
+    """Places every slave in the process image, and plans the datagrams that exchange it.
 
     Args:
-        bus: Slaves with their PDOs and domains; `output_offset` and `input_offset` are set.
-        without_lrw: Positions of slaves that cannot do LRW.
+        bus: Slaves with their PDOs and domains; `output_offset` and `input_offset` are set here.
+        without_lrw: Positions of slaves that do not support LRW.
 
     Raises:
         StateError: A slave has more process data than one datagram can carry.
@@ -143,7 +145,7 @@ def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
 
 
 def _place(domain: DomainImage, slaves: list[Slave], without_lrw: Set[int]) -> None:
-    """Fills a domain: where each slave has its bytes, and the datagrams that carry them."""
+    """Places the slaves of a domain in its image, and adds the datagrams that carry it."""
     whole = [slave for slave in slaves if slave.position not in without_lrw]
     split = [slave for slave in slaves if slave.position in without_lrw]
     rows: dict[int, list[_Part]] = {LWR: [], LRW: [], LRD: []}
@@ -172,7 +174,11 @@ class _Part:
 
 
 def _append(parts: list[_Part], slave: Slave, offset: int, *, output: bool) -> int:
-    """Adds a slave's bytes to a row, if there are any; returns the offset behind them."""
+    """Adds a slave's outputs or inputs to `parts`, if it has any; returns the offset after them.
+
+    Raises:
+        StateError: One datagram cannot carry that many bytes.
+    """
     length = slave.output_bytes if output else slave.input_bytes
     if length > DOMAIN_DATAGRAM_MAX:
         raise StateError(
@@ -185,7 +191,7 @@ def _append(parts: list[_Part], slave: Slave, offset: int, *, output: bool) -> i
 
 
 def _datagrams(command: int, parts: Iterable[_Part]) -> list[Datagram]:
-    """Cuts a row of bytes at slave boundaries."""
+    """Makes datagrams of `parts`, each as long as possible; one slave's bytes stay together."""
     written, read = _COUNTS[command]
     datagrams: list[Datagram] = []
     for part in parts:

@@ -1,7 +1,8 @@
 """Creates the two shared memory objects of a bus and fills their tables.
 
-Both get their names when they are locked and complete, respectively; the lock lasts as long as this
-process, and tells leftovers of a daemon that was killed, which are replaced.
+The shared memory gets its name as soon as it is locked, the `.out` shared memory when it is
+complete. The kernel releases the lock when the process ends. So shared memory without a lock was
+left behind by a daemon that was killed, and is replaced.
 """
 
 from __future__ import annotations
@@ -31,31 +32,32 @@ from .layout import Image
 _PAGE = 4096
 
 SHM_MODE, OUT_MODE = 0o640, 0o660
-"""Rights: members of the group read the bus, and write what they own."""
+"""File modes: members of the group may read the bus, and write into `.out`."""
 
 
 class SharedMemory:
     """The shared memory objects of one bus, created and owned by this process.
 
-    Making one reserves the name of the bus, before anything is done to the slaves; `fill` gives it
-    its size and content, `publish` lets clients in.
+    The constructor reserves the name of the bus, before anything is done to the slaves. `fill`
+    gives the shared memory its size and content, and `publish` lets clients in.
 
     Attributes:
         address: Address of the header in this process, for the engine.
-        path: The shared memory.
-        out_path: The `.out` shared memory.
+        path: Path of the shared memory.
+        out_path: Path of the `.out` shared memory.
         fd: File descriptor of the shared memory.
         out_fd: File descriptor of the `.out` shared memory.
-        out: `ecat_out_header`, as it was written.
-        header: `ecat_shm_header` in place: assignments are visible to clients.
-        signals: `ecat_shm_signal` table in place.
-        slave_status: `ecat_shm_slave_status` table in place.
-        settings: `ecat_shm_setting` table in place.
-        health: `ecat_shm_health` in place.
+        out: `ecat_out_header`, a copy of what was written.
+        header: `ecat_shm_header`, mapped: clients see every assignment at once. So they do with
+            the tables below.
+        signals: `ecat_shm_signal` table.
+        slave_status: `ecat_shm_slave_status` table.
+        settings: `ecat_shm_setting` table.
+        health: `ecat_shm_health`.
 
     Raises:
         StateError: Another daemon serves a bus of this name.
-        NotPermittedError: Leftovers of another user are in the way.
+        NotPermittedError: A file of another user has the name, and cannot be replaced.
     """
 
     def __init__(self, bus: str) -> None:
@@ -70,16 +72,16 @@ class SharedMemory:
             self._put_in_place()
 
     def fill(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
-        """Lays the tables and pages of a bus out.
+        """Lays out and fills the tables and pages of a bus.
 
         Args:
-            bus: The description.
-            image: Its place in the logical address space.
-            lease_ns: Shortest lease.
-            lease_max_ns: Longest lease that a client can ask for.
+            bus: The bus description.
+            image: Its process image.
+            lease_ns: Shortest lease, in ns.
+            lease_max_ns: Longest lease that a client can ask for, in ns.
 
         Raises:
-            EcatError: There is no room for shared memory.
+            EcatError: There is not enough memory, or a file cannot be made.
         """
         self._bus = bus
         self._image = image
@@ -128,7 +130,8 @@ class SharedMemory:
 
     def _fill_slaves(self, plan: _Plan) -> None:
         count = max(1, len(self._bus.slaves))
-        # Arrays of one entry are given as arrays too, so that indexing is the same for all.
+        # `_at` gives a plain struct for one entry; these are arrays always, so that they can be
+        # indexed.
         kind = shm.struct("ecat_shm_slave") * count
         table = kind.from_buffer(self._map, plan.offsets["slaves"])
         status = shm.struct("ecat_shm_slave_status") * count
@@ -191,7 +194,7 @@ class SharedMemory:
         self.out = header
 
     def _put_in_place(self) -> None:
-        """Gives the shared memory its name, unless a living daemon has it."""
+        """Gives the shared memory its name; raises `StateError` if a living daemon has it."""
         while True:
             try:
                 _name(self.fd, self.path)
@@ -216,7 +219,7 @@ class SharedMemory:
         try:
             if not take(old, shm.LOCK_DAEMON):
                 header = os.pread(old, shm.size("ecat_shm_header"), 0)
-                pid = ""  # not known while that one is still starting
+                pid = ""  # not known while that daemon is still starting
                 if len(header) == shm.size("ecat_shm_header"):
                     number = shm.struct("ecat_shm_header").from_buffer_copy(header).pid
                     pid = f" (pid {number})"
@@ -231,7 +234,7 @@ class SharedMemory:
             os.close(old)
 
     def set_grants(self, grants: Iterable[Grant]) -> None:
-        """Tells which real time the system has granted."""
+        """Writes to the `settings` table which real-time settings the system has granted."""
         for grant in grants:
             row = self.settings[grant.setting]
             row.wanted, row.value, row.error = int(grant.wanted), grant.value, grant.error
@@ -242,7 +245,7 @@ class SharedMemory:
         publish_layout(self.address)
 
     def set_state(self, state: shm.BusState) -> None:
-        """Tells clients what the daemon is doing."""
+        """Publishes what the daemon is doing. Before `fill` it does nothing."""
         if self.header is not None:
             self.header.state = state
 
@@ -258,7 +261,7 @@ class SharedMemory:
 
 
 class _Plan:
-    """Where everything lies in the shared memory, and which signals there are."""
+    """The signals of a bus, and where tables and pages lie in the shared memory."""
 
     def __init__(self, bus: Bus, image: Image) -> None:
         self.signals = [
@@ -303,13 +306,16 @@ def _up(value: int, step: int) -> int:
 
 
 def _text(text: str, room: int) -> bytes:
-    """UTF-8 cut to fit with its NUL, never within a character."""
+    """Encodes text as UTF-8 of less than `room` bytes, so that a NUL fits; cuts no character."""
     data = text.replace("\0", " ").encode("utf-8", "replace")[: room - 1]
     return data.decode("utf-8", "ignore").encode()
 
 
 def _create(mode: int) -> int:
-    """A new file without a name: nobody finds it half made, nor after this process was killed."""
+    """Creates a file without a name, so that nobody finds it unfinished.
+
+    If this process is killed before it names the file, the kernel removes it.
+    """
     fd = os.open(shm.FOLDER, os.O_RDWR | os.O_TMPFILE | os.O_CLOEXEC, mode)
     os.fchmod(fd, mode)  # whatever the umask is
     give_to_group(fd)
@@ -317,12 +323,12 @@ def _create(mode: int) -> int:
 
 
 def _name(fd: int, path: Path) -> None:
-    """Gives a file its name.
+    """Gives a file without a name its name.
 
     Raises:
-        FileExistsError: Something else has it.
+        FileExistsError: The name is taken.
     """
-    # By a descriptor of the directory, since only then Python has the kernel follow the link.
+    # Python sets AT_SYMLINK_FOLLOW only if a directory descriptor is given, too.
     folder = os.open("/proc/self/fd", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.link(str(fd), path, src_dir_fd=folder, follow_symlinks=True)
@@ -331,17 +337,17 @@ def _name(fd: int, path: Path) -> None:
 
 
 def has_name(fd: int, path: Path) -> bool:
-    """Whether a file still has the name that it was given.
+    """Whether `path` still names the open file `fd`.
 
     Raises:
-        FileNotFoundError: No file has this name.
+        FileNotFoundError: There is no file of this name.
     """
     named, found = path.lstat(), os.fstat(fd)
     return (named.st_dev, named.st_ino) == (found.st_dev, found.st_ino)
 
 
 def _remove(fd: int, path: Path) -> None:
-    """Takes a file its name, unless somebody else has given that to another one."""
+    """Removes the name of a file, unless the name belongs to another file by now."""
     with suppress(OSError):
         if has_name(fd, path):
             path.unlink()
@@ -349,7 +355,7 @@ def _remove(fd: int, path: Path) -> None:
 
 @contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Failures of the file system as sentences."""
+    """Turns errors of the file system into errors of ecatd, with what to do about them."""
     try:
         yield
     except PermissionError as error:

@@ -1,8 +1,11 @@
-"""Requests as clients write them into their slots: read with `pread`, every field checked.
+"""Reads the requests that clients write into their slots, and checks every field.
 
-A cell holds one request, whose number its client makes of a counter, which it then puts into the
-doorbell: only what the doorbell has announced is complete. A client that takes a request back, or
-has no more use for it, puts another number there.
+A slot has several cells, and each cell holds one request. The client numbers its requests with a
+counter. It writes the request with its number into a cell, and then the number into its doorbell:
+a request is complete only once the doorbell has announced it. A client that withdraws a request,
+or no longer needs it, writes another number into the cell.
+
+The `.out` shared memory is read with `pread`, so that a client that cuts it short does no harm.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from ecatd.shm import REQUEST_BYTES
 
 from .shared_memory import SharedMemory
 
-_HALF = 1 << 31  # of the numbers of requests, which count in 32 bits
+_HALF = 1 << 31  # request numbers have 32 bits and wrap: the nearer half counts as "before"
 _STATES = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
 
 
@@ -28,11 +31,11 @@ class Asked:
     """A request that a client has announced.
 
     Attributes:
-        slot: Its slot.
-        cell: Which of the requests there.
-        generation: Of the client.
+        slot: Number of the client's slot.
+        cell: Number of the cell in the slot.
+        generation: Generation of the client.
         seq: Number of the request.
-        raw: `ecat_out_request` as it was read.
+        raw: The bytes of the `ecat_out_request`.
     """
 
     slot: int
@@ -42,10 +45,10 @@ class Asked:
     raw: bytes
 
     def parse(self) -> Request:
-        """What is asked for.
+        """Decodes the request.
 
         Raises:
-            UsageError: No client library asks for such a thing.
+            UsageError: The request is malformed, or none that can be carried out.
         """
         kind = shm.struct("ecat_out_request")
         raw = kind.from_buffer_copy(self.raw)
@@ -76,7 +79,7 @@ class Cells:
         self._size = shm.size("ecat_out_request")
 
     def read(self, slot: int) -> list[Asked]:
-        """All requests of a slot that are announced; none while its client changes."""
+        """Returns all announced requests of a slot; none if the client changes meanwhile."""
         bell, at = self._doorbell(slot), self._at(slot)
         if bell is None or bell.generation == 0:
             return []
@@ -95,7 +98,7 @@ class Cells:
         return asked
 
     def is_wanted(self, asked: Asked) -> bool:
-        """Whether its client lives and has not taken it back."""
+        """Whether the client of a request is still alive and has not withdrawn the request."""
         bell = self._doorbell(asked.slot)
         if bell is None or bell.generation != asked.generation:
             return False

@@ -1,8 +1,8 @@
 """Register access in batches: many EtherCAT datagrams in as few frames as possible.
 
-One datagram per frame would be slow where all slaves are asked for the same thing. Frames of this
-module have datagram indices below those of the cyclic engine, which tells them apart. Commands and
-addressing: ETG.1000.4, 5.4.
+One datagram per frame would be slow where all slaves are asked for the same thing. The datagram
+indices of these frames are below those of the cyclic engine (`Index`), so each socket can tell its
+own frames. Commands and addressing: ETG.1000.4, 5.4.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _WINDOW = 8
 
 _TRIES = 3
 _TIMEOUT_MIN = 0.02
-"""Seconds; several frames are under way, and this thread does not always run at once."""
+"""Seconds. Several frames are on the wire, and this thread may have to wait for a processor."""
 
 _HEAD = struct.Struct("<BBIHH")
 
 
 class Command(IntEnum):
-    """Commands of ETG.1000.4: who is addressed, and whether memory is read or written."""
+    """Commands of datagrams (ETG.1000.4): by position (AP), by address (FP), or to all (B)."""
 
     APRD = 1
     APWR = 2
@@ -51,14 +51,14 @@ class Command(IntEnum):
 
 
 class Datagram(NamedTuple):
-    """One access to the memory of one slave, or of all of them.
+    """One access to the memory of one slave, or of all slaves.
 
     Attributes:
-        command: What is done.
-        address: Configured station address, or minus the position (APRD, APWR), or 0 (BRD, BWR);
-            16 bits.
+        command: The command.
+        address: 16 bits: configured station address (FPRD, FPWR), minus the position (APRD, APWR),
+            or 0 (BRD, BWR).
         register: First address in the memory of the slave.
-        data: What is written; for reading as many zeros as bytes are wanted. At most
+        data: The bytes to write. For a read, as many zeros as bytes are wanted. At most
             `DATAGRAM_MAX`.
     """
 
@@ -69,12 +69,12 @@ class Datagram(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What came back.
+    """The answer to a datagram.
 
     Attributes:
         data: The data of the datagram, as the slaves left it.
-        wkc: Working counter: how many slaves have done what they were told; 0 also if the frame
-            was lost.
+        wkc: Working counter: how many slaves have carried out the datagram. It is 0, too, if the
+            frame was lost.
     """
 
     data: bytes
@@ -82,28 +82,28 @@ class Answer(NamedTuple):
 
 
 def fprd(station: int, register: int, size: int) -> Datagram:
-    """Reads `size` bytes of the slave with a configured station address."""
+    """Makes a read of `size` bytes from the slave with a configured station address."""
     return Datagram(Command.FPRD, station, register, bytes(size))
 
 
 def fpwr(station: int, register: int, data: bytes) -> Datagram:
-    """Writes memory of the slave with a configured station address."""
+    """Makes a write to the slave with a configured station address."""
     return Datagram(Command.FPWR, station, register, data)
 
 
 def aprd(position: int, register: int, size: int) -> Datagram:
-    """Reads `size` bytes of the slave at a position."""
+    """Makes a read of `size` bytes from the slave at a position."""
     return Datagram(Command.APRD, -position & 0xFFFF, register, bytes(size))
 
 
 def apwr(position: int, register: int, data: bytes) -> Datagram:
-    """Writes memory of the slave at a position."""
+    """Makes a write to the slave at a position."""
     return Datagram(Command.APWR, -position & 0xFFFF, register, data)
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A slave by its configured station address."""
+    """A slave that is addressed by its configured station address."""
 
     address: int
 
@@ -118,7 +118,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A slave by its place on the wire, 0 first: the only way to one that has no address yet."""
+    """A slave that is addressed by its position on the wire; it needs no station address yet."""
 
     position: int
 
@@ -132,12 +132,12 @@ class Place:
 
 
 def brd(register: int, size: int) -> Datagram:
-    """Reads `size` bytes of all slaves, ORed."""
+    """Makes a read of `size` bytes from all slaves; the answer is their values, ORed."""
     return Datagram(Command.BRD, 0, register, bytes(size))
 
 
 def bwr(register: int, data: bytes) -> Datagram:
-    """Writes memory of all slaves."""
+    """Makes a write to all slaves."""
     return Datagram(Command.BWR, 0, register, data)
 
 
@@ -149,12 +149,12 @@ class _Frame:
 
 
 class Datagrams:
-    """Exchanges datagrams over a socket that carries whole Ethernet frames. For one thread.
+    """Exchanges datagrams over a socket that carries whole Ethernet frames. Not thread-safe.
 
     Args:
-        link: The socket; it belongs to this object from now on.
+        link: The socket; this object owns it from now on.
         source: Source address of the frames, 6 bytes.
-        timeout: Seconds without any frame coming back after which those on their way are lost.
+        timeout: If no frame comes back for so many seconds, all frames on the wire count as lost.
     """
 
     def __init__(self, link: socket.socket, source: bytes, timeout: float = 0.02) -> None:
@@ -167,15 +167,16 @@ class Datagrams:
         self._next_index = int(Index.CONTROL)
 
     def exchange(self, datagrams: Sequence[Datagram], *, repeat: bool = True) -> list[Answer]:
-        """Sends datagrams, in order, and waits for what comes back.
+        """Sends datagrams, in order, and waits for their answers.
 
-        A frame that is lost is sent again, twice at most: its datagrams may then have been carried
-        out more than once. That does no harm to most registers, but to those where an access has
-        an effect of its own, as reading a mailbox or an event register.
+        A lost frame is sent again, at most twice. Slaves may then carry out its datagrams more
+        than once. Most registers do not mind. Use `repeat=False` where each access has an effect,
+        as with a mailbox or an event register.
 
         Args:
-            datagrams: What to do.
-            repeat: False: nothing is sent again; what was lost is answered with working counter 0.
+            datagrams: The datagrams.
+            repeat: Whether lost frames are sent again. If not, the answers of a lost frame have
+                working counter 0.
 
         Returns:
             The answers, in the order of `datagrams`.
@@ -205,9 +206,9 @@ class Datagrams:
         return answers
 
     def read_all(self, stations: Iterable[int], register: int, size: int) -> list[Answer]:
-        """Reads the same register of many slaves, by configured station address.
+        """Reads `size` bytes at one register of many slaves, by configured station address.
 
-        Reads again where a frame was lost, so it is not for registers where reading has an effect.
+        A lost frame is sent again, so do not read registers this way where reading has an effect.
         """
         return self.exchange([fprd(station, register, size) for station in stations])
 
@@ -236,13 +237,13 @@ class Datagrams:
             )
             length += DATAGRAM_FRAMING + size
         parts[1] = struct.pack("<H", length | 0x1000)
-        with suppress(OSError):  # as if the frame was lost: the interface may be back soon
+        with suppress(OSError):  # treated as a lost frame: the interface may be back soon
             self._link.send(b"".join(parts).ljust(ETHERNET_MIN, b"\0"))
 
     def _receive(self, deadline: float) -> bytes | None:
-        """The next frame, or None when there is none in time."""
+        """Returns the next frame, or None if none comes before `deadline`."""
         while (left := deadline - time.monotonic()) > 0:
-            if not self._poll.poll(left * 1e3 + 1):  # ms, rounded down there
+            if not self._poll.poll(left * 1e3 + 1):  # in ms; poll() rounds down
                 continue
             try:
                 received = self._link.recv(2048)
@@ -250,7 +251,7 @@ class Datagrams:
                     return received
             except BlockingIOError:
                 continue
-            except OSError:  # the interface is down, which is told once
+            except OSError:  # the interface is down; the socket says so only once
                 time.sleep(left)
         return None
 
@@ -262,7 +263,7 @@ class Datagrams:
 def _take(
     received: bytes, frame: _Frame, datagrams: Sequence[Datagram], answers: list[Answer]
 ) -> bool:
-    """Takes the answers out of a frame, if it is the one that was sent."""
+    """Copies the answers out of a received frame; returns False if it is not the frame sent."""
     at = FIRST_DATAGRAM
     found = []
     for number in frame.datagrams:
@@ -271,7 +272,7 @@ def _take(
         if end + DATAGRAM_WKC > len(received):
             return False
         command, _, address, length, _ = _HEAD.unpack_from(received, at)
-        # Slaves count the position in the first half of the address up.
+        # Each slave increments the first half of the address (APRD, BRD), so it is not compared.
         if (command, address >> 16, length & 0x7FF) != (
             item.command,
             item.register,
@@ -287,10 +288,10 @@ def _take(
 
 
 def source_address(port: int, run: int) -> bytes:
-    """Source address of frames: a locally administered one that names run and interface.
+    """Makes a source address for frames: locally administered, with the run and the interface.
 
     Args:
-        port: 0 first interface, 1 second one.
-        run: 32 bits that no other run has.
+        port: 0 for the first interface, 1 for the second.
+        run: 32 bits that tell this run from others.
     """
     return struct.pack("<BIB", 0x02, run, port)

@@ -1,7 +1,7 @@
 """Reading the SII EEPROMs of many slaves at the same time (ETG.1000.4, 6.4).
 
-An EEPROM gives four or eight bytes per command and takes a while for it, so one slave after the
-other would be slow. Here each slave has its next command while the others work on theirs.
+An EEPROM gives four or eight bytes per command, and needs some time for it. So this module does
+not wait for one slave after the other: all slaves work on a command at the same time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ecatd.model.errors import StateError
 from .datagrams import Datagrams, Place, Station
 
 Words = Callable[[int, int], bytes]
-"""Gives words of an EEPROM: word address and how many."""
+"""Returns words of an EEPROM. Arguments: word address, and number of words."""
 
 T = TypeVar("T")
 
@@ -31,10 +31,10 @@ _BUSY = 0x8000
 
 _TRIES = 3
 _BUSY_LIMIT = 0.5
-"""Seconds; an EEPROM has its data after less than a millisecond."""
+"""Seconds after which a busy EEPROM counts as broken; a command takes less than a millisecond."""
 
 _PAUSE = 0.0002
-"""Seconds between looks while all are busy."""
+"""Seconds between two reads of the status while all EEPROMs are busy."""
 
 
 class _Unread(Exception):  # noqa: N818  no error, but a question
@@ -50,10 +50,10 @@ class _Eeprom(Generic[T]):
         self._decode = decode
         self._known: dict[int, bytes] = {}  # by even word address, 4 bytes each
         self._wanted: list[int] = []  # even word addresses, the next one last
-        self._asked = False  # for the next of them
+        self._asked = False  # whether the slave has the command to read the next wanted address
         self._tries = _TRIES
         self._busy_since: float | None = None
-        self.command: bytes | None = None  # to be written
+        self.command: bytes | None = None  # to be written to the slave next
         self.result: list[T] = []
 
     def _words(self, word: int, count: int) -> bytes:
@@ -65,7 +65,11 @@ class _Eeprom(Generic[T]):
         return b"".join([self._known[address] for address in wanted])[start : start + 2 * count]
 
     def look(self, registers: bytes, answered: bool) -> None:
-        """Takes a look at the registers from 0x0502 on, and says what is to be done next."""
+        """Evaluates the registers from 0x0502 on, and sets `command` or `result`.
+
+        Raises:
+            StateError: The EEPROM cannot be read.
+        """
         if not answered:
             self._try_again("the slave does not answer")
             return
@@ -80,7 +84,7 @@ class _Eeprom(Generic[T]):
         if status & _NO_ACKNOWLEDGE:
             self._try_again(f"it does not acknowledge a command (status 0x{status:04X})")
             self._asked = False
-            self.command = struct.pack("<H", _CLEAR)  # which comes before any other
+            self.command = struct.pack("<H", _CLEAR)  # no other command is accepted before
             return
         if self._asked and address == self._wanted[-1]:
             self._tries = _TRIES
@@ -119,21 +123,23 @@ def read_eeproms(
     decode: Callable[[Words], T],
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[T]:
-    """Reads EEPROMs, of all slaves at once; afterwards they belong to the devices (ETG.1000.6).
+    """Reads the EEPROMs of many slaves at the same time, and then gives them back to the devices.
+
+    Giving back means that register 0x0500 assigns the EEPROM to the device again (ETG.1000.6).
 
     Args:
         registers: The way to the slaves.
-        slaves: Where each is found, and how messages name it.
-        decode: Makes something of the words it asks for. It is called again from its beginning
-            whenever it has asked for words that were not read yet, so it should have no effects,
-            and ask for many words at once.
-        cancelled: Asked while slaves are waited for; when true, `StateError` is raised.
+        slaves: Address and label of each slave; messages use the label.
+        decode: Decodes an EEPROM; it gets a function that returns words. When it asks for words
+            that are not read yet, they are read, and `decode` is called again from its start. So
+            it should have no side effects, and ask for many words at once.
+        cancelled: Called again and again while waiting; when true, `StateError` is raised.
 
     Returns:
-        What `decode` made of each.
+        What `decode` returned for each slave.
 
     Raises:
-        StateError: An EEPROM cannot be read, or `decode` raised one. The message names the slave.
+        StateError: An EEPROM cannot be read, or `decode` raised this. The message names the slave.
     """
     eeproms = [_Eeprom(slave, label, decode) for slave, label in slaves]
     for owner in (_FORCE_TO_MASTER, _TO_MASTER):
@@ -143,7 +149,7 @@ def read_eeproms(
         if cancelled():
             raise StateError("stopped while slaves were being read")
         asked = [item for item in unread if item.command is not None]
-        # What is written takes effect at the end of the frame, so the status is read by another.
+        # A write takes effect at the end of its frame, so the status needs a frame of its own.
         registers.exchange(
             [item.slave.write(_CONTROL, item.command) for item in asked if item.command]
         )

@@ -1,4 +1,4 @@
-"""Network interfaces: making one ours, switching it on, opening it for the control side."""
+"""Network interfaces: reserving one, setting it up, opening sockets for the control side."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _AL_STATUS = 0x0130
 
 
 def needs_rights(interface: str) -> str:
-    """What is said to a process that may not use an interface."""
+    """Returns the message for a process that lacks the rights to use an interface."""
     return (
         f"no right to use interface '{interface}' for EtherCAT, which needs CAP_NET_RAW and "
         f"CAP_NET_ADMIN: run as root (`sudo`; the daemon: `systemctl start ecatd`), or try "
@@ -28,7 +28,7 @@ def needs_rights(interface: str) -> str:
 
 
 def open_for_control(interface: str) -> socket.socket:
-    """A raw socket for the frames of the control side.
+    """Opens a raw socket for the frames of the control side.
 
     Raises:
         UnreachableError: The interface cannot be used.
@@ -41,10 +41,10 @@ def open_for_control(interface: str) -> socket.socket:
 
 
 def look(interface: str) -> Answer:
-    """Reads the AL status of all slaves behind an interface, ORed; this changes nothing on the bus.
+    """Reads the AL status of all slaves behind an interface, ORed. Changes nothing on the bus.
 
-    The working counter is the number of slaves. On a closed ring the frame does not come back here.
-    Raises as `open_for_control`.
+    The working counter is the number of slaves. On a closed ring it is 0, since the frame comes
+    back at the other interface. Raises as `open_for_control`.
     """
     link = Datagrams(open_for_control(interface), source_address(0, 0))
     try:
@@ -55,7 +55,7 @@ def look(interface: str) -> Answer:
 
 @contextlib.contextmanager
 def own(interface: str) -> Iterator[None]:
-    """Makes an interface ours, and switches it on; afterwards it is as it was before.
+    """Reserves an interface and sets it up; at the end of the block restores its flags.
 
     Raises:
         UnreachableError: There is no such interface.
@@ -86,8 +86,8 @@ def switch_on(interface: str) -> None:
 def _reserve(interface: str) -> socket.socket:
     """Keeps other daemons off the interface: two masters would undo each other's set-up.
 
-    The name of an abstract Unix socket is unique in its network namespace, as interfaces are, and
-    free again when its process ends, however that happens.
+    The reservation is a bound abstract Unix socket. Its name is unique in the network namespace,
+    as interfaces are, and the kernel frees it when the process ends, however that happens.
     """
     reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
@@ -101,7 +101,7 @@ def _reserve(interface: str) -> socket.socket:
 
 
 def _flags(interface: str) -> int:
-    """Flags of the interface (`man 7 netdevice`)."""
+    """Returns the flags of an interface (`man 7 netdevice`)."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
         request = _FLAGS.pack(interface.encode(), 0)
         try:
@@ -115,7 +115,7 @@ def _flags(interface: str) -> int:
 
 
 def _set_flags(interface: str, flags: int) -> None:
-    """Changes the flags: SOEM does not raise the link, and makes the interface promiscuous."""
+    """Sets the flags: SOEM does not set the interface up, and leaves it promiscuous."""
     if flags == _flags(interface):
         return
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:

@@ -1,4 +1,4 @@
-"""The relay (`daemon/cyclic/relay.h`): the way of mailbox and register frames past the cycle."""
+"""The relay (`daemon/cyclic/relay.h`): sends mailbox and register frames between two cycles."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _WINDOW_US = 1000
 """CYCLIC_RELAY_WINDOW_NS of `relay.h`."""
 
 _ANSWER_US = 2000
-"""A frame that is not back after this time is lost; a round through 1000 slaves takes a half."""
+"""A frame that is not back after this time is lost; through 1000 slaves it takes half of it."""
 
 _LONG_US = 500
-"""A frame is hardly ever longer on the wire, also where the machine is busy."""
+"""A frame is hardly ever on the wire for longer, even if the machine is busy."""
 
 _MARGIN_US = 1000
 
@@ -54,15 +54,15 @@ class Relay:
     """One relay; see `relay.h` for what each call means.
 
     Args:
-        sockets: One from `open_for_control` for each interface: one, or two with cable redundancy.
-            They are the relay's from now on.
-        share: Share of the time that the cycle leaves free in which its frames may be on the wire,
-            above 0 to 1.
+        sockets: One socket from `open_for_control` for each interface: one, or two with cable
+            redundancy. The relay owns them from now on.
+        share: Share, above 0 and up to 1, of the free time of the cycle: for that much of it
+            frames of the relay may be on the wire.
         priority: SCHED_FIFO priority, below that of the engine; 0 for ordinary scheduling.
 
     Attributes:
-        client: The end for `Datagrams`.
-        timeout_us: When it can be sure that no answer will come to a frame.
+        client: The socket that `Datagrams` uses.
+        timeout_us: Microseconds after which no answer to a frame will come any more.
 
     Raises:
         EcatError: The relay cannot be made.
@@ -71,7 +71,7 @@ class Relay:
     def __init__(
         self, sockets: Sequence[socket.socket], share: float = 1.0, priority: int = 0
     ) -> None:
-        # No frame should have to go before its share allows it.
+        # Long enough that every frame can wait for its share, and none is sent before.
         patience_us = round(_LONG_US * (1 - share) / share)
         self.timeout_us = patience_us + _WINDOW_US + _ANSWER_US + _MARGIN_US
         self._ports = list(sockets)
@@ -87,17 +87,20 @@ class Relay:
             raise EcatError(f"the relay for mailbox frames does not start: {reason}")
 
     def follow(self, engine: Engine | None) -> None:
-        """Has frames wait for the free time of the engine's cycle, until the engine stops."""
+        """Makes frames wait for the free time of the engine's cycle, until the engine stops.
+
+        With None they pass at once.
+        """
         _LIB.cyclic_relay_follow(self._relay, None if engine is None else engine.handle)
 
     def set_socket(self, port: int, new: socket.socket) -> None:
-        """Replaces the socket of an interface that went and came back; it is the relay's then."""
+        """Replaces the socket of an interface that went away and came back; the relay owns it."""
         _LIB.cyclic_relay_set_socket(self._relay, port, new.fileno())
         self._ports[port].close()
         self._ports[port] = new
 
     def close(self) -> None:
-        """Ends the relay; no other call may follow."""
+        """Ends the relay and closes its sockets. No other call may follow."""
         if self._relay:
             _LIB.cyclic_relay_free(self._relay)
             self._relay = None

@@ -1,9 +1,9 @@
-"""The scan: which slaves there are, and the station address of each.
+"""The scan: counts the slaves, and gives each its station address.
 
-Station addresses are 0x1001 and up in the order on the wire, as SOEM gives them. Slaves are counted
-by a broadcast read, whose working counter each of them raises, and found by their position
-(auto-increment addresses, ETG.1000.4). With two interfaces the relay does that over both, so a
-broken ring is numbered as a whole one.
+Station addresses are 0x1001 and up, in the order on the wire, as SOEM gives them. A broadcast read
+counts the slaves: each adds one to the working counter. Slaves are addressed by their position
+(auto-increment addressing, ETG.1000.4). With two interfaces the relay sends such frames over both,
+so the slaves of a broken ring are numbered in the same way as those of a closed one.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ _RESET = (
     (0x0800, bytes(128)),  # 16 sync managers
     (0x0980, bytes(2)),  # no SYNC signals, controlled by the master
 )
-"""What all slaves are told before they are numbered; register and data."""
+"""What is written to all slaves before they are numbered: register and data."""
 
 
 def count_slaves(registers: Datagrams) -> int:
-    """How many slaves answer."""
-    # A copy that is lost on a broken ring makes the answer too small.
+    """Counts the slaves that answer a broadcast read."""
+    # On a broken ring, a lost copy of the frame makes the count too small.
     return max(registers.exchange([brd(_AL_STATUS, 2)])[0].wkc for _ in range(_TRIES))
 
 
 def has_stations(registers: Datagrams, count: int) -> bool:
-    """Whether the first `count` slaves on the wire have their station addresses."""
+    """Whether the first `count` slaves on the wire have the station addresses of `stations`."""
     wanted = [(struct.pack("<H", station), 1) for station in stations(count)]
     places = [aprd(place, _STATION_ADDRESS, 2) for place in range(count)]
-    # On a broken ring a frame that comes back late is taken for one that was lost, and the slaves
-    # behind the break are counted from 0 then: that is seen by the next look.
+    # On a broken ring, a frame that comes back late counts as lost, and the relay then counts the
+    # slaves behind the break from 0. Such a wrong answer goes away with the next try.
     return any(registers.exchange(places) == wanted for _ in range(_TRIES))
 
 
@@ -47,7 +47,7 @@ def number_slaves(registers: Datagrams, count: int) -> None:
     """Resets all slaves, asks them for INIT, and gives them their station addresses.
 
     Raises:
-        StateError: Slaves come and go meanwhile, or frames get lost.
+        StateError: The addresses cannot be verified: slaves come and go, or frames get lost.
     """
     for _ in range(_TRIES):
         registers.exchange([bwr(register, data) for register, data in _RESET])
@@ -68,5 +68,5 @@ def number_slaves(registers: Datagrams, count: int) -> None:
 
 
 def stations(count: int) -> range:
-    """The station addresses of so many slaves."""
+    """Returns the station addresses of `count` slaves."""
     return range(_FIRST_STATION, _FIRST_STATION + count)

@@ -1,8 +1,8 @@
-"""SOEM's scan, through pysoem: the first look at a bus. The only module that knows pysoem.
+"""SOEM's scan of a bus, through pysoem. This is the only module that uses pysoem.
 
-SOEM resets the slaves, gives them station addresses and learns their names. It opens the interfaces
-itself and closes them again, before anything else of ours is on the wire. What it has found is
-checked by `scan.py`, which numbers the slaves where SOEM cannot.
+SOEM resets the slaves, gives them station addresses and reads their names. It opens the interfaces
+itself, and closes them before ecatd sends any other frame. `scan.py` checks the result, and
+numbers the slaves itself if SOEM could not.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ SLAVES_MAX = 199
 """The most slaves that SOEM has room for."""
 
 _TOO_MANY = -4
-"""What `config_init` returns for more."""
+"""What `config_init` returns if there are more."""
 
 _TRIES = 3
 _ANSWER_US = 20_000
-"""What SOEM takes for an answer is whatever comes with one of its 16 indices. So it must not send a
-frame again while the first one may still come, which on a busy machine can take a while."""
+"""Microseconds that SOEM waits for an answer. SOEM accepts any frame with one of its 16 indices.
+So it must not repeat a frame while the first may still come back, which a busy machine delays."""
 
 
 def scan(interfaces: Sequence[str]) -> list[str]:
     """Has SOEM scan the interfaces: one, or two with cable redundancy.
 
     Returns:
-        The names of the slaves, in their order on the wire; empty if SOEM finds none, or more than
-        `SLAVES_MAX`. Slaves have station addresses then, and are in INIT.
+        The names of the slaves, in their order on the wire. The slaves then have station addresses
+        and are in INIT. The list is empty if SOEM finds no slave, or more than `SLAVES_MAX`.
 
     Raises:
         UnreachableError: There is no such interface.
@@ -52,7 +52,7 @@ def scan(interfaces: Sequence[str]) -> list[str]:
     except ConnectionError as error:
         raise NotPermittedError(needs_rights(answering[0])) from error
     try:
-        for _ in range(_TRIES):  # a machine that is busy for a moment is no reason to give it up
+        for _ in range(_TRIES):  # the first may fail because the machine is busy for a moment
             count = master.config_init()
             if count > 0:
                 return [_name(slave) for slave in master.slaves]
@@ -64,11 +64,11 @@ def scan(interfaces: Sequence[str]) -> list[str]:
 
 
 def _answering(interfaces: Sequence[str]) -> list[str]:
-    """The interfaces at which slaves answer.
+    """Returns the interfaces at which slaves answer.
 
-    SOEM waits for each frame at both interfaces; where one is dead, the scan of 8 slaves takes
-    seconds. On a closed ring frames come back at the other interface, so that neither seems to
-    answer.
+    SOEM waits for each frame at both interfaces. If one is dead, a scan of 8 slaves takes seconds.
+    On a closed ring, frames come back at the other interface, so neither seems to answer: then
+    both are returned.
     """
     found = [name for name in interfaces if look(name).wkc]
     return found or (list(interfaces) if len(interfaces) > 1 else [])

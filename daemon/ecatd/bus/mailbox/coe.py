@@ -1,8 +1,8 @@
 """CANopen over EtherCAT (ETG.1000.6, "CoE"): SDO transfers and the SDO information service.
 
-All of them are parts of a conversation with one slave; `mailboxes.talk_all` leads those with many
-slaves at the same time. An answer is taken only for the object that was asked for: what a slave
-sends too late, to a request that was given up, must not become the value of the next one.
+Each of them is a part of a conversation with one slave. `mailboxes.talk_all` runs the conversations
+with many slaves at the same time. An answer is accepted only for the object that was asked for: a
+late answer to an abandoned request must not pass for the answer to the next one.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from .mailboxes import HEADER_BYTES, Line, Mailbox, Protocol, Talk
 T = TypeVar("T")
 
 _TRIES = 3
-"""An upload changes nothing, so it can be asked for again."""
+"""Tries of an upload, which changes nothing and so can be repeated."""
 
 _SYNCHRONIZE_S = 2.0
-"""Seconds a slave has to answer all that it has not answered in time."""
+"""Seconds a slave has to answer the requests that were abandoned because it was slow."""
 
 _DOWNLOAD_S = 5.0
 """Seconds a slave has for a part of a download; some write their flash before they answer."""
 
 _MOST = 1 << 16
-"""Bytes of an object; more of them come from a slave that is out of its mind."""
+"""Most bytes of an object; a slave that announces more is broken."""
 
 _MAILBOX_LEAST = 16  # mailbox header, CoE header, SDO
 _COE_HEADER = 2
-_IDENTITY = 0x1018  # whose subindices from 0x80 on nobody else asks for
+_IDENTITY = 0x1018  # nobody asks for its subindices from 0x80 on, except `_synchronize`
 _EMERGENCY, _SDO_REQUEST, _SDO_RESPONSE, _INFORMATION = 1, 2, 3, 8
 
 _SDO = struct.Struct("<BHB4x")
@@ -46,7 +46,7 @@ _INFO = struct.Struct("<BxH")
 _INFO_MORE = 0x80
 _GET_LIST, _GET_OBJECT, _GET_ENTRY, _INFO_ERROR = 1, 3, 5, 7
 _ALL_OBJECTS = struct.pack("<H", 1)
-_ACCESS_CATEGORY_MAPPING = 0x07  # what an entry description should tell: no values
+_ACCESS_CATEGORY_MAPPING = 0x07  # what an entry description should contain: no values
 _UNIT, _VALUES = 0x08, (0x10, 0x20, 0x40)
 
 
@@ -57,7 +57,7 @@ class ObjectDescription(NamedTuple):
         name: Its name.
         data_type: Its CoE data type index.
         max_subindex: Its highest subindex; 0: a variable.
-        code: Its kind: 7 variable, 8 array, 9 record.
+        code: Its object code: 7 variable, 8 array, 9 record.
     """
 
     name: str
@@ -72,8 +72,8 @@ class EntryDescription(NamedTuple):
     Attributes:
         name: Its name.
         data_type: Its CoE data type index; 0: there is no such entry.
-        bit_length: Its bits.
-        access: Its access rights, as `DictionaryEntry` has them.
+        bit_length: Its length in bits.
+        access: Its access rights, as in `DictionaryEntry`.
     """
 
     name: str
@@ -86,15 +86,15 @@ class Coe:
     """CoE of one slave.
 
     Args:
-        position: Its position, by which messages name it.
+        position: Its position, for messages.
         station: Its configured station address.
-        line: What all conversations with it share.
+        line: The state and the queue that all conversations with the slave share.
         alone: See `Mailbox`.
 
     Attributes:
-        line: What all conversations with it share.
+        line: As given.
         mailbox: Its mailbox.
-        emergencies: Error code and error register of the emergencies that came meanwhile.
+        emergencies: Error code and error register of each emergency that came between answers.
     """
 
     def __init__(self, position: int, station: int, line: Line, *, alone: bool = False) -> None:
@@ -102,14 +102,14 @@ class Coe:
         self.mailbox = Mailbox(station, line, alone=alone)
         self.emergencies: list[tuple[int, int]] = []
         self._position = position
-        self._patience_s: float | None = None  # of what asks for no other one
+        self._patience_s: float | None = None  # for requests that give no time of their own
 
     def talk(self, part: Callable[[], Talk[T]]) -> Talk[T]:
-        """A whole conversation: waits for its turn, opens the mailbox, and does `part`.
+        """Holds a whole conversation: waits for its turn, opens the mailbox, and runs `part`.
 
         Raises:
-            NoAnswerError: The slave does not answer, or others have it for too long.
-            StateError: It has no mailbox for CoE now.
+            NoAnswerError: The slave does not answer, or other conversations with it take too long.
+            StateError: No mailbox for CoE is set up in the slave.
         """
         with self.line.join() as place:
             yield from self.mailbox.wait_for_turn(place)
@@ -117,11 +117,11 @@ class Coe:
             return (yield from part())
 
     def open(self) -> Talk[None]:
-        """Finds the mailbox.
+        """Reads from the sync managers where the mailbox is.
 
         Raises:
             NoAnswerError: The slave does not answer.
-            StateError: It has no mailbox for CoE now.
+            StateError: No mailbox for CoE is set up in the slave.
         """
         try:
             yield from self.mailbox.open(_MAILBOX_LEAST)
@@ -133,18 +133,18 @@ class Coe:
     def upload(
         self, index: int, subindex: int, *, complete: bool = False, tries: int = _TRIES
     ) -> Talk[bytes]:
-        """Reads an object, asking again if there is no answer, or one that makes no sense.
+        """Reads an object. Asks again if no answer comes, or a malformed one.
 
         Args:
             index: Its index.
             subindex: The subindex, or the first one of a complete access.
-            complete: The whole object (complete access).
-            tries: How many times it is asked for.
+            complete: Whether to read the whole object (complete access).
+            tries: How many times to ask.
 
         Raises:
             SdoAbortError: The slave refused.
             NoAnswerError: It did not answer.
-            StateError: It answered something else.
+            StateError: Its answer was malformed.
         """
         where = self._object(index, subindex)
         return self._insist(where, tries, lambda: self._upload(index, subindex, complete))
@@ -152,13 +152,15 @@ class Coe:
     def download(
         self, index: int, subindex: int, data: bytes, *, complete: bool = False
     ) -> Talk[None]:
-        """Writes an object, and only once: writing may do something; raises as `upload`.
+        """Writes an object. Never asks again, since each write may have an effect.
+
+        Raises as `upload`.
 
         Args:
             index: Its index.
             subindex: The subindex, or the first one of a complete access.
-            data: What to write.
-            complete: The whole object (complete access).
+            data: The value to write.
+            complete: Whether to write the whole object (complete access).
         """
         where = self._object(index, subindex)
         return self._insist(where, 1, lambda: self._download(index, subindex, data, complete))
@@ -167,7 +169,10 @@ class Coe:
         return f"slave {self._position}, 0x{index:04X}:{subindex:02X}"
 
     def _insist(self, where: str, tries: int, talk: Callable[[], Talk[T]]) -> Talk[T]:
-        """Asks again if there is no answer, or one that makes no sense; what failed is named."""
+        """Runs `talk` until it succeeds, at most `tries` times; errors then begin with `where`.
+
+        Tries again after no answer or a malformed one, but not after an SDO abort.
+        """
         problem: NoAnswerError | StateError | None = None
         self._patience_s = None
         for _ in range(tries):
@@ -185,15 +190,16 @@ class Coe:
                 raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
                 problem = error
-                self._patience_s = _SYNCHRONIZE_S  # it may be just slow
+                self._patience_s = _SYNCHRONIZE_S  # the slave may only be slow
         assert problem is not None
         raise type(problem)(f"{where}: {problem}") from problem
 
     def _synchronize(self) -> Talk[None]:
-        """Waits for all answers to requests that were given up.
+        """Waits until no late answer to an abandoned request can come any more.
 
-        A late answer must not pass for that to the same question asked anew. Slaves answer in
-        order, so what comes after the answer to a question that nobody else asks is not late.
+        If the same object is asked for again, a late answer must not pass for the new one. So this
+        sends a request that nobody else sends, and waits for its answer. Slaves answer in order,
+        so all late answers have come before it.
         """
         if not self.line.unanswered:
             return
@@ -209,7 +215,7 @@ class Coe:
     def _upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
         head = _SDO.pack(_UPLOAD | (_COMPLETE if complete else 0), index, subindex)
 
-        # Not every slave repeats the bit of a complete access; one that does is not mistaken.
+        # In the answer to a complete access, some slaves set the bit for it, and some do not.
         mask = _COMMAND if complete else _COMMAND | _COMPLETE
 
         def is_answer(sdo: bytes) -> bool:
@@ -281,7 +287,8 @@ class Coe:
                 return None
             if len(sdo) < _SDO_SIZE:
                 raise StateError(f"the slave answered with a wrong frame: {len(sdo)} bytes of SDO")
-            # An abort is sent as a request or as a response; that of a segment has no address.
+            # Slaves send an abort as a request or as a response. The abort of a segment need not
+            # carry index and subindex.
             if sdo[0] & _COMMAND == _ABORT:
                 if begins and sdo[1:4] != request[1:4]:
                     return None
@@ -293,7 +300,7 @@ class Coe:
     # --- SDO information -----------------------------------------------------------------------
 
     def list_objects(self, tries: int = _TRIES) -> Talk[list[int]]:
-        """The indices of all objects; as `describe_object`."""
+        """Reads the indices of all objects; raises as `describe_object`."""
 
         def ask() -> Talk[list[int]]:
             body = yield from self._ask_information(_GET_LIST, _ALL_OBJECTS, _ALL_OBJECTS, 2)
@@ -302,16 +309,16 @@ class Coe:
         return self._insist(f"slave {self._position}, list of objects", tries, ask)
 
     def describe_object(self, index: int, tries: int = _TRIES) -> Talk[ObjectDescription]:
-        """Asks what an object is.
+        """Reads the description of an object.
 
         Args:
             index: Its index.
-            tries: How many times it is asked for.
+            tries: How many times to ask.
 
         Raises:
-            SdoAbortError: There is none.
-            NoAnswerError: The slave does not answer; it may have no such service.
-            StateError: It answered something else, such as that it has no such service.
+            SdoAbortError: There is no such object.
+            NoAnswerError: The slave does not answer; perhaps it has no SDO information service.
+            StateError: Its answer was malformed, or a mailbox error: it has no such service.
         """
         wanted = struct.pack("<H", index)
 
@@ -326,7 +333,7 @@ class Coe:
     def describe_entry(
         self, index: int, subindex: int, tries: int = _TRIES
     ) -> Talk[EntryDescription]:
-        """Asks what an entry of an object is; as `describe_object`."""
+        """Reads the description of an entry of an object; raises as `describe_object`."""
         address = struct.pack("<HB", index, subindex)
         wanted = address + bytes([_ACCESS_CATEGORY_MAPPING])
 
@@ -341,11 +348,18 @@ class Coe:
         return self._insist(where, tries, describe)
 
     def _ask_information(self, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk[bytes]:
-        """The answer, put together from its fragments."""
+        """Asks for information, and returns the answer, joined from its fragments.
+
+        Args:
+            opcode: The service; its answer has the next higher opcode.
+            wanted: The data of the request.
+            begin: What the data of the answer begins with.
+            least: Bytes that the answer must have.
+        """
         body = b""
 
         def take(service: int, part: bytes) -> int | None:
-            """Adds a fragment; how many are left."""
+            """Adds a fragment to `body`; returns how many fragments are still to come."""
             nonlocal body
             if service != _INFORMATION:
                 return None
@@ -389,7 +403,10 @@ class Coe:
         return self.mailbox.ask(Protocol.COE, body, self._split(take), patience_s)
 
     def _split(self, take: Callable[[int, bytes], T | None]) -> Callable[[bytes], T | None]:
-        """Gives `take` the service of a message and what follows; emergencies are put aside."""
+        """Returns a function that calls `take` with the CoE service and the data of a message.
+
+        It also adds emergencies to `emergencies`.
+        """
 
         def split(body: bytes) -> T | None:
             if len(body) < _COE_HEADER:

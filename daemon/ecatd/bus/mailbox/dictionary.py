@@ -12,12 +12,12 @@ _NO_ENTRY = DictionaryEntry("", 0, 0, 0)
 
 
 def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
-    """Reads all objects with their entries; the conversation must be open.
+    """Reads all objects with their entries. `coe` must be open.
 
     Raises:
         SdoAbortError: The slave lists an object that it does not describe.
-        NoAnswerError: It does not answer; it may have no such service.
-        StateError: It answers something else, such as that it has no such service.
+        NoAnswerError: The slave does not answer; perhaps it has no SDO information service.
+        StateError: Its answer was malformed, or a mailbox error: it has no such service.
     """
     objects = []
     for index in (yield from coe.list_objects()):
@@ -30,7 +30,7 @@ def _read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
     entries = {}
     for subindex in range(max_subindex + 1):
         entry = yield from _read_entry(coe, index, subindex)
-        if max_subindex == 0:  # a variable, which need not tell its name twice
+        if max_subindex == 0:  # a variable; its entry may have no name of its own
             entry = DictionaryEntry(name, data_type, entry.bit_length, entry.access)
         if entry != _NO_ENTRY:
             entries[subindex] = entry
@@ -38,7 +38,10 @@ def _read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
 
 
 def _read_entry(coe: Coe, index: int, subindex: int) -> Talk[DictionaryEntry]:
-    """An entry; a record may leave subindices out, which is said by an abort or by zeros."""
+    """Reads an entry; returns `_NO_ENTRY` for a subindex that a record leaves out.
+
+    Slaves answer for such a subindex with an SDO abort, or with a description of zeros.
+    """
     try:
         return DictionaryEntry(*(yield from coe.describe_entry(index, subindex)))
     except SdoAbortError:

@@ -1,12 +1,13 @@
 """Messages to the mailboxes of many slaves at the same time (ETG.1000.4, "Mailbox").
 
 A slave takes a message, works on it, and answers when it can, so one slave after the other would
-be slow. Here each slave has a conversation of its own: a generator that says which access to the
-slave's memory comes next. All of them are taken a step further by the same few frames.
+be slow. Here each slave has a conversation of its own: a generator that yields the next accesses to
+the memory of the slave. Each round collects the accesses of all conversations, and packs them into
+as few frames as possible.
 
-Reading a mailbox empties it, and what is written twice is asked twice. So no frame is repeated
-blindly: whether a lost one had arrived is found out from the sync managers. What belongs together,
-such as a message and the look at the sync managers after it, goes in one frame.
+Reading a mailbox empties it, and a message written twice is asked twice. So no frame is repeated
+blindly: the sync managers tell whether a lost frame had reached the slave. Accesses that belong
+together, such as writing a message and reading the sync managers after it, share one frame.
 """
 
 from __future__ import annotations
@@ -30,27 +31,27 @@ from ..frames.datagrams import Answer, Datagram, Datagrams, fprd, fpwr
 T = TypeVar("T")
 
 Talk: TypeAlias = Generator[list[Datagram], list[Answer], T]
-"""A conversation with one slave, and what it finds out. It yields what goes to the slave next, in
-order, and gets the answers. An empty list is a pause: it waits for the slave, or for its turn."""
+"""A conversation with one slave. It yields the datagrams that go to the slave next, in order, and
+is sent their answers; its value is the result. An empty list means that it waits, for the slave or
+for its turn."""
 
 _ANSWER_S = 1.0
-"""Seconds a slave has for a message and its answer, where nothing else is said; most need less than
-a millisecond."""
+"""Seconds a slave has, by default, to take a message and answer it; most need less than 1 ms."""
 
 _TURN_S = 12.0
-"""Seconds that a conversation waits for those before it."""
+"""Seconds that a conversation waits for the conversations before it."""
 
 _REPEAT_S = 0.1
-"""Seconds a slave has to put a message into its mailbox again; some do not know how to."""
+"""Seconds a slave has to put a lost message into its mailbox again; some slaves cannot do that."""
 
 _PAUSE_S = 0.0002
-"""Seconds between looks while all conversations wait for their slaves."""
+"""Seconds between two rounds while all conversations wait."""
 
 _NAMED = 5
-"""Slaves that an error names one by one."""
+"""How many slaves an error names one by one."""
 
 _SMALL = 512
-"""Bytes of a mailbox that is read whenever it is looked at, by a conversation that is alone."""
+"""Most bytes of a mailbox that a conversation running alone reads together with its status."""
 
 _TRIES = 3
 _AL_STATUS = 0x0130
@@ -58,7 +59,7 @@ _AL_STATUS = 0x0130
 _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE = 0x0800, 16  # SM0 and SM1, which carry the mailbox
 _STATUS, _ACTIVATE, _PDI = 5, 6, 7  # registers of a sync manager
 _SM1 = 8
-_KIND = 0x0F  # of control: mode and direction
+_KIND = 0x0F  # bits of the control register: mode and direction
 _WRITTEN_BY_MASTER, _READ_BY_MASTER = 0x06, 0x02
 _FULL = 0x08
 _ENABLED, _REPEAT = 0x01, 0x02
@@ -86,23 +87,25 @@ class Protocol(IntEnum):
 
 
 class _Area(NamedTuple):
-    """Where a half of a mailbox is in the memory of the slave."""
+    """Where one half of a mailbox is in the memory of the slave: address, and size in bytes."""
 
     start: int
     size: int
 
 
 class Line:
-    """What all conversations with one slave share, and their queue: one has its turn at a time.
+    """State that all conversations with one slave share, and the queue in which they wait.
 
-    They wait in the order in which they came, whoever leads them: requests of clients in the event
-    loop, a recovery on the worker. Places are taken and left in any thread.
+    One conversation at a time has its turn, in the order in which they joined the queue. Clients'
+    requests run in the event loop, a recovery runs on the worker, and both use this queue. `join`
+    and `leave` may be called in any thread.
 
     Attributes:
-        counter: Counts the messages: 1 to 7, and again (ETG.1000.4, mailbox header). A slave takes
-            one with the counter of the one before for a repetition and drops it.
-        unanswered: The answer to a request that was given up may still come.
-        marks: Numbers for requests that find out whether it has come; see `Coe`.
+        counter: Counter of the messages: 1 to 7, and again (ETG.1000.4, mailbox header). A slave
+            drops a message that has the same counter as the one before it, as a repetition.
+        unanswered: Whether the answer to an abandoned request may still come.
+        marks: Subindices for the requests that find out whether it has come; see
+            `Coe._synchronize`.
         last: The last message that the slave has sent.
     """
 
@@ -115,14 +118,15 @@ class Line:
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
-        """How many conversations wait or have their turn."""
+        """Number of conversations in the queue, with the one that has its turn."""
         return len(self._places)
 
     def join(self, called: Callable[[], object] = lambda: None) -> Place:
-        """Takes the place behind all others.
+        """Joins the end of the queue.
 
         Args:
-            called: Called when those before it have left, in the thread of the last of them.
+            called: Called when this place comes to the front because the one before it has left,
+                in the thread that left.
         """
         place = Place(self, called)
         with self._lock:
@@ -130,11 +134,11 @@ class Line:
         return place
 
     def is_first(self, place: Place) -> bool:
-        """Whether nobody is before it."""
+        """Whether a place is at the front of the queue."""
         return self._places[0] is place
 
     def leave(self, place: Place) -> None:
-        """Gives a place up, and calls the next one."""
+        """Removes a place from the queue. If it was at the front, calls the next one."""
         with self._lock:
             was_first = self._places[0] is place
             self._places.remove(place)
@@ -144,7 +148,7 @@ class Line:
 
 
 class Place:
-    """A place in a line; entered, it is left at the end of the block."""
+    """A place in the queue of a line. As a context manager it leaves the queue at the end."""
 
     def __init__(self, line: Line, called: Callable[[], object]) -> None:
         self.called = called
@@ -152,7 +156,7 @@ class Place:
 
     @property
     def has_turn(self) -> bool:
-        """Whether nobody is before it."""
+        """Whether this place is at the front of the queue."""
         return self._line.is_first(self)
 
     def __enter__(self) -> Self:
@@ -172,12 +176,12 @@ class Mailbox:
 
     Args:
         station: Configured station address of the slave.
-        line: What it shares with other conversations.
-        alone: Whether no conversation with another slave shares the frames: then the mailbox is
-            read whenever it is looked at, which saves a frame.
+        line: State that conversations with the slave share.
+        alone: Whether conversations with other slaves do not share the frames. Then a small
+            mailbox is read together with its status, which saves a frame.
 
     Attributes:
-        skipped: Messages that nobody had asked for.
+        skipped: Number of messages that were not the answer that was waited for.
     """
 
     def __init__(self, station: int, line: Line, *, alone: bool = False) -> None:
@@ -185,17 +189,17 @@ class Mailbox:
         self._alone = alone
         self._station = station
         self._line = line
-        self._managers = b""  # as they were last seen
+        self._managers = b""  # registers of both sync managers, as last read
         self._out = self._in = _Area(0, 0)
-        self._is_free = False  # nothing lies in the half that we write
-        self._has_mail = False
+        self._is_free = False  # the half that we write is empty
+        self._has_mail = False  # the half that we read is full
         self._deadline = 0.0
 
     def wait_for_turn(self, place: Place) -> Talk[None]:
-        """Waits until conversations that have begun before have ended.
+        """Waits until the conversations before `place` have ended.
 
         Raises:
-            NoAnswerError: They take too long.
+            NoAnswerError: They take longer than `_TURN_S`.
         """
         self._deadline = time.monotonic() + _TURN_S
         while not place.has_turn:
@@ -203,7 +207,7 @@ class Mailbox:
             self._check_time("other requests to it take too long")
 
     def look(self) -> Talk[int | None]:
-        """Reads the AL status of the slave; None if it does not answer."""
+        """Reads the AL status of the slave, and its sync managers; None if it does not answer."""
         for _ in range(_TRIES):
             status, managers = yield [fprd(self._station, _AL_STATUS, 2), self._question]
             if status.wkc == 1 and managers.wkc == 1:
@@ -212,14 +216,14 @@ class Mailbox:
         return None
 
     def open(self, least: int) -> Talk[None]:
-        """Finds the mailbox out from the sync managers.
+        """Reads from the sync managers where the mailbox is.
 
         Args:
-            least: Bytes that it must have in either direction.
+            least: Bytes that the mailbox must have in each direction.
 
         Raises:
             NoAnswerError: The slave does not answer.
-            StateError: It has no mailbox now.
+            StateError: No usable mailbox is set up in the slave.
         """
         self._deadline = time.monotonic() + _ANSWER_S
         managers = self._managers or (yield from self._look())
@@ -230,7 +234,7 @@ class Mailbox:
 
     @property
     def size(self) -> int:
-        """Bytes of the half that we write, header included."""
+        """Bytes of the half that the master writes, header included."""
         return self._out.size
 
     def ask(
@@ -243,10 +247,10 @@ class Mailbox:
         """Sends a message and waits for its answer; raises as `more`.
 
         Args:
-            protocol: Its protocol.
+            protocol: Protocol of the message and its answer.
             body: What follows the mailbox header.
-            take: Makes something of the body of a message, or None if it is not the answer.
-            patience_s: Seconds that the slave has for it.
+            take: Decodes the body of a message; returns None if it is not the answer.
+            patience_s: Seconds that the slave has; None for `_ANSWER_S`.
         """
         self._deadline = time.monotonic() + (_ANSWER_S if patience_s is None else patience_s)
         yield from self._write(protocol, body)
@@ -257,7 +261,7 @@ class Mailbox:
 
         Raises:
             NoAnswerError: The slave does not answer.
-            StateError: It answers with an error of the mailbox, or what it sends makes no sense.
+            StateError: It answers with a mailbox error, or its message is malformed.
         """
         self._deadline = time.monotonic() + _ANSWER_S
         return (yield from self._answer(protocol, take))
@@ -284,7 +288,7 @@ class Mailbox:
 
     def _write(self, protocol: Protocol, body: bytes) -> Talk[None]:
         mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._line.counter) << 4) + body
-        # In full length, since the last byte is what hands it over.
+        # In full length: a sync manager hands the message over when its last byte is written.
         mail = mail.ljust(self._out.size, b"\0")
         while not self._is_free:
             yield from self._look()
@@ -299,9 +303,9 @@ class Mailbox:
             if managers.wkc != 1:
                 yield from self._look()
             if not self._is_free:
-                return  # only the answer got lost
-            # The slave never got it, or has taken it already: then it drops the second one, which
-            # has the same counter.
+                return  # the message has arrived; only the answer to the datagram got lost
+            # Either the message has not arrived, or the slave has already taken it. So it is sent
+            # again: in the second case the slave drops it, since its counter is the same.
             self._check_time("it does not take messages")
 
     def _read(self) -> Talk[bytes]:
@@ -311,14 +315,14 @@ class Mailbox:
             if mail is None:
                 yield from self._ask_again()
                 asked_again = True
-            # What was lost may never have been read: then the one before it comes again.
+            # If the lost frame never reached the slave, the slave repeats the message before.
             elif not (asked_again and mail == self._line.last):
                 self._line.last = mail
                 return mail
             self._check_time("its messages get lost")
 
     def _fetch(self) -> Talk[bytes | None]:
-        """The next message; None if it may have got lost on its way."""
+        """Waits for the next message, and reads it; None if it may have been read and then lost."""
         fetch = fprd(self._station, self._in.start, self._in.size)
         while not self._has_mail:
             yield []
@@ -340,7 +344,10 @@ class Mailbox:
         return mail.data if mail.wkc == 1 else None
 
     def _ask_again(self) -> Talk[None]:
-        """Has the slave put the message that got lost into its mailbox again."""
+        """Asks the slave to put the lost message into its mailbox again.
+
+        Toggles the repeat bit of sync manager 1, and waits until the slave has followed it.
+        """
         limit = min(time.monotonic() + _REPEAT_S, self._deadline)
         managers = yield from self._look()
         wanted = managers[_SM1 + _ACTIVATE] ^ _REPEAT
@@ -355,11 +362,11 @@ class Mailbox:
 
     @property
     def _question(self) -> Datagram:
-        """Asks for the registers of both sync managers."""
+        """The datagram that reads the registers of both sync managers."""
         return fprd(self._station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
 
     def _look(self) -> Talk[bytes]:
-        """The registers of both sync managers."""
+        """Reads the registers of both sync managers, again and again until the slave answers."""
         while True:
             (answer,) = yield [self._question]
             if answer.wkc == 1:
@@ -401,10 +408,11 @@ def _refused(body: bytes) -> StateError:
 def talk_all(
     registers: Datagrams, talks: Sequence[Talk[T]]
 ) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
-    """Leads all conversations at the same time, and yields where all of them wait.
+    """Runs all conversations at the same time, and yields whenever all of them wait.
 
     Returns:
-        What each of them found out, and how others failed, by number.
+        The results, and the errors of the conversations that failed, both by their number in
+        `talks`.
     """
     found: dict[int, T] = {}
     failed: dict[int, EcatError] = {}
@@ -431,13 +439,13 @@ def talk_all(
             for number, item in asked.items():
                 step(number, list(itertools.islice(answers, len(item))))
     finally:
-        for talk in talks:  # those that are given up leave their lines to others
+        for talk in talks:  # those that have not ended must leave the queues of their slaves
             talk.close()
     return found, failed
 
 
 def talk_alone(registers: Datagrams, talk: Talk[T]) -> Steps[T]:
-    """Leads one conversation; raises what it raises."""
+    """Runs one conversation; raises what it raises."""
     found, failed = yield from talk_all(registers, [talk])
     if failed:
         raise failed[0]
@@ -449,18 +457,19 @@ def converse(
     talks: Sequence[Talk[T]],
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[T]:
-    """Leads all conversations at the same time.
+    """Runs all conversations at the same time, to their ends; blocks.
 
     Args:
         registers: The way to the slaves.
         talks: The conversations, each with another slave.
-        cancelled: Asked while slaves are waited for; when true, `StateError` is raised.
+        cancelled: Called again and again while waiting; when true, `StateError` is raised.
 
     Returns:
-        What each of them found out.
+        The result of each conversation.
 
     Raises:
-        EcatError: Conversations failed, and how. The others were led to their ends.
+        EcatError: Conversations failed; the message gives their errors. The others have run to
+            their ends as well.
     """
     found, failed = finish(_unless(cancelled, talk_all(registers, talks)), _PAUSE_S)
     if failed:

@@ -1,1 +1,1 @@
-"""The slaves as a whole: their AL states, their mailboxes, and the thread that waits for them."""
+"""The master: scan, AL states, mailboxes and registers, and the thread that waits for slaves."""

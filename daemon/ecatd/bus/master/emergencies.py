@@ -12,12 +12,12 @@ Emergency = tuple[Slave, int, int]
 
 
 def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:
-    """Logs emergencies, equal ones in one line.
+    """Logs emergencies, and equal ones of a slave in one line.
 
     Args:
-        log: Where to.
-        emergencies: Those to log.
-        left_out: How many more there were.
+        log: The log.
+        emergencies: The emergencies.
+        left_out: How many more there were that are not in `emergencies`.
     """
     if left_out:
         log.warning(f"{left_out} emergencies are left out")

@@ -1,4 +1,4 @@
-"""The master: scan, states and registers of one bus. All calls belong on one thread, the worker."""
+"""The master: scan, states and registers of one bus. Call it only on one thread, the worker."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class SlaveState:
-    """AL status of one slave: register 0x0130 (0: no answer) and code of register 0x0134."""
+    """AL status of one slave: register 0x0130 (0: no answer), and the code in register 0x0134."""
 
     position: int
     al_state: int
@@ -52,19 +52,19 @@ class SlaveState:
 
 
 class Master:
-    """An EtherCAT master; the interfaces are its own from now on.
+    """An EtherCAT master. It reserves its interfaces until `close`.
 
     Args:
         interfaces: Names of its interfaces: one, or two with cable redundancy.
-        cancelled: Asked while waiting for slaves; when true, waiting ends with `StateError`.
-        run: 32 bits that tell frames with register access of this run from those of others.
-        share: Share of the time that frames may be on the wire beside the cyclic exchange.
+        cancelled: Called while waiting for slaves; when true, waiting ends with `StateError`.
+        run: 32 bits that tell the master's frames of this run from those of others.
+        share: Share of the cycle's free time that the master's frames may take; see `Relay`.
         priority: SCHED_FIFO priority of the relay, below that of the engine; 0 for none.
 
     Attributes:
-        relay: The way of all frames of the master; from `scan` on.
-        registers: Access to registers, of many slaves at once; from `scan` on.
-        stations: Configured station addresses by position; from `scan` on.
+        relay: The relay that carries all frames of the master; set by `scan`.
+        registers: Access to the registers of many slaves at once; set by `scan`.
+        stations: Configured station addresses by position; set by `scan`.
 
     Raises:
         UnreachableError: There is no such interface.
@@ -98,7 +98,7 @@ class Master:
             self._opened = stack.pop_all()
 
     def reopen(self, port: int) -> None:
-        """Opens a new socket on an interface that went and came back.
+        """Opens a new socket on an interface that went away and came back.
 
         Args:
             port: 0 first interface, 1 second one.
@@ -112,19 +112,20 @@ class Master:
     def scan(self, timeout: float) -> str:
         """Finds the slaves, numbers them, sets their mailboxes up, and leaves them in INIT.
 
-        SOEM meets them first, and closes the interfaces again before the relay opens them. Where
-        what it has found is not what stands on the wire, they are numbered once more.
+        SOEM scans first, and closes the interfaces before the relay opens them. If its result does
+        not match the slaves on the wire, ecatd numbers them itself.
 
         Args:
             timeout: Seconds that slaves have to reach INIT.
 
         Returns:
-            Why SOEM's numbers were not taken, in words; empty if they were.
+            Why SOEM's numbers were not used, as a sentence; empty if they were used.
 
         Raises:
             UnreachableError: No slave answers.
             NotPermittedError: The process may not use raw sockets.
-            StateError: There are too many, they come and go meanwhile, or one does not reach INIT.
+            StateError: There are too many slaves, they come and go meanwhile, an EEPROM cannot be
+                read, or a slave does not reach INIT.
         """
         self._names = soem.scan(self._interfaces)
         self._open_relay()
@@ -150,7 +151,7 @@ class Master:
         return why
 
     def _why_not_as_soem(self, count: int) -> str:
-        """What SOEM has not numbered as it stands on the wire, in words."""
+        """Says why SOEM's numbers do not match the slaves on the wire; empty if they match."""
         found = len(self._names)
         if count > soem.SLAVES_MAX:
             return f"SOEM has room for {soem.SLAVES_MAX}"
@@ -169,7 +170,7 @@ class Master:
         )
 
     def _set_mailboxes_up(self) -> None:
-        """Sync managers 0 and 1, in one datagram, of all slaves that have a mailbox."""
+        """Sets sync managers 0 and 1 up, in one datagram, in each slave that has a mailbox."""
         writes = []
         for position, managers in enumerate(self.read_eeproms(read_mailbox)):
             rows = [struct.pack("<HHBBBB", m.start, m.length, m.control, 0, 1, 0) for m in managers]
@@ -178,7 +179,7 @@ class Master:
         self.write_registers(writes)
 
     def name(self, position: int) -> str:
-        """What a slave is called before its EEPROM is read; empty where SOEM does not tell."""
+        """The name that SOEM has read for a slave, for messages; empty if SOEM has none."""
         return self._names[position] if position < len(self._names) else ""
 
     def read_eeproms(
@@ -187,7 +188,7 @@ class Master:
         """Reads SII EEPROMs: of all slaves, or of those at `positions`; see `eeprom.read_eeproms`.
 
         Raises:
-            StateError: One cannot be read, or `decode` makes no sense of it.
+            StateError: An EEPROM cannot be read, or `decode` finds it malformed.
         """
         chosen = range(len(self.stations)) if positions is None else positions
         return read_eeproms(
@@ -198,10 +199,13 @@ class Master:
         )
 
     def read_registers(self, wanted: Sequence[tuple[int, int, int]]) -> list[bytes]:
-        """Reads ESC memory, much of it at once; asked again if an answer is lost.
+        """Reads ESC memory of many slaves at once; tries again where a slave does not answer.
 
         Args:
-            wanted: Position, address and number of bytes of each.
+            wanted: Position, register address and number of bytes of each read.
+
+        Returns:
+            The bytes of each read, in the same order.
 
         Raises:
             StateError: A slave does not answer.
@@ -212,10 +216,12 @@ class Master:
         return self._insist(datagrams, [item[:2] for item in wanted], "a read")
 
     def write_registers(self, wanted: Sequence[tuple[int, int, bytes]]) -> None:
-        """Writes ESC memory, in order; raises as `read_registers`.
+        """Writes ESC memory of many slaves, in order; raises as `read_registers`.
+
+        Writes again where a slave does not answer.
 
         Args:
-            wanted: Position, address and data of each; written again if an answer is lost.
+            wanted: Position, register address and data of each write.
         """
         datagrams = [
             fpwr(self.stations[position], address, data) for position, address, data in wanted
@@ -225,7 +231,16 @@ class Master:
     def _insist(
         self, datagrams: list[Datagram], where: list[tuple[int, int]], what: str
     ) -> list[bytes]:
-        """Asks again those who do not answer: one hiccup is no reason to give a bus up."""
+        """Exchanges datagrams, and repeats unanswered ones: a moment's trouble must not end a bus.
+
+        Args:
+            datagrams: Reads or writes.
+            where: Position and register address of each, for the message.
+            what: "a read" or "a write", for the message.
+
+        Raises:
+            StateError: A slave still does not answer.
+        """
         answers = self.registers.exchange(datagrams)
         for tries_left in reversed(range(_TRIES)):
             silent = [number for number, answer in enumerate(answers) if answer.wkc == 0]
@@ -242,19 +257,19 @@ class Master:
         return [answer.data for answer in answers]
 
     def register_read(self, position: int, address: int, size: int) -> bytes:
-        """`size` bytes of ESC memory; raises as `read_registers`."""
+        """Reads `size` bytes of ESC memory of one slave; raises as `read_registers`."""
         return self.read_registers([(position, address, size)])[0]
 
     def register_write(self, position: int, address: int, data: bytes) -> None:
-        """Writes ESC memory; raises as `write_registers`."""
+        """Writes ESC memory of one slave; raises as `write_registers`."""
         self.write_registers([(position, address, data)])
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
-        """The way to the objects of a slave, for one conversation; `alone` as in `Mailbox`."""
+        """Returns CoE of a slave, for one conversation; `alone` as in `Mailbox`."""
         return Coe(position, self.stations[position], self._lines[position], alone=alone)
 
     def _request(self, state: int, positions: Iterable[int] | None) -> None:
-        """Writes AL control, of all slaves by one broadcast if `positions` is None."""
+        """Writes AL control: of `positions`, or by one broadcast of all slaves if it is None."""
         data = struct.pack("<H", state)
         if positions is None:
             self.registers.exchange([bwr(_AL_CONTROL, data)])
@@ -262,13 +277,13 @@ class Master:
             self.registers.exchange([fpwr(self.stations[p], _AL_CONTROL, data) for p in positions])
 
     def acknowledge(self, positions: Collection[int]) -> Steps[set[int]]:
-        """Acknowledges errors (AL control bit 4), and gives the slaves time to follow.
+        """Acknowledges errors (AL control bit 4), and gives the slaves time to clear them.
+
+        An ESC with device emulation copies AL control to AL status, with the acknowledge bit. That
+        looks like an error without a code. Such a slave is sent its state without the bit.
 
         Returns:
-            The slaves that had an error; they stay in the state in which they are.
-
-        A controller that emulates its device repeats AL control in AL status, acknowledgement
-        included, which looks like an error without a code: it wants the state without it.
+            The positions of the slaves that had an error. They stay in their states.
         """
         deadline = time.monotonic() + _ACKNOWLEDGE_TIMEOUT
         wrong: set[int] = set()
@@ -288,10 +303,10 @@ class Master:
         return wrong
 
     def states(self) -> list[SlaveState]:
-        """The AL status of every slave, freshly read."""
+        """Reads the AL status of every slave."""
         answers = self.registers.read_all(self.stations, _AL_STATUS, 6)
         return [
-            # In between (0x0132) lies what is reserved.
+            # 0x0132 is reserved.
             SlaveState(position, *(struct.unpack("<H2xH", answer.data) if answer.wkc else (0, 0)))
             for position, answer in enumerate(answers)
         ]
@@ -309,7 +324,7 @@ class Master:
             positions: The slaves, or None for all.
 
         Returns:
-            The slaves that refused, or did not reach it in time, as they are now.
+            The slaves that refused the state or did not reach it in time, with their AL status.
         """
         waiting = set(range(len(self.stations)) if positions is None else positions)
         yield from self.acknowledge(waiting)
@@ -319,7 +334,7 @@ class Master:
         refused = []
         while True:
             now = time.monotonic()
-            if now >= ask_again:  # one lost frame is no reason to wait in vain
+            if now >= ask_again:  # the frame with the request may have been lost
                 self._request(state, whom)
                 ask_again = now + _ASK_AGAIN
             wrong = [
@@ -351,7 +366,7 @@ class Master:
             state: The state.
             timeout: Seconds to wait.
             positions: The slaves, or None for all.
-            optional: Slaves that may miss it without an error.
+            optional: Slaves that need not reach the state: they cause no error.
 
         Raises:
             StateError: Slaves did not reach it; the message names each, with its AL status.
@@ -369,13 +384,13 @@ class Master:
         """The coroutine of `wait_for_state`, with the same arguments and errors."""
         missed = yield from self.request_state(state, timeout, positions)
         missed = [item for item in missed if item.position not in optional]
-        # What a slave has refused is the news; others were perhaps waiting for it.
+        # If any slave refused, only those are named: others may just have been waiting for them.
         refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]
         if missed:
             raise StateError(self._missed(refused or missed, state))
 
     def _missed(self, wrong: list[SlaveState], state: AlState) -> str:
-        """Which slaves do not reach a state, those with the same AL status together."""
+        """Says which slaves do not reach a state; groups those with the same AL status."""
         alike: dict[str, list[int]] = {}
         for item in wrong:
             alike.setdefault(item.describe(), []).append(item.position)
@@ -391,5 +406,5 @@ class Master:
         return f"slave {position} ({name})" if name else f"slave {position}"
 
     def close(self) -> None:
-        """Closes all sockets, and leaves the interfaces to others as they were."""
+        """Closes all sockets, and restores and releases the interfaces."""
         self._opened.close()

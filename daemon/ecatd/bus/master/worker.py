@@ -1,4 +1,4 @@
-"""The worker: the one thread on which everything that waits for slaves is done."""
+"""The worker: the one thread that does all work with slaves that has to wait for them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ from ecatd.model.errors import StateError
 T = TypeVar("T")
 
 _PAUSE = 0.01
-"""Seconds between two looks of steps that wait: a share of the wire is left to others."""
+"""Seconds between two steps of waiting work, so that others get their share of the wire."""
 
 _TURN = 0.005
-"""Seconds that a request may keep the worker while nobody else wants it."""
+"""Seconds for which a request may occupy the worker while nobody else waits for it."""
 _FIRST_PAUSE, _LAST_PAUSE = 0.00005, 0.001
-"""Seconds between two looks within a turn: quick slaves are not kept, slow ones not bothered."""
+"""Seconds between two steps within a turn. They grow, so that quick slaves do not have to wait, and
+slow ones are not asked too often."""
 
 _PR_SET_TIMERSLACK = 29
 
@@ -31,7 +32,7 @@ _UNFINISHED = object()
 
 
 class _Call(NamedTuple):
-    """A call that waits, and who waits for its result."""
+    """A queued call, and the future in an event loop that waits for its result."""
 
     call: Callable[[], Any]
     loop: asyncio.AbstractEventLoop
@@ -39,7 +40,7 @@ class _Call(NamedTuple):
 
 
 class Worker:
-    """Runs calls of `Master` one after the other; to be used by the thread of the event loop."""
+    """Runs calls of `Master` one after the other. Use it from the thread of the event loop."""
 
     def __init__(self) -> None:
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
@@ -57,11 +58,11 @@ class Worker:
         return result
 
     async def request(self, steps: Steps[T]) -> T:
-        """Runs the steps of a request at once, as far as nobody else waits; raises as `run`."""
+        """Runs the steps of a request with short pauses while nobody else waits; raises as `run`."""
         return await self._run(steps, _TURN, _FIRST_PAUSE)
 
     async def run_steps(self, steps: Steps[T]) -> T:
-        """Runs steps to their end, with time for others wherever they wait; raises as `run`."""
+        """Runs steps to their end, and lets other calls pass whenever they wait; raises as `run`."""
         return await self._run(steps, 0.0, _PAUSE)
 
     async def _run(self, steps: Steps[T], turn: float, pause: float) -> T:
@@ -74,7 +75,7 @@ class Worker:
             return result
         finally:
             if found is _UNFINISHED and not self._closed:
-                self._queue(steps.close)  # by the worker, which may be at them still
+                self._queue(steps.close)  # on the worker, since it may still be running a step
 
     def _queue(self, call: Callable[[], Any]) -> asyncio.Future[Any]:
         if self._closed:
@@ -85,7 +86,11 @@ class Worker:
         return result
 
     def _advance(self, steps: Steps[Any], turn: float) -> Any:
-        """Goes to the next place where steps wait, and on while nobody else does, for a turn."""
+        """Runs steps until they wait; goes on for at most `turn` seconds while nobody else waits.
+
+        Returns:
+            The result of the steps, or `_UNFINISHED`.
+        """
         end, pause = time.monotonic() + turn, _FIRST_PAUSE
         try:
             next(steps)
@@ -100,7 +105,7 @@ class Worker:
     # --- the thread ------------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        # Else the kernel adds 50 µs to each pause.
+        # By default the kernel may add 50 µs to each pause.
         ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
         while (item := self._calls.get()) is not None:
             if self._closed:
@@ -112,7 +117,7 @@ class Worker:
                     _tell(item, partial(_fail, item.result, error))
 
     def close(self) -> None:
-        """Lets the running call end and drops the waiting ones."""
+        """Waits for the running call to end, and cancels those that wait."""
         self._closed = True
         self._calls.put(None)
         self._thread.join()
