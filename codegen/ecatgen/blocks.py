@@ -8,7 +8,7 @@ from ecatd.model.bus import Slave
 from ecatd.model.datatypes import type_name
 from ecatd.model.pdo import Entry, Pdo
 
-from . import layout, names
+from . import names, placement
 from .connectors import connectors, is_drawn
 from .ir import Block, Skipped
 from .labels import label
@@ -69,7 +69,7 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
         label(n) if is_drawn(entry, outputs=False) else ""
         for n, (_, entry) in zip(connector_names[len(writes) :], reads, strict=True)
     ]
-    icon = layout.icon(title, output_labels, filter(None, input_labels))
+    icon = placement.icon(title, output_labels, filter(None, input_labels))
     outputs = connectors(writes, connector_names[: len(writes)], output_labels, icon, outputs=True)
     inputs = connectors(reads, connector_names[len(writes) :], input_labels, icon, outputs=False)
     right = tuple(c for c in inputs if c.placement)
@@ -96,11 +96,11 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
         variables=tuple(c for c in inputs if not c.placement),
         explained=tuple(c for c in outputs + inputs if c.note or c.values),
         icon=icon,
-        symbol=symbol(kind, layout.symbol_corner(icon)),
-        name_extent=layout.above(icon),
-        title_extent=layout.title(icon),
-        valid_extent=layout.valid_label(),
-        rule=layout.rule(icon),
+        symbol=symbol(kind, placement.symbol_corner(icon)),
+        name_extent=placement.above(icon),
+        title_extent=placement.title(icon),
+        valid_extent=placement.valid_label(),
+        rule=placement.rule(icon),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from . import layout, names
+from . import names, placement
 from .ir import Block, Channels, Connection, Connector, Extent, Point, Vector
 from .labels import label
 from .symbols import symbol
@@ -35,7 +35,7 @@ def _channels(block: Block) -> Channels | None:
         [label(name) + _dimension(group) for group, name in zip(groups, side, strict=True)]
         for groups, side in zip(sides, titles, strict=True)
     ]
-    icon = layout.icon(block.title, *labels)
+    icon = placement.icon(block.title, *labels)
     left, right = (
         tuple(
             _vector(block, group, name, icon, row, left=at_left)
@@ -43,8 +43,8 @@ def _channels(block: Block) -> Channels | None:
         )
         for groups, side, at_left in zip(sides, titles, (True, False), strict=True)
     )
-    slave = layout.in_diagram(block.icon, _CENTRE)
-    valid = Point(slave.b.x + _REACH, layout.valid_point(block.icon, _CENTRE).y)
+    slave = placement.in_diagram(block.icon, _CENTRE)
+    valid = Point(slave.b.x + _REACH, placement.valid_point(block.icon, _CENTRE).y)
     return Channels(
         name=block.name,
         instance=block.instance,
@@ -55,24 +55,24 @@ def _channels(block: Block) -> Channels | None:
         left=left,
         right=right,
         icon=icon,
-        symbol=symbol(block.kind, layout.symbol_corner(icon)),
-        name_extent=layout.above(icon),
-        title_extent=layout.title(icon),
-        valid_label=layout.valid_label(),
+        symbol=symbol(block.kind, placement.symbol_corner(icon)),
+        name_extent=placement.above(icon),
+        title_extent=placement.title(icon),
+        valid_label=placement.valid_label(),
         valid_place=_around(valid),
-        rule=layout.rule(icon),
+        rule=placement.rule(icon),
         slave_extent=slave,
         connections=(
             *_lines(block, left, at_left=True),
             Connection(
                 "slave.valid",
                 "valid",
-                (layout.valid_point(block.icon, _CENTRE), valid),
+                (placement.valid_point(block.icon, _CENTRE), valid),
                 _COLORS["Boolean"],
             ),
             *_lines(block, right, at_left=False),
         ),
-        diagram=layout.extent(
+        diagram=placement.extent(
             slave.a.x - _REACH - 20, slave.a.y - 20, slave.b.x + _REACH + 20, slave.b.y + 20
         ),
     )
@@ -138,17 +138,17 @@ def _vector(
             f"{first.description} to {group[-1].description}" if is_vector else first.description
         ),
         members=tuple(connector.name for connector in group),
-        place=layout.port(icon, row, left=left),
+        place=placement.port(icon, row, left=left),
         diagram_place=_around(_point(block, group, left=left)),
         label=text,
-        label_extent=layout.port_label(icon, row, text, left=left),
+        label_extent=placement.port_label(icon, row, text, left=left),
     )
 
 
 def _ports(block: Block, *, left: bool) -> dict[str, Point]:
     """Where lines end at the connectors of the slave."""
     return {
-        connector.name: layout.port_point(block.icon, row, _CENTRE, left=left)
+        connector.name: placement.port_point(block.icon, row, _CENTRE, left=left)
         for row, connector in enumerate(block.left if left else block.right)
     }
 
@@ -156,12 +156,12 @@ def _ports(block: Block, *, left: bool) -> dict[str, Point]:
 def _point(block: Block, group: Sequence[Connector], *, left: bool) -> Point:
     """The place of a vector in the diagram: at the height of its middle member."""
     middle = _ports(block, left=left)[group[(len(group) - 1) // 2].name]
-    slave = layout.in_diagram(block.icon, _CENTRE)
+    slave = placement.in_diagram(block.icon, _CENTRE)
     return Point(slave.a.x - _REACH if left else slave.b.x + _REACH, middle.y)
 
 
 def _around(centre: Point) -> Extent:
-    return layout.extent(centre.x - _HALF, centre.y - _HALF, centre.x + _HALF, centre.y + _HALF)
+    return placement.extent(centre.x - _HALF, centre.y - _HALF, centre.x + _HALF, centre.y + _HALF)
 
 
 def _lines(block: Block, vectors: Sequence[Vector], *, at_left: bool) -> Iterator[Connection]:
@@ -174,7 +174,7 @@ def _lines(block: Block, vectors: Sequence[Vector], *, at_left: bool) -> Iterato
             outer = f"{vector.name}[{member}]" if vector.dimension else vector.name
             port = ports[name]
             lane = port.x + (-1 if at_left else 1) * (_LANE + 2 * number % (_REACH - 2 * _LANE))
-            points = layout.route(end, port, lane)
+            points = placement.route(end, port, lane)
             color = _COLORS[vector.kind]
             if at_left:
                 yield Connection(outer, f"slave.{name}", points, color)

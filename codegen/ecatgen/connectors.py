@@ -8,7 +8,7 @@ from ecatd.model.datatypes import DataType, is_real, is_signed, type_name
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.units import QUANTITIES, modelica_unit
 
-from . import layout
+from . import placement
 from .ir import Connector, Extent, Kind
 
 _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
@@ -51,6 +51,7 @@ def connectors(
         drawn = is_drawn(entry, outputs=outputs)
         kind = kind_of(entry)
         place = f"{entry.index:04X}_{entry.subindex:02X}"  # no connector has such a name
+        extent = placement.port_label(icon, row, label, left=outputs)
         result.append(
             Connector(
                 name=name,
@@ -81,9 +82,9 @@ def connectors(
                 conversion=_conversion(entry),
                 note=entry.note,
                 values=tuple(entry.values),
-                placement=_placement(layout.port(icon, row, left=outputs)) if drawn else "",
+                placement=_placement(placement.port(icon, row, left=outputs)) if drawn else "",
                 label=label,
-                label_extent=layout.port_label(icon, row, label, left=outputs) if drawn else None,
+                label_extent=extent if drawn else None,
             )
         )
         row += drawn

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from . import layout
+from . import placement
 from .ir import Block, Component, Connection, Drive, Extent, Kind, Point, Variable
 
 _COLORS: dict[Kind, str] = {
@@ -52,7 +52,7 @@ class Diagram:
         """Adds a component of a library, and returns its name."""
         for port, offset in _PORTS[class_name].items():
             self._ports[f"{name}.{port}"] = Point(centre.x + offset.x, centre.y + offset.y)
-        place = layout.extent(centre.x - 10, centre.y - 10, centre.x + 10, centre.y + 10)
+        place = placement.extent(centre.x - 10, centre.y - 10, centre.x + 10, centre.y + 10)
         self.components.append(Component(class_name, name, modifiers, description, place, prefix))
         return name
 
@@ -60,7 +60,7 @@ class Diagram:
         """Adds the block of a slave, and returns the name of the component."""
         for left, connectors in ((True, block.left), (False, block.right)):
             for row, connector in enumerate(connectors):
-                self._ports[f"{block.instance}.{connector.name}"] = layout.port_point(
+                self._ports[f"{block.instance}.{connector.name}"] = placement.port_point(
                     block.icon, row, centre, left=left
                 )
         self.components.append(
@@ -69,7 +69,7 @@ class Diagram:
                 block.instance,
                 (),
                 block.description,
-                layout.in_diagram(block.icon, centre),
+                placement.in_diagram(block.icon, centre),
             )
         )
         return block.instance
@@ -81,14 +81,14 @@ class Diagram:
                 centre.x + offset.x, centre.y + offset.y
             )
         half = _DRIVE_HALF
-        place = layout.extent(centre.x - half, centre.y - half, centre.x + half, centre.y + half)
+        place = placement.extent(centre.x - half, centre.y - half, centre.x + half, centre.y + half)
         name = f"{library}.Drives.{drive.name}"
         self.components.append(Component(name, drive.instance, modifiers, drive.description, place))
         return drive.instance
 
     def connect(self, source: str, target: str, kind: Kind, x: int | None = None) -> None:
         """Connects two connectors by a line whose vertical part is at `x`."""
-        points = layout.route(self._ports[source], self._ports[target], x)
+        points = placement.route(self._ports[source], self._ports[target], x)
         self.connections.append(Connection(source, target, points, _COLORS[kind]))
 
     def connect_around(self, source: str, target: str, kind: Kind, y: int) -> None:
@@ -117,7 +117,7 @@ class Diagram:
         """The extent of everything."""
         corners = [p for c in self.components for p in (c.extent.a, c.extent.b)]
         corners += [p for c in self.connections for p in c.points]
-        return layout.extent(
+        return placement.extent(
             min(p.x for p in corners) - 20,
             min(p.y for p in corners) - 20,
             max(p.x for p in corners) + 20,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from . import layout
+from . import placement
 from .drive_units import UnsuitableError, parameters
 from .ir import Block, Connection, Connector, Drive, DriveLine, Point
 from .labels import label
@@ -102,8 +102,8 @@ def _drive(block: Block) -> Drive | None:
     if _CONTROL_WORD not in writes or _STATUS_WORD not in reads or not kinds:
         return None
     scale = 5 if block.icon.b.x - block.icon.a.x <= _NARROW else 10
-    centre = Point(0, _TOP - layout.half_height(block.icon, scale))
-    slave = layout.in_diagram(block.icon, centre, scale)
+    centre = Point(0, _TOP - placement.half_height(block.icon, scale))
+    slave = placement.in_diagram(block.icon, centre, scale)
     return Drive(
         name=block.name,
         instance=block.instance,
@@ -130,7 +130,7 @@ def _drive(block: Block) -> Drive | None:
         unused=tuple(c for c in block.writes if c not in writes.values()),
         slave_extent=slave,
         connections=tuple(_lines(block, centre, scale)),
-        diagram=layout.extent(
+        diagram=placement.extent(
             min(-220, slave.a.x - 20), min(-160, slave.a.y - 20), max(220, slave.b.x + 20), 130
         ),
     )
@@ -153,7 +153,7 @@ def _line(connector: Connector, pin: str, x: int, conversion: str, rotation: int
         slave=connector.name,
         conversion=f"{pin}Conversion" if scaled else "",
         class_name=f"{_UTILITIES}.{conversion}" if scaled else "",
-        size=layout.extent(-_HALF, -_HALF, _HALF, _HALF),
+        size=placement.extent(-_HALF, -_HALF, _HALF, _HALF),
         origin=Point(x, _CONVERSION_Y),
         rotation=rotation,
         scale=connector.scale,
@@ -167,7 +167,7 @@ def _lines(block: Block, centre: Point, scale: int) -> Iterator[Connection]:
     for row, c in enumerate(block.left):
         if writes.get(c.index) == c:
             pin, x = _TO_SLAVE[c.index]
-            end = layout.port_point(block.icon, row, centre, left=True, scale=scale)
+            end = placement.port_point(block.icon, row, centre, left=True, scale=scale)
             source, begin = f"cia402.{pin}", Point(x, _PINS_Y)
             color = _INTEGER
             if c.kind == "Real":
@@ -176,11 +176,11 @@ def _lines(block: Block, centre: Point, scale: int) -> Iterator[Connection]:
                 source, begin = f"{pin}Conversion.y", Point(x, _CONVERSION_Y - _PORT)
                 color = _REAL
             yield Connection(source, f"slave.{c.name}", (begin, Point(x, end.y), end), color)
-    start = layout.valid_point(block.icon, centre, scale)
+    start = placement.valid_point(block.icon, centre, scale)
     yield _upward(f"slave.{_VALID[0]}", start, f"cia402.{_VALID[0]}", _VALID[1], _PINS_Y, _BOOLEAN)
     for row, c in enumerate(block.right):
         if reads.get(c.index) == c:
-            start = layout.port_point(block.icon, row, centre, left=False, scale=scale)
+            start = placement.port_point(block.icon, row, centre, left=False, scale=scale)
             pin, x = _FROM_SLAVE[c.index]
             source, target = f"slave.{c.name}", f"cia402.{pin}"
             if c.kind == "Integer":

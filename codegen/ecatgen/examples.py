@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from ecatd.model.bus import Bus
 
-from . import layout
+from . import placement
 from .diagram import Diagram
 from .ir import Block, Connector, Drive, Example, Kind, Point
 from .text import modelica_string
@@ -94,8 +94,8 @@ def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) 
     """Puts blocks below each other, from the height of the master on."""
     top = 90
     for block in blocks:
-        half = layout.half_height(block.icon)
-        centre = Point(left + layout.half_width(block.icon), top - half)
+        half = placement.half_height(block.icon)
+        centre = Point(left + placement.half_width(block.icon), top - half)
         diagram.add_block(library, block, centre)
         top -= 2 * half + _BETWEEN
 
@@ -107,7 +107,7 @@ def _columns(diagram: Diagram, library: str, blocks: Sequence[Block]) -> None:
     column: list[Block] = []
     height = 0
     for block in (*blocks, None):
-        size = 0 if block is None else 2 * layout.half_height(block.icon) + _BETWEEN
+        size = 0 if block is None else 2 * placement.half_height(block.icon) + _BETWEEN
         if column and (block is None or height + size > most):
             _column(diagram, library, column, diagram.box.b.x)
             column, height = [], 0

@@ -177,6 +177,11 @@ static void tell_requests(cyclic_t *c, uint32_t number, uint32_t seq) {
     __atomic_fetch_and(&c->request_told, ~bit, __ATOMIC_RELEASE);
 }
 
+/* A client that owns nothing has no lease. */
+static int lease_has_ended(const cyclic_t *c, const struct slot *slot) {
+  return slot->bytes > 0 && c->now_ns - slot->beat_ns > slot->lease_ns;
+}
+
 static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
   struct slot *slot = &c->slot[number];
   ecat_shm_slot_status *status = &c->slot_status[number];
@@ -194,8 +199,7 @@ static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *
       slot->claim_seq = bell->claim_seq;
       read_claims(c, number);
     }
-    if (slot->bytes > 0 && c->now_ns - slot->beat_ns > slot->lease_ns)
-      lapse(c, number, ECAT_REASON_LAPSED);
+    if (lease_has_ended(c, slot)) lapse(c, number, ECAT_REASON_LAPSED);
   }
   if (bell->request_seq != slot->request_seq) tell_requests(c, number, bell->request_seq);
 }

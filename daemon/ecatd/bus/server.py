@@ -37,7 +37,7 @@ from .engine.engine import Engine
 from .engine.shared_memory import SharedMemory
 from .master.master import SlaveState
 from .master.worker import Worker
-from .objects import Objects
+from .sdo_requests import SdoRequests
 from .start.bring_up import BringUp
 from .watch.monitor import Monitor
 
@@ -69,7 +69,7 @@ class BusServer:
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._up = BringUp(config, interface, log, self._aborted.is_set)
         self._monitor: Monitor | None = None
-        self._access: Objects | None = None
+        self._access: SdoRequests | None = None
         self._started = 0.0
         self._types: dict[int, ObjectTypes] = {}
 
@@ -91,7 +91,7 @@ class BusServer:
         """
         self._monitor = await self._worker.run(self._bring_up)
         assert self._up.master is not None
-        self._access = Objects(self._up.master, self._worker, self._log)
+        self._access = SdoRequests(self._up.master, self._worker, self._log)
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
@@ -118,7 +118,7 @@ class BusServer:
         return self._monitor
 
     @property
-    def _objects(self) -> Objects:
+    def _objects(self) -> SdoRequests:
         assert self._access is not None, "asked before the bus was brought up"
         return self._access
 

@@ -111,8 +111,8 @@ class Coe:
             NoAnswerError: The slave does not answer, or other conversations with it take too long.
             StateError: No mailbox for CoE is set up in the slave.
         """
-        with self.line.join() as place:
-            yield from self.mailbox.wait_for_turn(place)
+        with self.line.join() as turn:
+            yield from self.mailbox.wait_for_turn(turn)
             yield from self.open()
             return (yield from part())
 

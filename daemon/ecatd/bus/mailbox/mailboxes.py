@@ -114,49 +114,49 @@ class Line:
         self.counter = itertools.cycle(range(1, 8))
         self.marks = itertools.cycle(range(0x80, 0x100))
         self.unanswered = False
-        self._places: deque[Place] = deque()
+        self._turns: deque[Turn] = deque()
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
         """Number of conversations in the queue, with the one that has its turn."""
-        return len(self._places)
+        return len(self._turns)
 
-    def join(self, called: Callable[[], object] = lambda: None) -> Place:
+    def join(self, called: Callable[[], object] = lambda: None) -> Turn:
         """Joins the end of the queue.
 
         Args:
-            called: Called when this place comes to the front because the one before it has left,
+            called: Called when this turn has come because the one before it was left,
                 in the thread that left.
         """
-        place = Place(self, called)
+        turn = Turn(self, called)
         with self._lock:
-            self._places.append(place)
-        return place
+            self._turns.append(turn)
+        return turn
 
-    def is_first(self, place: Place) -> bool:
-        """Whether a place is at the front of the queue."""
-        return self._places[0] is place
+    def is_first(self, turn: Turn) -> bool:
+        """Whether a turn has come: it is at the front of the queue."""
+        return self._turns[0] is turn
 
-    def leave(self, place: Place) -> None:
-        """Removes a place from the queue. If it was at the front, calls the next one."""
+    def leave(self, turn: Turn) -> None:
+        """Removes a turn from the queue. If it was at the front, calls the next one."""
         with self._lock:
-            was_first = self._places[0] is place
-            self._places.remove(place)
-            following = self._places[0] if was_first and self._places else None
+            was_first = self._turns[0] is turn
+            self._turns.remove(turn)
+            following = self._turns[0] if was_first and self._turns else None
         if following is not None:
             following.called()
 
 
-class Place:
-    """A place in the queue of a line. As a context manager it leaves the queue at the end."""
+class Turn:
+    """The turn of a conversation in the queue of a line. A `with` block gives it up at its end."""
 
     def __init__(self, line: Line, called: Callable[[], object]) -> None:
         self.called = called
         self._line = line
 
     @property
-    def has_turn(self) -> bool:
-        """Whether this place is at the front of the queue."""
+    def has_come(self) -> bool:
+        """Whether the turn has come: it is at the front of the queue."""
         return self._line.is_first(self)
 
     def __enter__(self) -> Self:
@@ -195,14 +195,14 @@ class Mailbox:
         self._has_mail = False  # the half that we read is full
         self._deadline = 0.0
 
-    def wait_for_turn(self, place: Place) -> Talk[None]:
-        """Waits until the conversations before `place` have ended.
+    def wait_for_turn(self, turn: Turn) -> Talk[None]:
+        """Waits until the conversations before `turn` have ended.
 
         Raises:
             NoAnswerError: They take longer than `_TURN_S`.
         """
         self._deadline = time.monotonic() + _TURN_S
-        while not place.has_turn:
+        while not turn.has_come:
             yield []
             self._check_time("other requests to it take too long")
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from ecatd.log import Log
 
 from ..engine.shared_memory import OUT_MODE, SHM_MODE, SharedMemory, has_name
-from .programs import names, programs_with
+from .file_users import names, programs_with
 
 _PAUSE = 1.0
 _LONGEST_SILENCE = 3600.0

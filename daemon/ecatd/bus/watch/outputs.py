@@ -22,7 +22,7 @@ from ecatd.model.pdo import Entry
 
 from ..engine.engine import Event, EventType
 from ..engine.shared_memory import SharedMemory
-from .programs import Program, names, programs_with
+from .file_users import Program, names, programs_with
 from .rate_limiter import Batch
 
 _TOLD = 4

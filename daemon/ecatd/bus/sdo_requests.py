@@ -33,7 +33,7 @@ _PATIENCE = 10.0
 _STATE = 0x0F
 
 
-class Objects:
+class SdoRequests:
     """SDO transfers to and from the slaves of a bus.
 
     Args:
@@ -97,8 +97,8 @@ class Objects:
         loop, called = asyncio.get_running_loop(), asyncio.Event()
         self._waiting += 1
         try:
-            with line.join(lambda: loop.call_soon_threadsafe(called.set)) as place:
-                if not place.has_turn:
+            with line.join(lambda: loop.call_soon_threadsafe(called.set)) as turn:
+                if not turn.has_come:
                     await _patiently(called, slave)
                 yield
         finally:

@@ -1,4 +1,4 @@
-"""Objects of slaves on a running bus: late answers, queues, and emergencies."""
+"""SdoRequests of slaves on a running bus: late answers, queues, and emergencies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
 from ecatd.bus.master.master import Master
 from ecatd.bus.master.worker import Worker
-from ecatd.bus.objects import Objects
+from ecatd.bus.sdo_requests import SdoRequests
 from ecatd.log import Log
 from ecatd.model.bus import Slave
 from ecatd.model.datatypes import DataType
@@ -44,7 +44,7 @@ class Number(Device):
 
 
 class Bench:
-    """Objects of simulated slaves in PREOP; the master has no more than they need."""
+    """SdoRequests of simulated slaves in PREOP; the master has no more than they need."""
 
     def __init__(self, devices: list[Device], registers: Any, wire: Wire) -> None:
         self.devices, self.registers, self.wire = devices, registers, wire
@@ -60,7 +60,7 @@ class Bench:
                 stations=[FIRST_STATION + n for n in range(len(devices))],
             ),
         )
-        self.objects = Objects(master, self.worker, log)
+        self.objects = SdoRequests(master, self.worker, log)
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)
@@ -193,7 +193,7 @@ def test_too_many_requests_are_told_so_and_take_no_place_from_others() -> None:
 def test_what_waited_for_too_long_is_not_carried_out(
     short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ecatd.bus.objects._PATIENCE", 0.1)
+    monkeypatch.setattr("ecatd.bus.sdo_requests._PATIENCE", 0.1)
     with bench() as made:
         (device,) = made.devices
         device.mailbox_fault = MailboxFault("stuck")
