@@ -464,16 +464,16 @@ def test_behind_a_break_slaves_stay_near_the_reference_clock():
     """They no longer hear it; the engine tells them what it believes the time to be."""
     with bench(4, ring=True, cycle_us=1000) as b:
         for position in range(4):
-            b.esc.set_clock(position, drift_ppm=(0, 0, 50, 50)[position])
+            b.esc.set_clock(position, drift_ppm=(0, 0, 500, 500)[position])
         b.start(clock=CLOCK)
         health = b.shared.health
         until(lambda: health.dc_state == shm.DcState.LOCKED, "the lock")
         b.esc.break_link(2, 0, True)
         until(lambda: health.ring == shm.Ring.OPEN, "the break")
         cycles = health.cycles
-        until(lambda: health.cycles > cycles + 6000)  # 300 µs apart without help
+        until(lambda: health.cycles > cycles + 6000)  # 3 ms apart without help
         times = [clock.system_ns for clock in b.esc.clocks()]
-        assert abs(times[2] - times[0]) < 200_000
+        assert abs(times[2] - times[0]) < 1_000_000
         assert abs(times[3] - times[2]) < 1500
 
 
