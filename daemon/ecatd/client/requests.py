@@ -37,7 +37,7 @@ class Requests:
         return self._started(QUICK.ecat_state_start(self._connection.address, slave, state))
 
     def abandon(self, number: int) -> None:
-        """Nobody asks for this request any more; the next start frees its place.
+        """Marks a request as no longer needed; the next start of a request frees its place.
 
         Called by the garbage collector, which may run while another call is in the C client.
         """

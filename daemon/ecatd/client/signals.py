@@ -65,7 +65,7 @@ _LETTERS = {8: "B", 16: "H", 32: "I", 64: "Q"}
 
 
 def letter(entry: Signal) -> str:
-    """What `struct`, memoryview and numpy call the type of an entry; empty: they have no name."""
+    """Returns the type code of an entry in `struct` and numpy; empty if it has none."""
     if entry.bit_offset % 8:
         return ""
     if entry.real:

@@ -58,11 +58,11 @@ class Worker:
         return result
 
     async def request(self, steps: Steps[T]) -> T:
-        """Runs the steps of a request with short pauses while nobody else waits; raises as `run`."""
+        """Runs the steps of a client's request, with short pauses; raises as `run`."""
         return await self._run(steps, _TURN, _FIRST_PAUSE)
 
     async def run_steps(self, steps: Steps[T]) -> T:
-        """Runs steps to their end, and lets other calls pass whenever they wait; raises as `run`."""
+        """Runs steps to their end; other calls pass whenever they wait. Raises as `run`."""
         return await self._run(steps, 0.0, _PAUSE)
 
     async def _run(self, steps: Steps[T], turn: float, pause: float) -> T:
