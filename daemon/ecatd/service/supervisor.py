@@ -1,8 +1,8 @@
 """Starts the processes of the daemon, watches them, and ends them in order.
 
-Simulator (if any), bus server, gateway: in this order up, and back in the other. The daemon is
-ready when the bus is in OP and the gateway answers. The bus server or the simulator ending is the
-end of the daemon; the gateway is started again, unnoticed by the bus.
+Simulator (if any), bus server and gateway start in this order, and stop in the reverse order. The
+daemon is ready when the bus is in OP and the gateway answers. If the bus server or the simulator
+ends, the daemon ends. If the gateway ends, it is started again, and the bus is not affected.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What must be true of the rows of shared memory before they are used: as in the C client.
+"""Checks rows of the shared memory before they are used, as the C client does.
 
-Each check returns what is wrong with a row, in words that follow its place, or nothing.
+Each check returns what is wrong with a row, as words that follow its place in a message, or "".
 """
 
 from __future__ import annotations
