@@ -57,8 +57,8 @@ class Requests:
 class Request:
     """An SDO upload or download, or a change of AL state, that a slave is busy with.
 
-    Ask for its end with `poll` in a control loop, wait for it with `result`, or `await` it in
-    asyncio. One that nobody has a reference to any more is given up, if it has not begun.
+    Check for its end with `poll` in a control loop, wait for it with `result`, or `await` it in
+    asyncio. A request without any reference is cancelled if it has not begun.
     """
 
     def __init__(self, requests: Requests, connection: Connection, number: int) -> None:

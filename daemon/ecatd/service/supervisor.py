@@ -24,7 +24,7 @@ from .notify import notify
 _GATEWAY_PAUSE = 1.0
 
 _PYTHON = (sys.executable, "-P", "-m")
-"""-P: modules are never looked for in the directory that somebody happens to be in."""
+"""-P: Python does not look for modules in the current directory."""
 _STOP_PATIENCE = 15.0
 """Seconds that a child has to clean up, beside those in which drives are brought to a stop."""
 
