@@ -18,8 +18,8 @@ static void unmap_out(ecat_t *bus) {
   bus->home = NULL;
 }
 
-/* A process that was forked has the descriptor, and with it the lock of the slot, but the slot is its
- * parent's. The kernel tells them apart without being asked: it clears a page in the child. */
+/* A forked child inherits the descriptor and so the lock of the slot, but the slot belongs to its
+ * parent. The child is recognised without a system call: the kernel clears one page in it. */
 static int mark_home(ecat_t *bus) {
   bus->home = mmap(NULL, 1, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (bus->home == MAP_FAILED) {

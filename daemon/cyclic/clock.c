@@ -1,10 +1,11 @@
 /* The cycle follows the reference clock of the distributed clocks (ETG.1000.4, 9.1).
  *
- * Each cycle the reference clock tells its time when the frame passes it. Less the time by which
- * the frame left after its deadline, that is where the deadline was in the cycle of the reference
- * clock: how late the host was woken up does not count. A PI controller moves the next deadline;
- * its integral is the difference in speed of both clocks. A frame that is held up on its way
- * measures too much: so what one measurement can do is bounded, the more once the lock is there.
+ * In each cycle the frame reads the time of the reference clock as it passes it. From this time, the
+ * engine subtracts how long after its deadline the frame left. The result is the deadline in the time
+ * of the reference clock, whatever the delay of the host's wake-up was. A PI controller moves the
+ * next deadline; its integral is the difference in speed of the two clocks. A frame that is held up
+ * on its way gives too late a time. So the effect of one measurement is limited, and more tightly
+ * once the cycle is locked.
  */
 #include "engine.h"
 

@@ -18,7 +18,7 @@ typedef struct cyclic cyclic_t;
 /* Datagram commands that carry process data (ETG.1000.4). */
 enum cyclic_command { CYCLIC_LRD = 10, CYCLIC_LWR = 11, CYCLIC_LRW = 12 };
 
-/* Indices of the first datagram of a frame, by which sockets choose their frames. */
+/* Ranges of the index of a frame's first datagram: each socket accepts only frames of its range. */
 enum cyclic_index {
   CYCLIC_INDEX_CONTROL = 0x00, /* mailboxes and registers, by the control side */
   CYCLIC_INDEX_ENGINE = 0x80,  /* the engine, to the end */
@@ -36,8 +36,8 @@ enum cyclic_event_type {
   CYCLIC_EVENT_CLOCK = 8,   /* value: ecat_dc_state */
   CYCLIC_EVENT_OVERRUN = 9, /* value: deadlines missed since the last such event */
   CYCLIC_EVENT_REFUSED = 10, /* a value of slot is out of the declared range; value: signal */
-  CYCLIC_EVENT_MALFORMED = 11, /* slot holds what no client library writes; value: generation */
-  CYCLIC_EVENT_STOPPED = 12 /* value 1: a drive of slave has stopped, 0: it had its time for that */
+  CYCLIC_EVENT_MALFORMED = 11, /* content of slot is malformed; value: generation */
+  CYCLIC_EVENT_STOPPED = 12 /* stop of a drive of slave is over; value 1: it stands, 0: out of time */
 };
 
 typedef struct cyclic_event {
@@ -53,9 +53,9 @@ typedef struct cyclic_settings {
   int32_t cpu;           /* CPU to run on, -1: any */
   int32_t lock_memory;   /* 1: lock the memory of the process */
   int32_t busy_receive;  /* 1: poll for the answer and never sleep */
-  int32_t poll_ns;       /* how long to poll for it otherwise, where it usually comes that soon */
-  int32_t wkc_limit;     /* outputs fall after so many bad working counters in a row, 0: never */
-  int32_t free_running;  /* 1: the next cycle follows at once; to measure, not for slaves */
+  int32_t poll_ns;       /* how long to poll before sleeping, if answers usually come that soon */
+  int32_t wkc_limit;     /* bad working counters in a row that make outputs safe, 0: never do */
+  int32_t free_running;  /* 1: cycles follow each other without a pause; only for measurements */
 } cyclic_settings;
 
 /* The distributed clock that the cycle follows. */
@@ -66,50 +66,54 @@ typedef struct cyclic_clock {
   uint32_t lock_ns;  /* locked when the phase is this close */
 } cyclic_clock;
 
-/* A bound raw socket for EtherCAT frames whose first datagram has an index from `first` to `last`;
- * -errno on failure. */
+/* Opens a raw socket for EtherCAT frames whose first datagram has an index from `first` to `last`.
+ * Returns the file descriptor, or -errno. */
 CYCLIC_API int cyclic_open_socket(const char *interface, uint32_t first, uint32_t last);
 /* Lets only frames with such an index into an AF_PACKET socket. 0 or -errno. */
 CYCLIC_API int cyclic_filter_index(int fd, uint32_t first, uint32_t last);
 
-/* An engine for the prepared shared memory (tables filled, `header` mapped read-write), the open .out
- * shared memory, and one or two sockets (`second_fd` -1: no cable redundancy). All stay the caller's.
- * `run` names this run in the source address of its frames (bytes 1 to 4). NULL and errno. */
+/* Makes an engine for the prepared shared memory (tables filled, `header` mapped read-write), the
+ * open .out shared memory, and one or two sockets (`second_fd` -1: no cable redundancy). The caller
+ * still owns all of them. `run` goes into bytes 1 to 4 of the source address of its frames, and
+ * tells this run from others. Returns NULL on failure, and sets errno. */
 CYCLIC_API cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint32_t run);
-/* Datagram of domain `domain` that exchanges `length` bytes of its image from `offset` on, at
- * logical address `address + offset`. In the order of the domains. 0, or -EINVAL, -ENOSPC. */
+/* Adds a datagram that exchanges `length` bytes of the image of `domain` from `offset` on, at the
+ * logical address `address + offset`. Add them in the order of the domains. Returns 0, or -EINVAL,
+ * -ENOSPC. */
 CYCLIC_API int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
                                    uint32_t offset, uint32_t length, uint32_t wkc_expected);
-/* Has the cycle follow a reference clock, and slaves follow it, too. Before cyclic_start(). */
+/* Makes the cycle follow a reference clock, and distributes its time to the slaves in each cycle.
+ * Call it before cyclic_start(). */
 CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);
-/* Safe values of the outputs of a slave: bits of `hold` keep what was last sent, the others take
- * `value`. Both have the slave's output_bytes. */
+/* Sets the safe values of a slave's outputs: bits set in `hold` keep what was last sent, the others
+ * take `value`. Both have output_bytes of the slave. */
 CYCLIC_API int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value,
                                const uint8_t *hold);
 /* Refuses raw values of an output below `minimum` or above `maximum`. Before cyclic_start(). */
 CYCLIC_API int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, double maximum);
-/* When the controlword loses its owner, it is `value` until the statusword (CiA 402) says that the
- * drive no longer moves, at most `patience_ns`; then it is its safe value. Before cyclic_start(). */
+/* Sets how a drive is stopped when its controlword loses its owner: the controlword is `value` until
+ * the statusword (CiA 402) says that the drive no longer moves, for at most `patience_ns`. Then it
+ * takes its safe value. Call it before cyclic_start(). */
 CYCLIC_API int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statusword,
                                uint32_t value, uint64_t patience_ns);
-/* How many drives are being stopped; meaningful two cycles after cyclic_make_safe(). */
+/* Number of drives that are being stopped; valid from two cycles after cyclic_make_safe() on. */
 CYCLIC_API uint32_t cyclic_stopping(const cyclic_t *c);
-/* Starts the thread; 0 or -errno. What could not be granted is visible in the return values of
- * cyclic_..._error() (errno, 0: granted). */
+/* Starts the thread; 0 or -errno. It also starts if the system refuses a real-time setting: then
+ * cyclic_..._error() returns the errno of that (0: granted). */
 CYCLIC_API int cyclic_start(cyclic_t *c, const cyclic_settings *settings);
 CYCLIC_API int cyclic_scheduling_error(const cyclic_t *c);
 CYCLIC_API int cyclic_affinity_error(const cyclic_t *c);
 CYCLIC_API int cyclic_memory_error(const cyclic_t *c);
 CYCLIC_API int cyclic_slack_error(const cyclic_t *c);
-/* Has the engine use another socket for port 0 or 1, as after an interface went and came back.
- * Returns when the old one is no longer used. */
+/* Gives the engine another socket for port 0 or 1, after an interface went away and came back.
+ * Returns when the old socket is no longer used. */
 CYCLIC_API void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd);
 /* CLOCK_MONOTONIC of the next cycle, in ns; 0 before the first one. */
 CYCLIC_API uint64_t cyclic_deadline(const cyclic_t *c);
-/* Begins all counters and histograms of the engine anew, and returns when that is done: what
- * happened before the slaves were in OP says nothing about the bus. */
+/* Sets all counters and histograms of the engine back to zero, and returns when that is done. Used
+ * when the slaves are in OP: what was counted before says nothing about the bus. */
 CYCLIC_API void cyclic_restart_counting(cyclic_t *c);
-/* From the next cycle on all outputs are safe and claims are refused. */
+/* Sets all outputs to their safe values from the next cycle on, and refuses claims. */
 CYCLIC_API void cyclic_make_safe(cyclic_t *c);
 /* Ends the thread after the current cycle and waits for it. */
 CYCLIC_API void cyclic_stop(cyclic_t *c);
@@ -120,8 +124,8 @@ CYCLIC_API void cyclic_publish_layout(void *header);
 
 /* Next event: 1, or 0 when none came within `timeout_ns`. For one thread at a time. */
 CYCLIC_API int cyclic_wait_event(cyclic_t *c, cyclic_event *event, int64_t timeout_ns);
-/* From now on new requests of a slot are told again: an event has been sent since the last call. So
- * a client that rings without end costs as many events as control wants. */
+/* Lets the engine send one more CYCLIC_EVENT_REQUEST for a slot. After that event it sends no other
+ * for this slot until the next call, so a client that rings without end cannot fill the events. */
 CYCLIC_API void cyclic_listen(cyclic_t *c, uint32_t slot);
 /* Answers a request of a client (see ecat_shm_reply). */
 CYCLIC_API void cyclic_reply(cyclic_t *c, uint32_t slot, uint32_t cell, uint32_t generation,

@@ -23,10 +23,10 @@ static void take_part(cyclic_t *c, uint32_t number) {
   memcpy(domain->image, c->outputs + domain->output_base, domain->output_bytes);
 }
 
-/* Which domains take part in this cycle: those whose turn it is. One whose turn was in a cycle that
- * was missed makes up for it, and then goes on with its old grid. It does not join domains that it
- * never meets on the grid, since the wire may have no room for them together: it waits for the next
- * cycle, and at most for its next turn. */
+/* Chooses the domains of this cycle: those that are due. A domain that was due in a missed cycle is
+ * exchanged late, and then keeps to its old grid. It does not join domains that are never due in the
+ * same cycle as it: the wire may have no room for all of them. Then it waits for a later cycle, at
+ * most until it is due again. */
 static void choose_domains(cyclic_t *c) {
   uint32_t i, late = 0;
   c->due = 0;
@@ -93,7 +93,8 @@ static uint64_t patience(const cyclic_t *c, uint64_t period) {
   return until < c->now_ns + period / 4 ? c->now_ns + period / 4 : until;
 }
 
-/* The next deadline on the grid; those that are over are left out, without a burst of cycles. */
+/* Moves to the next deadline on the grid. Deadlines that have passed are skipped and counted as
+ * missed, so that no burst of cycles follows. */
 static void advance(cyclic_t *c, uint64_t period, uint64_t end) {
   if (c->settings.free_running) {
     c->deadline_ns = end;

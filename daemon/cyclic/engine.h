@@ -44,7 +44,7 @@ enum {
 enum datagram_kind { STATUS_DATAGRAM, TIME_DATAGRAM, DOMAIN_DATAGRAM };
 
 struct datagram {
-  uint8_t header[DATAGRAM_HEADER]; /* but for index, and whether more follow */
+  uint8_t header[DATAGRAM_HEADER]; /* complete except for the index and the "more follow" bit */
   uint8_t kind;
   uint32_t domain, offset, length;
   uint32_t outputs;      /* bytes at its start that are sent from the image */
@@ -57,7 +57,7 @@ struct frame {
   uint32_t length;         /* on the wire */
   uint32_t domains;        /* bit per domain with data in it */
   uint8_t pending;         /* bit per port: sent there, and not back yet */
-  uint8_t copies;          /* that are back, and in `answer` with two ports */
+  uint8_t copies;          /* number of copies that are back; with two ports merged in `answer` */
   uint8_t bytes[FRAME_BYTES];
   uint8_t answer[FRAME_BYTES];
 };
@@ -81,7 +81,7 @@ struct clock {
   uint64_t time_ns;        /* of the reference clock, when the frame of `send_ns` passed it */
   uint64_t send_ns;
   int64_t integral, fraction, filtered;
-  int64_t drift, drifts;   /* mean of the integral, and of how many of them */
+  int64_t drift, drifts;   /* mean of the integral, and over how many cycles it is taken */
   int64_t correction;      /* of the next deadline, in ns */
   uint32_t settled, silent, state, told_state;
 };
@@ -193,7 +193,7 @@ uint64_t cyclic_now(void);
 void cyclic_run(cyclic_t *c); /* until `stop` */
 
 /* control.c */
-/* 0 when control has not read the last EVENTS ones yet, and this one is lost. */
+/* Queues an event for control. Returns 0 if the queue is full (EVENTS unread); the event is lost. */
 int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_t value);
 
 /* frames.c */
@@ -231,8 +231,9 @@ enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2 };
 int cyclic_outputs_init(cyclic_t *c);
 /* Calls `prefault` with all memory that is this part's own. */
 void cyclic_outputs_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size));
-/* Gives a slot what is in `c->wanted`, or nothing new if another one has a part of it; takes the
- * rest back. A signal in conflict, or CYCLIC_CONFLICT_... */
+/* Makes a slot the owner of exactly the signals in `c->wanted`. If another slot owns one of them, it
+ * gets no new one. Signals that it no longer wants are released in any case. Returns a signal in
+ * conflict, or CYCLIC_CONFLICT_... */
 int32_t cyclic_outputs_claim(cyclic_t *c, uint32_t slot);
 void cyclic_outputs_drop(cyclic_t *c, uint32_t slot, uint32_t reason); /* all that it owns */
 int cyclic_outputs_has_domain(const cyclic_t *c, uint32_t slot, uint32_t domain);

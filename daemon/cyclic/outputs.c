@@ -1,8 +1,8 @@
 /* Outputs: who decides each of them, and what they are while nobody does.
  *
- * What a slot owns stands twice: as the set of its signals, for what is told to clients, and as a
- * mask over the output image, with which a commit is taken over word by word, however many entries
- * it has. Bits of no signal are in no mask, so no client ever changes them. */
+ * Ownership of a slot is stored twice: as a set of signals, which is published to clients, and as a
+ * mask over the output image. With the mask a commit is copied word by word, however many entries it
+ * has. Bits without a signal are in no mask, so no client ever changes them. */
 #include "engine.h"
 
 #include <entries.h>
@@ -66,7 +66,7 @@ int cyclic_outputs_init(cyclic_t *c) {
 
 /* --- safe values ---------------------------------------------------------------------------- */
 
-/* A drive that has lost its owner first stops, and its other outputs are safe meanwhile. */
+/* Begins to stop a drive that has lost its owner; its other outputs are safe already. */
 static void begin_stop(cyclic_t *c, struct stop *stop) {
   stop->running = 1;
   stop->until_ns = c->now_ns + stop->patience_ns;
@@ -80,7 +80,8 @@ static int moves(uint64_t statusword) {
   return (statusword & 0x6F) == 0x27 || (statusword & 0x6F) == 0x07 || (statusword & 0x4F) == 0x0F;
 }
 
-/* A new owner ends a stop by its first commit of the controlword, not by its claim. */
+/* Continues a stop; returns 0 when it is over. A new owner ends it by its first commit of the
+ * controlword, not by its claim. */
 static int goes_on(cyclic_t *c, const struct stop *stop) {
   const ecat_shm_output *output = &c->output[stop->signal];
   const struct domain *domain = &c->domain[stop->domain];
@@ -246,7 +247,7 @@ static void save_limited(cyclic_t *c, uint32_t number) {
       c->limit[i].before = bits_get(c->outputs, c->limit[i].bit, c->limit[i].bits);
 }
 
-/* Values that their declaration forbids are not taken over: what was there before stays. */
+/* Undoes values of a commit that are out of their declared range: the value before stays. */
 static void enforce_limits(cyclic_t *c, uint32_t number) {
   ecat_shm_slot_status *status = &c->slot_status[number];
   uint32_t i;

@@ -1,8 +1,8 @@
-/* Clients: who owns which outputs, what they want to send, and whether they are alive.
+/* Clients: reads their claims, commits and heartbeats from the .out shared memory.
  *
- * Clients write into the .out shared memory whatever they like, at any time, and may cut the file short.
- * So it is only ever read with pread, every number from it is checked, and nothing in it decides
- * more than the outputs that its writer was granted.
+ * Clients may write anything into the .out shared memory at any time, and may cut the file short. So
+ * the engine reads it only with pread, and checks every number from it. A client can affect no
+ * outputs except those that it owns.
  */
 #include "engine.h"
 
@@ -89,8 +89,8 @@ static int find_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   return 0;
 }
 
-/* Whether a client may rightly have other outputs in mind than it has: it learns only at the end that
- * the daemon is stopping, and a change of its claims may still wait for its turn. */
+/* Whether a correct client may believe to own other outputs than it does: either the daemon is
+ * stopping, which the client learns later, or a change of its claims is not read yet. */
 static int is_out_of_date(const cyclic_t *c, uint32_t number) {
   uint32_t claim_seq;
   off_t bell = (off_t)c->out.doorbells_offset + (off_t)(number * sizeof(ecat_out_doorbell)) +
@@ -118,9 +118,9 @@ static void take_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   counter_add(&c->health->commits, 1);
 }
 
-/* Why a client has lost its slot. One that leaves writes generation 0 and nothing else; who takes the slot
- * of a dead one has written the next generation into the slot before; and if neither can be read, the
- * file was cut short. */
+/* Why a slot has lost its client. A client that leaves writes only generation 0 to its doorbell. A
+ * client that takes the slot of a dead one first writes its own generation into the slot. If the slot
+ * cannot be read, the file was cut short. */
 static uint32_t why_ended(const cyclic_t *c, uint32_t number, uint32_t generation) {
   ecat_out_slot slot;
   if (generation == 0 && pread(c->out_fd, &slot, sizeof slot, slot_at(c, number)) == sizeof slot &&
@@ -166,7 +166,8 @@ void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain) {
     if (cyclic_outputs_has_domain(c, i, domain)) lapse(c, i, ECAT_REASON_WKC);
 }
 
-/* Not again before control has looked: a client that rings without end must not fill the events. */
+/* Sends an event about new requests, but only one until control has called cyclic_listen(): a client
+ * that rings without end must not fill the events. */
 static void tell_requests(cyclic_t *c, uint32_t number, uint32_t seq) {
   uint32_t bit = 1u << number;
   if (__atomic_load_n(&c->request_told, __ATOMIC_ACQUIRE) & bit) return;

@@ -174,10 +174,10 @@ static void sleep_until_readable(cyclic_t *c, const int *usable) {
   (void)ppoll(sources, c->ports + 1, NULL, NULL); /* whatever it says, the next recv knows */
 }
 
-/* Waits for a frame. Where answers usually come that soon, it polls for a while, as falling asleep
- * and waking up takes longer than short ways do; then it sleeps. The timer is set before the socket
- * is looked at once more: a time-out of ppoll would be set, and taken back, when the answer may
- * already be there. 0: time is over. */
+/* Waits for a frame; returns 0 when time is over. If answers usually come within poll_ns, it first
+ * returns at once, so that the caller polls: going to sleep and waking up takes longer than a short
+ * round trip. After that it sets the timer once, returns for one more look at the socket, and then
+ * sleeps. Setting a time-out in ppoll would cost time in each call, when the answer may be there. */
 static int wait_for_frame(cyclic_t *c, uint64_t deadline_ns, const int *usable, int *timer_set) {
   uint64_t now = cyclic_now();
   int soon = c->typical_ns < c->settings.poll_ns;

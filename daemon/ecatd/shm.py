@@ -1,9 +1,9 @@
 """The layout of the shared memory, taken from the C client at import.
 
-`client_c/include/ecat/ecat_shm.def` defines it, and says who writes what; `libecat` hands it on as
-text, of which constants, ctypes classes and the tables of the documentation are made here. The
-enumerations stand here once more, so that a type checker knows their members; a test compares them
-with the definition.
+`client_c/include/ecat/ecat_shm.def` defines it, and says who writes what. `libecat` returns this
+definition as text, and this module makes constants, ctypes classes and the tables of the
+documentation from it. The enumerations are repeated here so that a type checker knows their
+members; a test compares them with the definition.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@ ECAT_API int ecat_slave_count(const ecat_t *bus);
 ECAT_API int ecat_signal_count(const ecat_t *bus);
 ECAT_API int ecat_domain_count(const ecat_t *bus);
 ECAT_API const char *ecat_name(const ecat_t *bus);
-/* Of identities and mappings of all slaves: differs when the bus is another one. */
+/* A number for identity and mapping of all slaves: it differs if the bus is another one. */
 ECAT_API uint64_t ecat_fingerprint(const ecat_t *bus);
 /* Differs after every start of the daemon. */
 ECAT_API uint64_t ecat_instance(const ecat_t *bus);
@@ -170,11 +170,11 @@ ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
 
 /* Makes this client the owner of all outputs of a slave, or of none if another client has one of
  * them. `lease` is the time without ecat_sample() or ecat_commit() after which they fall to their
- * safe values; 0 takes the daemon's default, which is also the shortest one, and more than its
- * maximum is cut. The longest of what is owned counts for all of it, and goes when that is released.
- * An output stays safe until the first ecat_commit() after it was written. After ECAT_ELEASE all claims
- * and running requests are gone; claim again. To claim what is owned does nothing, unless the lease is
- * longer. */
+ * safe values; 0 takes the daemon's default, which is also the shortest lease, and a lease above the
+ * daemon's maximum is cut to it. The longest lease of all claims counts for all outputs, until its
+ * claim is released. An output stays safe until the first ecat_commit() after it was written. After
+ * ECAT_ELEASE all claims and running requests are gone; claim again. Claiming an output again does
+ * nothing, unless the lease is longer. */
 ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
 /* Gives the outputs of a slave back; they go to their safe values. */
 ECAT_API int ecat_release(ecat_t *bus, int position);
@@ -182,8 +182,8 @@ ECAT_API int ecat_release(ecat_t *bus, int position);
 ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
 ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
 /* The same for `count` outputs, which may be of several slaves: all of them are granted at once, or
- * none. When a claim fails, what this client owned before it, and its lease, are as before. An output
- * may stand twice in the list; an empty one does nothing. */
+ * none. If a claim fails, this client keeps what it owned before, and its lease. An output may be in
+ * the list twice; an empty list does nothing. */
 ECAT_API int ecat_claim_entries(ecat_t *bus, const int *signals, size_t count, double lease);
 ECAT_API int ecat_release_entries(ecat_t *bus, const int *signals, size_t count);
 /* Gives all outputs back, drops all requests, and leaves the client's slot to others. Reading goes
@@ -272,7 +272,7 @@ ECAT_API int ecat_state_start(ecat_t *bus, int position, unsigned state);
 /* ECAT_EBUSY while the request runs; else it is finished, its handle is free again, and
  * `data` (up to `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT,
  * `*abort_code` tells why. All three pointers may be NULL. Requests of a client that ends are
- * dropped, unless they have begun; those of a daemon that ends, are ECAT_EDOWN. */
+ * dropped, unless they have begun. If the daemon ends, requests return ECAT_EDOWN. */
 ECAT_API int ecat_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
                        uint32_t *abort_code);
 /* Waits until ecat_poll() has an answer, or returns ECAT_ETIMEOUT. Takes no samples meanwhile: the

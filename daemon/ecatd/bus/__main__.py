@@ -3,8 +3,8 @@
 It reads its settings as one JSON document from stdin: `config`, `interface` and `second_interface`
 (which may be those of a simulator instead of those of the configuration), `runtime_dir`,
 `namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent`
-and `log_level`. When the bus is in OP, it writes one line about it to stdout, which the service
-logs when the gateway answers, too. With `describe` it writes the description of the bus instead
+and `log_level`. When the bus is in OP, it writes one line about it to stdout. The service logs this
+line once the gateway answers, too. With `describe` it writes the bus description instead
 (`ecatd.model.bus_file`), and ends.
 """
 
@@ -51,7 +51,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         server.abort()
         await asyncio.wait((starting,))
         if not starting.cancelled():
-            starting.exception()  # told above, or the consequence of the abort
+            starting.exception()  # raised above already, or caused by the abort
         await control.close()
         await server.stop()
         stopping.cancel()

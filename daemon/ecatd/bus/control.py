@@ -1,4 +1,4 @@
-"""The control socket: where the gateway asks the bus server for things and hears of events."""
+"""The control socket: the gateway sends requests to the bus server, and gets events from it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PENDING_MAX = 256
 
 
 class ControlSocket:
-    """Serves the requests of gateways; a client that misbehaves is disconnected, no more."""
+    """Serves the requests of gateways. A client that misbehaves is only disconnected."""
 
     def __init__(self, path: Path, log: Log) -> None:
         self._path = path
@@ -51,7 +51,7 @@ class ControlSocket:
     async def close(self) -> None:
         """Stops to listen and removes the socket."""
         if self._socket is None:
-            return  # never opened: what is there belongs to another daemon
+            return  # never opened: a socket at this path belongs to another daemon
         self._socket.close()
         for client in list(self._clients):
             client.close()
@@ -65,9 +65,9 @@ class _Client(Connection):
 
     Args:
         server: Answers its requests.
-        clients: All who have connected; it puts itself there.
+        clients: All connected clients; this one adds itself.
         tasks: All requests that are being carried out.
-        log: Where it is told that a client misbehaves.
+        log: The log for warnings about clients that misbehave.
     """
 
     def __init__(

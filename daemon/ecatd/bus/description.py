@@ -1,4 +1,4 @@
-"""What a bus is, without running it: for a library that is generated from a rig or ESI files."""
+"""Describes a bus without running it, to generate a library from a rig or ESI files."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ _STOP_TIMEOUT = 1.0
 
 
 def describe(config: Config, interface: str, log: Log) -> Bus:
-    """The description that a daemon with this configuration would share; SIGTERM ends it early.
+    """Makes the description that a daemon with this configuration would share.
 
-    The slaves are taken to PREOP, read and set up as for a run, and back to INIT. There is no
-    shared memory and no exchange, so a daemon that runs a bus of the same name does not notice.
+    Takes the slaves to PREOP, reads and sets them up as for a run, and takes them back to INIT.
+    There is no shared memory and no exchange, so it does not disturb a daemon that runs a bus of
+    the same name on another interface. SIGTERM ends it early.
 
     Args:
         config: The configuration.

@@ -1,7 +1,7 @@
-"""The objects of slaves on a running bus, for whoever asks for one.
+"""SDO requests to the slaves of a running bus.
 
-Conversations with different slaves take turns, so a slave that takes its time holds up nobody but
-those who want something of it, too.
+Conversations with different slaves take turns on the worker. So a slow slave delays only requests
+to itself.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .watch.rate_limiter import Batch
 T = TypeVar("T")
 
 _REQUESTS_MAX, _OF_ONE_SLAVE_MAX = 128, 32
-"""Requests that may wait; further ones are told so."""
+"""Requests that may wait, in all and for one slave; further ones are refused with BusyError."""
 _PATIENCE = 10.0
 """Seconds after which a request that could not begin is not carried out any more."""
 
@@ -39,7 +39,7 @@ class SdoRequests:
     Args:
         master: The master.
         worker: The worker on which slaves are asked.
-        log: Where emergencies are told that slaves send meanwhile.
+        log: The log for emergencies that slaves send meanwhile.
     """
 
     def __init__(self, master: Master, worker: Worker, log: Log) -> None:
@@ -65,7 +65,7 @@ class SdoRequests:
         )
 
     def close(self) -> None:
-        """Tells the emergencies that have not been told yet."""
+        """Logs the emergencies that are not logged yet."""
         self._emergencies.close()
 
     async def _converse(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
@@ -85,7 +85,11 @@ class SdoRequests:
 
     @asynccontextmanager
     async def _turn(self, slave: Slave, line: Line) -> AsyncIterator[None]:
-        """Waits until the conversations with the slave that came before are over."""
+        """Waits in the queue of the slave, and holds its turn for the block.
+
+        Raises:
+            BusyError: Too many requests are waiting, or this one waited too long.
+        """
         if len(line) >= _OF_ONE_SLAVE_MAX:
             raise BusyError(
                 f"{slave.label} has {_OF_ONE_SLAVE_MAX} requests waiting already; try again"
@@ -106,10 +110,10 @@ class SdoRequests:
 
 
 async def _patiently(called: asyncio.Event, slave: Slave) -> None:
-    """Waits until a request is called.
+    """Waits until it is the turn of a request.
 
     Raises:
-        BusyError: That takes too long.
+        BusyError: This takes longer than `_PATIENCE`.
     """
     try:
         async with asyncio.timeout(_PATIENCE):
@@ -122,7 +126,16 @@ async def _patiently(called: asyncio.Event, slave: Slave) -> None:
 
 
 def _check_state(slave: Slave, status: int | None) -> None:
-    """Says at once what else would come out by waiting."""
+    """Fails at once for a slave whose mailbox cannot answer, instead of after a time-out.
+
+    Args:
+        slave: The slave.
+        status: Its AL status, or None if it did not answer.
+
+    Raises:
+        NoAnswerError: The slave did not answer.
+        StateError: It is in INIT or BOOT, where it has no CoE.
+    """
     if status is None:
         raise NoAnswerError(
             f"{slave.label} does not answer: it is switched off, or a cable before it is broken"

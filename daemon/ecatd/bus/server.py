@@ -1,7 +1,7 @@
-"""The life of a bus, and the answers to requests about it.
+"""Starts, runs and stops a bus, and answers requests about it.
 
-`start/bring_up.py` takes it from an interface to slaves in OP, `watch/monitor.py` watches it there.
-Stopping goes the same way back: safe outputs, SAFEOP, INIT, no more frames.
+`start/bring_up.py` brings the bus to OP, and `watch/monitor.py` watches it there. Stopping goes the
+same way back: safe outputs, SAFEOP, INIT, no more frames.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ from .watch.monitor import Monitor
 _STOP_CYCLES = 3
 _STOP_TIMEOUT = 1.0
 _SAFE_TIMEOUT = 5.0
-"""Seconds in which safe outputs go out before SAFEOP has the slaves make theirs safe: slower
-domains must not keep the service waiting until it kills this process (`service/supervisor.py`)."""
+"""Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, where the slaves
+make their outputs safe themselves. A slow domain must not make this wait so long that the service
+kills the process (`service/supervisor.py`)."""
 
 
 class BusServer:
@@ -54,7 +55,7 @@ class BusServer:
     Args:
         config: The configuration.
         interface: The interface, which may come from the simulator instead of the configuration.
-        log: Where events are told.
+        log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
     """
 
@@ -75,7 +76,7 @@ class BusServer:
 
     @property
     def bus(self) -> Bus:
-        """The description of the bus; its slaves are there when it has been read."""
+        """The bus description; it has slaves once they have been read."""
         return self._up.bus
 
     @property
@@ -87,7 +88,7 @@ class BusServer:
         """Brings the bus to OP and publishes it.
 
         Raises:
-            EcatError: It does not work; nothing is left behind after `stop`.
+            EcatError: The start failed; `stop` cleans up.
         """
         self._monitor = await self._worker.run(self._bring_up)
         assert self._up.master is not None
@@ -95,7 +96,7 @@ class BusServer:
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
-        """Has a start that is under way end soon, by an error."""
+        """Makes a start that is under way fail soon."""
         self._aborted.set()
 
     def _bring_up(self) -> Monitor:
@@ -167,7 +168,11 @@ class BusServer:
         return {"data": data, **known.of(data).to_map()}
 
     async def _type_by_size(self, slave: Slave, index: int, subindex: int) -> ObjectType:
-        """The type of an object of which nothing is known but how long it is."""
+        """Reads an object of unknown type, and guesses the type from its length.
+
+        Raises:
+            UsageError: No type has this length.
+        """
         now = await self._objects.read(slave, index, subindex, complete=False)
         found = self._type(slave, index, subindex).of(now)
         if not bit_length(found.data_type):
@@ -228,7 +233,7 @@ class BusServer:
         return slave
 
     async def stop(self) -> None:
-        """Takes the bus down in order; also after a start that failed half-way."""
+        """Takes the bus down in order, also after a start that failed half-way."""
         shared, engine = self._up.shared, self._up.engine
         if shared is not None:
             shared.set_state(shm.BusState.STOPPING)
@@ -244,7 +249,7 @@ class BusServer:
         await asyncio.to_thread(self._take_down)
 
     async def _make_safe(self, engine: Engine, shared: SharedMemory) -> None:
-        """Sends safe outputs to all slaves while these are in OP, and waits until drives stand."""
+        """Sends safe outputs while slaves are in OP, and waits until drives have stopped."""
         cycle_s, header = self._config.cycle_time_us * 1e-6, shared.header
         first = header.cycle
         engine.make_safe()
@@ -254,7 +259,7 @@ class BusServer:
         enough = first + _STOP_CYCLES + self.bus.output_cycles
         while header.cycle < enough and time.monotonic() < deadline:
             await asyncio.sleep(cycle_s)
-        # The engine ends each stop when its time is over, so this is longer than ever needed.
+        # The engine itself ends each stop after its time, so this deadline is never reached.
         deadline = time.monotonic() + self._config.outputs.stop_patience + _SAFE_TIMEOUT
         while engine.stopping and time.monotonic() < deadline:
             await asyncio.sleep(cycle_s)

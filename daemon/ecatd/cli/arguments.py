@@ -65,7 +65,7 @@ def times(text: str) -> int:
 
 
 def add_watch(command: argparse.ArgumentParser) -> None:
-    """The options of what can be shown again and again."""
+    """Adds --watch and --count, the options of commands that can repeat their output."""
     command.add_argument(
         "--watch",
         nargs="?",

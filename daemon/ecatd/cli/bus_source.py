@@ -85,7 +85,7 @@ def get_bus(options: argparse.Namespace) -> Bus:
 
 
 def _kind(source: str) -> Kind:
-    """What a source is, by its content."""
+    """Finds out the kind of a source from its name and content."""
     path = Path(source)
     if path.is_dir():
         return "esi"

@@ -110,7 +110,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _find(wanted: _Wanted, files: dict[Path, list[EsiChoice]]) -> tuple[Path, EsiChoice]:
-    """The one device of all files that is meant."""
+    """Finds the only device in all files that fits."""
     fitting = [
         (path, choice)
         for path, choices in files.items()

@@ -91,7 +91,7 @@ def _add_client_flags(command: argparse.ArgumentParser) -> None:
 
 
 def _add_rewrite(command: argparse.ArgumentParser) -> None:
-    """What becomes of a library that is there already."""
+    """Adds the options for a library that exists already."""
     how = command.add_mutually_exclusive_group()
     how.add_argument(
         "--check",

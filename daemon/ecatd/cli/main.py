@@ -152,7 +152,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _write_no_more() -> None:
-    """What is left in the buffer goes nowhere."""
+    """Redirects stdout to /dev/null, so that flushing its buffer at the end cannot fail."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -208,7 +208,7 @@ def _slot(row: Document, room: int) -> tuple[Any, ...]:
 
 
 def _notes(row: Document) -> Iterator[str]:
-    """What is not as it should be with a client."""
+    """Yields notes about trouble with a client."""
     if row["state"] == "lapsed":
         yield f"has lost its outputs: {_REASONS.get(row['reason'], row['reason'])}"
     if row["held"] is False:
@@ -218,7 +218,10 @@ def _notes(row: Document) -> Iterator[str]:
 
 
 def _folded(rows: list[Document]) -> Iterator[Document]:
-    """One row, with `alike`, for a slave whose outputs are all zero and nobody's for one reason."""
+    """Joins all outputs of a slave into one row if all are 0, safe, and for the same reason.
+
+    The row has the key `alike`: the number of outputs.
+    """
     for _position, group in groupby(rows, lambda row: row["slave"]):
         outputs = list(group)
         first = outputs[0]

@@ -166,7 +166,7 @@ def _conversion(entry: Entry) -> str:
 
 
 def _meaning(entry: Entry) -> str:
-    """What is known of the values of an entry, in brackets."""
+    """Describes unit, range and named values of an entry, in brackets."""
     facts = [_conversion(entry)] if entry.is_physical else []
     if (entry.minimum, entry.maximum) != (None, None):
         low = "any" if entry.minimum is None else f"{entry.minimum:g}"

@@ -2,8 +2,8 @@
 
 `Client` reads and writes the process image in shared memory; `docs/process-image.md` has examples.
 `ecatd.client.remote.Remote` sends requests over Zenoh; it is not imported from here, so that
-programs that only use shared memory need not load Zenoh. Nor is anything else before it is asked
-for, so that commands that only send requests need not load the shared memory.
+programs that only use shared memory need not load Zenoh. All names are imported on first use, so
+that commands that only send requests need not load the shared memory.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Why no daemon of this machine answers for a bus, and what to do about it."""
+"""Finds out why no daemon of this machine serves a bus, and what to do about it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ecatd.shared_memory.reader import opened
 
 
 def has_shared_memory(bus: str) -> bool:
-    """Whether there is shared memory of a bus, be it a leftover."""
+    """Whether shared memory of a bus exists, even if a daemon that is gone has left it."""
     return (shm.FOLDER / f"ecat.{bus}").exists()
 
 
@@ -31,7 +31,7 @@ def unserved(bus: str) -> EcatError:
 
 
 def _without_gateway(bus: str, state: int) -> EcatError:
-    """Why a daemon lives whose gateway does not: it ends first, or has failed."""
+    """Returns the error for a daemon that runs without its gateway."""
     if state == shm.BusState.STOPPING:
         return UnreachableError(f"the daemon of bus '{bus}' is stopping")
     return UnreachableError(

@@ -1,7 +1,7 @@
 """Claims as objects: outputs that this client owns for a while.
 
-The daemon knows only whether a client owns an output. Where a program claims one that it owns
-already, the claim that was first goes on holding it: each gives back only what it has added.
+The daemon knows only whether a client owns an output. If a program claims an output that it owns
+already, the output stays with the first claim: each claim releases only what it has added.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Claims:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        # A mark stands for a claim: the client must not keep a claim that nobody else refers to.
+        # Values are marks, not claims, so that the client does not keep unused claims alive.
         self.holders: dict[int, object] = {}
 
     def output(self, signal: Signal) -> OutputInfo:
@@ -97,12 +97,12 @@ def _array(numbers: Iterable[int]) -> ctypes.Array[ctypes.c_int]:
 class Claim:
     """Outputs that this client owns; `Client.claim` makes it.
 
-    As a context manager it gives them back at the end of the block, but for those that this client
-    owned before by another claim.
+    As a context manager it releases them at the end of the block, except those that another claim
+    of this client holds already.
 
     Attributes:
         outputs: What was claimed.
-        lease: Seconds without a sample or commit after which they fall to their safe values; 0: the
+        lease: Seconds without a sample or commit after which they take their safe values; 0: the
             daemon's default.
     """
 

@@ -47,9 +47,9 @@ class Client:
                 bus.commit()
     ```
 
-    Reading never waits and enters no kernel; any number of clients can read. When the daemon is
-    started again, reading goes on by itself as soon as it is back; outputs must be claimed again.
-    A client belongs to one thread at a time: open one for each.
+    Reading never waits and makes no system call; any number of clients can read. After a restart
+    of the daemon, reading goes on as soon as it is back, but outputs must be claimed again. A
+    client belongs to one thread at a time: open one for each thread.
 
     Args:
         bus: Name of the bus.
@@ -76,7 +76,7 @@ class Client:
         return self._connection.closed
 
     def close(self) -> None:
-        """Releases all claims and forgets the bus; who still waits in asyncio gets an error.
+        """Releases all claims and closes the connection; waiting coroutines get an error.
 
         Arrays of numpy keep the values of the last sample.
 
@@ -120,7 +120,7 @@ class Client:
 
     @property
     def fingerprint(self) -> int:
-        """64 bits that differ when the bus is another one."""
+        """64 bits that identify slaves and mapping of the bus; meanings do not count."""
         return int(QUICK.ecat_fingerprint(self._connection.address))
 
     @property
@@ -188,18 +188,19 @@ class Client:
         subindex: int = 0,
         direction: Direction = Direction.ANY,
     ) -> Signal:
-        """An entry of the process image, always the same object for the same entry.
+        """Finds an entry of the process image; the same entry is always the same object.
 
         Args:
-            what: "slave/entry" as in `0/Statusword`, where the slave is its position, or its name
-                if only one has it, and the entry its name, "PDO/entry" or `0x6041:00`; or the
-                position of a slave, with `index`; or alone the number of the entry.
+            what: One of three: a text "slave/entry" such as `0/Statusword`; with `index`, the
+                position of a slave; or the number of the entry. In a text, the slave is its
+                position, or its name if only one slave has it. The entry is its name, "PDO/entry",
+                or its address such as `0x6041:00`.
             index: Object index.
             subindex: Object subindex.
-            direction: Which one, where the slave has the entry as input and as output.
+            direction: Input or output, if the slave has the entry as both.
 
         Raises:
-            StateError: There is no such slave or entry, or the name is that of several.
+            StateError: There is no such slave or entry, or several have this name.
         """
         connection = self._connection
         if isinstance(what, str):
@@ -241,13 +242,13 @@ class Client:
     def sample(self, domain: int | None = None) -> None:
         """Takes one consistent image of every domain; all reads until the next call see it.
 
-        It is also the heartbeat that keeps the outputs which this client owns.
+        A sample also counts as the heartbeat that keeps this client's outputs.
 
         Args:
-            domain: Sample only this one; what was read of the others stays.
+            domain: Sample only this domain; the last samples of the others stay.
 
         Raises:
-            UnreachableError: The daemon no longer delivers; the last values stay readable.
+            UnreachableError: The daemon delivers no new cycles; the last values stay readable.
             StateError: The daemon was started again, with another bus.
             UsageError: There is no such domain.
         """
@@ -258,7 +259,7 @@ class Client:
             connection.check_live(QUICK.ecat_sample_domain(connection.address, domain))
 
     def commit(self) -> None:
-        """Publishes all staged outputs at once; they go out with the next cycle.
+        """Publishes all staged outputs at once; they are sent with the next cycle.
 
         Raises:
             LeaseError: This client has lost its outputs; claim them again.
@@ -322,17 +323,17 @@ class Client:
     def claim(self, what: int | str | Signal | Iterable[str | Signal], lease: float = 0.0) -> Claim:
         """Makes this client the owner of outputs until `Claim.release`, or the end of a `with`.
 
-        They stay at their safe values until the first commit after they were written.
+        They stay at their safe values until they are written and committed.
 
         Args:
-            what: The position of a slave, for all its outputs; or one output, or several. What
-                this client owns already, goes on belonging to the claim that has got it.
-            lease: Seconds without a sample or commit after which the outputs fall to their safe
-                values, 0: the daemon's default. The longest of all claims counts for all.
+            what: The position of a slave, for all its outputs; or one output, or several. An output
+                that this client owns already stays with its first claim.
+            lease: Seconds without a sample or commit after which the outputs take their safe
+                values; 0: the daemon's default. The longest lease of all claims counts for all.
 
         Raises:
             OwnedError: Another client owns one of them; the message names it. Nothing was claimed,
-                and what this client owned before, it still owns.
+                and this client still owns what it owned before.
             UsageError: One is an input, or there is nothing in a list.
         """
         if isinstance(what, int):
@@ -405,9 +406,9 @@ class Client:
         target = (self._seen or now) + cycles
         try:
             if now >= target:
-                await asyncio.sleep(0)  # who is always late must not stop all others
+                await asyncio.sleep(0)  # a task that is always late must let others run
             while now < target:
-                # Who owns outputs shows in each cycle that its event loop is alive.
+                # An owner of outputs samples in each cycle, to show that its event loop is alive.
                 step = now + 1 if self._claims.holders else target
                 now = await self._waiter.wait(connection.instance, step, end - clock())
                 self.sample()

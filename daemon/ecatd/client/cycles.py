@@ -1,8 +1,8 @@
 """Waiting for cycles in asyncio: a thread waits, with a connection of its own.
 
-It sleeps in the kernel until a cycle ends, and wakes the event loop only when somebody there waits
-for that cycle. It never samples for anybody: a program whose event loop hangs loses its outputs, as
-it should. The thread begins with the first wait and ends by itself when nobody waits any more.
+It sleeps in the kernel until a cycle ends, and wakes the event loop only if a coroutine waits for
+that cycle. The thread never samples: if the event loop of a program hangs, the program loses its
+outputs, as it should. The thread starts with the first wait and ends when nobody waits any more.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class Requests:
         return self._started(QUICK.ecat_state_start(self._connection.address, slave, state))
 
     def abandon(self, number: int) -> None:
-        """Nobody asks for this request any more; the next start frees its place.
+        """Marks a request as no longer needed; the next start of a request frees its place.
 
         Called by the garbage collector, which may run while another call is in the C client.
         """
@@ -57,8 +57,8 @@ class Requests:
 class Request:
     """An SDO upload or download, or a change of AL state, that a slave is busy with.
 
-    Ask for its end with `poll` in a control loop, wait for it with `result`, or `await` it in
-    asyncio. One that nobody has a reference to any more is given up, if it has not begun.
+    Check for its end with `poll` in a control loop, wait for it with `result`, or `await` it in
+    asyncio. A request without any reference is cancelled if it has not begun.
     """
 
     def __init__(self, requests: Requests, connection: Connection, number: int) -> None:

@@ -65,7 +65,7 @@ _LETTERS = {8: "B", 16: "H", 32: "I", 64: "Q"}
 
 
 def letter(entry: Signal) -> str:
-    """What `struct`, memoryview and numpy call the type of an entry; empty: they have no name."""
+    """Returns the type code of an entry in `struct` and numpy; empty if it has none."""
     if entry.bit_offset % 8:
         return ""
     if entry.real:
@@ -184,7 +184,7 @@ class Signal:
 
     @property
     def raw(self) -> Any:
-        """The value as in the process data: an int, or a float for REAL32 and REAL64.
+        """The raw value of the process data: an int, or a float for REAL32 and REAL64.
 
         Read: that of the last sample (of an output: what went out). Set: staged for the next
         `Client.commit`.
@@ -250,9 +250,9 @@ class Signal:
 
     @property
     def path(self) -> str:
-        """The shortest name that `Client.signal` finds it by, such as `0/Statusword`.
+        """The shortest name by which `Client.signal` finds it, such as `0/Statusword`.
 
-        An entry that is there twice, and is not the first, has none: it is told by its number.
+        If an entry is mapped twice, only the first has such a name; the other gets address#number.
         """
         names = (self.name, f"{self.pdo_name}/{self.name}", self.address)
         for path in (f"{self.slave}/{name}" for name in names):

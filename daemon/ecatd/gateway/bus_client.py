@@ -17,7 +17,7 @@ Answer = asyncio.Future[dict[str, Any]]
 
 
 class BusClient(Connection):
-    """Asks the bus server, and hears its events.
+    """Sends requests to the bus server, and receives its events.
 
     Args:
         path: The control socket.
@@ -73,7 +73,7 @@ class BusClient(Connection):
         self._on_end()
 
     def ask(self, request: Request) -> Answer:
-        """The answer to a request, which may come later; an `EcatError` if it cannot be had."""
+        """Sends a request; returns a future with its answer, or with an `EcatError`."""
         answer: Answer = asyncio.get_running_loop().create_future()
         if not self.is_open:
             answer.set_exception(UnreachableError("the bus server has ended"))

@@ -32,13 +32,13 @@ from .bus_client import Answer, BusClient
 from .publisher import Publisher
 
 _REMEMBERED = 1024
-"""Changes whose answers are kept, so that a request that arrives twice is carried out once."""
+"""Number of changes whose answers are kept: a change that arrives twice is carried out once."""
 
 _FLAGS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("ro", "stats"): ("buckets",),
     ("ro", "sdo"): ("complete",),
 }
-"""The parameters that queries may have, by the begin of the key."""
+"""The parameters that a query may have, by the first parts of its key."""
 _TRUE, _FALSE = ("1", "true"), ("0", "false")
 
 _ALL_MESSAGES = [
@@ -104,7 +104,7 @@ class Gateway:
         task.add_done_callback(self._tasks.discard)
 
     def _open_session(self) -> zenoh.Session:
-        """Opens Zenoh: users of this machine's socket may change things, all others only read."""
+        """Opens the Zenoh session: only users of the local socket may change things."""
         self._socket.unlink(missing_ok=True)
         local = f"unixsock-stream/{self._socket}"
         wanted = self._config.gateway.listen
@@ -160,7 +160,7 @@ class Gateway:
         )
 
     def _receive(self, query: zenoh.Query) -> None:
-        """Has a query answered, now or when the bus server has answered."""
+        """Starts to answer a query; the reply is sent when the bus server has answered."""
         try:
             answer = self._carry_out(query)
         except Exception as error:
@@ -212,7 +212,7 @@ class Gateway:
         raise UsageError(f"'{query.key_expr}' is no key of this version")
 
     def _once(self, identity: Any, request: Request) -> Answer:
-        """Carries a change out, or gives the answer that its first arrival gets."""
+        """Carries a change out; if its id has come before, returns the answer to the first one."""
         if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
         if identity not in self._answers:
@@ -239,7 +239,7 @@ class Gateway:
 
 
 def _known(found: dict[str, Any]) -> Answer:
-    """An answer for which nobody has to be asked."""
+    """Returns an answer that is known without asking the bus server."""
     answer: Answer = asyncio.get_running_loop().create_future()
     answer.set_result(found)
     return answer
@@ -273,7 +273,7 @@ def _object_request(
 
 
 def _change(payload: bytes, *in_key: str) -> tuple[Any, dict[str, Any]]:
-    """Id and arguments of a change; what the key says must not be said again, or otherwise."""
+    """Returns id and arguments of a change; refuses arguments that belong into the key."""
     values = unpack(payload)
     for name in ("op", *in_key):
         if name in values:
@@ -282,6 +282,6 @@ def _change(payload: bytes, *in_key: str) -> tuple[Any, dict[str, Any]]:
 
 
 def _reason(error: Exception) -> str:
-    """The part of a Zenoh error that a person needs; its source positions are for its authors."""
+    """Shortens a Zenoh error for users: leaves out its source positions."""
     text = str(error)
     return "the address is in use" if "in use" in text else text.split(" at /")[0]

@@ -17,10 +17,10 @@ _PAUSE = 1.0
 
 
 class Publisher:
-    """Samples shared memory and puts what has changed.
+    """Samples shared memory and publishes changed values.
 
-    A key is put when its value differs from the last one that was put, and in any case once a
-    second, so that a late subscriber has the whole image soon.
+    A value is published when it differs from the last one published, and in any case once a second,
+    so that a late subscriber soon has all values.
 
     Args:
         session: The gateway's session.

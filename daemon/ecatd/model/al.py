@@ -57,12 +57,12 @@ def comes_from_outside(code: int) -> bool:
 
 
 def needs_set_up(code: int) -> bool:
-    """Whether a slave says that it has to begin anew from a lower state."""
+    """Whether an AL status code means that the slave must be set up again from a lower state."""
     return code in _NEEDS_SET_UP
 
 
 def al_remedy(code: int) -> str:
-    """What can be done about an AL status code that is the slave's own reason."""
+    """Says what to do about an AL status code of a slave that recovery leaves alone."""
     if code in (0x0016, 0x0017, 0x001C, 0x001D, 0x001E, 0x0024, 0x0025, 0x0070):
         return "its process data do not fit what was set up: compare `ecatctl pdos` with its manual"
     if code in (0x001F, 0x0026, 0x0027, 0x0028, 0x0029, 0x002E, 0x0030, 0x0031, 0x0036, 0x0037):

@@ -108,7 +108,7 @@ def _map(item: Domain | Entry) -> str:
 
 
 def _values(item: Domain | Slave | Pdo | Entry) -> str:
-    """What differs from its default, and what has none."""
+    """Writes the attributes of an item that have no default, or differ from it."""
     return _inside(
         {
             name: value

@@ -27,7 +27,7 @@ Check = Callable[[Any], Any]
 
 
 class _WrongError(Exception):
-    """What is wrong, and where: the keys and numbers that lead there, outermost first."""
+    """A mistake in a document, and the path of keys and numbers to it, outermost first."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)

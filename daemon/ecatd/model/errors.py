@@ -26,10 +26,10 @@ from typing import Any, ClassVar
 from .abort_codes import abort_text
 
 START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
-"""What to do where no daemon is."""
+"""Advice if no daemon is running."""
 
 JOIN = "become a member of the group 'ecat' ('sudo usermod -aG ecat $USER', then log in again)"
-"""What to do where there is one, but not for this user."""
+"""Advice if a daemon is running, but this user may not use it."""
 
 
 class EcatError(Exception):

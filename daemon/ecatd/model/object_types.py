@@ -1,4 +1,4 @@
-"""What objects of slaves are: name, type and meaning, as far as nobody has to be asked for it."""
+"""Name, type and meaning of slaves' objects, as far as they are known without asking a slave."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ObjectType(NamedTuple):
 
 
 class ObjectTypes:
-    """The objects of one slave: those of its process data, and what the standards say of others."""
+    """The known objects of one slave: those in its process data, and those of the standards."""
 
     def __init__(self, slave: Slave) -> None:
         entries = [e for outputs in (False, True) for _, e, _ in slave.entries(outputs=outputs)]
@@ -61,7 +61,7 @@ class ObjectTypes:
         self._drive = _STATUSWORD in self._mapped
 
     def find(self, index: int, subindex: int) -> ObjectType:
-        """What is known of an object."""
+        """Returns what is known of an object; fields that are not known have their defaults."""
         mapped = self._mapped.get((index, subindex), ObjectType())
         if mapped.data_type:
             return mapped

@@ -205,14 +205,14 @@ class Sii:
 
     @property
     def damaged(self) -> bool:
-        """Whether something of what it should say is lost."""
+        """Whether a problem of the SII has made data unreadable."""
         return any(problem.damage for problem in self.problems)
 
     def channels(self, usage: int) -> list[int]:
-        """Numbers of the sync managers for process data of a usage.
+        """Returns the numbers of the sync managers for process data of a usage.
 
-        Where the SII has none they are the usual ones of ETG.1000.4, 2 for outputs and 3 for
-        inputs, unless that is for something else.
+        If the SII describes none, this is the usual one of ETG.1000.4: 2 for outputs, 3 for inputs.
+        It is left out if the SII uses it for something else.
         """
         usages = [item.usage for item in self.sync_managers]
         found = [number for number, known in enumerate(usages) if known == usage]

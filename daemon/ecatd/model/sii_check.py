@@ -119,7 +119,7 @@ class _ImageReader(SiiReader):
             self.note(2 * word, "the image ends without the end of categories, 0xFFFF")
 
     def general(self, at: int, data: bytes) -> None:
-        """Category 30, with what only the device itself needs."""
+        """Decodes category 30 completely, with the fields that a master does not need."""
         super().general(at, data)
         if len(data) >= _GENERAL_BYTES:
             sii = self.sii

@@ -96,7 +96,7 @@ def read_mailbox(words: Words) -> list[SiiSyncManager]:
 
 
 class _Stop(Exception):  # noqa: N818  no error, but the end of a part
-    """What follows in a category, or all categories that follow, make no sense."""
+    """Ends the decoding of a category, or of all further categories, since they are malformed."""
 
 
 class SiiReader:
@@ -155,7 +155,10 @@ class SiiReader:
         return self.sii
 
     def _check_use(self, at: int) -> None:
-        """Without a mailbox, nobody else says what a sync manager carries."""
+        """Notes process-data sync managers without PDOs, for a slave without a mailbox.
+
+        A slave with a mailbox can tell its PDOs over CoE.
+        """
         used = {pdo.sync_manager for pdo in (*self.sii.outputs, *self.sii.inputs)}
         for number, manager in enumerate(self.sii.sync_managers):
             if manager.usage in (USAGE_OUTPUTS, USAGE_INPUTS) and number not in used:

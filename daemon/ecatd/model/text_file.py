@@ -1,4 +1,4 @@
-"""Reading a text file that may be anything."""
+"""Reads a text file that the user names, whatever the file turns out to be."""
 
 from __future__ import annotations
 

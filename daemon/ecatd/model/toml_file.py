@@ -158,7 +158,7 @@ class Table:
             self.fail(key, f"is no key; {hint}")
 
     def explain(self, key: Key | None, make: Callable[[], T]) -> T:
-        """Calls a function; what it finds wrong is reported as this key's fault.
+        """Calls a function, and reports its errors with the file, line and name of this key.
 
         Errors of other files, which name themselves, stay as they are.
         """

@@ -1,8 +1,8 @@
 """Starts the processes of the daemon, watches them, and ends them in order.
 
-Simulator (if any), bus server, gateway: in this order up, and back in the other. The daemon is
-ready when the bus is in OP and the gateway answers. The bus server or the simulator ending is the
-end of the daemon; the gateway is started again, unnoticed by the bus.
+Simulator (if any), bus server and gateway start in this order, and stop in the reverse order. The
+daemon is ready when the bus is in OP and the gateway answers. If the bus server or the simulator
+ends, the daemon ends. If the gateway ends, it is started again, and the bus is not affected.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .notify import notify
 _GATEWAY_PAUSE = 1.0
 
 _PYTHON = (sys.executable, "-P", "-m")
-"""-P: modules are never looked for in the directory that somebody happens to be in."""
+"""-P: Python does not look for modules in the current directory."""
 _STOP_PATIENCE = 15.0
 """Seconds that a child has to clean up, beside those in which drives are brought to a stop."""
 

@@ -1,6 +1,6 @@
-"""What must be true of the rows of shared memory before they are used: as in the C client.
+"""Checks rows of the shared memory before they are used, as the C client does.
 
-Each check returns what is wrong with a row, in words that follow its place, or nothing.
+Each check returns what is wrong with a row, as words that follow its place in a message, or "".
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def domain_faults(row: Any, head: Any) -> str:
 
 
 def slave_faults(row: Any, head: Any, domains: list[Any]) -> str:
-    """What is wrong with an `ecat_shm_slave`."""
+    """Says what is wrong with an `ecat_shm_slave`; empty if nothing is."""
     if row.domain >= len(domains):
         return f"is in domain {row.domain}, and there are {len(domains)}"
     domain = domains[row.domain]
@@ -36,7 +36,7 @@ def slave_faults(row: Any, head: Any, domains: list[Any]) -> str:
 
 
 def signal_faults(row: Any, head: Any, domains: list[Any]) -> str:
-    """What is wrong with an `ecat_shm_signal`."""
+    """Says what is wrong with an `ecat_shm_signal`; empty if nothing is."""
     if row.slave >= head.slave_count:
         return f"is of slave {row.slave}, and there are {head.slave_count}"
     if row.domain >= len(domains):

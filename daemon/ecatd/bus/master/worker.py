@@ -58,7 +58,7 @@ class Worker:
         return result
 
     async def request(self, steps: Steps[T]) -> T:
-        """Runs the steps of a request, with short pauses if nobody else waits; raises as `run`."""
+        """Runs the steps of a client's request, with short pauses; raises as `run`."""
         return await self._run(steps, _TURN, _FIRST_PAUSE)
 
     async def run_steps(self, steps: Steps[T]) -> T:

@@ -1,1 +1,1 @@
-"""From an interface to a bus in OP: `bring_up.py` has the order, the other modules the steps."""
+"""The start of a bus, from an interface to OP: `bring_up.py` runs the steps of other modules."""

@@ -1,4 +1,4 @@
-"""Which process data a slave with CoE has now, and what they are called.
+"""Reads from a slave with CoE which PDOs are assigned now, and the names of their entries.
 
 ETG.1000.6: 0x1C12 and 0x1C13 name the assigned PDOs, 0x1600… and 0x1A00… their entries. Names and
 data types come from the SII where it has them, else from the SDO information service.
@@ -19,18 +19,18 @@ from ..mailbox.mailboxes import Talk
 
 T = TypeVar("T")
 
-_INFORMATION, _COMPLETE_ACCESS = 0x02, 0x20  # of the CoE details in the SII
+_INFORMATION, _COMPLETE_ACCESS = 0x02, 0x20  # bits of the CoE details in the SII
 _ASSIGNMENT = 0x1C10
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
 
 class Assignment:
-    """What one slave tells about its process data.
+    """Reads the PDO assignment of one slave.
 
     Args:
-        slave: The slave; it gets the PDOs.
+        slave: The slave; `read` stores the PDOs in it.
         sii: Its SII.
-        coe: The way to its objects.
+        coe: CoE of the slave.
     """
 
     def __init__(self, slave: Slave, sii: Sii, coe: Coe) -> None:
@@ -38,7 +38,7 @@ class Assignment:
         self._sii = sii
         self._coe = coe
         self._at_once = bool(sii.coe & _COMPLETE_ACCESS)
-        self._describes = True  # the slave has the SDO information service, as far as we know
+        self._describes = True  # until the SDO information service has failed once
         self._tries = 3 if sii.coe & _INFORMATION else 1
 
     def read(self) -> Talk[None]:
@@ -46,7 +46,7 @@ class Assignment:
 
         Raises:
             NoAnswerError: The slave does not answer.
-            StateError: What it answers makes no sense.
+            StateError: Its answers are malformed.
         """
         return self._coe.talk(self._read)
 
@@ -55,7 +55,7 @@ class Assignment:
         yield from self._add_names()
 
     def read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
-        """Reads which PDOs are assigned, without names: outputs, inputs; raises as `read`."""
+        """Reads the assigned PDOs without names; returns outputs and inputs; raises as `read`."""
         return self._coe.talk(self._read_pdos)
 
     def _read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
@@ -74,18 +74,24 @@ class Assignment:
         return pdos
 
     def _list(self, index: int, size: int, most: int) -> Talk[list[int]]:
-        """The values of an object that is a list; a slave without the object has an empty one."""
+        """Reads an object that is a list of values; an object that does not exist is empty.
+
+        Args:
+            index: Its index.
+            size: Bytes of a value.
+            most: Most values that are accepted.
+        """
         if not self._at_once:
             return (yield from self._one_by_one(index, size, most)) or []
         values = yield from self._whole(index, size, most)
         if values is None:
             values = yield from self._one_by_one(index, size, most)
-            # It has the object, so it is complete access that it is not good at.
+            # The object exists, so complete access does not work with this slave.
             self._at_once = values is None
         return values or []
 
     def _whole(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
-        """The list by complete access; None if the slave does not answer that as it should.
+        """Reads the list by complete access; returns None if the slave does not support that well.
 
         The number of values is followed by a byte of padding (ETG.1000.6, 5.6.2).
         """
@@ -98,7 +104,7 @@ class Assignment:
         return [int.from_bytes(data[at : at + size], "little") for at in range(2, len(data), size)]
 
     def _one_by_one(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
-        """The list, value by value; None if there is no such object."""
+        """Reads the list value by value; returns None if there is no such object."""
         try:
             count = yield from self._coe.upload(index, 0)
         except SdoAbortError:
@@ -150,7 +156,7 @@ class Assignment:
     def _described(
         self, wanted: Iterable[tuple[int, int]]
     ) -> Talk[dict[tuple[int, int], tuple[str, int]]]:
-        """Names and data types of entries, of those that the slave describes."""
+        """Reads names and data types of entries; leaves out what the slave does not describe."""
         found = {}
         for index, subindex in wanted:
             described = yield from self._describe(index, subindex)
@@ -160,7 +166,7 @@ class Assignment:
 
     def _describe(self, index: int, subindex: int) -> Talk[tuple[str, int] | None]:
         item = None
-        if subindex == 0:  # of a variable, the object says it all
+        if subindex == 0:  # if it is a variable, the object description has name and type
             item = yield from self._ask(self._coe.describe_object(index, self._tries))
             if item is not None and item.max_subindex == 0:
                 return item.name, item.data_type
@@ -177,7 +183,11 @@ class Assignment:
         return found
 
     def _ask(self, talk: Talk[T]) -> Talk[T | None]:
-        """What the slave describes, as long as it does; names are not worth giving a bus up."""
+        """Runs a request to the SDO information service; returns None if it fails.
+
+        Names are not worth failing the start for. After a request without a good answer, the slave
+        is not asked any more.
+        """
         if not self._describes:
             return None
         try:
@@ -190,5 +200,5 @@ class Assignment:
 
 
 def _type_by_size(bits: int) -> int:
-    """An unsigned type of that size (BOOLEAN for one bit), where the slave tells nothing."""
+    """Guesses a CoE data type from a size: unsigned, BOOLEAN for one bit, 0 for odd sizes."""
     return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)

@@ -1,8 +1,8 @@
-"""From an interface to slaves in OP, step by step.
+"""Brings a bus up, from an interface to slaves in OP.
 
-Order matters, and `BringUp.run` is where it is written: reserve, scan, read, map, exchange with
-safe outputs, clocks in step, SAFEOP, OP. Each step uses what the ones before it have found, and
-leaves it as attributes.
+The order of the steps matters; it is that of `BringUp.run`: reserve, scan, read, map, exchange
+with safe outputs, synchronise clocks, SAFEOP, OP. Each step stores its results as attributes, and
+uses those of the steps before it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
 _CLOCK_PAUSE = 0.01
-"""Seconds between two looks at the SYNC signals of slaves."""
+"""Seconds between two reads of the state of SYNC signals."""
 
 
 @dataclass(slots=True)
@@ -57,11 +57,11 @@ class RunningBus:
         master: The master.
         engine: The cyclic engine.
         clocks: The distributed clocks, where they are used.
-        doubtful: Slaves whose process data are in doubt, and what is known of them.
-        idle: Those of them that stay in PREOP and take no part.
-        set_up: Sets slaves up again that have begun anew.
-        finder: Finds slaves again that have forgotten their address.
-        recovery: Which slaves come back by themselves.
+        doubtful: Slaves whose process data are in doubt, by position, and why.
+        idle: Positions of the doubtful slaves that stay in PREOP and are not exchanged.
+        set_up: Sets up slaves that have restarted.
+        finder: Finds slaves that have lost their station address.
+        recovery: Configuration: which slaves are recovered automatically.
         state_timeout_s: Seconds that slaves have to reach a state.
     """
 
@@ -81,24 +81,24 @@ class RunningBus:
 
 
 class BringUp:
-    """The start of one bus, and what it has made so far.
+    """The start of one bus. Its attributes hold what the steps so far have made.
 
     Args:
         config: The configuration.
         interface: The interface, which may come from the simulator instead of the configuration.
-        log: Where steps are told.
-        cancelled: Asked while slaves are waited for; when true, the start ends with `StateError`.
+        log: The log for progress and warnings.
+        cancelled: Called while waiting for slaves; when true, the start ends with `StateError`.
 
     Attributes:
-        bus: The description of the bus; its slaves are there after `read`.
-        shared: The shared memory: reserved by `reserve`, filled by `exchange`.
-        master: The master, from `reserve` on.
-        engine: The cyclic engine, from `exchange` on.
-        image: The process image, from `map` on.
-        wire: How long its frames are on the wire, from `map` on.
-        clocks: The distributed clocks, from `map` on, where the configuration wants them.
-        safe: What outputs are while nobody owns them, from `map` on.
-        summary: The bus in one line, when it is in OP.
+        bus: The bus description; it has slaves after the step "read".
+        shared: The shared memory: made by "reserve", filled by "exchange".
+        master: The master, from "scan" on.
+        engine: The cyclic engine, from "exchange" on.
+        image: The process image, from "map" on.
+        wire: How long the frames of a cycle are on the wire, from "map" on.
+        clocks: The distributed clocks, from "map" on, if the configuration enables them.
+        safe: Safe values of the outputs, from "map" on.
+        summary: The bus in one line, once it is in OP.
     """
 
     def __init__(
@@ -127,20 +127,20 @@ class BringUp:
         self.summary = ""
 
     def run(self) -> RunningBus:
-        """Brings the bus to OP; blocks, and belongs on the mailbox worker.
+        """Brings the bus to OP. It blocks, so call it on the worker.
 
         Raises:
-            EcatError: A step does not work; what was made so far stays in the attributes.
+            EcatError: A step failed. What the steps before it have made stays in the attributes.
         """
         self._load_profiles()
-        # Next what keeps others away, so that nothing is done to a bus that somebody else runs.
+        # Reserving comes next: nothing must be done to a bus that another daemon runs.
         self.shared = shared = SharedMemory(self._config.bus)
         master, image = self._describe()
         engine = self._exchange(shared, master, image)
         self._synchronise(shared)
         self._reach(master, AlState.SAFEOP)
         self._reach_op(master, shared)
-        engine.restart_counting()  # until now working counters could not be complete
+        engine.restart_counting()  # before OP, working counters could not be complete
         self.summary = self._summarise(image)
         return RunningBus(
             self.bus,
@@ -169,7 +169,7 @@ class BringUp:
         )
 
     def describe(self) -> Bus:
-        """The description of the bus, whose slaves are left in PREOP: nothing is exchanged.
+        """Scans and describes the bus without starting the exchange; slaves stay in PREOP.
 
         Raises:
             EcatError: As `run`.
@@ -179,7 +179,7 @@ class BringUp:
         return self.bus
 
     def _load_profiles(self) -> None:
-        """Reads what may be wrong without a bus, before anything is sent."""
+        """Loads the device profiles first: their mistakes show before anything is sent."""
         self._profiles = load_profiles(map(Path, self._config.profiles), profile_folders())
 
     def _describe(self) -> tuple[Master, Image]:
@@ -203,7 +203,7 @@ class BringUp:
         master.wait_for_state(AlState.PREOP, self._config.state_timeout_s)
 
     def _read(self, master: Master) -> None:
-        """Reads what every slave says about itself into the description of the bus."""
+        """Reads SII and PDOs of every slave into the bus description."""
         self._scanned = scan_slaves(master, self._cancelled)
         for item in self._scanned:
             tell_emergencies(self._log, [(item.slave, *found) for found in item.emergencies])
@@ -218,21 +218,21 @@ class BringUp:
 
     @property
     def _idle(self) -> list[int]:
-        """Doubtful slaves that take no part in the exchange."""
+        """Positions of doubtful slaves without process data; they are not exchanged."""
         slaves = self.bus.slaves
         return [n for n in self._doubtful if not (slaves[n].outputs or slaves[n].inputs)]
 
     def _reach(self, master: Master, state: AlState) -> None:
-        """Takes all slaves to a state but those that take no part.
+        """Takes all slaves to a state, except those that stay in PREOP.
 
-        A doubtful one that does not come along does not keep the others: recovery looks after it.
+        A doubtful slave that does not reach the state is no error: recovery takes care of it.
         """
         idle = set(self._idle)
         used = [n for n in range(len(self.bus.slaves)) if n not in idle] if idle else None
         master.wait_for_state(state, self._config.state_timeout_s, used, optional=self._doubtful)
 
     def _map(self, master: Master) -> Image:
-        """Gives every slave its place in the process image, and its time."""
+        """Lays out the process image, checks its timing, and configures the slaves for it."""
         signals = fitting(self._config.signal, self.bus, self._doubtful)
         give_meanings(self.bus, self._profiles, signals)
         for warning in unused_profiles(self.bus, self._profiles):
@@ -302,7 +302,7 @@ class BringUp:
         return engine
 
     def _guard(self, shared: SharedMemory, engine: Engine) -> None:
-        """Tells the engine what outputs are without an owner, and what they never are."""
+        """Gives the engine the safe values, the ranges of outputs, and how drives are stopped."""
         numbers = {}
         for number, row in enumerate(shared.signals[: shared.header.signal_count]):
             numbers[row.slave, row.index, row.subindex, row.output] = number
@@ -342,7 +342,7 @@ class BringUp:
                 )
 
     def _reach_op(self, master: Master, shared: SharedMemory) -> None:
-        """Asks for OP when outputs have been sent a few times; slaves want valid ones first."""
+        """Requests OP after outputs have been sent a few times: slaves need valid ones first."""
         timeout = self._config.state_timeout_s
         finish(wait_for_outputs(shared, self.bus, timeout, self._cancelled))
         self._reach(master, AlState.OP)

@@ -1,4 +1,4 @@
-"""Registers of distributed clocks (ETG.1000.4, 9.1), and how their numbers are read."""
+"""Registers of distributed clocks (ETG.1000.4, 9.1), and decoding of their values."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ SYNC_CONTROL = 0x0980
 
 
 def number(data: bytes) -> int:
-    """A number in a register."""
+    """Decodes an unsigned number of a register (little-endian)."""
     return int.from_bytes(data, "little")
 
 
 def signed(value: int, bits: int = 32) -> int:
-    """A difference of two times of which the lower bits are known."""
+    """Reads the lower `bits` of a time difference as a signed number."""
     half = 1 << bits - 1
     return (value + half) % (2 * half) - half
 
 
 def difference(data: bytes) -> int:
-    """Register 0x092C: magnitude, and in bit 31 whether the own time was not behind.
+    """Decodes register 0x092C: by how many ns a clock is ahead of the reference clock.
 
-    So it is in the newer data sheets and in what real slaves answer; ETG.1000.4 has the bit the
-    other way round.
+    Bits 0 to 30 are the magnitude; bit 31 is set if the local time is ahead or equal. Newer data
+    sheets and real slaves agree on this; ETG.1000.4 has the bit the other way round.
     """
     value = number(data)
     return value & 0x7FFFFFFF if value >> 31 else -value

@@ -1,11 +1,16 @@
-"""The distributed clocks of a bus (ETG.1000.4): found, measured, followed.
+"""The distributed clocks of a bus (ETG.1000.4): finds them, measures delays, keeps them in step.
 
-Order matters: `Clocks()`, which checks what is wanted, and `measure` in PREOP; then the engine
-starts, which distributes the time of the reference clock in every cycle; `wait_for_lock`;
-`signals.start`; and only then SAFEOP, where slaves want to see their signals. `signals.stop` comes
-when slaves are back in INIT. A slave that has been without power comes back by `rejoin`.
+Order matters:
 
-Times of a clock are ns since 2000-01-01 00:00 UTC, and in a clock of 32 bits their lower half.
+1. In PREOP: `Clocks()`, which checks the configuration, and `measure`.
+2. The engine starts. It distributes the time of the reference clock in every cycle.
+3. `wait_for_lock`, and then `sync_signals.start`.
+4. SAFEOP, where slaves expect their SYNC signals.
+5. `sync_signals.stop`, when the slaves are back in INIT.
+
+`rejoin` brings the clock of a slave back that was without power.
+
+Times of a clock are ns since 2000-01-01 00:00 UTC; a clock of 32 bits has their lower half.
 """
 
 from __future__ import annotations
@@ -47,20 +52,20 @@ _UNIT_TIME = 0x0918
 _EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01, since 1970-01-01
 IN_STEP_NS = 1000
 """How close the clocks of slaves are to the reference clock before SYNC signals start."""
-_STEADY = 3  # looks in a row
+_STEADY = 3  # reads in a row with all clocks in step
 _POLL = 0.01
 _TRIES = 3
-_ASKED = 8  # slaves, for the time that they have kept
+_ASKED = 8  # slaves that are asked for their time when the reference clock has lost its own
 _RING_OPEN_NS = 100_000
-"""The same where a break keeps the time of the reference clock from slaves, and they hear what the
-engine believes it to be."""
+"""The limit instead of `IN_STEP_NS` while the ring is broken. The time of the reference clock then
+does not reach all slaves; the others follow the engine's estimate of it."""
 
 
 def clock_bits(master: Master) -> list[int]:
     """Width of the distributed clock of each slave: 64, 32, or 0 if it has none.
 
-    A controller with clocks may have them switched off by its EEPROM; register 0x0910 does not
-    answer then, and the receive times of the ports are all that is left.
+    The EEPROM may switch the clock of an ESC off. Register 0x0910 then does not answer, and only
+    the receive times of the ports are left.
     """
     wanted = [(position, _FEATURES, 2) for position in range(len(master.stations))]
     bits = []
@@ -72,7 +77,7 @@ def clock_bits(master: Master) -> list[int]:
 
 
 class Clocks:
-    """The clocks of one bus, where the configuration wants them.
+    """The distributed clocks of one bus.
 
     Args:
         bus: The bus; `dc_bits` of its slaves are known.
@@ -82,10 +87,10 @@ class Clocks:
     Attributes:
         reference: The slave with the reference clock.
         followers: Slaves whose clocks follow it.
-        signals: The SYNC signals.
+        sync_signals: The SYNC signals.
 
     Raises:
-        ConfigError: This bus cannot do what the configuration wants.
+        ConfigError: The configuration asks for something that this bus does not have.
     """
 
     def __init__(self, bus: Bus, config: Config, master: Master) -> None:
@@ -95,7 +100,7 @@ class Clocks:
         self._clocks = [slave for slave in bus.slaves if slave.dc_bits]
         self.reference = self._choose_reference()
         self.followers = [s for s in self._clocks if s.position > self.reference.position]
-        self._hearing = self.followers  # those that the time comes to, and not only an estimate
+        self._hearing = self.followers  # those that get the real time, not only an estimate
         self.sync_signals = SyncSignals(bus, config, master, self._check_follower)
 
     def _choose_reference(self) -> Slave:
@@ -123,7 +128,7 @@ class Clocks:
         return slaves[position]
 
     def _check_follower(self, position: int) -> Slave:
-        """A slave that is to have SYNC signals."""
+        """Returns the slave at a position; raises `ConfigError` if it cannot have SYNC signals."""
         slave, reference = self._with_clock("dc.slave", position), self.reference
         if slave.position < reference.position:
             raise ConfigError(
@@ -135,7 +140,7 @@ class Clocks:
 
     @property
     def engine_clock(self) -> Clock:
-        """What the engine has to know."""
+        """The reference clock as the engine needs it."""
         dc, slave = self._config.dc, self.reference
         return Clock(
             slave.address, slave.position, round(dc.phase_us * 1000), round(dc.lock_us * 1000)
@@ -158,12 +163,12 @@ class Clocks:
         )
         writes = []
         for slave, then in zip(self._clocks, units, strict=True):
-            # When the frame came to it, it was later than at the reference clock by the delay.
+            # The frame came to this clock later than to the reference clock, by the delay.
             delay = round((times[slave.position] or 0.0) - origin)
             offset = (now + delay - then) % (1 << slave.dc_bits)
             # A clock before the reference clock does not follow it: its delay does not matter.
             writes.append((slave.position, OFFSET, struct.pack("<QI", offset, max(0, delay))))
-            # What the control loop of the clock has learnt with an earlier master is forgotten.
+            # Resets the control loop of the clock, which may still have learnt from another master.
             writes.append((slave.position, SPEED_START, struct.pack("<H", SPEED_START_DEFAULT)))
         self._master.write_registers(writes)
         delays = self._read([(place, DELAY, 4) for place in places])
@@ -172,10 +177,11 @@ class Clocks:
 
     @contextmanager
     def _ring_open(self) -> Iterator[None]:
-        """Meanwhile frames come back the way they went; else no slave could tell how long it took.
+        """Opens a closed ring for the block, so that frames come back the way they went.
 
-        In a closed ring they leave by the second interface. So the last slave closes the port
-        that leads there (DL control, ETG.1000.4).
+        Delays are measured from when a frame passes a slave on its way out and on its way back. In
+        a closed ring it leaves by the second interface and does not come back. So the last slave
+        closes the port that leads there (DL control, ETG.1000.4).
         """
         ports = self._ports() if self._config.second_interface else []
         end = way_out(ports) if reached(ports) == len(ports) else None
@@ -192,12 +198,20 @@ class Clocks:
             self._master.register_write(position, _LOOP_CONTROL, control)
 
     def _latch(self) -> tuple[list[float | None], int]:
-        """Sends the frame whose way is measured; when it came to each slave, and the time."""
+        """Sends the frame whose way is measured (a write to 0x0900).
+
+        Returns:
+            The frame's time of arrival at each slave, as `arrivals`, and the computer's time in ns
+            since 2000.
+
+        Raises:
+            StateError: Frames get lost, or the times make no sense.
+        """
         for tries_left in reversed(range(_TRIES)):
             (latch,) = self._master.registers.exchange([bwr(_PORT_TIMES, bytes(4))], repeat=False)
             now = time.time_ns() - _EPOCH_NS
             try:
-                if latch.wkc:  # else it was lost on its way, and some slaves did not see it return
+                if latch.wkc:  # else it was lost, and some slaves did not see it return
                     return self._arrivals(), now
             except StateError as error:
                 if tries_left == 0:
@@ -205,7 +219,7 @@ class Clocks:
         raise StateError("propagation delays cannot be measured: frames get lost")
 
     def _arrivals(self) -> list[float | None]:
-        """When the frame came to each slave; with a broken ring, as if it were whole."""
+        """Returns when the frame came to each slave; a broken ring counts as if it were closed."""
         ports = self._ports()
         count = reached(ports)
         if count == len(ports) or not self._config.second_interface:
@@ -215,7 +229,7 @@ class Clocks:
         return arrivals_at_both_ends(ports, count)
 
     def _ports(self) -> list[Ports]:
-        """Open ports with somebody at the other end, and receive times where there are any."""
+        """Reads which ports of each slave have a link, and their receive times if it has any."""
         places = [slave.position for slave in self._bus.slaves]
         status = self._read([(place, _DL_STATUS, 2) for place in places])
         features = self._read([(place, _FEATURES, 2) for place in places])
@@ -234,7 +248,7 @@ class Clocks:
         ]
 
     def _read(self, wanted: list[tuple[int, int, int]]) -> list[int]:
-        """Numbers in registers: position, address and bytes of each."""
+        """Reads numbers in registers; `wanted` has position, address and bytes of each."""
         return [number(data) for data in self._master.read_registers(wanted)]
 
     # --- lock ----------------------------------------------------------------------------------
@@ -242,7 +256,7 @@ class Clocks:
     def differences(self) -> dict[int, int]:
         """How far the followers are ahead of the reference clock, in ns (0x092C), by position.
 
-        Those that do not answer are left out.
+        Slaves that do not answer are left out.
         """
         stations = [slave.address for slave in self.followers]
         answers = self._master.registers.read_all(stations, DIFFERENCE, 4)
@@ -253,14 +267,17 @@ class Clocks:
         }
 
     def wait_for_lock(self, shared: SharedMemory, cancelled: Callable[[], bool]) -> float:
-        """Waits until the cycle and all clocks follow the reference clock; returns the seconds.
+        """Waits until the cycle and all clocks follow the reference clock.
 
         Args:
-            shared: Where the engine tells the state of its lock.
-            cancelled: Asked while waiting; when true, the wait ends with `StateError`.
+            shared: The shared memory, where the engine publishes the state of its lock.
+            cancelled: Called while waiting; when true, the wait ends with `StateError`.
+
+        Returns:
+            Seconds that it took.
 
         Raises:
-            StateError: That takes too long; the message has the figures.
+            StateError: It takes longer than `dc.timeout_s`; the message has the figures.
         """
         begin, steady = time.monotonic(), 0
         while True:
@@ -309,13 +326,14 @@ class Clocks:
     # --- slaves that come back -----------------------------------------------------------------
 
     def restart_reference(self, place: Place) -> None:
-        """Gives the reference clock its time again, before it has its address and is followed.
+        """Sets the time of a reference clock that was without power.
 
-        It goes on where the other clocks are, so that their SYNC signals stay where they were; if
-        none of them has kept its time, it gets that of this computer.
+        Call it before the slave gets its address back, since the cycle follows the clock from then
+        on. The clock takes the time of the other clocks, so that their SYNC signals stay where
+        they were. If none of them has kept its time, it takes that of this computer.
 
         Args:
-            place: Where it stands on the wire.
+            place: Its position on the wire.
         """
         registers, reference = self._master.registers, self.reference
         others = [Station(slave.address) for slave in self.followers]
@@ -340,12 +358,12 @@ class Clocks:
         )
 
     def rejoin(self, positions: Iterable[int], shared: SharedMemory) -> Steps[dict[int, str]]:
-        """Brings clocks in step again that began anew, and starts their SYNC signals.
+        """Brings restarted clocks in step again, and starts their SYNC signals.
 
-        They are where they were, so their delays are those that the start has measured.
+        The slaves are at their old places, so the delays measured at the start still hold.
 
         Returns:
-            Slaves whose clocks do not come in step, and why.
+            By position, why the clock of a slave does not come in step.
         """
         chosen = [slave for slave in self._clocks if slave.position in set(positions)]
         failed: dict[int, str] = {}
@@ -356,7 +374,7 @@ class Clocks:
                     f"{self.reference.label}"
                 )
             yield
-        # Without SYNC signals, a clock may also come in step while its slave is in OP.
+        # Only slaves with SYNC signals wait: the others may come in step while they are in OP.
         waiting = {slave.position for slave in chosen if self.sync_signals.has(slave.position)}
         waiting -= set(failed)
         ready = set(waiting)
@@ -378,7 +396,7 @@ class Clocks:
         return in_step and shared.health.dc_state == DcState.LOCKED
 
     def _set_time(self, slave: Slave) -> bool:
-        """Sets a clock by the reference clock: one frame passes both."""
+        """Sets a clock by the reference clock, read in the same frame; False without an answer."""
         registers = self._master.registers
         at, size = Station(slave.address), slave.dc_bits // 8
         registers.exchange([at.write(OFFSET, struct.pack("<QI", 0, slave.dc_delay_ns))])

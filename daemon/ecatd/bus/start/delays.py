@@ -1,13 +1,14 @@
 """Propagation delays: how long after the first slave a frame comes to each of the others.
 
-A write to register 0x0900 has every slave note, on its local clock, when that frame came to each
-of its ports (ETG.1000.4, "DC - receive time port"). Between two ports of one slave, the difference
-is the time that the frame spent behind the earlier one. Of that, what the slaves there spent
-within themselves is known from their own times, and the rest went over cables and through slaves,
-as long on the way out as on the way back.
+A write to register 0x0900 makes every slave store, by its local clock, when that frame came to
+each of its ports (ETG.1000.4, "DC - receive time port"). The difference between two ports of one
+slave is the time that the frame spent behind the earlier port. A part of it passed within the
+slaves there, which know it from their own times. The rest passed on cables and in forwarding, and
+is taken to be the same on the way out and on the way back.
 
-A slave passes a frame from port 0 on to its ports 3, 1 and 2. Slaves stand in the order in which
-the frame comes to them, so that links and order are enough to know what is plugged in where.
+A slave forwards a frame from port 0 to its ports 3, 1 and 2, in this order. Slaves are numbered in
+the order in which the frame comes to them. So the links of each slave and this order tell which
+slave is plugged in at which port.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from ecatd.model.errors import StateError
 
 _PORT_ORDER = (0, 3, 1, 2)
 _LONGEST_NS = 1_000_000
-"""What a frame cannot need on its way: it would have to go through thousands of slaves."""
+"""Longer than any frame takes: it would have to go through thousands of slaves."""
 _ROUNDING_NS = 1000
-"""By which the times of different clocks may contradict each other."""
+"""How far the times of different clocks may contradict each other."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """What a slave knows of its ports.
+    """The ports of a slave.
 
     Attributes:
-        open: Ports by which frames pass, any order (register 0x0110).
-        times: Receive times of ports 0 to 3 in ns, of 32 bits (0x0900); None if it has none.
+        open: Numbers of the ports with a link (register 0x0110).
+        times: Receive times of ports 0 to 3 in ns, 32 bits each (0x0900); None if it has none.
     """
 
     open: frozenset[int]
@@ -47,26 +48,26 @@ class _Node:
     behind: list[tuple[int, int]] = field(default_factory=list)  # port, slave plugged in there
 
     def between(self, earlier: int, later: int) -> int:
-        """Time from one port to another; the registers go round every 4.3 s."""
+        """Time between the frame's arrivals at two ports, in ns; the registers wrap in 4.3 s."""
         assert self.times is not None
         return (self.times[later] - self.times[earlier]) & 0xFFFFFFFF
 
     @property
     def dwell(self) -> int:
-        """From its first port to the last one by which the frame came back."""
+        """Time in ns from the frame's first arrival to its last return to this slave."""
         return self.between(self.entry, self.behind[-1][0]) if self.behind else 0
 
 
 def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
-    """When the frame came to each slave, in ns after it came to the first one with times.
+    """Computes when the frame came to each slave, in ns after the first slave with receive times.
 
     Args:
-        slaves: All slaves in the order of the frame.
+        slaves: All slaves in the order in which the frame comes to them.
 
     Returns:
-        A time for each slave, None for those without receive times. What lies behind slaves
-        without them is taken to be equally far from each other. Branches that part in front of
-        the first slave with times cannot be measured against each other; the cable is left out.
+        A time for each slave; None for slaves without receive times. Where such slaves are on the
+        way, all cables there are taken to be equally long. If branches part before the first slave
+        with receive times, the cables between them cannot be measured, and count as 0.
 
     Raises:
         StateError: Links or times contradict each other.
@@ -78,7 +79,7 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
         walk.visit(0)
         for position, _, dwell in walk.met:
             found[position] = dwell
-    for position, node in enumerate(nodes):  # whoever is behind a slave comes after it
+    for position, node in enumerate(nodes):  # slaves behind a slave come after it in the list
         here = found[position]
         if here is None:
             continue
@@ -102,23 +103,23 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
 
 
 def reached(slaves: Sequence[Ports]) -> int:
-    """How many slaves, from the first on, are linked to those before them: all, without a break."""
+    """Counts the slaves, from the first on, that are linked to it; all if there is no break."""
     open_ends = 1
     for position, slave in enumerate(slaves):
         if open_ends == 0:
             return position
-        open_ends += max(len(slave.open), 1) - 2  # one leads back, and one before led here
+        open_ends += max(len(slave.open), 1) - 2  # a link joins an open end before to a port here
     return len(slaves)
 
 
 def arrivals_at_both_ends(slaves: Sequence[Ports], count: int) -> list[float | None]:
-    """What `arrivals` would say of a ring that is broken behind `count` slaves, if it were whole.
+    """Computes `arrivals` for a ring that is broken behind `count` slaves, as if it were whole.
 
-    Those behind the break see another frame, which came from the other end. Nobody can tell how
-    long the cable is that is broken: it is taken to be as long as the others on average.
+    The slaves behind the break see another copy of the frame, from the other end. The length of
+    the broken cable is unknown: it is taken to be the average of the others.
 
     Raises:
-        StateError: As `arrivals`; also where the slaves behind the break are no line.
+        StateError: As `arrivals`; also if the slaves behind the break are not in a line.
     """
     front, back = arrivals(slaves[:count]), arrivals(slaves[count:][::-1])[::-1]
     known = [position for position, time in enumerate(front + back) if time is not None]
@@ -131,15 +132,15 @@ def arrivals_at_both_ends(slaves: Sequence[Ports], count: int) -> list[float | N
 
 
 def way_out(slaves: Sequence[Ports]) -> tuple[int, int] | None:
-    """By which slave and port the frame leaves for good: the cable to the second interface.
+    """Finds the slave and port to which the cable of the second interface is connected.
 
-    It comes back by all other ports, so this is the first one without a slave on the way back from
-    the last slave. None if there is none: the ring is open.
+    At all other ports with a link, a slave is plugged in. So this is the first port without a slave
+    on the way back from the last slave. Returns None if there is none: the ring is open.
 
     Raises:
         StateError: There are not enough links for all slaves.
     """
-    # Times are of no help: at a port by which no frame comes back, they are of long ago.
+    # Times must not be used: at a port to which no frame comes back, they are old.
     nodes = _tree([Ports(slave.open) for slave in slaves])
     parents = {child: position for position, node in enumerate(nodes) for _, child in node.behind}
     position: int | None = len(nodes) - 1 if nodes else None
@@ -152,13 +153,13 @@ def way_out(slaves: Sequence[Ports]) -> tuple[int, int] | None:
 
 
 class _Walk:
-    """The frame's way from a port of a slave to what is plugged in there, and back.
+    """The frame's way from a port of a slave to the slaves plugged in there, and back.
 
     Attributes:
-        met: The nearest slaves with times: position, cables passed up to it, and time spent
-            within those met before.
-        hops: Cables passed on the whole way.
-        dwell: Time spent within slaves with times on the whole way.
+        met: The nearest slaves with receive times: position, number of cables passed before it,
+            and time in ns spent within slaves met before it.
+        hops: Number of cables passed on the whole way, out and back.
+        dwell: Time in ns spent within slaves with receive times on the whole way.
     """
 
     def __init__(self, nodes: list[_Node]) -> None:
@@ -168,7 +169,7 @@ class _Walk:
         self.dwell = 0
 
     def visit(self, position: int) -> None:
-        """Over a cable to a slave, and over the same one back."""
+        """Follows the frame over a cable to a slave, through what is behind it, and back."""
         node = self._nodes[position]
         self.hops += 1
         if node.times is not None:
@@ -181,10 +182,10 @@ class _Walk:
 
 
 def _tree(slaves: Sequence[Ports]) -> list[_Node]:
-    """Who is plugged in where.
+    """Builds the tree of slaves from their order and their links.
 
     Raises:
-        StateError: There are not enough links for all of them.
+        StateError: There are not enough links for all slaves.
     """
     nodes: list[_Node] = []
     open_ends: list[_Node] = []
@@ -206,14 +207,14 @@ def _tree(slaves: Sequence[Ports]) -> list[_Node]:
 
 
 def _node(slave: Ports) -> _Node:
-    """The frame enters by the port that has the earliest time, usually port 0."""
+    """Makes the node of a slave. The frame enters by the port with the earliest time, usually 0."""
     ports = [port for port in _PORT_ORDER if port in slave.open]
     if not ports:
         return _Node(slave.times, 0, [])
     times, entry = slave.times, ports[0]
     if times is not None:
         earlier = {port: times[ports[0]] - times[port] & 0xFFFFFFFF for port in ports}
-        # What would be earlier than possible is of another frame: this one did not come there.
+        # A port that would be earlier by more than this has the time of an older frame.
         entry = max(ports, key=lambda port: earlier[port] if earlier[port] < _LONGEST_NS else 0)
     at = ports.index(entry)
     return _Node(times, entry, ports[at + 1 :] + ports[:at])

@@ -1,4 +1,4 @@
-"""Slaves whose process data are in doubt: what becomes of them.
+"""Decides how to use slaves whose process data are in doubt.
 
 Doubtful are slaves with CoE whose mailbox does not answer or answers with nonsense, and slaves with
 a damaged EEPROM, which may describe a part of the process data only. A doubtful slave must not keep
@@ -33,11 +33,11 @@ _TOLD = 3  # problems of an EEPROM in one message
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """What is known of a slave whose process data are in doubt.
+    """Why the process data of a slave are in doubt.
 
     Attributes:
         word: `SILENT` or `DAMAGED`.
-        text: Why, and what was done.
+        text: The reason and what was done, for messages.
     """
 
     word: str
@@ -47,16 +47,17 @@ class Doubt:
 def settle(
     master: Master, scanned: Sequence[Scanned], timeout_s: float, tell: Callable[[str], None]
 ) -> dict[int, Doubt]:
-    """Decides about doubtful slaves, which must be in PREOP.
+    """Tries doubtful slaves in SAFEOP, and decides which of them are used. All are in PREOP.
 
     Args:
         master: The master.
-        scanned: All slaves. Of those that stay in PREOP the process data are taken away.
+        scanned: All slaves. Doubtful slaves that are not used lose their process data here.
         timeout_s: Seconds that slaves have to reach a state.
-        tell: Takes a warning about each of them, and about EEPROMs with lesser mistakes.
+        tell: Called with a warning about each doubtful slave, and about each EEPROM with lesser
+            mistakes.
 
     Returns:
-        What is known of each of them, by position.
+        The doubt about each doubtful slave, by position.
     """
     doubtful = [item for item in scanned if item.silence or item.sii.damaged or item.unplaced]
     described = [
@@ -111,7 +112,7 @@ def _problems(slave: Slave) -> str:
 
 
 def _name(slave: Slave) -> str:
-    """How a message names a slave; by what it is where its EEPROM has no name for it."""
+    """Returns a slave's label for messages, with its identity if its EEPROM gives no name."""
     identity = f"vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X}"
     return slave.label if slave.name else f"{slave.label} ({identity})"
 
@@ -124,7 +125,7 @@ class _Rule(Protocol):
 
 
 def fitting(rules: Sequence[_R], bus: Bus, doubtful: Collection[int]) -> list[_R]:
-    """Rules of the configuration without those about process data that are not known.
+    """Returns the rules of the configuration, without those about unknown process data.
 
     Args:
         rules: Rules about a slave, or about one of its entries.
@@ -146,7 +147,11 @@ def _has(slave: Slave, rule: _Rule) -> bool:
 
 
 def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[dict[int, str]]:
-    """Takes slaves to SAFEOP with their process data, and back; why some do not go there."""
+    """Takes slaves to SAFEOP with their process data, and back to PREOP.
+
+    Returns:
+        By position, why a slave does not reach SAFEOP.
+    """
     refused = {}
     for item in items:
         slave = item.slave

@@ -1,14 +1,15 @@
-"""Who is on the wire: slaves that have forgotten their address, found again by place and identity.
+"""Identifies slaves that have lost their station address, by their place and identity.
 
-A slave that was without power answers at no address of ours, and while slaves are missing, places
-on the wire are not those of the scan. So the addresses along the wire are read first. Between two
-slaves that still have theirs lies a gap, and whoever stands there must be what the scan found
-there: same vendor, product and revision, in the same order. An address is written only to a slave
-that has been identified, and in a frame that would show if the wire had changed meanwhile.
+A slave that was without power has lost its station address. While slaves are missing, the places
+on the wire differ from the positions of the scan. So the addresses of all places are read first.
+Places without a known address, between two slaves that have one, are a gap. The devices in a gap
+must be the slaves that the scan found there: same vendor, product and revision, in the same order.
+An address is written only to an identified slave, and the frame that writes it also shows whether
+the wire has changed meanwhile.
 
-Where fewer stand in a gap than are missing, somebody must know which. A slave is never there
-without the one that it is plugged into: on a line the first ones are back, and behind a junction
-whole branches are missing.
+If a gap has fewer devices than slaves are missing there, the topology helps: a slave is reachable
+only through the slave that it is plugged into. On a line, the first of the missing slaves are
+back; at a junction, whole branches are missing.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ Identity = tuple[int, int, int]
 
 @dataclass(slots=True)
 class Found:
-    """What stands on the wire; positions are those of the scan.
+    """The result of a look along the wire. Keys are positions of the scan.
 
     Attributes:
-        places: Where slaves without an address of ours stand that have been identified.
-        exchanged: Slaves in whose place another device stands, in words.
-        unclear: Slaves of which it cannot be told whether they are back, in words.
+        places: Places of identified slaves that have no address of ours.
+        exchanged: Messages about slaves that were replaced by another device.
+        unclear: Messages about slaves of which it is not clear whether they are back.
     """
 
     places: dict[int, int] = field(default_factory=dict)
@@ -46,12 +47,12 @@ class Found:
 
 
 def identity_of(slave: Slave) -> Identity:
-    """What must be the same for a slave to be the same."""
+    """Returns the identity of a slave, by which it is recognised."""
     return slave.vendor, slave.product, slave.revision
 
 
 def compare(slave: Slave, found: Identity) -> str:
-    """Why a device is not the slave that was there, in words; empty if it is."""
+    """Says why the device found is not `slave`; empty if it is."""
     vendor, product, revision = found
     if identity_of(slave) == found:
         return ""
@@ -67,17 +68,17 @@ def compare(slave: Slave, found: Identity) -> str:
 
 
 def branch_ends(links: Sequence[int], *, ring: bool) -> list[int]:
-    """The position behind all slaves that are reached through each slave.
+    """For each slave, computes the end of its branch: one more than the last position behind it.
 
     Args:
-        links: At how many ports each slave has somebody, one of them on the way to the master.
-        ring: Whether slaves are reached from both sides, so that nobody depends on anybody.
+        links: Number of ports with a link of each slave; one of them leads to the master.
+        ring: Whether slaves are reached from both sides, so that none depends on another.
     """
     alone = [position + 1 for position in range(len(links))]
     if ring:
         return alone
     ends = [len(links)] * len(links)
-    way: list[int] = []  # to where the frame is
+    way: list[int] = []  # slaves that the frame is behind now, the nearest last
     left = [max(count - 1, 0) for count in links]
     for position in range(len(links)):
         while way and left[way[-1]] == 0:
@@ -85,7 +86,7 @@ def branch_ends(links: Sequence[int], *, ring: bool) -> list[int]:
         if way:
             left[way[-1]] -= 1
         elif position:
-            return alone  # plugged in nowhere: these are not the links of the scan
+            return alone  # no port is left for it: the links have changed since the scan
         way.append(position)
     return ends
 
@@ -96,12 +97,12 @@ def match(
     identities: dict[int, Identity],
     ends: Sequence[int],
 ) -> Found:
-    """Finds out which slave stands where.
+    """Finds out which slave is at which place.
 
     Args:
         slaves: The slaves of the scan.
-        wire: Station addresses along the wire.
-        identities: Identities of the places whose address is none of ours.
+        wire: Station addresses along the wire, by place.
+        identities: Identities of the devices without an address of ours, by place.
         ends: See `branch_ends`.
     """
     found = Found()
@@ -155,9 +156,10 @@ def _match_gap(
 def _only_way(
     missing: list[Slave], there: list[Identity], ends: Sequence[int]
 ) -> list[Slave] | None:
-    """The slaves that stand there, in their order; None if there is no way, or more than one.
+    """Assigns the devices in a gap to missing slaves; None if it is impossible or ambiguous.
 
-    If no slaves are like those that stand there, it may still be clear in whose place they stand.
+    Identities must match first. If no assignment matches, the topology alone may still tell in
+    which slaves' places the devices are.
     """
     for alike in (True, False):
         ways = _count_ways(missing, there, ends, alike=alike)
@@ -181,9 +183,10 @@ def _only_way(
 def _count_ways(
     missing: list[Slave], there: list[Identity], ends: Sequence[int], *, alike: bool
 ) -> list[list[int]]:
-    """In how many ways the missing slaves from one on can be those there from one on; 2: several.
+    """Counts the ways to assign devices to missing slaves; 2 stands for two or more.
 
-    Whoever is not there is missing with all that are reached through him.
+    Entry [m][t] is for the missing slaves from number m on, and the devices from number t on. If a
+    slave is missing, all slaves reached through it are missing as well.
     """
     count = len(missing)
     ways = [[0] * (len(there) + 1) for _ in range(count + 1)]
@@ -200,7 +203,7 @@ def _count_ways(
 
 
 class Finder:
-    """Looks for slaves of a bus along the wire; for the mailbox worker.
+    """Looks for the slaves of a bus along the wire. Use it on the worker.
 
     Args:
         registers: The way to the slaves.
@@ -215,10 +218,10 @@ class Finder:
         self._wire: list[int] = []
 
     def look(self) -> Found:
-        """Identifies all who have no address of ours.
+        """Identifies all devices that have no address of ours.
 
         Raises:
-            StateError: The wire changes while it is looked at, or an EEPROM cannot be read.
+            StateError: The wire changes meanwhile, or an EEPROM cannot be read.
         """
         wire = self._addresses()
         known = {slave.address for slave in self._slaves}
@@ -231,7 +234,7 @@ class Finder:
         return found
 
     def check(self, position: int) -> str:
-        """Whether a slave that has its address is still the same; why not, in words.
+        """Checks that the device with a slave's address is that slave; says why not, else "".
 
         Raises:
             StateError: Its EEPROM cannot be read.
@@ -244,7 +247,7 @@ class Finder:
         return read_eeproms(self._registers, labels, _read_identity) if labels else []
 
     def _addresses(self) -> list[int]:
-        """Station addresses of all slaves along the wire."""
+        """Reads the station addresses of all slaves along the wire, by place."""
         for _ in range(_TRIES):
             (all_,) = self._registers.exchange([brd(_STATION_ADDRESS, 2)])
             answers = self._registers.exchange(
@@ -258,7 +261,7 @@ class Finder:
         """Writes the station address of an identified slave.
 
         Raises:
-            StateError: The wire has changed since it was identified: nothing is left changed.
+            StateError: The wire has changed since `look`; the write was undone.
         """
         address, old = self._slaves[position].address, self._wire[place]
         at, new = Place(place), struct.pack("<H", address)
@@ -279,11 +282,11 @@ class Finder:
         raise StateError(f"the wire has changed while {self._slaves[position].label} came back")
 
     def _take_back(self, address: int, was: int) -> None:
-        """Undoes that a slave was given an address that is not its own."""
+        """Takes an address back that was written to the wrong slave."""
         at = Station(address)
         (there,) = self._registers.exchange([at.read(_STATION_ADDRESS, 2)])
-        # If its owner has come back meanwhile, both have it. Then neither keeps it: two slaves
-        # with one address would be a riddle for ever, one without any is identified again.
+        # If the right slave has come back meanwhile, both answer at the address. Then both lose
+        # it: slaves without an address are identified again, two with the same address never.
         value = was if there.wkc == 1 else 0
         self._registers.exchange([at.write(_STATION_ADDRESS, struct.pack("<H", value))])
 

@@ -1,8 +1,8 @@
-"""From a scanned slave to its process data: which PDOs it has, and how its ESC is set up for them.
+"""Finds out the PDOs of each slave, and sets up its ESC for them.
 
-Slaves with CoE say what is assigned now (`assignment.py`), those without are fixed by their SII
-(categories 50 and 51). `doubtful.py` decides what becomes of slaves
-that do not answer, or whose EEPROM is damaged.
+Slaves with CoE are asked for their PDO assignment (`assignment.py`). Slaves without CoE have fixed
+PDOs, described by their SII (categories 50 and 51). `doubtful.py` decides how to use slaves that do
+not answer, or whose EEPROM is damaged.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class Scanned:
     Attributes:
         slave: The slave.
         sii: Its SII.
-        emergencies: Error code and error register of each emergency that it sent meanwhile.
-        silence: Where its mailbox does not answer, or answers with nonsense, what was asked and why
-            that failed: its process data are those of its SII then.
-        nonsense: Whether it has answered, but with nonsense.
+        emergencies: Error code and error register of each emergency that came during the scan.
+        silence: If its mailbox did not answer, or with malformed messages: what was asked, and why
+            that failed. Its process data are then those of its SII.
+        nonsense: Whether it has answered with malformed messages.
     """
 
     slave: Slave
@@ -59,7 +59,7 @@ class Scanned:
 
     @property
     def unplaced(self) -> str:
-        """Why process data that the slave tells of have no place in it; empty if they have."""
+        """Says why its sync managers cannot hold its process data; empty if they can."""
         managers = self.sii.sync_managers
         for pdo in (*self.slave.outputs, *self.slave.inputs):
             if pdo.sync_manager >= len(managers):
@@ -82,8 +82,7 @@ def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -
     """Reads everything about the slaves, which must be in PREOP.
 
     Raises:
-        StateError: An EEPROM cannot be read, an object dictionary makes no sense, or `cancelled`
-            says so.
+        StateError: An EEPROM cannot be read, or `cancelled` returned true.
     """
     scanned = [
         _scan_slave(master, position, sii)
@@ -130,7 +129,7 @@ def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
 
 
 def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:
-    """Positions of slaves that cannot do LRW: their SII says so, or their controller."""
+    """Returns the positions of slaves that do not support LRW, by their SII or ESC features."""
     wanted = [(item.slave.position, _FEATURES, 2) for item in scanned]
     return {
         item.slave.position
@@ -168,7 +167,7 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
             raise StateError(
                 f"{slave.label} needs {len(fmmus)} FMMUs for its process data, but has {available}"
             )
-        # All of them, so that nothing of an earlier master answers in our logical addresses.
+        # All FMMUs are written, so that none of an earlier master answers at our addresses.
         for number in range(min(available, _FMMUS_MAX)):
             content = fmmus[number].registers() if number < len(fmmus) else bytes(16)
             writes.append((slave.position, _FMMU + 16 * number, content))
@@ -177,7 +176,7 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
 
 @dataclass(slots=True)
 class _Fmmu:
-    """An FMMU: whole bytes of the image, and where they are in the slave."""
+    """An FMMU: maps whole bytes of the logical image to the memory of the slave."""
 
     logical: int
     length: int
@@ -190,7 +189,7 @@ class _Fmmu:
 
 
 def _map(fmmus: list[_Fmmu], new: _Fmmu) -> None:
-    """Adds an FMMU; some controllers have but a few, so what goes on where another ends is one."""
+    """Adds an FMMU, or extends the last one if the new one continues it: some ESCs have few."""
     last = fmmus[-1] if fmmus else None
     if (
         last is not None
@@ -208,7 +207,7 @@ def _sync_manager(manager: SiiSyncManager, length: int) -> bytes:
 
 
 def _unused(slave: Slave, sii: Sii) -> list[tuple[int, int, bytes]]:
-    """Process-data sync managers that carry nothing now, switched off."""
+    """Returns the writes that switch off process-data sync managers without PDOs."""
     used = {pdo.sync_manager for pdo in (*slave.outputs, *slave.inputs) if pdo.bit_length}
     return [
         (

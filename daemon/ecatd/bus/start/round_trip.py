@@ -1,7 +1,8 @@
-"""How long a frame needs through all slaves and back, as the first slave has seen it.
+"""Measures how long a frame takes through all slaves and back, with the clock of the first slave.
 
-A write to register 0x0900 has a slave note when that frame came to each of its ports (ETG.1000.4,
-"DC - receive time port"). The first slave sees it come in, and come back from everybody behind.
+A write to register 0x0900 makes a slave store when that frame came to each of its ports
+(ETG.1000.4, "DC - receive time port"). The first slave sees the frame come in, and come back from
+all slaves behind it.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ _PORT_TIMES = 0x0900
 _TRIES = 3
 _PORTS = range(1, 4)
 _OWN_NS = 1000
-"""From the wire into the first slave, and out of it again: its processing unit and its PHY."""
+"""What the first slave itself adds, in its processing unit and PHY, on the way in and out."""
 
 _LONGEST_NS = 1_000_000
-"""More than thousands of slaves need; a port that the frame did not pass has an old time."""
+"""Longer than any frame takes. A port that the frame did not pass has an old time."""
 
 
 def measure_round_trip(master: Master) -> int | None:
-    """Time in ns; None if the first slave has no receive times, or frames get lost.
+    """Returns the time in ns; None if the first slave has no receive times, or frames get lost.
 
     Raises:
         StateError: The first slave does not answer.

@@ -1,9 +1,9 @@
-"""Safe values of outputs, from the configuration to the bytes that the engine applies.
+"""Makes the safe values of outputs, from the configuration to the bytes that the engine applies.
 
-A drive of CiA 402 (IEC 61800-7-201) is brought to a stop first: its controlword asks for a quick
-stop, or for disable operation, until the statusword says that it no longer moves; then it is 0.
-What limits the stop (decelerations, torque limits) and what it acts on (target position, mode of
-operation) keeps its last value meanwhile and afterwards; only what makes it move is 0 at once.
+A CiA 402 drive (IEC 61800-7-201) is brought to a stop first. Its controlword commands a quick stop,
+or disable operation, until the statusword says that the drive no longer moves; then it becomes 0.
+Outputs that make the drive move (`_ZERO`) become 0 at once. All others, such as deceleration,
+torque limits, target position and mode of operation, keep their last value.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ecatd.model.pdo import Entry
 
 _AXES = range(8)
 _AXIS_OBJECTS = 0x800
-"""Objects of an axis: the second one has them from 0x6800 on, and so forth (ETG.6010)."""
+"""Distance between the objects of two axes: the second axis begins at 0x6800 (ETG.6010)."""
 _PROFILE = 0x6000
 _CONTROLWORD, _STATUSWORD = 0x6040, 0x6041
 _ZERO = frozenset({0x6040, 0x6042, 0x6071, 0x60B1, 0x60B2, 0x60FE, 0x60FF})
@@ -38,7 +38,7 @@ class Stop:
         slave: Position.
         controlword: Object index of its controlword.
         how: "quick_stop" or "disable".
-        patience: Seconds after which the controlword gets its safe value in any case.
+        patience: Seconds after which the controlword takes its safe value in any case.
     """
 
     slave: int
@@ -71,7 +71,7 @@ class SafeOutputs:
 
 
 def safe_outputs(bus: Bus, rules: list[SafeConfig]) -> SafeOutputs:
-    """Safe values of all outputs, zero without a rule; also noted in the entries of the bus.
+    """Makes the safe values of all outputs: 0 without a rule. Also sets `safe` of each entry.
 
     Raises:
         ConfigError: A rule does not fit this bus, or a safe value is out of its declared range.
@@ -91,7 +91,7 @@ def safe_outputs(bus: Bus, rules: list[SafeConfig]) -> SafeOutputs:
 
 
 class _SlaveOutputs:
-    """Safe values of one slave, as its image of outputs in one long number."""
+    """Safe values of one slave. Values and hold mask are its output image as one long number."""
 
     def __init__(self, slave: Slave) -> None:
         self._slave = slave
@@ -130,7 +130,7 @@ class _SlaveOutputs:
             yield entry, bit
 
     def _raw(self, entry: Entry, value: float) -> int:
-        """The bits of a number that is the raw value of an entry."""
+        """Encodes the raw value of an entry as bits; raises `ConfigError` if it is out of range."""
         where = f"for {entry.address} of {self._slave.label}"
         if is_real(entry.data_type):
             try:
@@ -148,7 +148,7 @@ class _SlaveOutputs:
         return value
 
     def _stop(self, rule: SafeConfig) -> None:
-        """Has one axis, or all of the slave, brought to a stop."""
+        """Adds stops for one axis, or for all axes of the slave."""
         addresses = {(entry.index, entry.subindex) for entry, _ in self._entries()}
         axes = [n for n in _AXES if (_CONTROLWORD + n * _AXIS_OBJECTS, 0) in addresses]
         if rule.address is not None:
@@ -186,7 +186,7 @@ class _SlaveOutputs:
         return self._value.to_bytes(size, "little"), self._hold.to_bytes(size, "little")
 
     def note(self) -> None:
-        """Writes into the bus description what each output is while nobody owns it."""
+        """Writes the safe value of each output into the bus description."""
         for entry, bit in self._entries():
             entry.safe = self._safe(entry, bit)
 
@@ -207,7 +207,7 @@ class _SlaveOutputs:
 
 
 def _meaning(entry: Entry, raw: int) -> int | float:
-    """The number that the bits of an entry are."""
+    """Decodes the bits of an entry as a number of its type."""
     if is_real(entry.data_type) and entry.bit_length in (32, 64):
         code = "<f" if entry.bit_length == 32 else "<d"
         value: float = struct.unpack(code, raw.to_bytes(entry.bit_length // 8, "little"))[0]

@@ -1,6 +1,6 @@
-"""From INIT to OP: what the start does to all slaves, and recovery to those that begin anew.
+"""Takes slaves from INIT to OP: steps that the start uses for all slaves, and recovery for some.
 
-Steps for some slaves never touch the others, and one that fails does not hold up the rest.
+Recovery's steps never touch other slaves, and a slave that fails does not hold up the rest.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ _EEPROM_ASSIGNMENT, _TO_DEVICE = 0x0500, b"\x01"
 _DL_STATUS = 0x0110
 
 _FIRST_CYCLES = 3
-"""Cycles with valid outputs before slaves are asked for OP."""
+"""Number of cycles with valid outputs before OP is requested."""
 
 
 @dataclass(frozen=True, slots=True)
 class Missed:
-    """Why a slave did not come as far as it should.
+    """Why a slave did not reach the requested state.
 
     Attributes:
-        text: In words.
-        changed: Whether it is not what it was at the start; asking again would not help.
+        text: The reason, for messages.
+        changed: Whether its process data differ from those at the start: trying again is useless.
     """
 
     text: str
@@ -50,9 +50,9 @@ class Missed:
 
 
 def read_mailboxes(master: Master) -> list[bytes]:
-    """How the sync managers of all mailboxes are set up, in PREOP: registers 0x0800 to 0x080F.
+    """Reads how the sync managers of all mailboxes are set up: registers 0x0800 to 0x080F.
 
-    Empty for slaves without a mailbox.
+    Slaves must be in PREOP. Returns 16 bytes for each slave, or none if it has no mailbox.
     """
     wanted = [
         (position, _SYNC_MANAGERS, _MAILBOXES_SIZE) for position in range(len(master.stations))
@@ -68,7 +68,7 @@ def read_mailboxes(master: Master) -> list[bytes]:
 
 
 def count_links(master: Master) -> list[int]:
-    """At how many ports each slave has somebody (DL status, ETG.1000.4)."""
+    """Counts the ports with a link of each slave (DL status, ETG.1000.4)."""
     wanted = [(position, _DL_STATUS, 2) for position in range(len(master.stations))]
     status = [int.from_bytes(data, "little") for data in master.read_registers(wanted)]
     # Two bits a port: loop closed, communication established.
@@ -78,7 +78,7 @@ def count_links(master: Master) -> list[int]:
 def wait_for_outputs(
     shared: SharedMemory, bus: Bus, patience_s: float, cancelled: Callable[[], bool] = lambda: False
 ) -> Steps[None]:
-    """Waits until outputs have been sent a few times; slaves want valid ones before OP.
+    """Waits until outputs have been sent a few times: slaves need valid ones before OP.
 
     Raises:
         StateError: The engine does not run.
@@ -95,17 +95,17 @@ def wait_for_outputs(
 
 
 class SetUp:
-    """Sets slaves up that have begun anew; the bus goes on meanwhile.
+    """Sets up slaves that have restarted, while the bus goes on. Use it on the worker.
 
     Args:
-        master: The master; all calls belong on the mailbox worker.
+        master: The master.
         shared: The shared memory.
         bus: The bus.
         scanned: What the start has found out about its slaves.
-        image: Where their process data are.
+        image: The process image.
         mailboxes: See `read_mailboxes`.
-        clocks: The distributed clocks, where they are used.
-        doubtful: Slaves whose process data are in doubt; without those that answer again.
+        clocks: The distributed clocks, if they are used.
+        doubtful: Slaves whose process data are in doubt. Slaves that answer again are removed.
         timeout_s: Seconds that slaves have to reach a state.
     """
 
@@ -138,7 +138,7 @@ class SetUp:
     def ask(
         self, positions: Iterable[int], state: AlState = AlState.OP
     ) -> Steps[dict[int, Missed]]:
-        """Asks slaves for a state; returns those that did not reach it."""
+        """Requests a state; returns the slaves that did not reach it, by position."""
         missed = yield from self._master.request_state(state, self._timeout_s, positions)
         return {
             item.position: Missed(f"it does not reach {state.name}: {item.describe()}")
@@ -152,16 +152,16 @@ class SetUp:
         *,
         begin: AlState = AlState.INIT,
     ) -> Steps[dict[int, Missed]]:
-        """Takes slaves that have their address to a state; returns those that do not arrive.
+        """Takes slaves that have their address to a state; returns those that do not reach it.
 
         Args:
-            positions: Which slaves.
+            positions: The slaves.
             state: PREOP, SAFEOP or OP; or BOOT, for slaves that have it.
-            begin: INIT, or PREOP for slaves whose mailbox works, and is to remember what was
-                written to it.
+            begin: INIT; or PREOP, for slaves that are in PREOP with a working mailbox and must
+                keep what was written to them there.
 
         Raises:
-            StateError: One does not answer any more.
+            StateError: A slave does not answer any more.
         """
         here = set(positions)
         first = AlState.BOOT if state == AlState.BOOT else AlState.PREOP
@@ -185,7 +185,11 @@ class SetUp:
         return missed
 
     def _begin_anew(self, positions: Iterable[int], state: AlState) -> Steps[dict[int, Missed]]:
-        """To PREOP or BOOT, with the mailboxes for it; returns those that do not arrive."""
+        """Takes slaves over INIT to PREOP or BOOT, and sets the mailboxes for it up.
+
+        Returns:
+            The slaves that do not reach it.
+        """
         here = set(positions)
         missed = yield from self.ask(here, AlState.INIT)
         here -= missed.keys()
@@ -194,7 +198,7 @@ class SetUp:
         return missed
 
     def _prepare(self, positions: Iterable[int], state: AlState) -> None:
-        """What a slave needs for PREOP or BOOT: its mailboxes, and access to its EEPROM."""
+        """Sets up what slaves need for PREOP or BOOT: mailboxes, and access to their EEPROM."""
         off, writes = [], []
         for position in positions:
             if self._scanned[position].slave.sync0_ns:
@@ -205,12 +209,12 @@ class SetUp:
                     mailboxes = _for_boot(mailboxes, self._scanned[position].sii.bootstrap)
                 writes.append((position, _SYNC_MANAGERS, mailboxes))
             writes.append((position, _EEPROM_ASSIGNMENT, _TO_DEVICE))
-        # What a sync manager is set to can be changed only while it is off (ETG.1000.4).
+        # The settings of a sync manager can be changed only while it is off (ETG.1000.4).
         self._master.write_registers(off)
         self._master.write_registers(writes)
 
     def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
-        """Finds those whose process data have changed: a slave may forget its assignment."""
+        """Finds slaves whose PDOs have changed: a restarted slave may lose its assignment."""
         items = [self._scanned[position] for position in sorted(positions)]
         items = [item for item in items if item.slave.coe]
         slaves = [item.slave for item in items]
@@ -237,7 +241,7 @@ class SetUp:
 
 
 def _for_boot(mailboxes: bytes, box: SiiMailbox) -> bytes:
-    """The sync managers of the mailboxes, at other places."""
+    """Returns the mailbox sync managers with the addresses and sizes for BOOT."""
     places = ((box.receive, box.receive_size), (box.send, box.send_size))
     return b"".join(
         struct.pack("<HH", *place) + mailboxes[at + 4 : at + 8]
@@ -246,7 +250,7 @@ def _for_boot(mailboxes: bytes, box: SiiMailbox) -> bytes:
 
 
 def _difference(slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo]) -> str:
-    """What is not as it was at the start, in words."""
+    """Says how the PDOs differ from those at the start, and what to do; empty if they do not."""
     for name, assigned, before, now in (
         ("outputs", "0x1C12", slave.outputs, outputs),
         ("inputs", "0x1C13", slave.inputs, inputs),
@@ -271,7 +275,7 @@ def _difference(slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo]) -> 
 
 
 def _changed_entry(before: Pdo, now: Pdo) -> str:
-    """The first entry that is another one, in words."""
+    """Describes the first entry that differs."""
     for number, (was, is_) in enumerate(zip(_entries(before), _entries(now), strict=False), 1):
         if was != is_:
             return f"entry {number} is {_entry(is_)}, not {_entry(was)}"

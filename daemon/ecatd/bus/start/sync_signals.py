@@ -1,4 +1,7 @@
-"""The SYNC signals of slaves: planned, started in step with the cycle, stopped (ETG.1000.4)."""
+"""The SYNC signals of slaves: plans them, starts them in step with the cycle, stops them.
+
+Registers: ETG.1000.4.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +28,12 @@ _START = 0x0990
 _CYCLES = 0x09A0  # of SYNC0 and SYNC1
 
 _RUN, _SYNC0, _SYNC1, _SIGNALS = 0x0100, 0x0200, 0x0400, 0x0700
-"""In the word that the SII calls AssignActivate: registers 0x0980 and 0x0981."""
+"""Bits of the word that the SII calls AssignActivate (registers 0x0980 and 0x0981)."""
 
 _TRIES = 3
 _CYCLES_ASKED = 5
 _LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
-_NEAR_NS = 2_000_000_000  # what a clock of 32 bits can tell from the past
+_NEAR_NS = 2_000_000_000  # a clock of 32 bits takes a start further ahead for one in the past
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +42,7 @@ class _SlaveSignals:
 
     Attributes:
         slave: The slave, with their times.
-        activation: What goes to the registers 0x0980 and 0x0981.
+        activation: The word for the registers 0x0980 and 0x0981.
     """
 
     slave: Slave
@@ -95,7 +98,7 @@ class SyncSignals:
             )
 
     def _activation(self, slave: Slave) -> int:
-        """Which signals, and who controls them: as the EEPROM has it, if it knows such a mode."""
+        """Returns AssignActivate: from the EEPROM, if it has a mode with these signals."""
         wanted = _RUN | _SYNC0 | (_SYNC1 if slave.sync1_ns else 0)
         (modes,) = self._master.read_eeproms(read_dc_modes, [slave.position])
         known = (item.assign_activate for item in modes)
@@ -107,11 +110,11 @@ class SyncSignals:
         """Starts the SYNC signals of slaves that have some, and waits for their first pulse.
 
         Args:
-            shared: Where the cycle and the time of the reference clock are found.
-            positions: Which slaves; None for all.
+            shared: The shared memory, with the cycle and the time of the reference clock.
+            positions: The slaves; None for all.
 
         Returns:
-            Slaves that do not start them, and why.
+            By position, why a slave's signals do not start.
         """
         chosen = [s for s in self._signals if positions is None or s.slave.position in positions]
         failed: dict[int, str] = {}
@@ -137,9 +140,9 @@ class SyncSignals:
         return failed
 
     def _cycle_zero(self, shared: SharedMemory) -> int:
-        """When cycle 0 began, on the clock of the reference: signals go with certain cycles.
+        """Computes when cycle 0 began, by the reference clock, to align signals with cycles.
 
-        A frame that was lost or late gives another cycle, so several are asked.
+        A lost or late frame gives a wrong result, so this takes the most frequent one of several.
         """
         period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
 
@@ -156,11 +159,11 @@ class SyncSignals:
         return Counter(zero() for _ in range(_CYCLES_ASKED)).most_common(1)[0][0]
 
     def _start(self, signals: _SlaveSignals, shared: SharedMemory, zero: int) -> None:
-        """Sets the signals of a slave up; again if this takes so long that the start has passed."""
+        """Sets the signals of a slave up; tries again if their start has passed meanwhile."""
         master, slave = self._master, signals.slave
         position = slave.position
         cycles = struct.pack("<II", slave.sync0_ns, slave.sync1_ns)
-        # The cycles that carry its domain.
+        # The offset of the cycles that exchange its domain.
         turn = self._bus.domains[slave.domain].phase * self._bus.cycle_time_us * 1000
         whole, base = _whole_period(slave), zero + turn + slave.sync_shift_ns
         for tries in range(1, _TRIES + 1):
@@ -186,7 +189,7 @@ class SyncSignals:
         return bool(number(status) & 0x03)
 
     def stop(self) -> None:
-        """Ends the SYNC signals; slaves that go by them should be in INIT by then."""
+        """Stops all SYNC signals. Slaves that use them should be in INIT by then."""
         for signals in self._signals:
             with suppress(StateError):  # one that is gone has none any more
                 self._master.register_write(signals.slave.position, SYNC_CONTROL, bytes(2))
@@ -198,9 +201,9 @@ def _patience(slave: Slave) -> float:
 
 
 def _whole_period(slave: Slave) -> int:
-    """After which SYNC0 and SYNC1 come together again in the same way, in ns.
+    """Returns the time in ns after which the pattern of SYNC0 and SYNC1 repeats.
 
-    SYNC1 follows SYNC0 after `sync1_ns`; where that is longer than a period of SYNC0, it follows
-    each time the first SYNC0 after itself.
+    SYNC1 comes `sync1_ns` after a SYNC0. If that is longer than the period of SYNC0, the next SYNC1
+    counts from the first SYNC0 after it.
     """
     return (slave.sync1_ns // slave.sync0_ns + 1) * slave.sync0_ns

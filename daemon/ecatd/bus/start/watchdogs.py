@@ -1,7 +1,7 @@
-"""Whether outputs come often enough for the watchdogs of the slaves.
+"""Checks that outputs come often enough for the watchdogs of the slaves.
 
-A slave whose outputs stay away for longer than its watchdog allows leaves OP (ETG.1000.4: sync
-manager control bit 6, registers 0x0400 and 0x0420). In a slow domain that would be always.
+A slave leaves OP if it gets no outputs for longer than its watchdog allows (ETG.1000.4: sync
+manager control bit 6, registers 0x0400 and 0x0420). In a slow domain that would happen always.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """How long the frames of one cycle are on the wire, and whether that fits into the cycle.
 
-EtherCAT runs at 100 Mbit/s, whatever the interface of the master can do (ETG.1000.2): 80 ns a
-byte, and in front of and behind each frame what IEEE 802.3 wants. The longest cycle counts.
+EtherCAT runs at 100 Mbit/s (ETG.1000.2), even if the master's interface is faster: 80 ns per byte.
+Preamble, check sum and gap of each frame count, too (IEEE 802.3). The longest cycle decides.
 
-Which domains are due in the same cycle follows from dividers and phases alone: two of them are at
-some time if their phases differ by a multiple of the greatest common divisor of their dividers, and
-several are if any two of them are (Chinese remainder theorem).
+Dividers and phases tell which domains are due in the same cycle. Two domains meet in some cycle if
+their phases differ by a multiple of the greatest common divisor of their dividers. Several meet if
+any two of them do (Chinese remainder theorem).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ..engine.layout import DomainImage, Image
 _NS_PER_BYTE = 80
 _PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12
 _SLAVE_DELAY_NS = 1000
-"""Of a slave with MII ports, there and back: its processing unit, and its PHYs four times."""
+"""Delay of a slave with MII ports, out and back: its processing unit, and its PHYs four times."""
 
 _PATIENCE = 9, 10
 """Share of the cycle in which the engine waits for its frames."""
@@ -51,7 +51,7 @@ class WireTime:
         data_bytes: Process data in them.
         wire_bytes: All bytes, with headers, padding, preambles, check sums and gaps.
         delay_ns: Way of a bit through all slaves and back, in nanoseconds.
-        crowd: Domains in it of which some could be due in different cycles, by number.
+        crowd: Numbers of the domains in it that other phases could move to different cycles.
     """
 
     cycle_us: int
@@ -73,7 +73,7 @@ class WireTime:
         return (self.wire_bytes * _NS_PER_BYTE + self.delay_ns) / 1000
 
     def shortest_cycle_us(self, share: tuple[int, int] = _PATIENCE) -> int:
-        """The shortest base cycle of which the round trip is at most this share."""
+        """Returns the shortest base cycle in µs of which the round trip takes at most `share`."""
         part, whole = share
         round_trip_ns = self.wire_bytes * _NS_PER_BYTE + self.delay_ns
         return -(-round_trip_ns * whole // (part * 1000))
@@ -85,7 +85,7 @@ class WireTime:
             A warning where there is little room left, else an empty text.
 
         Raises:
-            StateError: They do not fit; the message has the arithmetic, and what would do.
+            StateError: They do not fit; the message has the arithmetic and the remedies.
         """
         sums = (
             f"{self.data_bytes} bytes of process data, {self.frames} "
@@ -125,7 +125,7 @@ class WireTime:
 def wire_time(
     image: Image, cycle_us: int, slaves: int, *, clock: bool, delay_ns: int | None = None
 ) -> WireTime:
-    """The frames of the longest cycle of a bus, whatever the cycles in front of it were.
+    """Computes the frames of the longest cycle of a bus.
 
     Args:
         image: The process image.
@@ -159,7 +159,7 @@ def wire_time(
 
 
 def _meetings(domains: Sequence[DomainImage]) -> list[list[DomainImage]]:
-    """Groups of domains that meet in some cycle; each that no other domain could join is there."""
+    """Returns the groups of domains that meet in some cycle; no group is part of another one."""
     groups: set[tuple[int, ...]] = {()}
     for number, domain in enumerate(domains):
         met = {n for n in range(number) if _meet(domain, domains[n])}
@@ -174,13 +174,13 @@ def _meet(one: DomainImage, other: DomainImage) -> bool:
 
 
 def _crowd(domains: Sequence[DomainImage]) -> tuple[int, ...]:
-    """Those of domains due in the same cycle that other phases could keep apart."""
+    """Of domains due in one cycle, returns the numbers of those that other phases would part."""
     pairs = combinations(domains, 2)
     apart = {d.number for pair in pairs if gcd(*(d.divider for d in pair)) > 1 for d in pair}
     return tuple(sorted(apart))
 
 
 def _on_wire(lengths: Sequence[int]) -> int:
-    """Bytes of a frame with these datagrams, and of the time in which no other can follow."""
+    """Bytes that a frame with these datagrams takes on the wire, with preamble and gap."""
     payload = sum(lengths) + len(lengths) * DATAGRAM_FRAMING
     return _PREAMBLE + max(FIRST_DATAGRAM + payload, ETHERNET_MIN) + _CHECK_SUM + _GAP

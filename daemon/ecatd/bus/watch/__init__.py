@@ -1,1 +1,1 @@
-"""What is watched while the bus runs, and told: `monitor.py` brings it together."""
+"""Watches a running bus and reports changes: `monitor.py` runs the watches of other modules."""

@@ -17,7 +17,7 @@ from .rate_limiter import Throttle
 
 _PERIOD = 1.0
 _AGAIN_NS = IN_STEP_NS // 2
-"""How close a clock comes back before that is told: one at the limit would be told for ever."""
+"""How close a clock must come back to count as in step: else one at the limit fills the log."""
 
 
 class ClockWatch:
@@ -25,9 +25,9 @@ class ClockWatch:
 
     Args:
         clocks: The clocks.
-        shared: Where the differences of clocks are written.
+        shared: The shared memory; the differences of clocks are written there.
         worker: The worker on which they are read.
-        log: Where changes are told.
+        log: The log for changes.
         tell: Publishes an event: its kind, and facts.
     """
 
@@ -49,13 +49,13 @@ class ClockWatch:
         self._states = Throttle(self._tell_state, _PERIOD)
 
     def handle(self, event: Event) -> None:
-        """The cycle has lost the reference clock, or found it again."""
-        if self._lost or event.value != DcState.LOCKED:  # the lock of the start is no news
+        """Takes an event: the cycle has lost the reference clock, or is locked to it again."""
+        if self._lost or event.value != DcState.LOCKED:  # the first lock is not reported
             self._lost = True
             self._states.note(event)
 
     def close(self) -> None:
-        """Tells nothing any more; on the event loop's thread."""
+        """Ends all reports. Call it on the event loop's thread."""
         self._states.close()
 
     def _tell_state(self, event: Event) -> None:
@@ -77,7 +77,7 @@ class ClockWatch:
         )
 
     async def watch(self) -> None:
-        """Waits for a second, reads the differences of all clocks, and tells who is out of step.
+        """Waits a second, reads the differences of all clocks, and reports those out of step.
 
         Raises:
             StateError: The worker has too much to do.
@@ -89,7 +89,7 @@ class ClockWatch:
                 self._judge(slave, differences[slave.position])
 
     def _read(self) -> dict[int, int]:
-        """On the worker: differences in ns by position; not of slaves that are gone."""
+        """Reads differences in ns by position, without slaves that are gone. Runs on the worker."""
         differences = self._clocks.differences()
         for position, difference in differences.items():
             self._shared.slave_status[position].dc_difference_ns = difference

@@ -1,7 +1,7 @@
-"""Counters that ought to stand still: who reads the log learns when they run, and when they stop.
+"""Reports counters of trouble, which stand still on a healthy bus.
 
-When one begins to run it is told at once. While they go on running they are told at growing
-intervals, so that neither a short disturbance is missed nor a lasting one fills the log.
+The first increment is reported at once. While counters keep running, reports come at growing
+intervals: so the log shows even a short disturbance, and a lasting one does not fill it.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ _QUIET = 5.0
 
 @dataclass(slots=True)
 class Report:
-    """Something to be told.
+    """A report about running counters.
 
     Attributes:
-        counts: How far each counter has run, without those that stood still: since the last
-            report, or, if it is over, since the beginning.
-        seconds: In which time, at least one second: more often nobody looks.
-        over: Whether all have stopped.
+        counts: How far each counter has run since the last report; if the disturbance is over,
+            since its beginning. Counters that stood still are left out.
+        seconds: The time in which they did; at least 1, the interval of looks.
+        over: Whether all counters have stopped.
     """
 
     counts: dict[str, int]
@@ -31,10 +31,10 @@ class Report:
 
 
 class Disturbance:
-    """Counters that are told together.
+    """Counters that are reported together.
 
     Args:
-        values: Where they stand, by name.
+        values: Their present values, by name.
     """
 
     def __init__(self, values: Mapping[str, int]) -> None:
@@ -46,10 +46,10 @@ class Disturbance:
         self._reports = 0  # since it began
 
     def look(self, values: Mapping[str, int], now: float) -> Report | None:
-        """What is to be told, if anything.
+        """Compares the counters with the last look; returns a report if one is due.
 
         Args:
-            values: Where the counters stand.
+            values: Their present values, by name.
             now: CLOCK_MONOTONIC in seconds.
         """
         for name, value in values.items():
@@ -79,7 +79,7 @@ class Disturbance:
         return report
 
     def _end(self) -> Report | None:
-        """The end is told of what was told more than once, or has gone on since."""
+        """Ends a disturbance; reports it if there was more than the first report has told."""
         report = None
         if self._reports and (self._reports > 1 or self._since_told):
             lasted = max(1.0, self._changed_at - self._begin)

@@ -1,4 +1,4 @@
-"""What frames of another master do to the slaves: which registers they write, and of whom.
+"""Finds out what frames of another master do: which registers they write, and of which slaves.
 
 Commands, registers and AL states are those of ETG.1000.4.
 """
@@ -34,11 +34,11 @@ _AREAS = (
     (0x0900, 0x0A00, "clocks"),
     (0x1000, 0x10000, "memory"),
 )
-"""First register, the one after the last, and what they are together."""
+"""First register of an area, the one after its last, and the name of the area."""
 
 
 class Whom(IntEnum):
-    """To whom something is done."""
+    """Which slaves a datagram writes to."""
 
     ALL = 0
     SINGLE = 1
@@ -54,12 +54,12 @@ _WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """Something that was written.
+    """A write to slaves.
 
     Attributes:
-        whom: To whom.
+        whom: Which slaves.
         register: First register of the area; 0 for the process image.
-        value: What was written, in words, where that matters.
+        value: The value in words, where it matters.
     """
 
     whom: Whom
@@ -68,11 +68,11 @@ class Deed:
 
 
 def deeds(frame: bytes) -> Iterator[Deed]:
-    """What slaves have taken from a frame.
+    """Yields the writes of a frame that slaves have carried out.
 
     Args:
-        frame: A frame that has come back, or its beginning: where the working counter is cut off,
-            somebody may have taken it.
+        frame: A frame that has come back, or its beginning. If the working counter of a datagram
+            is cut off, the datagram counts as carried out.
     """
     at, more = _FIRST_DATAGRAM, _MORE
     while more and at + _HEADER.size <= len(frame):
@@ -94,7 +94,7 @@ def _area(register: int) -> int:
 
 
 def _named(done: Iterable[Deed]) -> dict[Whom, list[str]]:
-    """What was done to whom, in the order of registers."""
+    """Groups writes by the slaves concerned, in the order of registers, in words."""
     values: defaultdict[tuple[Whom, int], set[str]] = defaultdict(set)
     for deed in done:
         values[deed.whom, deed.register].add(deed.value)
@@ -108,11 +108,11 @@ def _named(done: Iterable[Deed]) -> dict[Whom, list[str]]:
 
 
 def facts(done: Iterable[Deed]) -> list[str]:
-    """Deeds one by one, as `FMMUs (0x0600) of all slaves`."""
+    """Describes writes one by one, such as `FMMUs (0x0600) of all slaves`."""
     return [f"{name} {_WORDS[whom]}" for whom, names in _named(done).items() for name in names]
 
 
 def sentence(done: Iterable[Deed]) -> str:
-    """Deeds together, as `It wrote AL control (0x0120: INIT) of all slaves`."""
+    """Describes writes in one sentence: `It wrote AL control (0x0120: INIT) of all slaves`."""
     parts = [f"{', '.join(names)} {_WORDS[whom]}" for whom, names in _named(done).items()]
     return f"It wrote {', and '.join(parts)}" if parts else "It has only read, as far as was seen"

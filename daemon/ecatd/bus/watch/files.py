@@ -1,7 +1,7 @@
 """Watches over the files of the shared memory, which other processes may damage.
 
-The engine lives through all of it. What would keep new clients away is mended, where that can be
-done, and told, with the programs that have the file open.
+No damage stops the engine. Damage that would keep new clients out is repaired where possible, and
+logged, with the programs that have the file open.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class FileWatch:
 
     Args:
         shared: The shared memory.
-        log: Where damage is told.
+        log: The log for damage.
         tell: Publishes an event: its kind and its facts.
     """
 
@@ -49,13 +49,13 @@ class FileWatch:
         self._silence: dict[tuple[Path, str], tuple[float, float]] = {}  # until when, and how long
 
     async def watch(self) -> None:
-        """Looks at them once a second."""
+        """Checks both files once a second."""
         while True:
             self.look()
             await asyncio.sleep(_PAUSE)
 
     def look(self) -> None:
-        """Mends what is damaged, and tells what was."""
+        """Checks both files, repairs damage, and reports it."""
         for file in self._files():
             for damage, consequence in _damages(file):
                 self._say(file, damage, consequence)
@@ -67,7 +67,7 @@ class FileWatch:
         yield _File(shared.out_path, shared.out_fd, size, OUT_MODE, bytes(out))
 
     def _say(self, file: _File, damage: str, consequence: str) -> None:
-        """Tells it, but less and less often while somebody goes on doing it."""
+        """Reports damage; less and less often while it keeps coming."""
         key, now = (file.path, damage), time.monotonic()
         until, silence = self._silence.get(key, (0.0, 0.0))
         if now < until:
@@ -81,7 +81,7 @@ class FileWatch:
 
 
 def _damages(file: _File) -> Iterator[tuple[str, str]]:
-    """What is wrong with a file, and what that means; what can be mended, is."""
+    """Yields each damage of a file and its consequence, and repairs it where possible."""
     found = os.fstat(file.fd)
     if found.st_size < file.size:
         os.posix_fallocate(file.fd, 0, file.size)

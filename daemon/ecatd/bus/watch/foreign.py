@@ -1,11 +1,11 @@
-"""Other masters on the wire: frames that neither the engine nor our mailbox traffic has sent.
+"""Detects other masters on the wire, by frames that this daemon has not sent.
 
-The source address of our frames names this run (`cyclic.h`), and slaves leave it as it is but for
-one bit that is set already. Our own SOEM has an address of SOEM, as every program with SOEM, but it
-only scans, before the watch begins.
+The source address of our frames contains the number of this run (`cyclic.h`). Slaves change only
+one bit of it, which is set already. ecatd's own SOEM scan uses the source address of SOEM, but it
+ends before the watch begins.
 
-A socket with a kernel filter gets what is left. The kernel counts it; some hundred frames a second
-are looked at, so that the frames of a fast master cost little.
+A socket with a kernel filter gets all frames that are not ours. The kernel counts them, and only
+some hundred a second are decoded, so that the frames of a fast master cost little.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MASTERS = {
     "02:c0:ff:ee:00:ff": "KickCAT",
     "12:10:10:10:10:10": "EtherCrab",
 }
-"""Masters that do not send with the address of the interface, by what slaves make of theirs."""
+"""Masters with a source address of their own, by this address as slaves change it."""
 
 _LOOK_AT = 512
 _HEAD_BYTES = 256
@@ -62,9 +62,9 @@ class Foreign:
     """Frames of others on one interface since the last look.
 
     Attributes:
-        count: How many.
-        sources: Source addresses of those that were looked at, in words.
-        deeds: What those have done to the slaves.
+        count: Number of frames.
+        sources: Descriptions of the source addresses of the decoded frames.
+        deeds: What the decoded frames have written.
     """
 
     count: int = 0
@@ -107,7 +107,7 @@ class ForeignWatch:
         self._sockets[number] = new
 
     def look(self, number: int) -> Foreign:
-        """What has come in on an interface since the last look."""
+        """Returns what has come in on an interface since the last look."""
         heads, count = _drain(self._sockets[number])
         found = Foreign(count)
         for head in heads:
@@ -124,7 +124,7 @@ class ForeignWatch:
 
 
 def _drain(item: socket.socket) -> tuple[list[bytes], int]:
-    """Beginnings of the frames that wait in a socket, and how many have come since it was asked."""
+    """Returns the beginnings of waiting frames, and how many frames came since the last call."""
     heads = []
     for _ in range(_LOOK_AT):
         try:
@@ -140,7 +140,7 @@ def _describe(head: bytes) -> str:
     """The source of a frame, with what it tells of the program that sent it."""
     source = head[_SOURCE_AT : _SOURCE_AT + 6]
     words = source.hex(":")
-    # Copies that go round a closed ring the other way meet no slave.
+    # On a closed ring, one copy of a frame meets no slave, so its bit may not be set.
     if master := _MASTERS.get(bytes((source[0] | _BY_SLAVE, *source[1:])).hex(":")):
         return f"{words}, a master with {master}"
     if source[0] == _BY_SLAVE and head[_INDEX_AT] >= Index.ENGINE:

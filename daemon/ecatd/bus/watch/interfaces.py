@@ -1,4 +1,4 @@
-"""What lies between engine and slaves: links, the ring, frames that get lost, other masters."""
+"""Watches the connection of engine and slaves: links, ring, lost frames, other masters."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ _PERIOD = 1.0
 _FOREIGN_GONE = 3.0
 """Seconds without a frame of another master after which it is taken to be gone."""
 _SETTLED = 0.1
-"""Seconds after which a change is what it is: whoever takes an interface away switches it off
-first."""
+"""Seconds to wait before a change is reported: an interface that is removed goes down first."""
 
 _COUNTERS = {
     "missed": "deadlines missed",
@@ -102,7 +101,7 @@ class InterfaceWatch:
         self._foreign.close()
 
     def describe(self) -> dict[str, Any]:
-        """Names and states of the links; the rest of it is in shared memory."""
+        """Returns names and states of the links; all else is in shared memory."""
         return {
             "links": {
                 name: state.link.name.lower()
@@ -117,12 +116,12 @@ class InterfaceWatch:
         return time.monotonic() - self._foreign_at < _FOREIGN_GONE
 
     async def watch(self) -> None:
-        """Waits for a while, and looks at what only counters tell."""
+        """Waits for a while, and checks the counters."""
         await asyncio.sleep(_PERIOD)
         self.look()
 
     def look(self) -> None:
-        """Tells which counters run that ought to stand still."""
+        """Reports running counters of trouble, and frames of other masters."""
         now = time.monotonic()
         report = self._disturbance.look(self._read_counters(), now)
         if report is not None:
@@ -193,11 +192,11 @@ class InterfaceWatch:
         if event.value == shm.Ring.OPEN:
             self._untold_break = event
         if self._ring_timer is None:
-            # A break is under way for a moment: the first cycle may find it at another place.
+            # While a cable is being unplugged, the first cycle may find the break elsewhere.
             self._ring_timer = asyncio.get_running_loop().call_later(_SETTLED, self._tell_ring)
 
     def _tell_ring(self) -> None:
-        """Tells the state of the ring if it is another one; at most once a second."""
+        """Reports the state of the ring if it has changed; at most once a second."""
         self._ring_timer = None
         event, brief = self._ring, self._untold_break
         self._untold_break = None
@@ -243,7 +242,7 @@ class InterfaceWatch:
             self._link_changes[number].note(Event(slot=number, value=now.link))
 
     def _tell_link(self, event: Event) -> None:
-        """Tells the state of a link; at most once a second, as a loose plug changes it for long."""
+        """Reports a link's state; at most once a second, since a loose plug changes it often."""
         interface, link = self._interfaces[event.slot], shm.Link(event.value)
         slave = self._bus.slaves[-1 if event.slot else 0].label  # at the other end of the cable
         text = f"{interface}: {_LINKS[link].format(interface=interface, slave=slave)}"
@@ -251,7 +250,7 @@ class InterfaceWatch:
         self._tell("link", interface=interface, state=link.name.lower(), text=text)
 
     def _take_new(self, number: int, now: LinkState) -> None:
-        """Moves to an interface that was made again, and switches it on: nobody switched it off."""
+        """Uses an interface that was removed and came back, and sets it up if it is down."""
         interface = self._interfaces[number]
         try:
             self._engine.set_socket(number, open_socket(interface, Index.ENGINE, Index.LAST))
@@ -285,7 +284,7 @@ def describe_ring(bus: Bus, interfaces: list[str], state: shm.Ring, before: int)
 
 
 def _place(bus: Bus, interfaces: list[str], before: int) -> str:
-    """Between whom a break is."""
+    """Says between which slaves or interfaces the ring is broken."""
     first = bus.slaves[before - 1].label if before else interfaces[0]
     second = bus.slaves[before].label if before < len(bus.slaves) else interfaces[1]
     return f"between {first} and {second}"

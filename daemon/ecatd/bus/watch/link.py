@@ -1,8 +1,8 @@
 """The links of the bus: which state its network interfaces are in, as the kernel tells (rtnetlink).
 
-Every change of an interface is a message (`man 7 rtnetlink`, RTM_NEWLINK and RTM_DELLINK). An
-interface that is made again under the same name is another one to the kernel, with another index:
-sockets of the first one stay deaf, so whoever has some must open new ones.
+The kernel sends a message for every change (`man 7 rtnetlink`, RTM_NEWLINK and RTM_DELLINK). An
+interface that is removed and comes back under the same name gets another index. Sockets of the old
+one receive nothing any more, so new ones must be opened.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ class LinkState:
 
     Attributes:
         link: Its state.
-        index: Its number; another one after it was made again. 0 while there is none.
+        index: Its index in the kernel, which changes when it is removed and comes back; 0 while
+            it does not exist.
     """
 
     link: Link

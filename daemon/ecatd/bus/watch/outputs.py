@@ -1,7 +1,8 @@
-"""Tells who owns outputs, why they are safe, and which client does what none should do.
+"""Reports who owns outputs, why outputs are safe, and which client misbehaves.
 
-Who a client is, only its slot says, which the client writes itself: its word is told, not trusted.
-Nor need it be the owner of a slot who writes there: where others could have done it, all are named.
+Name and process number of a client come from its slot, which the client writes itself: they are
+reported, but not trusted. Another process may also have written into a slot. So messages name all
+processes that could have done it.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from .file_users import Program, names, programs_with
 from .rate_limiter import Batch
 
 _TOLD = 4
-"""Things that are told at once about one client; what came before them is only counted."""
+"""Most events about one client in one report; earlier ones are only counted."""
 
 _FRESH = 0.25
-"""Seconds for which it is known who has the file open: to find out takes milliseconds."""
+"""Seconds for which the list of programs that have the file open is reused; it is slow to make."""
 _WRONG = (EventType.REFUSED, EventType.MALFORMED)
 
 _REASONS = {
@@ -101,7 +102,7 @@ class OutputWatch:
             item.close()
 
     def _look_at(self, slot: int, generation: int) -> None:
-        """Remembers who is in a slot, for when another client has its place."""
+        """Remembers the client in a slot, so that it can be named after it has left."""
         out, kind = self._shared.out, shm.struct("ecat_out_slot")
         at = out.slots_offset + slot * out.slot_stride
         data = os.pread(self._shared.out_fd, shm.size(kind.__name__), at)
@@ -157,7 +158,7 @@ class OutputWatch:
         self._tell(EventType(event.type).name.lower(), **facts)
 
     def _say(self, group: list[Event], who: _Client) -> None:
-        """One line about events of one kind that came one after the other."""
+        """Logs one line about consecutive events of one kind."""
         first = group[0]
         slaves = self._slaves({event.slave for event in group if event.slave >= 0})
         match first.type:

@@ -1,8 +1,8 @@
-"""Decides which slaves are brought back to OP, how, and when. `repair.py` does it.
+"""Decides which slaves are brought back to OP, how, and when. `repair.py` does the work.
 
-A slave that lacked something, frames or SYNC signals, is asked for OP again: a few times soon, then
-slowly for as long as OP is what is wanted. One that does not stay there, that has begun anew or has
-forgotten its address, is set up as at the start. One that has a reason of its own is left alone.
+A slave that left OP for lack of frames or SYNC signals is asked for OP again: first a few times
+quickly, then slowly for as long as OP is wanted. A slave that does not stay in OP, has restarted or
+has lost its address, is set up as at the start. A slave that gives another reason is left alone.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..master.master import SlaveState
 
 QUICK_TRIES = 3
 _PAUSES = (0.5, 2.0)
-"""Seconds after each of the first tries before the next one."""
+"""Seconds between the first tries."""
 _STEADY = 10.0
-"""Seconds in OP after which a slave may fall as often again."""
+"""Seconds in OP after which the tries of a slave are counted from 0 again."""
 _ASKED_ONLY = 2
-"""Tries in which a slave is only asked; then it is set up anew."""
+"""Number of tries in which OP is only requested; after them the slave is set up anew."""
 _PATIENCE = 3.0
-"""Seconds that a slave stays as it is which was taken out of OP without an error: another master
-that is at work on it betrays itself in this time."""
+"""Seconds for which a slave that left OP without an error is left alone. If another master has
+done that, its frames are noticed in this time."""
 
 
 class Condition(StrEnum):
@@ -104,12 +104,12 @@ class _Slave:
     text: str = ""
 
     def is_odd(self, now: float) -> bool:
-        """Whether somebody seems to be at work on it who is not us."""
+        """Whether another master may have changed the slave's state."""
         by_itself = self.tries or self.code or self.watchdog or self.state & AL_ERROR_FLAG
         return not by_itself and bool(self.state) and now - self.changed_at < _PATIENCE
 
     def begin_anew(self) -> None:
-        """Counting begins anew."""
+        """Counts tries from 0 again."""
         self.tries, self.not_before, self.told_slow, self.told = 0, 0.0, False, ""
 
 
@@ -129,7 +129,7 @@ class Recovery:
         self._strangers = 0
 
     def want(self, positions: Iterable[int], state: AlState) -> None:
-        """Somebody brings slaves to a state: nothing is done behind his back until `done`."""
+        """Sets the state in which slaves are wanted; recovery leaves them alone until `done`."""
         for position in positions:
             down_since = self._slaves[position].down_since
             self._slaves[position] = _Slave(wanted=state, down_since=down_since, busy=True)
@@ -148,13 +148,13 @@ class Recovery:
     def look(
         self, states: Sequence[SlaveState], strangers: int, now: float, *, foreign: bool = False
     ) -> Plan:
-        """What follows from the present states; what is to be done counts as a try.
+        """Decides what to do, from the present states. Each decision counts as a try.
 
         Args:
             states: AL status of all slaves, 0 of those that do not answer at their address.
             strangers: Slaves on the wire beside those that answer at their address.
             now: CLOCK_MONOTONIC in seconds.
-            foreign: Another master is at work: nothing is done against it.
+            foreign: Whether another master is at work; then nothing is done.
         """
         plan = Plan()
         more = strangers != self._strangers
@@ -230,7 +230,7 @@ class Recovery:
         return "ask" if slave.tries < asked_only else "set up"
 
     def _explain(self, plan: Plan, slave: _Slave, item: SlaveState) -> None:
-        """Why nothing is done, told once where somebody has to do something."""
+        """Sets why nothing is done for a slave; reports it once if a person has to act."""
         if not item.al_state & 0x0F:
             slave.condition, slave.text = Condition.MISSING, ""
         elif self._mode != "all" or item.al_state & 0x0F == AlState.BOOT:
@@ -252,10 +252,10 @@ class Recovery:
         slave.not_before = now + min(pauses[slave.tries - 1], self._retry_s)
 
     def done(self, position: int, failure: Failure | None) -> bool:
-        """A try is over; what the slave is in now is told by the next look.
+        """Ends a try; the next look reads the state of the slave.
 
         Returns:
-            Whether the failure is another one than that of the try before.
+            Whether the failure differs from that of the try before.
         """
         slave = self._slaves[position]
         slave.busy = False

@@ -67,7 +67,7 @@ class Repair:
         return condition, text
 
     def _want(self, positions: Iterable[int], state: AlState) -> None:
-        """Somebody brings slaves to a state: what is done to them here ends."""
+        """Ends recovery of slaves, since a person or program wants them in a state."""
         chosen = set(positions)
         for task, at_work in list(self._jobs.items()):
             if at_work & chosen:
@@ -82,8 +82,8 @@ class Repair:
     async def change(self, positions: Sequence[int], state: AlState) -> None:
         """Brings slaves to a state because somebody wants it; they stay there.
 
-        What a slave refuses, it has not been asked for: its error is acknowledged, and it is wanted
-        where it was wanted before. Only one that refuses OP keeps its error, which says why.
+        If a slave refuses the state, its error is acknowledged, and its wanted state is the one
+        before. Only a slave that refuses OP keeps its error, which says why.
 
         Raises:
             StateError: Slaves did not reach it; the message names each, and why.
@@ -149,7 +149,7 @@ class Repair:
             task.cancel()
 
     def act(self, states: Sequence[SlaveState], strangers: int, *, foreign: bool) -> None:
-        """Begins what the states of the slaves ask for, and tells it."""
+        """Starts the recovery that the states of the slaves call for, and reports it."""
         plan = self._recovery.look(states, strangers, time.monotonic(), foreign=foreign)
         self._tell_plan(plan)
         if plan.ask:
@@ -163,7 +163,7 @@ class Repair:
         return {position: _failure(item) for position, item in missed.items()}
 
     def _set_up(self, positions: list[int], missing: set[int]) -> Steps[dict[int, Failure]]:
-        """Sets slaves up that are what they were; on the worker."""
+        """Sets up slaves, after checking that they are the slaves of the scan; on the worker."""
         finder, failures = self._running.finder, {}
         here = []
         for position in positions:
@@ -179,7 +179,11 @@ class Repair:
         return failures | lost | {position: _failure(item) for position, item in missed.items()}
 
     def _find(self, lost: Sequence[int]) -> tuple[list[int], dict[int, Failure]]:
-        """Gives slaves their address again that have forgotten it; which, and why others not."""
+        """Gives slaves that have lost their address their address back.
+
+        Returns:
+            The positions of those slaves, and why the others have none.
+        """
         found = self._running.finder.look() if lost else Found()
         here, failures = [], {}
         for position in lost:

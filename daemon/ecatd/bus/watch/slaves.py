@@ -1,7 +1,7 @@
-"""Which slaves are there, and in which AL state.
+"""Watches which slaves are present, and their AL states.
 
-The engine reads in each cycle how many slaves there are and their AL states, ORed, and tells when
-that changes. Then all slaves are asked here, so that the one that has changed is named.
+In each cycle the engine reads the number of slaves, and their AL states, ORed. When one of these
+changes, this module reads the AL status of all slaves to find the one that has changed.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .recovery import Condition
 from .repair import Repair
 
 _SLOW_PERIOD = 2.0
-"""Seconds between looks while all slaves are in OP: then every change is told by the engine, and
-this is the safety net."""
+"""Seconds between looks while all slaves are in OP. The engine notices every change then; looks
+are only a safety net."""
 _PERIOD = 0.25
-"""The same while they are not: then the state of one can hide the change of another."""
+"""The same while a slave is not in OP: in the ORed states, it may hide the change of another."""
 _PAUSE, _LONGEST_PAUSE = 0.02, 1.0
 """Shortest time between two looks, which grows while each of them finds something to tell."""
 _STATION_ADDRESS = 0x0010

@@ -1,8 +1,8 @@
-"""Carries out what clients ask for in their slots, as any other request.
+"""Carries out the requests that clients write into their slots.
 
-The engine only tells that somebody has asked: nothing that waits for a slave may hold the cycle up.
-Each slot is served by itself, one request after the other, so no client can keep the mailbox from
-the others by asking for much. One that asks for nonsense is looked at less and less often.
+The engine only reports that a slot has new requests, since the cycle must not wait for a slave.
+Each slot is served separately, one request after the other, so no client can block the mailboxes
+for others. The slot of a client with senseless requests is read less and less often.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _STATUS: tuple[tuple[type[EcatError], Errno], ...] = (
     (NotPermittedError, Errno.EPERM),
     (UnreachableError, Errno.EDOWN),
 )
-"""What a client is told; the first one that fits."""
+"""The status that a client gets for an error; the first class that fits counts."""
 
 _PAUSE = 0.001
 """Seconds between two looks at a slot."""
@@ -85,7 +85,7 @@ class SlotRequests:
             slot.timer = loop.call_at(max(slot.next_look, loop.time()), self._look, number)
 
     def close(self) -> None:
-        """Nothing is begun any more."""
+        """Ends all work on requests; no new one is started."""
         for slot in self._slots:
             if slot.timer is not None:
                 slot.timer.cancel()
@@ -167,7 +167,7 @@ class _Slot:
         self.in_vain = 0  # looks, one after the other, that have found nothing to do
 
     def drop(self, cell: int) -> bool:
-        """Forgets what waits of a cell: there is another request in it now."""
+        """Drops the waiting request of a cell that holds another request now."""
         kept = deque(item for item in self.waiting if item[0].cell != cell)
         found = len(kept) < len(self.waiting)
         self.waiting = kept
