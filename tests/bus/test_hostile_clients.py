@@ -28,7 +28,7 @@ CONFIG = """
 [gateway]
 listen = []
 [outputs]
-lease_max_ms = 60000
+lease_max_ms = 5000
 [[outputs.safe]]
 slave = 0
 entry = "0x7000:01"
