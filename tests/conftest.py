@@ -176,6 +176,14 @@ def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = 30)
         time.sleep(0.02)
 
 
+def stop_process(pid: int) -> None:
+    """Stops a process as SIGSTOP does, and waits until none of its threads runs any more."""
+    os.kill(pid, signal.SIGSTOP)
+    tasks = [*Path(f"/proc/{pid}/task").iterdir()]
+    while any((task / "stat").read_text().rsplit(")", 1)[1].split()[0] != "T" for task in tasks):
+        time.sleep(0.001)
+
+
 def with_suppress_kill(pid: int, number: int) -> None:
     with contextlib.suppress(ProcessLookupError):
         os.kill(pid, number)

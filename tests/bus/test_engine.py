@@ -274,15 +274,15 @@ def test_a_break_anywhere_in_a_ring_loses_nothing(place):
             until(lambda: returned(client, b, 0), "the pattern")
             until(lambda: health.ring == shm.Ring.CLOSED)
             for number in range(1, 4):
-                lost, bad = health.lost, health.wkc_bad
+                lost, bad = health.lost - health.late, health.wkc_bad
                 b.esc.break_link(*at, True)
                 until(lambda: health.ring == shm.Ring.OPEN, "the break")
                 assert health.ring_break == place
                 assert health.slaves_found == 4
                 write_all(client, b, number)
                 until(lambda number=number: returned(client, b, number), "the pattern")
-                # At most the frames that were under way were lost.
-                assert health.lost - lost <= 2
+                # At most the frames that were under way were lost; a busy machine makes some late.
+                assert health.lost - health.late - lost <= 2
                 assert health.wkc_bad - bad <= 2
                 b.esc.break_link(*at, False)
                 until(lambda: health.ring == shm.Ring.CLOSED, "the repair")

@@ -45,14 +45,29 @@ def broadcast(command, register, data):
                 return frame[26:end], struct.unpack_from("<H", frame, end)[0]
 
 
+def started_kickcat():
+    """A bus of kickcat in PREOP. Some of its time-outs are fixed, so it may take another try."""
+    import kickcat
+
+    for left in reversed(range(5)):
+        link = kickcat.create_link(INTERFACE, "")
+        link.set_timeout(0.02)  # seconds; each scan waits some hundred times this long
+        bus = kickcat.Bus(link)
+        try:
+            bus.init(0.0)  # no watchdogs, for the same reason
+        except RuntimeError:
+            if not left:
+                raise
+        else:
+            return bus
+    raise AssertionError
+
+
 def master_kickcat():
     """Process data of all slaves in OP; kickcat itself raises where a working counter is wrong."""
     import kickcat
 
-    link = kickcat.create_link(INTERFACE, "")
-    link.set_timeout(0.02)  # seconds; each scan waits some hundred times this long
-    bus = kickcat.Bus(link)
-    bus.init(0.0)  # no watchdogs, for the same reason
+    bus = started_kickcat()
     bus.create_mapping()
     bus.request_state(kickcat.State.SAFE_OP)
     bus.wait_for_state(kickcat.State.SAFE_OP, 5.0)

@@ -20,7 +20,7 @@ import pytest
 import ecatd.client
 from conftest import Daemon, run_module, wait_for
 from ecatd import shm
-from ecatd.client import Client, Request, Signal
+from ecatd.client import Claim, Client, Request, Signal
 from ecatd.model import errors
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
@@ -119,7 +119,7 @@ def test_the_table_names_what_there_is_in_cpp_and_python() -> None:
     assert {name for name in cpp if not re.search(rf"\b{name}[(<]|class {name}\b", header)} == set()
     python = set().union(*(called(row[3]) for row in table("All calls")))
     python -= {"len", "await"}
-    things = (Client, Signal, Request, ecatd.client)
+    things = (Client, Signal, Claim, Request, ecatd.client)
     assert {name for name in python if not any(hasattr(thing, name) for thing in things)} == set()
 
 
