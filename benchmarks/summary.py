@@ -6,8 +6,6 @@ import statistics
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
-
 
 def fit(
     points: Sequence[dict[str, Any]], keys: Sequence[str], value: str, names: Sequence[str]
@@ -21,6 +19,9 @@ def fit(
         value: What was measured.
         names: Of the constant and of the slopes.
     """
+    # Not above: numpy starts threads, and a process with threads cannot enter a user namespace.
+    import numpy as np
+
     weights = np.array([1.0 / point[value] for point in points])
     rows = np.array([[1.0, *(float(point[key]) for key in keys)] for point in points])
     found = np.linalg.lstsq(rows * weights[:, None], np.ones(len(points)), rcond=None)[0]
