@@ -4,7 +4,7 @@ import struct
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ecatd.model.datatypes import DataType
@@ -47,7 +47,13 @@ UPLOADS = st.one_of(
 )
 
 
+REAL32_OF_8_BYTES = {
+    0: (DictionaryEntry("", DataType.REAL32, 57, 0), Upload(bytes(7) + b"H")),
+}
+
+
 @settings(max_examples=300)
+@example("", 0, REAL32_OF_8_BYTES)
 @given(
     TEXTS,
     st.integers(0, 0xFFFF),

@@ -9,10 +9,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
-from importlib import import_module
-from typing import Any, NoReturn
+from typing import NoReturn
 
+from ecatd.lazy_command import LazyCommand
 from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.version import VERSION
 
@@ -58,19 +57,8 @@ class _Parser(argparse.ArgumentParser):
         super().error(message)
 
 
-class _Command(_Parser):
-    """A command; its module is loaded, and declares its arguments, when it is asked for."""
-
-    def __init__(self, *, command: str, module: str, **settings: Any) -> None:
-        super().__init__(**settings)
-        self._command = command
-        self._module = module
-
-    def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: Any = None
-    ) -> tuple[Any, list[str]]:
-        import_module(f".{self._module}", __package__).add_arguments(self, self._command)
-        return super().parse_known_args(args, namespace)
+class _Command(LazyCommand, _Parser):
+    """A command of `ecatctl`."""
 
 
 def _print_error(error: EcatError) -> None:
@@ -129,7 +117,7 @@ def _parser() -> argparse.ArgumentParser:
         command = commands.add_parser(
             name,
             command=name,
-            module=module,
+            module=f"{__package__}.{module}",
             help=summary,
             description=summary,
             aliases=_ALIASES.get(name, ()),

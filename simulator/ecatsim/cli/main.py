@@ -42,7 +42,7 @@ def _parser() -> Parser:
         dest="command", required=True, metavar="COMMAND", parser_class=Command
     )
     for name, module, summary in _COMMANDS:
-        commands.add_parser(name, command=name, module=module, help=summary)
+        commands.add_parser(name, command=name, module=f"{__package__}.{module}", help=summary)
     return parser
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from importlib import import_module
-from typing import Any, NoReturn, TypeAlias
+from typing import NoReturn, TypeAlias
 
+from ecatd.lazy_command import LazyCommand
 from ecatd.model.errors import UsageError
 
 
@@ -18,20 +17,8 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message}; see `{self.prog} --help`")
 
 
-class Command(Parser):
-    """A command; its module is loaded, and declares its arguments, when it is asked for."""
-
-    def __init__(self, *, command: str, module: str, **settings: Any) -> None:
-        super().__init__(**settings)
-        self._command = command
-        self._module = module
-
-    def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: Any = None
-    ) -> tuple[Any, list[str]]:
-        """Loads the module; then as usual."""
-        import_module(f".{self._module}", __package__).add_arguments(self, self._command)
-        return super().parse_known_args(args, namespace)
+class Command(LazyCommand, Parser):
+    """A command of `ecatsim`."""
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"

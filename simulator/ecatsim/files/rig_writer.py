@@ -193,7 +193,8 @@ def _value(entry: DictionaryEntry, data: bytes) -> str:
     if not same or not bit_length(kind):
         return raw
     if is_real(kind):
-        return f"value = {value!r}" if math.isfinite(float(value)) else raw
+        fits = 8 * len(data) == bit_length(kind)  # else REAL32 may come as a number of 64 bits
+        return f"value = {value!r}" if fits and math.isfinite(float(value)) else raw
     low, high = value_range(kind, bits)
     if not isinstance(value, int) or not low <= value <= high:
         return raw
