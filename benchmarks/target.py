@@ -14,6 +14,9 @@ _COMPARE: dict[str, Callable[[float, float], bool]] = {
     "≥": operator.ge,
     "±": lambda figure, limit: abs(figure) <= limit,
 }
+NOTHING = "–"
+"""What a target wants whose figure has no limit."""
+
 _LIMIT = re.compile(r"([<≤≥±]?) ?([\d.]+)(%?)")
 
 
@@ -24,7 +27,7 @@ class Target:
     Attributes:
         what: What is measured.
         wanted: What it is meant to be, as "≤ 150 ns": how to compare, and the limit. A number alone
-            is the most; without a number and a limit nothing is meant.
+            is the most; `NOTHING`: the figure is only shown.
         figure: What it is.
         measured: The same as the table has it.
         limit: The limit, where the text has it rounded.
@@ -45,11 +48,18 @@ class Target:
 
     @property
     def met(self) -> bool:
-        """Whether the figure is enough."""
+        """Whether the figure is enough.
+
+        Raises:
+            ValueError: There is no limit: such a target would always be met.
+        """
         found = _LIMIT.match(self.wanted)
-        sign, number, percent = found.groups() if found else ("", "inf", "")
-        limit = float(number) / (100 if percent else 1) if self.limit is None else self.limit
-        return self.valid and _COMPARE[sign or "≤"](self.figure, limit)
+        sign, limit = found[1] if found else "", self.limit
+        if limit is None and found:
+            limit = float(found[2]) / (100 if found[3] else 1)
+        if limit is None and self.wanted != NOTHING:
+            raise ValueError(f"the target {self.what!r} has no limit: {self.wanted!r}")
+        return self.valid and (limit is None or _COMPARE[sign or "≤"](self.figure, limit))
 
     def row(self, machine: dict[str, Any]) -> str:
         """The row, on a machine (`machine.describe`, `interruptions.measure`)."""

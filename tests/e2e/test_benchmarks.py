@@ -277,6 +277,24 @@ def test_what_the_machine_itself_took_is_said() -> None:
     assert verdict(60, {"cores": 2}).endswith("| **no** |")
 
 
+@pytest.mark.parametrize(
+    ("wanted", "enough", "too_much"),
+    [("≤ 150 ns", 150, 151), ("< 1 s", 0.9, 1), ("≥ 1.2 × pysoem", 1.2, 1.1), ("0", 0, 1)]
+    + [("± 15% of one reader", -0.15, 0.16), ("≤ 5%", 0.05, 0.06)],
+)
+def test_a_target_is_met_up_to_its_limit(wanted: str, enough: float, too_much: float) -> None:
+    assert Target("x", wanted, enough, "").met
+    assert not Target("x", wanted, too_much, "").met
+    assert not Target("x", wanted, enough, "", valid=False).met
+
+
+def test_a_target_without_a_limit_is_refused() -> None:
+    assert Target("x", "–", 1e9, "").met
+    assert not Target("x", "none lost", 1, "", limit=0).met
+    with pytest.raises(ValueError, match="none lost"):
+        _ = Target("x", "none lost", 0, "").met
+
+
 def test_without_results() -> None:
     run = benchmarks("--report-only", "--out", "/nowhere")
     assert run.returncode == 2
