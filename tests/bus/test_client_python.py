@@ -237,6 +237,19 @@ def test_requests_that_nobody_asks_for_take_no_place(troll: Daemon) -> None:
         assert bus.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
 
 
+def test_requests_of_a_closed_client_end_with_it(troll: Daemon) -> None:
+    bus = troll.client()
+    unwanted, other = (bus.sdo_upload(DRIVE, 0x1018, 1) for _ in range(2))
+    del other
+    bus.close()
+    with pytest.raises(StateError, match="is closed"):
+        bus.sdo_upload(DRIVE, 0x1018, 1)
+    with pytest.raises(StateError, match="is closed"):
+        unwanted.cancel()
+    with pytest.raises(StateError, match="was cancelled"):
+        unwanted.poll()
+
+
 def test_a_request_does_not_take_the_answer_of_another(troll: Daemon) -> None:
     """When all requests have ended with the claims, their handles lead nowhere."""
     with troll.client() as bus:

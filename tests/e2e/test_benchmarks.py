@@ -279,8 +279,14 @@ def test_what_the_machine_itself_took_is_said() -> None:
 
 @pytest.mark.parametrize(
     ("wanted", "enough", "too_much"),
-    [("≤ 150 ns", 150, 151), ("< 1 s", 0.9, 1), ("≥ 1.2 × pysoem", 1.2, 1.1), ("0", 0, 1)]
-    + [("± 15% of one reader", -0.15, 0.16), ("≤ 5%", 0.05, 0.06)],
+    [
+        ("≤ 150 ns", 150, 151),
+        ("< 1 s", 0.9, 1),
+        ("≥ 1.2 × pysoem", 1.2, 1.1),
+        ("0", 0, 1),
+        ("± 15% of one reader", -0.15, 0.16),
+        ("≤ 5%", 0.05, 0.06),
+    ],
 )
 def test_a_target_is_met_up_to_its_limit(wanted: str, enough: float, too_much: float) -> None:
     assert Target("x", wanted, enough, "").met

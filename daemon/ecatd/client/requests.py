@@ -47,11 +47,18 @@ class Requests:
         return Request(self, self._connection, self._connection.check_live(code))
 
     def free_places(self) -> None:
-        """Cancels the requests that nobody asks for any more."""
+        """Cancels the requests that nobody asks for any more.
+
+        Raises:
+            StateError: The client was closed.
+            UsageError: Another thread waits with the client.
+        """
         connection = self._connection
+        address = connection.address
         while self._abandoned:
-            with suppress(EcatError):
-                connection.check(QUICK.ecat_cancel(connection.address, self._abandoned.pop()))
+            number = self._abandoned.pop()
+            with suppress(EcatError):  # it has ended with the claims, or with the daemon
+                connection.check(QUICK.ecat_cancel(address, number))
 
 
 class Request:
@@ -106,10 +113,11 @@ class Request:
 
     def cancel(self) -> None:
         """Gives it up to make room for another; the slave may have been asked already."""
-        if self._number is not None:
-            self._requests.abandon(self._number)
+        number, self._number = self._number, None
+        if number is not None:
+            self._cancelled = True
+            self._requests.abandon(number)
             self._requests.free_places()
-            self._number, self._cancelled = None, True
 
     def result(self, timeout: float = 10.0) -> bytes:
         """Waits for the end. Nothing is sampled meanwhile, so a short lease may pass.
