@@ -1,6 +1,6 @@
 """The EtherCAT daemon: bus server, gateway, command line and the data they share.
 
-`from ecatd import Client` is all that a program needs; nothing is loaded before it is asked for.
+A program needs `from ecatd import Client`. Each name is loaded when it is first used.
 """
 
 from importlib import import_module

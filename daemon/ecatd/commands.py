@@ -1,7 +1,7 @@
-"""Where the commands begin.
+"""Entry points of the commands.
 
-A command is loaded for a tenth of a second before it runs. Ctrl-C meanwhile ends it as it ends any
-program, without a traceback.
+Loading the modules of a command takes about a tenth of a second. Ctrl-C during this time ends the
+process by the signal, without a traceback.
 """
 
 import importlib
@@ -9,17 +9,17 @@ import signal
 
 
 def ecatd() -> int:
-    """The daemon; returns the exit status."""
+    """Runs the daemon; returns the exit status."""
     return _run("ecatd.service.main")
 
 
 def ecatctl() -> int:
-    """The command line of the daemon; returns the exit status."""
+    """Runs the command line of the daemon; returns the exit status."""
     return _run("ecatd.cli.main")
 
 
 def ecatsim() -> int:
-    """The simulator; returns the exit status."""
+    """Runs the simulator; returns the exit status."""
     return _run("ecatsim.cli.main")
 
 

@@ -10,17 +10,17 @@ from ecatd.encoding import LENGTH, MAX_REPLY, frame, unpack
 from .model.errors import UsageError
 
 _UNSENT_MAX = MAX_REPLY
-"""Bytes: an end is not stuck because it has not read the whole of one reply yet."""
+"""Most unsent bytes of an end that counts as reading: one reply of the largest size."""
 
 
 class Connection(asyncio.Protocol):
-    """One end of it. Subclasses handle messages as they come, on the thread of the event loop.
+    """One end of the connection. Subclasses handle messages on the thread of the event loop.
 
-    asyncio's streams would do the same, but wake a task for each part of a message: that was a
-    third of what a request cost.
+    The streams of asyncio would do the same, but they wake a task for each part of a message, which
+    took a third of the time of a request.
 
     Args:
-        limit: Most bytes of a message from the other end.
+        limit: Most bytes of a message that is received.
     """
 
     def __init__(self, limit: int) -> None:
@@ -35,7 +35,11 @@ class Connection(asyncio.Protocol):
         raise NotImplementedError
 
     def ended(self, problem: UsageError | None) -> None:
-        """Called when the other end has closed, or was disconnected for what it has sent."""
+        """Called when the connection has ended.
+
+        Args:
+            problem: What was wrong with a received message, if that was why; else None.
+        """
         raise NotImplementedError
 
     @property
@@ -45,31 +49,31 @@ class Connection(asyncio.Protocol):
 
     @property
     def is_stuck(self) -> bool:
-        """Whether the other end does not read what it is sent."""
+        """Whether the other end does not read: too many bytes wait to be sent."""
         return self._transport is not None and (
             self._transport.get_write_buffer_size() > _UNSENT_MAX
         )
 
     def send(self, message: dict[str, Any]) -> None:
-        """Sends a message; one for an end that has gone is dropped."""
+        """Sends a message; drops it if the connection has ended."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(frame(message))
 
     def hold(self) -> None:
-        """Takes no further messages for now."""
+        """Stops receiving messages until `go_on`."""
         self._held = True
         if self._transport is not None:
             self._transport.pause_reading()
 
     def go_on(self) -> None:
-        """Takes messages again."""
+        """Receives messages again."""
         self._held = False
         if self._transport is not None and not self._transport.is_closing():
             self._transport.resume_reading()
             self._take()
 
     def close(self) -> None:
-        """Disconnects, when all is sent."""
+        """Disconnects after everything has been sent."""
         if self._transport is not None:
             self._transport.close()
 
@@ -92,15 +96,15 @@ class Connection(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """See `asyncio.Protocol`."""
-        del exc  # whatever it is: it has gone
+        del exc  # the reason does not matter: the other end is gone
         self.ended(self._problem)
 
     def _take(self) -> None:
-        """Hands over all messages that are complete."""
+        """Handles all messages that have been received completely."""
         while not self._held and self.is_open:
             try:
                 message = self._next()
-            except UsageError as error:  # there is no way to find the next one
+            except UsageError as error:  # the start of the next message is unknown
                 self._problem = error
                 self.abort()
                 return

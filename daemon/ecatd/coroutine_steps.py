@@ -1,8 +1,7 @@
-"""Work that waits for slaves, written so that others need not wait for it.
+"""Functions that wait for slaves, as generators that yield wherever they wait.
 
-Such a function is a generator that yields wherever it waits. The start of a bus runs it to its end
-(`finish`); a running bus lets other mailbox requests pass at each of these places
-(`Worker.run_steps`). So both do the same to a slave, with the same code.
+The start of a bus runs such a generator to its end (`finish`). A running bus carries out other
+requests whenever the generator yields (`Worker.run_steps`). So both use the same code.
 """
 
 from __future__ import annotations
@@ -14,14 +13,14 @@ from typing import TypeVar
 T = TypeVar("T")
 
 Steps = Generator[None, None, T]
-"""Yields where it waits; its value is the result."""
+"""A generator that yields where it waits, and returns its result."""
 
 PAUSE = 0.002
-"""Seconds between two looks at what is waited for, where nobody else wants the wire."""
+"""Seconds between two steps of `finish`, that is while no other request needs the wire."""
 
 
 def finish(steps: Steps[T], pause: float = PAUSE) -> T:
-    """Runs steps to their end, with `pause` seconds at each place where they wait."""
+    """Runs steps to their end, with `pause` seconds after each; returns their result."""
     while True:
         try:
             next(steps)

@@ -1,4 +1,4 @@
-"""Messages as bytes: msgpack; on the control socket (`connection.py`) with its length in front."""
+"""Encodes messages with msgpack; on the control socket (`connection.py`) a length precedes each."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ import msgpack
 from ecatd.model.errors import UsageError
 
 LENGTH = struct.Struct(">I")
-"""What stands in front of a message on the control socket."""
+"""Length of a message in bytes, which precedes it on the control socket: 32 bits, big endian."""
 
 MAX_MESSAGE = 64 * 1024
-"""Bytes of an encoded message; longer ones are refused before they are decoded."""
+"""Most bytes of an encoded request; longer ones are refused before they are decoded."""
 
 MAX_REPLY = 1 << 26
-"""Bytes of a reply from a daemon that one has chosen to trust: a large bus has much to tell."""
+"""Most bytes of a reply. The limit is higher: a client trusts its daemon, and a large bus has a
+long description."""
 
 
 def pack(message: dict[str, Any]) -> bytes:
-    """A message as msgpack."""
+    """Encodes a message as msgpack."""
     return bytes(msgpack.packb(message))
 
 
 def unpack(data: bytes, limit: int = MAX_MESSAGE) -> dict[str, Any]:
-    """The map in a msgpack message of at most `limit` bytes.
+    """Decodes a msgpack message of at most `limit` bytes.
 
     Raises:
-        UsageError: It is too long, no msgpack, or no map with string keys.
+        UsageError: The message is too long, no msgpack, or no map with string keys.
     """
     if len(data) > limit:
         raise UsageError(f"a message of {len(data)} bytes is too long: {limit} are allowed")
@@ -42,6 +43,6 @@ def unpack(data: bytes, limit: int = MAX_MESSAGE) -> dict[str, Any]:
 
 
 def frame(message: dict[str, Any]) -> bytes:
-    """A message with its length in front."""
+    """Encodes a message, with its length in front."""
     data = pack(message)
     return LENGTH.pack(len(data)) + data

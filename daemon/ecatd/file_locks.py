@@ -1,6 +1,7 @@
-"""Locks of single bytes of a file, which tell who lives (`ECAT_LOCK_DAEMON`, `ECAT_LOCK_SLOT`).
+"""Locks of single bytes of a file (F_OFD_SETLK), by which the owner of a file or slot shows life.
 
-They belong to an open file and vanish with it, however its process ends.
+`ECAT_LOCK_DAEMON` and `ECAT_LOCK_SLOT` in the layout of the shared memory say which bytes these
+are. A lock belongs to the open file: the kernel removes it however the process ends.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ _FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
 
 
 def take(fd: int, byte: int) -> bool:
-    """Takes the lock of a byte; False where another process holds it."""
+    """Takes the lock of a byte; returns False if it cannot be had, since another file holds it."""
     try:
         fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _one_byte(fcntl.F_WRLCK, byte))
     except OSError:
@@ -22,16 +23,16 @@ def take(fd: int, byte: int) -> bool:
 
 
 def release(fd: int, byte: int) -> None:
-    """Gives the lock of a byte back."""
+    """Releases the lock of a byte."""
     fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _one_byte(fcntl.F_UNLCK, byte))
 
 
 def held(fd: int, byte: int) -> bool:
-    """Whether somebody else, who lives, holds the lock of a byte."""
+    """Whether another open file holds the lock of a byte; true if the kernel gives no answer."""
     try:
         answer = fcntl.fcntl(fd, fcntl.F_OFD_GETLK, _one_byte(fcntl.F_RDLCK, byte))
     except OSError:
-        return True  # an answer that cannot be had is no proof of death
+        return True  # without an answer, the owner may be alive
     return bool(struct.unpack(_FLOCK, answer)[0] != fcntl.F_UNLCK)
 
 

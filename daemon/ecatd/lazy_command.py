@@ -1,4 +1,4 @@
-"""Commands of `ecatctl` and `ecatsim` whose module is loaded only when they are asked for."""
+"""Commands of `ecatctl` and `ecatsim` whose modules are loaded only when they are used."""
 
 from __future__ import annotations
 

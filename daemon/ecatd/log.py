@@ -1,4 +1,4 @@
-"""One line per event on stderr: with a priority prefix for the journal, plain for people."""
+"""Writes one line per event to stderr: in the journal with a priority, else with a name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ _LEVELS = list(_PREFIX)
 
 
 def _stderr_is_journal() -> bool:
-    """Whether stderr is the journal's socket; the variable is inherited by terminals as well."""
+    """Whether stderr is the socket of the journal.
+
+    $JOURNAL_STREAM alone does not say so: processes whose stderr was redirected inherit it as well.
+    """
     status = os.fstat(2)
     return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"
 

@@ -10,8 +10,8 @@ from pathlib import Path
 def load(package: str, name: str) -> ctypes.CDLL:
     """Loads `lib<name>.so` from the folder `_native` of a package.
 
-    A development install keeps Python files and built files in two folders, both of which are on
-    the package's path.
+    A development install keeps Python files and built files in two folders; both are in the
+    `__path__` of the package.
 
     Raises:
         ImportError: The library is not installed; the message says how to build it.

@@ -1,6 +1,6 @@
-"""Network namespaces of our own: private interfaces for everyone, root or not.
+"""Network namespaces with private interfaces, which an ordinary user can make as well as root.
 
-The namespace and its interfaces are anonymous: they vanish with the last process in them.
+A namespace has no name: the kernel removes it and its interfaces with the last process in it.
 """
 
 from __future__ import annotations
@@ -35,14 +35,15 @@ def _call(function: str, *arguments: int) -> None:
 def enter_new() -> bool:
     """Moves this process, which must have one thread, into a new network namespace.
 
-    With CAP_SYS_ADMIN that is all. Without it the process gets a user namespace as well, in
-    which its user is root.
+    Without CAP_SYS_ADMIN the process enters a new user namespace as well, in which its user is
+    root.
 
     Returns:
-        Whether there is a user namespace as well.
+        Whether it has entered a user namespace as well.
 
     Raises:
-        NotPermittedError: The system forbids it; the message says what to do.
+        NotPermittedError: The system forbids user namespaces; the message says what to do.
+        EcatError: The kernel refuses a namespace for another reason.
     """
     try:
         _call("unshare", _CLONE_NEWNET)
@@ -63,7 +64,7 @@ def enter_new() -> bool:
             f"this system forbids user namespaces ({error.strerror}), without which a private "
             f"interface needs privileges: {_HINT}"
         ) from error
-    # Otherwise the kernel hides our namespaces from other processes of the same user.
+    # Without this, other processes of the same user could not open our namespaces in /proc.
     _call("prctl", _PR_SET_DUMPABLE, 1, 0, 0, 0)
     return True
 
@@ -75,6 +76,7 @@ def join(pid: int) -> None:
         UnreachableError: There is no such process.
         NotPermittedError: It belongs to another user.
         StateError: This process has several threads.
+        EcatError: The kernel refuses for another reason.
     """
     try:
         kinds = (("user", _CLONE_NEWUSER), ("net", _CLONE_NEWNET))

@@ -1,8 +1,8 @@
-"""Where the sockets of a bus are, and the files of machine and user.
+"""Paths of the sockets of a bus, and of the configuration of machine and user.
 
-A daemon of the system (root, systemd) keeps them in `/run/ecatd`, one of an ordinary user in
-`$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` where there is no such directory.
-`$ECATD_RUNTIME_DIR` overrides all of them.
+A daemon that runs as root keeps its sockets in `/run/ecatd`, one of an ordinary user in
+`$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` if that variable is not set. `$ECATD_RUNTIME_DIR`
+overrides all of them; the unit of systemd sets it to `/run/ecatd`.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ _OWN = "set ECATD_RUNTIME_DIR to a directory of your own"
 def user_config(name: str) -> Path:
     """A folder of the user's configuration, such as `~/.config/ecatd/profiles`."""
     base = Path(os.environ.get("XDG_CONFIG_HOME", ""))
-    if not base.is_absolute():  # is to be ignored (XDG Base Directory Specification)
+    if not base.is_absolute():  # relative paths are ignored (XDG Base Directory Specification)
         base = Path(os.environ.get("HOME", "/nonexistent")) / ".config"
     return base / "ecatd" / name
 
 
 def profile_folders() -> list[Path]:
-    """Where device profiles of the machine and of the user are, the first one wins."""
+    """Folders with device profiles of the machine and of the user; the first one wins."""
     return [MACHINE / "profiles", user_config("profiles")]
 
 
 def user_dir() -> Path:
-    """The directory in which this process would make its sockets."""
+    """The directory for the sockets of this process; it may not exist yet."""
     if override := os.environ.get("ECATD_RUNTIME_DIR"):
         return Path(override)
     if os.geteuid() == 0:
@@ -44,10 +44,10 @@ def user_dir() -> Path:
 
 
 def make_dir() -> Path:
-    """The same directory, made if need be.
+    """Returns `user_dir()`, and makes the directory if it does not exist.
 
     Raises:
-        NotPermittedError: It cannot be made, or belongs to somebody else.
+        NotPermittedError: The directory cannot be made, or belongs to another user.
     """
     folder = user_dir()
     try:
@@ -58,12 +58,12 @@ def make_dir() -> Path:
     if owner != os.geteuid():
         raise NotPermittedError(f"{folder} belongs to user {owner}; {_OWN}")
     if give_to_group(folder):
-        folder.chmod(0o2750)  # what is made in it belongs to the group, too
+        folder.chmod(0o2750)  # setgid: files made in it belong to the group as well
     return folder
 
 
 def give_to_group(target: int | Path) -> bool:
-    """Lets the members of the group `ecat` in, where there is such a group and root decides."""
+    """Gives a file to the group `ecat`, if this is root and the group exists; returns whether."""
     if os.geteuid() != 0:
         return False
     try:
@@ -74,15 +74,15 @@ def give_to_group(target: int | Path) -> bool:
 
 
 def search_dirs() -> list[Path]:
-    """Where a client looks for a daemon: its own user's first, then the system's."""
+    """Folders in which a client looks for a daemon: that of its user first, then the system's."""
     return list(dict.fromkeys((user_dir(), SYSTEM)))
 
 
 def control_socket(folder: Path, bus: str) -> Path:
-    """Socket between gateway and bus server."""
+    """Path of the socket between gateway and bus server."""
     return folder / f"{bus}.control"
 
 
 def zenoh_socket(folder: Path, bus: str) -> Path:
-    """Socket on which the gateway speaks Zenoh with this machine's users."""
+    """Path of the socket on which the gateway serves Zenoh clients of this machine."""
     return folder / f"{bus}.zenoh"

@@ -1,4 +1,4 @@
-"""What the daemon's processes do about themselves: dying with their parent, giving up rights."""
+"""Functions with which a process of the daemon sets itself up: end with the parent, drop rights."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
     """Has the kernel send a signal to this process when its parent ends.
 
-    Call it after entering a namespace: that makes the kernel forget it. The signal also comes when
-    only the thread of the parent that started this process ends.
+    Call it after entering a namespace: entering one clears this setting in the kernel. The signal
+    also comes when only the thread of the parent ends that has started this process.
 
     Args:
-        parent: Process number of the parent; if it has ended already, the signal comes at once.
-        number: The signal.
+        parent: Process ID of the parent; if it has ended already, the signal is sent at once.
+        number: Number of the signal.
     """
     _LIBC.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
@@ -35,7 +35,7 @@ def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
 
 
 def read_settings() -> dict[str, Any]:
-    """What the service writes to stdin; ends this process if the service was killed before."""
+    """Reads the settings (JSON) from stdin; ends this process if the service was killed before."""
     try:
         settings: dict[str, Any] = json.load(sys.stdin)
     except ValueError:
@@ -52,10 +52,10 @@ class _CapData(ctypes.Structure):
 
 
 def drop_rights() -> None:
-    """Gives up every capability for good: nothing this process runs can get one back."""
+    """Drops all capabilities for good: neither this process nor its children can regain one."""
     _LIBC.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     for capability in range(_CAP_LAST + 1):
-        _LIBC.prctl(_PR_CAPBSET_DROP, capability, 0, 0, 0)  # fails without CAP_SETPCAP: none left
+        _LIBC.prctl(_PR_CAPBSET_DROP, capability, 0, 0, 0)  # may fail: needs CAP_SETPCAP
     _LIBC.prctl(_PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0)
     header = _CapHeader(_CAPABILITY_VERSION_3, 0)
     data = (_CapData * 2)()

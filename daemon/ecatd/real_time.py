@@ -1,4 +1,4 @@
-"""Kinds of real time in words: what each is, what it brings, and how it is granted."""
+"""Texts about the real-time settings: what each is and brings, and how to have it granted."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ecatd.shm import Setting
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """What to say about one kind of real time.
+    """Texts about one real-time setting.
 
     Attributes:
-        title: How it is called.
+        title: Its name.
         value: Its value in words; `{}` stands for the number.
-        with_it: What it does or costs.
-        without: What its absence may cost.
-        how: How to get it.
+        with_it: What it does or costs when it is granted.
+        without: What may happen without it.
+        how: How to have it granted.
     """
 
     title: str

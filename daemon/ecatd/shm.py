@@ -1,9 +1,9 @@
 """The layout of the shared memory, taken from the C client at import.
 
-`client_c/include/ecat/ecat_shm.def` defines it, and says who writes what. `libecat` returns this
-definition as text, and this module makes constants, ctypes classes and the tables of the
-documentation from it. The enumerations are repeated here so that a type checker knows their
-members; a test compares them with the definition.
+`client_c/include/ecat/ecat_shm.def` defines it, and says who writes each field. `libecat` returns
+this definition as text. This module makes constants and ctypes classes from it, and
+`cli/layout_tables.py` the tables of the documentation. The enumerations are repeated here so that a
+type checker knows their members; a test compares them with the definition.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class Line:
     Attributes:
         kind: `const`, `enum`, `value` (of the enumeration `of`), `struct` or `field` (of the struct
             `of`).
-        of: The enumeration or struct that it belongs to, or that it begins.
+        of: The enumeration or struct that the line belongs to, or begins.
         name: Name of a constant, enumerator or field.
         type: C type of a field.
-        value: Of a constant or enumerator; of a field its offset in bytes.
+        value: Value of a constant or enumerator; offset of a field in bytes.
         size: Bytes of a struct, or of all `count` elements of a field.
         count: Elements of a field, 1 for a scalar.
-        comment: What it means, and who writes it.
+        comment: Meaning, and who writes it.
     """
 
     kind: str
@@ -77,9 +77,9 @@ LOCK_SLOT = _CONSTANTS["ECAT_LOCK_SLOT"]
 
 
 class _Open(IntEnum):
-    """An enumeration that a daemon of a later minor version may have more members of.
+    """An enumeration to which later minor versions of the layout may add members.
 
-    Those that are not known here are members all the same, with names as `UNKNOWN_9`.
+    A number that is not known here becomes a member with a name such as `UNKNOWN_9`.
     """
 
     @classmethod
@@ -93,10 +93,10 @@ class _Open(IntEnum):
 
     @classmethod
     def named(cls, name: str) -> Self:
-        """The member of a name in any case, also of one as `unknown_9`.
+        """The member with a name, in upper or lower case; `unknown_9` is the one of number 9.
 
         Raises:
-            KeyError: There is none.
+            KeyError: There is no such member.
         """
         word, _, number = name.upper().rpartition("_")
         if word == "UNKNOWN" and number.isascii() and number.isdecimal():
@@ -148,7 +148,7 @@ class DcState(_Open):
 
 
 class Setting(_Open):
-    """`ecat_setting`: kinds of real time."""
+    """`ecat_setting`: the real-time settings."""
 
     SCHEDULING = 0
     AFFINITY = 1
@@ -159,7 +159,7 @@ class Setting(_Open):
 
 
 class Outputs(_Open):
-    """`ecat_outputs`: who decides the outputs of a slave."""
+    """`ecat_outputs`: who decides an output."""
 
     SAFE = 0
     CLAIMED = 1
@@ -168,7 +168,7 @@ class Outputs(_Open):
 
 
 class Reason(_Open):
-    """`ecat_reason`: why outputs are at their safe values."""
+    """`ecat_reason`: why an output is, or was last, at its safe value."""
 
     START = 0
     RELEASED = 1
@@ -218,7 +218,7 @@ class Errno(_Open):
 
 
 class Direction(_Open):
-    """`ecat_direction`: which of two entries at one address is meant."""
+    """`ecat_direction`: whether the input or the output is meant where one address has both."""
 
     INPUT = 0
     OUTPUT = 1
@@ -226,7 +226,7 @@ class Direction(_Open):
 
 
 class Validity(_Open):
-    """`ecat_validity`: what an entry of the last sample is worth."""
+    """`ecat_validity`: whether the value of an entry in the last sample can be trusted."""
 
     VALID = 0
     NEVER = 1
@@ -285,7 +285,7 @@ _SIZES = {line.of: line.size for line in DEFINITION if line.kind == "struct"}
 
 
 def size(name: str) -> int:
-    """Bytes of a struct."""
+    """Size of a struct in bytes."""
     return _SIZES[name]
 
 
@@ -300,7 +300,7 @@ LIBRARY.ecat_histogram_quantile.argtypes = [ctypes.c_void_p, ctypes.c_double]
 
 
 def quantile(histogram: ctypes.Structure, q: float) -> int:
-    """The time in ns that the share `q` of the samples of an `ecat_shm_histogram` stays below."""
+    """The time in ns that the share `q` of samples of an `ecat_shm_histogram` does not exceed."""
     return int(LIBRARY.ecat_histogram_quantile(ctypes.byref(histogram), q))
 
 
@@ -311,7 +311,7 @@ LIBRARY.ecat_histogram_bound.argtypes = [ctypes.c_uint]
 
 
 def bucket(ns: int) -> int:
-    """The bucket of an `ecat_shm_histogram` that a time belongs to."""
+    """Number of the bucket of an `ecat_shm_histogram` that a time in ns belongs to."""
     return int(LIBRARY.ecat_histogram_bucket(ns))
 
 
@@ -321,18 +321,18 @@ def bound(number: int) -> int:
 
 
 def printable(raw: bytes) -> str:
-    """Text from shared memory, without what cannot be shown: a client may have written anything."""
+    """Decodes text from shared memory; replaces characters that cannot be printed."""
     text = raw.decode("utf-8", "replace")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 class Table(NamedTuple):
-    """A table of the daemon's shared memory; `<name>_offset` of the header says where it begins.
+    """A table of the daemon's shared memory; it begins at `<name>_offset` of the header.
 
     Attributes:
-        struct: Its entries.
-        counted: The field of the header that says how many there are, or empty for one.
-        times: So many for each.
+        struct: The struct of its entries.
+        counted: The field of the header with the number of entries, or empty for 1.
+        times: Factor by which the number of entries is larger.
     """
 
     struct: str
@@ -340,7 +340,7 @@ class Table(NamedTuple):
     times: int = 1
 
     def count(self, head: Any) -> int:
-        """How many entries shared memory with this header has."""
+        """Number of entries in shared memory with this header."""
         return self.times * (getattr(head, self.counted) if self.counted else 1)
 
 

@@ -1,3 +1,3 @@
-"""The version, in one place for Python and the package."""
+"""The version of the package; pyproject.toml takes it from here."""
 
 VERSION = "0.1.0"

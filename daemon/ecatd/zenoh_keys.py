@@ -1,6 +1,7 @@
-"""The Zenoh keys, in one place for gateway and clients.
+"""The Zenoh keys, for gateway and clients.
 
-Each begins with `ro` or `rw` behind the bus, so that access control can tell reading from writing.
+Each key but `alive` has `ro` or `rw` after the name of the bus, so that access control can
+distinguish reading from writing.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ def bus_key(bus: str, *rest: str) -> str:
 
 
 def object_key(index: int, subindex: int) -> tuple[str, str]:
-    """Index and subindex as the last two parts of an SDO key."""
+    """The last two parts of an SDO key, for example `("0x6060", "0x00")`."""
     return f"0x{index:04X}", f"0x{subindex:02X}"
 
 
 def session_config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
-    """A Zenoh configuration that talks to nobody unless told to.
+    """Returns a Zenoh configuration without scouting: it connects only where `settings` say so.
 
     Args:
-        mode: `peer` for the gateway, `client` for those who ask it.
+        mode: `peer` for the gateway, `client` for its clients.
         settings: Further settings by path, for example `{"listen/endpoints": […]}`.
     """
     config = zenoh.Config()
