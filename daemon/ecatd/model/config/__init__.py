@@ -1,6 +1,7 @@
-"""The configuration file: TOML, every key documented in `tables` and in `docs/configuration.md`.
+"""The configuration file, in TOML. `tables` and `docs/configuration.md` describe every key.
 
-Unknown keys are refused with the nearest valid one, and every message starts with file and line.
+Unknown keys are refused, and the message suggests the nearest valid one. Every message starts with
+file and line.
 """
 
 from .file import load_config, read_config

@@ -1,4 +1,4 @@
-"""Reads a whole file: its top, small tables here, larger ones in modules of their own."""
+"""Reads the whole configuration: keys at the top and small tables here, others in other modules."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _INTERFACE_BYTES = 15
 
 
 def read_config(data: dict[str, Any], source: str = "configuration") -> Config:
-    """The configuration in maps, as `Config.to_dict` makes them.
+    """Reads the configuration from maps, as `Config.to_dict` makes them.
 
     Args:
         data: The maps.
-        source: How messages name where they come from.
+        source: Their origin, for messages.
 
     Raises:
         ConfigError: A key or a value is wrong.
@@ -39,7 +39,7 @@ def load_config(file: Path) -> Config:
     """Reads and checks a file; paths in it are relative to its folder.
 
     Raises:
-        ConfigError: The file cannot be read, is no TOML, or has a wrong key or value.
+        ConfigError: The file cannot be read, is no valid TOML, or has a wrong key or value.
     """
     config = _read(read_toml(file))
     config.profiles = [str(file.parent / folder) for folder in config.profiles]

@@ -1,4 +1,4 @@
-"""`[outputs]`: what happens to outputs without a client."""
+"""Reads `[outputs]`: leases, and the safe values of outputs without an owner."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _WORDS = ("zero", "hold", *STOPS)
 
 
 def read_outputs(top: Table, key: Key) -> OutputsConfig:
-    """`[outputs]` with its `[[outputs.safe]]`."""
+    """Reads `[outputs]` with its `[[outputs.safe]]`."""
     return OutputsConfig(**top.table(key).read(_OUTPUTS))
 
 
@@ -28,7 +28,7 @@ def _safe(row: Table) -> SafeConfig:
 
 
 def _value(row: Table, key: Key) -> str | int | float:
-    """A word, or a raw number, whole where it is written so."""
+    """Reads a word or a raw number; a number written without a fraction gives an int."""
     value = row.data[key]
     if type(value) is str:
         if value not in _WORDS:
@@ -41,7 +41,7 @@ def _value(row: Table, key: Key) -> str | int | float:
 
 
 def _entry(row: Table, key: Key) -> str:
-    """An entry, or nothing for all of the slave."""
+    """Reads the address of an entry, or an empty text for all outputs of the slave."""
     return read_entry(row, key) if row.data[key] != "" else ""
 
 

@@ -1,4 +1,4 @@
-"""`[[signal]]`: what entries of the process data mean."""
+"""Reads `[[signal]]`: what entries of the process data mean."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .slaves import POSITION
 from .tables import SignalConfig
 
 NAME_BYTES, UNIT_BYTES = 63, 15
-"""Longest name and unit in UTF-8: the signal table in shared memory has room for these."""
+"""Most bytes of a name and of a unit in UTF-8: the room in the signal table of shared memory."""
 
 _NUMBER = re.compile(r"-?[0-9]{1,10}|0x[0-9A-Fa-f]{1,8}")
 
 
 def read_signals(top: Table, key: Key) -> list[SignalConfig]:
-    """`[[signal]]`."""
+    """Reads all `[[signal]]` tables."""
     signals: list[SignalConfig] = []
     seen: set[tuple[int, tuple[int, int]]] = set()
     for row in top.tables(key):
@@ -33,13 +33,13 @@ def read_signals(top: Table, key: Key) -> list[SignalConfig]:
 
 
 def read_entry(table: Table, key: Key) -> str:
-    """The address of an entry, as it is written."""
+    """Checks the address of an entry; returns it as it is written."""
     table.address(key)
     return table.text(key)
 
 
 def read_scale(table: Table, key: Key) -> float:
-    """A scale, which is not 0."""
+    """Reads a scale; refuses 0."""
     scale = table.number(key)
     if scale == 0:
         table.fail(key, "is 0, but must tell physical values apart")
@@ -47,7 +47,7 @@ def read_scale(table: Table, key: Key) -> float:
 
 
 def read_values(table: Table, key: Key) -> list[Value]:
-    """The enumeration in a table such as `{ 0 = "off", 0x10 = "on" }`, in ascending order."""
+    """Reads named values from a table such as `{ 0 = "off", 0x10 = "on" }`; in ascending order."""
     names = table.table(key)
     values: dict[int, Value] = {}
     for text in names.data:
@@ -79,6 +79,6 @@ MEANING: Rules = {
     "maximum": number(),
     "values": read_values,
 }
-"""What can be said of an entry here and in device profiles."""
+"""The keys about an entry that `[[signal]]` and device profiles have in common."""
 
 _SIGNAL: Rules = {"slave": POSITION, "entry": read_entry, **MEANING}

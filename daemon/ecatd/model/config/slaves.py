@@ -1,4 +1,4 @@
-"""Tables about the time of slaves: domains, and how clocks fit them."""
+"""Reads `[[domain]]` and `[dc]`, and checks that clocks fit the cycles of domains."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .tables import Config, DcConfig, DcSlaveConfig, DomainConfig
 DOMAINS_MAX = 16
 POSITION_MAX = 65535
 SYNC_MAX_US = 4_000_000
-"""Registers 0x09A0 and 0x09A4 count nanoseconds in 32 bits."""
+"""Longest cycle of SYNC signals: registers 0x09A0 and 0x09A4 have nanoseconds in 32 bits."""
 
 POSITION = integer(0, POSITION_MAX)
 """The rule for the position of a slave."""
@@ -25,7 +25,7 @@ _DOMAIN: Rules = {
 
 
 def read_domains(top: Table, key: Key) -> list[DomainConfig]:
-    """The domains, 0 first."""
+    """Reads all `[[domain]]` tables, domain 0 first."""
     rows = top.tables(key)
     if len(rows) > DOMAINS_MAX:
         top.fail(key, f"{len(rows)} tables, but there can be {DOMAINS_MAX} domains")
@@ -52,7 +52,7 @@ def read_domains(top: Table, key: Key) -> list[DomainConfig]:
 
 
 def _positions(items: Table, domains: list[DomainConfig]) -> list[int]:
-    """Positions written out; `domains` are those in front, which must not have them."""
+    """Reads a list of positions; refuses those that an earlier one of `domains` has."""
     taken = {position: n for n, domain in enumerate(domains) for position in domain.slaves}
     positions = []
     for item in items.data:
@@ -69,7 +69,7 @@ def _positions(items: Table, domains: list[DomainConfig]) -> list[int]:
 
 
 def _position_row(items: Table, key: Key) -> range:
-    """The positions of one element of a list: 5, "5" or "5-7"."""
+    """Reads an element of a list of positions: 5, "5" or "5-7"."""
     item = items.data[key]
     match = _POSITIONS.fullmatch(item.strip()) if isinstance(item, str) else None
     if match:
@@ -104,7 +104,7 @@ _DC: Rules = {
 
 
 def read_clocks(top: Table, key: Key) -> DcConfig:
-    """`[dc]` with its `[[dc.slave]]`."""
+    """Reads `[dc]` with its `[[dc.slave]]`."""
     table = top.table(key)
     values = table.read(_DC)
     values.setdefault("enabled", bool(values.get("slave")))
@@ -120,7 +120,11 @@ def read_clocks(top: Table, key: Key) -> DcConfig:
 
 
 def check_clocks(top: Table, config: Config) -> None:
-    """Raises `ConfigError` where clocks do not fit the cycles of their slaves."""
+    """Checks that clocks fit the cycles of their slaves.
+
+    Raises:
+        ConfigError: They do not, or a slave has two tables.
+    """
     table = top.table("dc", None)
     if table is None:
         return
@@ -142,7 +146,7 @@ def check_clocks(top: Table, config: Config) -> None:
             row.fail("slave", f"slave {slave.slave} has two tables")
         seen.add(slave.slave)
         domain = config.domain_cycle_us(slave.slave)
-        # In nanoseconds, as the register has it: SYNC0 must not drift against the frames.
+        # SYNC0 must not drift against the frames, so compare whole nanoseconds as in the register.
         sync0, frames = round(config.sync0_us(slave) * 1000), domain * 1000
         if not 0 < sync0 <= SYNC_MAX_US * 1000:
             row.fail(

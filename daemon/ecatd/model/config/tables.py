@@ -1,4 +1,4 @@
-"""What can be configured: a class for each table of the file, with its keys and defaults."""
+"""The configuration: a class for each table of the file, with its keys and defaults."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from ..pdo import parse_address
 
 @dataclass(slots=True)
 class RealTimeConfig:
-    """`[realtime]`: what the cyclic engine asks the system for; what is refused is reported.
+    """`[realtime]`: what the engine asks the system for; the daemon reports what is refused.
 
     Attributes:
         priority: SCHED_FIFO priority of the engine, 1 to 98; 0 for ordinary scheduling.
-        cpu: CPU that the engine is pinned to, and that the rest of the daemon leaves to it; -1 for
-            none.
-        lock_memory: Lock the memory of the bus server.
-        busy_receive: Poll for the answer of the slaves and never sleep: faster, but a core is busy
-            whenever frames are under way.
-        poll_us: How long to poll otherwise before sleeping, in microseconds, where answers usually
-            come that soon.
-        dma_latency_us: Longest wake-up from an idle state that the CPUs may take, in
-            microseconds (held through /dev/cpu_dma_latency); -1 leaves it to the system.
+        cpu: CPU that the engine is pinned to; the rest of the daemon does not use it. -1 for none.
+        lock_memory: Whether to lock the memory of the bus server.
+        busy_receive: Whether to poll for the frames and never sleep: faster, but a core is busy
+            while frames are on the wire.
+        poll_us: Otherwise the time in microseconds for which the engine polls before it sleeps, if
+            frames usually come back within it.
+        dma_latency_us: Longest time in microseconds that the CPUs may take to wake up from an idle
+            state (set by /dev/cpu_dma_latency); -1 leaves it to the system.
     """
 
     priority: int = 80
@@ -39,10 +38,10 @@ class DomainConfig:
 
     Attributes:
         name: Name for people, unique, at most 31 bytes; may be empty.
-        divider: Exchanged every so many base cycles, 1 to 65535.
-        phase: In those whose number leaves this remainder when divided by it, 0 to divider - 1.
-        slaves: Positions of its slaves, "5-7" written out. Slaves that no domain names are in
-            domain 0.
+        divider: The domain is exchanged in every n-th base cycle; this is n, 1 to 65535.
+        phase: Remainder of cycle number / divider in these cycles, 0 to divider - 1.
+        slaves: Positions of its slaves; ranges such as "5-7" are expanded. Slaves that are in no
+            list belong to domain 0.
     """
 
     name: str = ""
@@ -53,14 +52,14 @@ class DomainConfig:
 
 @dataclass(slots=True)
 class DcSlaveConfig:
-    """`[[dc.slave]]`: the synchronisation signals of one slave.
+    """`[[dc.slave]]`: the SYNC signals of one slave.
 
     Attributes:
         slave: Position.
         sync0_us: Period of SYNC0 in microseconds; 0: the cycle of the slave's domain.
-        shift_us: SYNC0 after the start of the reference clock's cycle, in microseconds; None:
-            half the base cycle.
-        sync1_us: SYNC1 after SYNC0, in microseconds; 0: no SYNC1.
+        shift_us: Time from the start of the reference clock's cycle to SYNC0, in microseconds;
+            None: half the base cycle.
+        sync1_us: Time from SYNC0 to SYNC1, in microseconds; 0: no SYNC1.
     """
 
     slave: int
@@ -74,13 +73,15 @@ class DcConfig:
     """`[dc]`: distributed clocks.
 
     Attributes:
-        enabled: Whether clocks are synchronised; true if any `[[dc.slave]]` is there.
+        enabled: Whether clocks are synchronised; in a file the default is true if it has any
+            `[[dc.slave]]`.
         reference: Position of the reference clock; -1: the first slave with a clock.
-        phase_us: When in the reference clock's cycle the frames leave, in microseconds.
-        lock_us: The cycle is locked to the reference clock when it is within this, in
+        phase_us: Time from the start of the reference clock's cycle until the frames leave, in
             microseconds.
-        timeout_s: How long a start waits for the lock, in seconds.
-        slave: Slaves with synchronisation signals.
+        lock_us: The cycle counts as locked while its phase differs from `phase_us` by no more than
+            this, in microseconds.
+        timeout_s: Longest time that a start waits for the lock, in seconds.
+        slave: Slaves with SYNC signals.
     """
 
     enabled: bool = False
@@ -96,13 +97,12 @@ RECOVERY_MODES = ("all", "watchdog", "none")
 
 @dataclass(slots=True)
 class RecoveryConfig:
-    """`[recovery]`: which slaves come back to OP by themselves.
+    """`[recovery]`: which slaves the daemon brings back to OP.
 
     Attributes:
-        slaves: "all": those that lacked frames or SYNC signals, and those that were without power
-            or have begun anew; "watchdog": only those that got no process data for a while;
-            "none".
-        retry_s: Seconds between tries, after the first ones.
+        slaves: "all": slaves that lacked frames or SYNC signals, lost power, or restarted;
+            "watchdog": only slaves whose watchdog expired without process data; "none".
+        retry_s: Seconds between tries, after the first three.
     """
 
     slaves: str = "all"
@@ -111,7 +111,7 @@ class RecoveryConfig:
 
 @dataclass(slots=True)
 class MailboxConfig:
-    """`[mailbox]`: how much of the wire mailbox and register traffic may take.
+    """`[mailbox]`: how much of the time on the wire mailbox and register traffic may take.
 
     Attributes:
         share: Share of the time in each cycle that the exchange leaves free, 0.01 to 1.
@@ -121,7 +121,7 @@ class MailboxConfig:
 
 
 STOPS = ("quick_stop", "disable")
-"""Safe values that bring a drive to a stop first."""
+"""Safe values that stop a drive before its controlword becomes 0."""
 
 STOP_TIMEOUT_S = 2.0
 
@@ -132,12 +132,12 @@ class SafeConfig:
 
     Attributes:
         slave: Position.
-        value: "zero", "hold" (keep what was last sent), a raw number, which needs `entry`, or for a
-            CiA 402 drive "quick_stop" or "disable".
-        entry: Address such as "0x60FF:00"; empty for all outputs of the slave. That of a
-            controlword stands for all objects of its axis where the drive is to be stopped.
-        stop_timeout_s: With "quick_stop" and "disable": seconds that the drive has to stop, after
-            which its controlword is 0 in any case; None: `STOP_TIMEOUT_S`.
+        value: "zero", "hold" (keep the value that was sent last), a raw number, which needs
+            `entry`, or for a CiA 402 drive "quick_stop" or "disable".
+        entry: Address such as "0x60FF:00"; empty for all outputs of the slave. With "quick_stop"
+            and "disable", a controlword stands for all objects of its axis.
+        stop_timeout_s: With "quick_stop" and "disable": seconds in which the drive must stop;
+            afterwards its controlword is 0 in any case. None: `STOP_TIMEOUT_S`.
     """
 
     slave: int
@@ -152,21 +152,21 @@ class SafeConfig:
 
     @property
     def patience(self) -> float:
-        """Seconds that a drive has to stop."""
+        """Seconds in which a drive must stop."""
         return STOP_TIMEOUT_S if self.stop_timeout_s is None else self.stop_timeout_s
 
 
 @dataclass(slots=True)
 class OutputsConfig:
-    """`[outputs]`: what happens to outputs whose client stops.
+    """`[outputs]`: when outputs take their safe values, and which.
 
     Attributes:
-        lease_cycles: Cycles without a sign of life after which outputs fall to their safe values,
-            unless the client asks for a longer lease.
+        lease_cycles: Cycles without a heartbeat of their client after which outputs take their safe
+            values, unless the client asks for a longer lease.
         lease_max_ms: Longest lease that a client can ask for, in milliseconds.
-        wkc_limit: Outputs of a domain fall to their safe values after so many exchanges in a row
-            with an incomplete working counter; 0: never.
-        safe: Safe values that differ from zero.
+        wkc_limit: Number of exchanges of a domain in a row with a wrong working counter after which
+            each client with outputs in this domain loses all its outputs; 0: never.
+        safe: Safe values other than zero.
     """
 
     lease_cycles: int = 5
@@ -176,7 +176,7 @@ class OutputsConfig:
 
     @property
     def stop_patience(self) -> float:
-        """Seconds until all drives are stopped, or have had their time."""
+        """Longest time in seconds until all drives have stopped, or their time is over."""
         return max((rule.patience for rule in self.safe if rule.value in STOPS), default=0.0)
 
 
@@ -184,20 +184,20 @@ class OutputsConfig:
 class SignalConfig:
     """`[[signal]]`: what an entry of the process data means.
 
-    What is not given here is as a device profile has it, and else as the slave tells it. Unit,
-    scale and offset go together: with one of them, the others of a profile do not count.
+    Keys that are not given come from a device profile, else from the slave. Unit, scale and offset
+    belong together: if one of them is given, those of a profile are ignored, with its limits.
 
     Attributes:
         slave: Position.
         entry: Address such as "0x60FF:00".
-        name: Name for people and for lookups; empty: as the profile or the slave calls it.
+        name: Name for people and for lookups; empty: that of the profile or of the slave.
         unit: Unit of the physical value.
         scale: Physical value = raw value * scale + offset.
         offset: See `scale`.
-        minimum: Smallest physical value that an output may get from a client; None: as the type
-            allows.
+        minimum: Smallest physical value that a client may write to an output; None: that of the
+            profile or of the type.
         maximum: Largest one.
-        values: What the numbers stand for, by decimal number; none: as the profile says.
+        values: Names of values by decimal number; empty: those of the profile.
     """
 
     slave: int
@@ -220,11 +220,12 @@ class SignalConfig:
 
 @dataclass(slots=True)
 class GatewayConfig:
-    """`[gateway]`: how the bus is seen over Zenoh.
+    """`[gateway]`: access to the bus over Zenoh.
 
     Attributes:
-        listen: Zenoh endpoints for reading, next to the Unix socket of this machine's users.
-        publish_hz: Rate at which values of signals are published, 0 for none.
+        listen: Zenoh endpoints for reading, in addition to the Unix socket for users of this
+            machine.
+        publish_hz: Rate in Hz at which values of signals are published, 0 for never.
     """
 
     listen: list[str] = field(default_factory=lambda: ["tcp/127.0.0.1:7447"])
@@ -238,13 +239,19 @@ class Config:
     Attributes:
         bus: Name of the bus: letters, digits, `_` and `-`.
         interface: Network interface with the slaves.
-        second_interface: Interface at the other end of the slaves, for cable redundancy; empty
+        second_interface: Interface at the cable from the last slave, for cable redundancy; empty
             for none.
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
-        state_timeout_s: Time that the slaves have to reach a state, in seconds.
-        domain: Domains, 0 first; without any there is domain 0 with all slaves.
-        profiles: Folders with device profiles, which count before those of the machine and ours.
-        signal: Entries of the process data about which more is known than the slaves say.
+        state_timeout_s: Time in which the slaves must reach a state, in seconds.
+        profiles: Folders with device profiles; these win over those of machine and user, and ours.
+        domain: Domains, 0 first; if there are none, domain 0 has all slaves.
+        dc: Distributed clocks.
+        mailbox: Share of mailbox and register traffic.
+        recovery: Which slaves are brought back to OP.
+        realtime: Real-time settings of the engine.
+        outputs: Leases and safe values.
+        signal: Names, units, scales and limits of entries of the process data.
+        gateway: Access over Zenoh.
     """
 
     bus: str = "ecat0"
@@ -279,9 +286,9 @@ class Config:
         return slave.sync0_us or self.domain_cycle_us(slave.slave)
 
     def shift_us(self, slave: DcSlaveConfig) -> float:
-        """SYNC0 of a slave after the start of the reference clock's cycle, in microseconds."""
+        """Time from the start of the reference clock's cycle to SYNC0 of a slave, in µs."""
         return self.cycle_time_us / 2 if slave.shift_us is None else slave.shift_us
 
     def to_dict(self) -> dict[str, Any]:
-        """The configuration as maps, as `read_config` takes it."""
+        """The configuration as maps, from which `read_config` makes it again."""
         return asdict(self)

@@ -1,8 +1,8 @@
 """Device profiles: what the entries of known devices mean, from TOML files.
 
-Ours are the `*.toml` files beside this module; a machine and a user have files of their own, which
-count first. `docs/device-profiles.md` describes the format. `ecatd.model.meanings` puts the
-profiles into the bus description, and is the only one who does.
+Ours are the `*.toml` files beside this module. Files of the machine and of the user take precedence
+over them. `docs/device-profiles.md` describes the format. Only `ecatd.model.meanings` puts the
+meanings into the bus description.
 """
 
 from .file import load_profiles

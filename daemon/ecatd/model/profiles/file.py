@@ -1,4 +1,4 @@
-"""Reads device profiles, and says where one is wrong."""
+"""Reads device profiles from TOML files; errors name file, line and key."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 
 
 def load_profiles(named: Iterable[Path] = (), standard: Iterable[Path] = ()) -> Profiles:
-    """The profiles in the `*.toml` files of some folders, and after them ours.
+    """Reads the profiles in the `*.toml` files of some folders, and after them ours.
 
     Args:
-        named: Folders that must be there; an earlier one counts before a later one.
-        standard: Folders that may be missing; they count after those.
+        named: Folders that must exist; an earlier one takes precedence over a later one.
+        standard: Folders that may be missing; `named` takes precedence over them.
 
     Raises:
         ConfigError: A folder or a file cannot be read, or has a wrong key or value.
@@ -81,7 +81,7 @@ def _entry(table: Table) -> EntryProfile:
 
 
 def _subindices(table: Table, key: Key) -> frozenset[int]:
-    """One, or a list of them."""
+    """Reads one subindex, or a list of them."""
     rule = integer(0, 0xFF)
     if isinstance(table.data[key], list):
         return frozenset(table.array(key, rule))
@@ -110,7 +110,7 @@ def _pair(table: Table, key: Key) -> list[float]:
 
 
 def _line(table: Table, raw: list[float], physical: list[float]) -> dict[str, Any]:
-    """Scale and offset, given by two points."""
+    """Computes scale and offset from two points, given as raw and physical values."""
     for key in ("scale", "offset"):
         if key in table:
             table.fail(key, "is given twice: use raw and physical, or scale and offset")

@@ -1,4 +1,4 @@
-"""Devices, and what the entries of their process data mean."""
+"""Profiles of devices: what the entries of their process data mean."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..pdo import Entry, Value
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What a profile says about an entry; each attribute is that of `model.pdo.Entry`."""
+    """The meaning that a profile gives to an entry; attributes as in `model.pdo.Entry`."""
 
     name: str = ""
     unit: str = ""
@@ -36,19 +36,19 @@ class EntryProfile:
     meaning: Meaning
 
     def fits(self, entry: Entry) -> bool:
-        """Whether this is about the entry."""
+        """Whether this describes the entry."""
         place, rest = divmod(entry.index - self.index, self.step)
         return entry.subindex in self.subindices and rest == 0 and 0 <= place < self.count
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceProfile:
-    """One kind of device.
+    """Profile of one kind of device.
 
     Attributes:
-        source: File that it is from; the same device in two files is equal.
+        source: The file; profiles from two files are equal if all else is equal.
         description: What the devices are.
-        facts: Where what it says is documented, or empty.
+        facts: Where the facts of the profile are documented, or empty.
         vendor: Vendor ID, -1: any.
         products: Product codes, empty: any.
         has: Index and subindex of entries that a device must have in its process data.
@@ -65,11 +65,11 @@ class DeviceProfile:
 
     @property
     def label(self) -> str:
-        """How documentation names the profile: what the devices are, and who says so."""
+        """The profile as documentation names it: description, and source of the facts."""
         return ": ".join(filter(None, (self.description, self.facts)))
 
     def meaning(self, entry: Entry) -> Meaning | None:
-        """What the profile says about an entry, None if it says nothing."""
+        """The meaning of an entry, or None if the profile does not describe it."""
         return next((known.meaning for known in self.entries if known.fits(entry)), None)
 
     def fits(self, slave: Slave) -> bool:
@@ -82,7 +82,7 @@ class DeviceProfile:
 
     @property
     def wanted(self) -> str:
-        """What a slave must be to be such a device, for messages."""
+        """The conditions that a slave must meet to be such a device, for messages."""
         parts = [f"vendor 0x{self.vendor:08X}"] if self.vendor != -1 else []
         if self.products:
             parts.append(
@@ -105,8 +105,8 @@ class Profiles:
     """All profiles. The first one that knows an entry decides what the entry means.
 
     Attributes:
-        devices: The devices; those that count first come first.
-        named: How many of them are from folders that the configuration names.
+        devices: The profiles; an earlier one takes precedence over a later one.
+        named: How many of the first ones are from folders that the configuration names.
     """
 
     devices: tuple[DeviceProfile, ...] = ()
