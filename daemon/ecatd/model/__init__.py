@@ -1,1 +1,1 @@
-"""Pure data that every part shares: no input or output, no import of other parts."""
+"""Data and file formats that all parts share; nothing here imports another part."""

@@ -63,5 +63,5 @@ _TEXTS = {
 
 
 def abort_text(code: int) -> str:
-    """The standard text of an abort code, or a text that says that it is not a standard one."""
+    """The standard text of an abort code; for other codes a text that says so."""
     return _TEXTS.get(code, "not a standard abort code; see the manual of the slave")

@@ -8,7 +8,7 @@ from .errors import UsageError
 
 
 class AlState(IntEnum):
-    """State of the EtherCAT state machine of one slave; the value is that of the register."""
+    """AL state of a slave; the value is that of bits 0 to 3 of the AL status register (0x0130)."""
 
     NONE = 0  # no answer: the slave is not reachable
     INIT = 1
@@ -19,7 +19,7 @@ class AlState(IntEnum):
 
     @classmethod
     def parse(cls, text: str) -> AlState:
-        """The state that a user means by `text`.
+        """Parses the name of a state: in any case, also with "-" or "_" as in `SAFE-OP`.
 
         Raises:
             UsageError: The text names no state that can be requested.
@@ -34,24 +34,24 @@ class AlState(IntEnum):
 
 
 AL_ERROR_FLAG = 0x10
-"""Bit of the AL status register: the slave refused a change or fell back by itself."""
+"""Bit of the AL status register: the slave refused a state, or left its state by itself."""
 
 AL_WATCHDOG = 0x001B
-"""AL status code of a slave that has had no process data for the time of its watchdog."""
+"""AL status code of a slave whose watchdog has expired: it got no process data for too long."""
 
 AL_SYNCHRONIZATION = frozenset((0x001A, 0x002C, 0x002D, 0x0032, 0x0033, 0x0034, 0x0035))
-"""AL status codes that speak of clocks and SYNC signals: of these some were missing or late."""
+"""AL status codes of slaves for which clocks or SYNC signals were missing or late."""
 
 _NEEDS_SET_UP = frozenset((0x0021, 0x0022, 0x0023, 0x0060))
 _FROM_OUTSIDE = frozenset((0x0000, 0x0018, 0x0019, AL_WATCHDOG, 0x002A, 0x002B, 0x0052))
 
 
 def comes_from_outside(code: int) -> bool:
-    """Whether an AL status code says that the slave lacked something, and nothing is wrong with it.
+    """Whether an AL status code has a cause outside of the slave: OP can be requested again.
 
-    Frames, clocks and SYNC signals come back, and then it can go on. All other codes, also
-    reserved ones and those of vendors, are the slave's own reason, which stays however often it is
-    asked.
+    The slave lacked frames, clocks or SYNC signals, which can come back, or must be set up again.
+    All other codes, also reserved ones and those of vendors, have a cause in the slave, which a new
+    request does not change.
     """
     return code in _FROM_OUTSIDE or code in AL_SYNCHRONIZATION or needs_set_up(code)
 
@@ -62,7 +62,7 @@ def needs_set_up(code: int) -> bool:
 
 
 def al_remedy(code: int) -> str:
-    """Says what to do about an AL status code of a slave that recovery leaves alone."""
+    """Says what a user can do about a slave that recovery leaves alone, by its AL status code."""
     if code in (0x0016, 0x0017, 0x001C, 0x001D, 0x001E, 0x0024, 0x0025, 0x0070):
         return "its process data do not fit what was set up: compare `ecatctl pdos` with its manual"
     if code in (0x001F, 0x0026, 0x0027, 0x0028, 0x0029, 0x002E, 0x0030, 0x0031, 0x0036, 0x0037):

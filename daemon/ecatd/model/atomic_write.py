@@ -1,4 +1,4 @@
-"""Writes a file as a whole: nobody sees a half, and what was there stays if that fails."""
+"""Writes files atomically: readers see the old content or the new one, never a part of it."""
 
 from __future__ import annotations
 
@@ -9,15 +9,18 @@ from pathlib import Path
 
 
 def write_whole(path: Path, data: bytes, prefix: str) -> None:
-    """Writes a file beside its place and moves it there; what a link leads to, is replaced.
+    """Writes a temporary file in the folder of the target, then renames it to the target.
+
+    If that fails, the old file stays. A symbolic link stays as well: the file that it leads to is
+    replaced.
 
     Args:
-        path: The place. A file there keeps its rights.
+        path: The target. The new file gets the permissions of the one that it replaces.
         data: The content.
-        prefix: What the name begins with under which it is written first.
+        prefix: First part of the name of the temporary file.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
     target = path.resolve()
     number, name = tempfile.mkstemp(prefix=prefix, dir=target.parent)
@@ -33,7 +36,7 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
 
 
 def _mode(path: Path) -> int:
-    """The rights of a file that is there, else those that a new one gets."""
+    """Permissions of a file if it exists, else those that the umask gives to a new one."""
     with suppress(OSError):
         return path.stat().st_mode & 0o777
     mask = os.umask(0)

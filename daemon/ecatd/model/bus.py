@@ -1,8 +1,8 @@
 """The bus description: what the scan found and how it is mapped.
 
-It is the one document from which the shared-memory directory, `ecatctl slaves` and `pdos` and the
-generated Modelica library are made. It travels as msgpack (`to_dict`; `bus_reader` reads it) and as
-a file in JSON (`bus_file`).
+The tables of the shared memory, the output of `ecatctl slaves` and `pdos`, and the generated
+Modelica library are all made from it. It is sent as msgpack (`to_dict`; `bus_reader` reads it) and
+saved as a file in JSON (`bus_file`).
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ class Slave:
 
     Attributes:
         position: 0-based position on the wire.
-        name: Name from SII, as the vendor wrote it.
+        name: Order code from the SII, or the device name where there is none; may be empty.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
-        serial: Serial number (0 where the vendor writes none).
+        serial: Serial number, 0 if the vendor has not written one.
         alias: Configured station alias.
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
-        problems: What is wrong with its EEPROM, and what is done about it.
-        profiles: Device profiles that meanings of its entries are from, each with its source.
-        outputs: RxPDOs; `pdo_layout` says where they lie.
+        problems: What is wrong with its EEPROM, and how the master handles that.
+        profiles: Device profiles that its entries have their meanings from, each with its source.
+        outputs: RxPDOs; `pdo_layout` computes where they lie.
         inputs: TxPDOs.
         domain: Number of the domain, 0 first.
         output_offset: First byte of its outputs in the output part of the domain's image.
         input_offset: First byte of its inputs in the domain's image.
         dc_bits: Width of its distributed clock: 64, 32, or 0 for none.
-        dc_delay_ns: Propagation delay from the reference clock, as it was measured.
+        dc_delay_ns: Measured propagation delay from the reference clock (register 0x0928).
         sync0_ns: Period of SYNC0, 0 without SYNC signals.
-        sync1_ns: SYNC1 after SYNC0, 0 without SYNC1.
+        sync1_ns: Time from SYNC0 to SYNC1, 0 without SYNC1.
         sync_shift_ns: Phase of SYNC0 in the cycle of the reference clock.
     """
 
@@ -82,18 +82,21 @@ class Slave:
 
     @property
     def label(self) -> str:
-        """How messages name the slave: `slave 2 (EL1018)`."""
+        """The slave as messages name it: `slave 2 (EL1018)`."""
         return f"slave {self.position} ({self.name})" if self.name else f"slave {self.position}"
 
     def entries(self, *, outputs: bool) -> Iterator[tuple[Pdo, Entry, int]]:
-        """Entries of one direction without gaps, with the bit offset within the slave's bytes."""
+        """Yields the entries of one direction without gaps: PDO, entry, and its first bit.
+
+        Bits count from the first byte of the outputs, or the inputs, of the slave.
+        """
         for pdo, entry, bit in places(self.outputs if outputs else self.inputs):
             if not entry.is_gap:
                 yield pdo, entry, bit
 
 
 def positions_text(positions: Iterable[int]) -> str:
-    """Positions as messages write them: `0, 3-7`."""
+    """Positions in ascending order, as messages write them: `0, 3-7`."""
     ranges = []
     for _, run in groupby(enumerate(sorted(positions)), lambda pair: pair[1] - pair[0]):
         numbers = [position for _, position in run]
@@ -107,8 +110,8 @@ class Domain:
 
     Attributes:
         name: Name from the configuration; may be empty.
-        divider: Exchanged every so many base cycles.
-        phase: In those whose number leaves this remainder, 0 to divider - 1.
+        divider: The domain is exchanged in every n-th base cycle; this is n.
+        phase: Remainder of cycle number / divider in these cycles, 0 to divider - 1.
     """
 
     name: str = ""
@@ -124,7 +127,7 @@ class Bus:
         name: Name of the bus.
         cycle_time_us: Base cycle in microseconds.
         slaves: Slaves by position.
-        domains: Domains by number; empty in descriptions that know of one only.
+        domains: Domains by number; empty if there is only domain 0.
     """
 
     name: str
@@ -137,23 +140,24 @@ class Bus:
         return self.domains[number].name if number < len(self.domains) else ""
 
     def domain_label(self, number: int) -> str:
-        """How messages name a domain: `domain 1 (slow)`."""
+        """A domain as messages name it: `domain 1 (slow)`."""
         name = self.domain_name(number)
         return f"domain {number} ({name})" if name else f"domain {number}"
 
     @property
     def output_cycles(self) -> int:
-        """Base cycles in which the outputs of every slave are sent at least once."""
+        """Number of base cycles within which the outputs of every slave are sent at least once."""
         used = {slave.domain for slave in self.slaves if slave.output_bytes}
         dividers = [domain.divider for n, domain in enumerate(self.domains) if n in used]
         return max(dividers, default=1)
 
     @property
     def fingerprint(self) -> int:
-        """64 bits that differ when identities, order or mappings of the slaves differ.
+        """64 bits that change with the identities, the order or the mappings of the slaves.
 
-        Names, serial numbers, addresses, sync managers, domains and the cycle time do not count:
-        clients find values by slave and entry, and these do not change what a value means.
+        They do not change with names, serial numbers, addresses, sync managers, domains or cycle
+        time: clients find values by slave and entry, and what a value means does not depend on
+        these. They are the first 64 bits of a SHA-256 hash.
         """
         facts = [
             [

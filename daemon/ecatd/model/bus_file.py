@@ -1,12 +1,12 @@
-"""A bus description as a JSON file: the saved scan.
+"""The bus description as a JSON file, the saved scan.
 
 ```
 ecatctl scan -o bus.json           dump
 ecatctl generate … --from bus.json     load
 ```
 
-Every entry has a line of its own, and what is not said has its default, so that a file can be read
-and compared. The same description gives the same bytes.
+Every PDO entry has its own line, and attributes with default values are left out, so that people
+can read and compare files. The same description always gives the same bytes.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ _DEFAULTS = {
 
 
 def dump(bus: Bus, version: str = "") -> str:
-    """The description as JSON.
+    """Writes the description as JSON.
 
     Args:
         bus: The description.
-        version: Version of the program that has scanned the bus; not told if empty.
+        version: Version of the program that has scanned the bus; left out if empty.
     """
     head = {"schema": SCHEMA} | ({"version": version} if version else {})
     head |= {"fingerprint": f"{bus.fingerprint:016x}", "name": bus.name}
@@ -49,23 +49,23 @@ def dump(bus: Bus, version: str = "") -> str:
 
 
 def load(path: Path) -> Bus:
-    """The description in a file.
+    """Reads a description from a file.
 
     Raises:
-        UsageError: The file cannot be read, or what is in it makes no sense.
+        UsageError: The file cannot be read, or is no valid description.
     """
     return parse(read_text(path), str(path))
 
 
 def parse(text: str, source: str) -> Bus:
-    """The description in a text.
+    """Reads a description from a text.
 
     Args:
-        text: What `dump` has made, or somebody else.
+        text: JSON as `dump` writes it, possibly edited.
         source: Where it comes from, for messages.
 
     Raises:
-        UsageError: It is no JSON, or what is in it makes no sense.
+        UsageError: The text is no JSON, or no valid description.
     """
     try:
         data = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_number)
@@ -92,7 +92,7 @@ def _no_number(text: str) -> float:
 
 
 def _inside(values: dict[str, Any]) -> str:
-    """Keys and values without the braces around them."""
+    """Keys and values as JSON, without the braces around them."""
     return json.dumps(values, default=asdict)[1:-1]
 
 

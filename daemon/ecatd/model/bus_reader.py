@@ -1,4 +1,4 @@
-"""Makes a bus description of maps and lists that come from elsewhere, and checks all of it."""
+"""Checks maps and lists from JSON or msgpack, and makes a bus description of them."""
 
 from __future__ import annotations
 
@@ -27,24 +27,29 @@ Check = Callable[[Any], Any]
 
 
 class _WrongError(Exception):
-    """A mistake in a document, and the path of keys and numbers to it, outermost first."""
+    """A mistake in a document.
+
+    Attributes:
+        path: Keys and numbers of items that lead to it, outermost first.
+    """
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self.path: list[str | int] = []
 
     def place(self) -> str:
-        """The place as `slaves[2].name`."""
+        """The path as text, for example `slaves[2].name`."""
         return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in self.path).lstrip(".")
 
 
 def read_bus(data: Any, source: str, *, strict: bool = True) -> Bus:
-    """The bus that `Bus.to_dict` described.
+    """Reads a bus from the maps that `Bus.to_dict` makes.
 
     Args:
         data: Maps and lists, from JSON or msgpack.
         source: Where they come from, for messages.
-        strict: Refuse unknown keys. Answers of a daemon may have some that are newer than we are.
+        strict: Whether to refuse unknown keys, a wrong fingerprint, and a floating-point entry of
+            a wrong length. False for answers of a daemon, which may be newer and have more keys.
 
     Raises:
         UsageError: The data is no bus description; the message says where and why.
@@ -181,7 +186,11 @@ def _list(value: Any, most: int, read: Callable[[int, Any], Any]) -> list[Any]:
 
 
 class _Reader:
-    """Reads one description, with or without keys that nobody knows."""
+    """Reads one description.
+
+    Args:
+        strict: As for `read_bus`.
+    """
 
     def __init__(self, *, strict: bool) -> None:
         self._strict = strict
@@ -240,7 +249,7 @@ class _Reader:
     def _keys(
         self, data: Any, checks: Mapping[str, Check], needed: tuple[str, ...]
     ) -> dict[str, Any]:
-        """The checked values of a map, of the keys that are known."""
+        """Checks a map, and returns the values of its known keys."""
         if type(data) is not dict:
             raise _WrongError(f"is {_shown(data)}, but must be a map")
         result = {}

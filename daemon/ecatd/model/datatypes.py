@@ -1,8 +1,8 @@
-"""CoE data types (ETG.1000.6 table "Data type area", CiA 301 object dictionary 0x0001 to 0x001F).
+"""CoE data types (ETG.1000.6, table "Data type area"; the basic ones are those of CiA 301).
 
-A type is known by its index in the object dictionary. A PDO entry may use fewer bits than its
-type (a BOOL of one bit, a BIT2), so encoding and decoding of process data take the bit length
-from the entry and only the meaning of the bits from the type.
+A type is identified by its index in the object dictionary. A PDO entry may have fewer bits than its
+type, so process data are encoded and decoded with the bit length of the entry; the type only says
+what the bits mean.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ _UNSIGNED = {
 _REAL = {DataType.REAL32: 32, DataType.REAL64: 64}
 STRINGS = frozenset({DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.UNICODE_STRING})
 
-# What users type: IgH's `ethercat` tool, CiA and IEC 61131-3 spellings.
+# Spellings that users type: those of IgH's `ethercat` tool, of CiA and of IEC 61131-3.
 _ALIASES = {
     "bool": DataType.BOOLEAN,
     "int8": DataType.INTEGER8,
@@ -121,14 +121,14 @@ def is_real(data_type: int) -> bool:
 
 
 def nearest_real(data_type: int, value: float) -> float:
-    """The value of a floating-point type that is nearest to `value`; infinite beyond its range."""
+    """Rounds `value` to the precision of a floating-point type; infinite beyond its range."""
     if data_type != DataType.REAL32:
         return value
     return ctypes.c_float(value).value
 
 
 def bit_length(data_type: int) -> int:
-    """Bits of a type of fixed length, 0 for strings and unknown types."""
+    """Number of bits of a type of fixed length, 0 for strings and unknown types."""
     if data_type == DataType.BOOLEAN:
         return 1
     for table in (_SIGNED, _UNSIGNED, _REAL):
@@ -138,7 +138,11 @@ def bit_length(data_type: int) -> int:
 
 
 def type_of_bits(bits: int) -> DataType:
-    """An unsigned type that holds `bits` bits, where nothing is said about them."""
+    """The type to assume for `bits` bits of unknown type.
+
+    1 bit is BOOLEAN, up to 8 bits are a BIT type, up to 64 bits the next longer of UNSIGNED16, 32
+    and 64. More bits are OCTET_STRING if they are whole bytes.
+    """
     if bits == 1:
         return DataType.BOOLEAN
     if bits <= 8:
@@ -154,7 +158,7 @@ def type_of_bits(bits: int) -> DataType:
 
 
 def parse_type(text: str) -> DataType:
-    """The type that a user means, in any of the common spellings.
+    """Parses the name of a type in any of the common spellings.
 
     Raises:
         UsageError: The text names no type.
@@ -169,7 +173,7 @@ def parse_type(text: str) -> DataType:
 
 
 def type_name(data_type: int) -> str:
-    """The CiA name of a type, or its index where it has none (as in vendor-specific types)."""
+    """The name of a type; its index where it has none, as vendor-specific types."""
     try:
         return DataType(data_type).name
     except ValueError:
@@ -184,15 +188,16 @@ def value_range(data_type: int, bits: int) -> tuple[int, int]:
 
 
 def encode(data_type: DataType, text: str) -> bytes:
-    """SDO data (little endian) for a value as a user types it.
+    """Encodes a value that a user has typed as SDO data (little endian).
 
     Args:
         data_type: Type of the object.
-        text: A number (decimal, 0x…, 0b…), `true` or `false`, a decimal fraction for real
-            types, hexadecimal bytes for octet strings, or the string itself.
+        text: For integer types a number (decimal, 0x…, 0b…), for BOOLEAN also `true` or `false`;
+            for REAL types a decimal number, for OCTET_STRING hexadecimal bytes, for other strings
+            the string itself.
 
     Raises:
-        UsageError: The text is no value of the type, or is out of its range.
+        UsageError: The text is no value of the type, or out of its range.
     """
     if data_type == DataType.VISIBLE_STRING:
         return text.encode("latin-1", "replace")
@@ -212,7 +217,7 @@ def encode(data_type: DataType, text: str) -> bytes:
 
 
 def encode_int(data_type: DataType, value: int) -> bytes:
-    """SDO data (little endian) of an integer.
+    """Encodes an integer as SDO data (little endian).
 
     Raises:
         UsageError: The value is out of the range of the type, or the type is no integer type.
@@ -238,7 +243,7 @@ def _parse_int(data_type: DataType, text: str) -> int:
 
 
 def decode(data_type: int, data: bytes) -> int | float | bool | str:
-    """The value of SDO data (little endian); bytes of an unknown type come as hexadecimal text.
+    """Decodes SDO data (little endian); octet strings and unknown types as hexadecimal text.
 
     Raises:
         UsageError: The data is too short or too long for the type.

@@ -14,7 +14,7 @@ class Access(IntFlag):
     WRITE = 0x38
     RX_PDO = 0x40
     TX_PDO = 0x80
-    BACKUP = 0x100  # kept for an exchange of the device
+    BACKUP = 0x100  # to be saved, for a replacement of the device
     SETTING = 0x200  # part of the start-up parameters
 
     RO = READ
@@ -37,8 +37,8 @@ class DictionaryEntry:
     Attributes:
         name: Its name.
         data_type: Its CoE data type index.
-        bit_length: Its bits.
-        access: Its access rights: bits of `Access`, and whatever else the slave sets.
+        bit_length: Its length in bits.
+        access: Its access rights: bits of `Access`, and any others that the slave sets.
     """
 
     name: str
@@ -54,7 +54,7 @@ class DictionaryObject:
     Attributes:
         index: Its index.
         name: Its name.
-        code: Its kind: an `ObjectCode`, or whatever else the slave says.
+        code: Its kind: an `ObjectCode`, or another number that the slave sends.
         data_type: Its CoE data type index; of a record that of its structure.
         entries: Its entries by subindex.
     """

@@ -1,4 +1,4 @@
-"""Every error this project raises on purpose.
+"""All errors that this project raises on purpose.
 
 ```
 EcatError                 70  a defect of ours, if nothing more precise fits
@@ -14,9 +14,9 @@ EcatError                 70  a defect of ours, if nothing more precise fits
     └── BusyError          7  too many requests are waiting already
 ```
 
-The number is the exit code of the command line. `name` is the stable name that travels in error
-replies over Zenoh and the control socket; `EcatError.from_reply` turns such a reply back into
-the same class. Every message says what happened and, where there is one, what to do next.
+The number is the exit status of the command line. Error replies over Zenoh and the control socket
+contain `name`, which stays the same in all versions; `EcatError.from_reply` makes an error of the
+same class from such a reply. Every message says what happened and, if possible, what to do next.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from typing import Any, ClassVar
 from .abort_codes import abort_text
 
 START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
-"""Advice if no daemon is running."""
+"""Advice for messages if no daemon runs."""
 
 JOIN = "become a member of the group 'ecat' ('sudo usermod -aG ecat $USER', then log in again)"
-"""Advice if a daemon is running, but this user may not use it."""
+"""Advice for messages if a daemon runs, but this user may not use it."""
 
 
 class EcatError(Exception):
@@ -44,12 +44,12 @@ class EcatError(Exception):
     exit_code: ClassVar[int] = 70
 
     def to_reply(self) -> dict[str, Any]:
-        """The error as a map for msgpack or JSON: `name`, `message` and what the class adds."""
+        """The error as a map for msgpack or JSON: `name`, `message` and the keys of the class."""
         return {"name": self.name, "message": str(self)}
 
     @staticmethod
     def from_reply(reply: dict[str, Any]) -> EcatError:
-        """The error that `to_reply` described; an unknown name becomes a plain `EcatError`."""
+        """Makes an error from a map of `to_reply`; an unknown name gives a plain `EcatError`."""
         name, message = reply.get("name"), str(reply.get("message", "unknown error"))
         if name == SdoAbortError.name:
             return SdoAbortError(int(reply.get("code", 0)), message)
@@ -70,7 +70,7 @@ class ConfigError(UsageError):
 
 
 class UnreachableError(EcatError):
-    """The daemon, or the interface it should use, is not there."""
+    """The daemon does not run, or its network interface does not exist."""
 
     name = "unreachable"
     exit_code = 3
@@ -98,12 +98,12 @@ class SdoAbortError(EcatError):
         self.code = code
 
     def to_reply(self) -> dict[str, Any]:
-        """Adds `code` and the standard text of it as `text`."""
+        """Adds `code`, and its standard text as `text`."""
         return super().to_reply() | {"code": self.code, "text": abort_text(self.code)}
 
 
 class NotPermittedError(EcatError):
-    """The system or the daemon does not allow it; the message says which right is missing."""
+    """The system or the daemon does not permit it; the message says which right is missing."""
 
     name = "permission"
     exit_code = 6
@@ -123,13 +123,13 @@ class OwnedError(StateError):
 
 
 class LeaseError(StateError):
-    """This client has lost its outputs, which are at their safe values: it must claim again."""
+    """This client has lost its outputs; they have safe values until it claims them again."""
 
     name = "lease"
 
 
 class BusyError(StateError):
-    """Too many requests are waiting already; the same one later may be carried out."""
+    """Too many requests are waiting already; the client may try again later."""
 
     name = "busy"
 
@@ -152,5 +152,5 @@ _BY_NAME: dict[str, type[EcatError]] = {
 
 
 def error_class(exit_code: int) -> type[EcatError]:
-    """The error that a program of ours has ended with, the most general one of its status."""
+    """The most general error class with the exit status of a program of ours."""
     return next((cls for cls in _BY_NAME.values() if cls.exit_code == exit_code), EcatError)

@@ -1,8 +1,8 @@
-"""What the values of a bus mean, put into its description: the one owner of units and scales.
+"""Puts the meanings of values (names, units, scales, limits) into the description of a bus.
 
-The configuration (`[[signal]]`) counts before device profiles, and these before what the slave
-says of itself. Everybody else (shared memory, clients, Zenoh, generated blocks, FMUs) takes the
-meaning from the description, or compares its own with it.
+The configuration (`[[signal]]`) takes precedence over device profiles, and these over the names
+that the slave has. No other module decides what a value means: shared memory, clients, Zenoh,
+generated blocks and FMUs take the meaning from the description, or compare their own with it.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from .errors import ConfigError
 from .pdo import Entry, Pdo, Value
 from .profiles import DeviceProfile, Profiles
 
-_BITS_MAX = 64  # of one entry in the shared memory
+_BITS_MAX = 64  # longest entry that can be a signal in the shared memory
 
 
 def give_meanings(bus: Bus, profiles: Profiles, rules: Sequence[SignalConfig] = ()) -> Bus:
-    """Gives every entry its name, unit, scale, limits and named values.
+    """Gives name, unit, scale, limits and named values to the entries for which they are known.
 
     Args:
-        bus: The scanned bus, whose slaves are changed.
+        bus: The scanned bus; its slaves are changed in place.
         profiles: Device profiles.
-        rules: What the configuration says, which counts first.
+        rules: `[[signal]]` tables of the configuration, which take precedence.
 
     Returns:
-        The bus.
+        The same bus.
 
     Raises:
-        ConfigError: A rule does not fit this bus, or limits leave an output no value.
+        ConfigError: A rule does not fit this bus, or an entry has no value within its limits.
     """
     for slave in bus.slaves:
         _apply_profiles(slave, profiles.of(slave))
@@ -43,7 +43,12 @@ def give_meanings(bus: Bus, profiles: Profiles, rules: Sequence[SignalConfig] = 
 
 
 def find_slave(bus: Bus, position: int, table: str) -> Slave:
-    """The slave that a table of the configuration names.
+    """Finds the slave that a table of the configuration names.
+
+    Args:
+        bus: The bus.
+        position: Position of the slave.
+        table: Name of the table, for messages.
 
     Raises:
         ConfigError: There is no such slave.
@@ -57,7 +62,7 @@ def find_slave(bus: Bus, position: int, table: str) -> Slave:
 
 
 def unused_profiles(bus: Bus, profiles: Profiles) -> list[str]:
-    """A sentence for each profile of a folder in the configuration that fits no slave."""
+    """Warnings about profiles that fit no slave, if the configuration names their folder."""
     return [
         f"{device.source}: '{device.description}' fits no slave of bus '{bus.name}': it is about "
         f"{device.wanted}"
@@ -100,7 +105,7 @@ def _apply_profiles(slave: Slave, devices: list[DeviceProfile]) -> None:
 
 
 def _changed(pdos: list[Pdo], change: Callable[[Entry], Entry]) -> list[Pdo]:
-    """The PDOs with changed entries, as new ones: slaves may share theirs."""
+    """Returns copies of PDOs with changed entries; the originals may belong to several slaves."""
     return [
         replace(pdo, entries=[entry if entry.is_gap else change(entry) for entry in pdo.entries])
         for pdo in pdos
@@ -144,7 +149,7 @@ def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -
             unit=rule.unit or "",
             scale=1.0 if rule.scale is None else rule.scale,
             offset=rule.offset or 0.0,
-            # These are said in the unit of the profile.
+            # The profile gives these in its own unit, so they would be wrong now.
             minimum=None,
             maximum=None,
             display_unit="",
@@ -161,10 +166,10 @@ def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -
 
 
 def _check_limits(entry: Entry, where: str) -> None:
-    """Refuses limits between which the entry has no value.
+    """Checks that the entry can have a value within its limits.
 
     Raises:
-        ConfigError: There is none.
+        ConfigError: It cannot.
     """
     if entry.minimum is None and entry.maximum is None:
         return

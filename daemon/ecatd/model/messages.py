@@ -1,7 +1,7 @@
-"""Requests that change or ask something of the bus, and their validation.
+"""Requests about the bus, and their validation.
 
-The same maps travel over Zenoh (msgpack), and from the gateway to the bus server; both sides check
-them with `parse_request`, since neither trusts the other.
+A client sends a request to the gateway over Zenoh (msgpack), and the gateway sends it to the bus
+server. Gateway and bus server both check it with `parse_request`, since neither trusts its client.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from .errors import UsageError
 
 @dataclass(frozen=True, slots=True)
 class Describe:
-    """Asks for the bus description, which is long and stays as it is."""
+    """Asks for the bus description, which is long and does not change while the daemon runs."""
 
     op: ClassVar[str] = "describe"
 
 
 @dataclass(frozen=True, slots=True)
 class ReadInfo:
-    """Asks what the daemon is: version, interface, start, cycle; links and recovery as of now."""
+    """Asks about the daemon: version, interface, start, cycle, and present links and recovery."""
 
     op: ClassVar[str] = "info"
 
 
 @dataclass(frozen=True, slots=True)
 class ReadStates:
-    """Asks for the AL states of all slaves, freshly read."""
+    """Asks for the AL states of all slaves, which are read for this request."""
 
     op: ClassVar[str] = "states"
 
 
 @dataclass(frozen=True, slots=True)
 class SetState:
-    """Asks for an AL state.
+    """Asks to bring one slave or all slaves to an AL state.
 
     Attributes:
         state: Name of the state.
@@ -56,7 +56,7 @@ class SdoRead:
         slave: Position.
         index: Object index.
         subindex: Object subindex.
-        complete: Complete access.
+        complete: Whether to use complete access.
     """
 
     op: ClassVar[str] = "sdo_read"
@@ -68,16 +68,16 @@ class SdoRead:
 
 @dataclass(frozen=True, slots=True)
 class SdoWrite:
-    """Downloads an object; attributes as `SdoRead`, and either its data or its value.
+    """Downloads an object; has either `data` or `value`.
 
     Attributes:
         slave: Position.
         index: Object index.
         data: Bytes, little endian.
         subindex: Object subindex.
-        complete: Complete access.
-        value: The value as a person types it (`model.datatypes.encode`); the daemon finds out
-            which type the object has.
+        complete: Whether to use complete access.
+        value: The value as a user types it (`model.datatypes.encode`); the daemon finds out the
+            type of the object.
     """
 
     op: ClassVar[str] = "sdo_write"
@@ -106,9 +106,9 @@ class _Key(NamedTuple):
     """A key of a request.
 
     Attributes:
-        kind: Its type in words.
+        kind: Its type, for messages.
         types: Names of the types that it may have.
-        needed: Whether it must be there.
+        needed: Whether it is required.
     """
 
     kind: str
@@ -133,11 +133,11 @@ def to_map(request: Request) -> dict[str, Any]:
 
 
 def parse_request(data: Any) -> Request:
-    """The request in a map.
+    """Makes a request from a map, and checks it.
 
     Raises:
-        UsageError: It is no known request, or a key is unknown, missing, of the wrong type or out
-            of range; the message names the key.
+        UsageError: The operation is unknown, or a key is unknown, missing, of the wrong type or
+            out of range; the message names the key.
     """
     if not isinstance(data, dict):
         raise UsageError("a request is a map with string keys")
@@ -158,13 +158,17 @@ def parse_request(data: Any) -> Request:
 
 
 def check_data(data: bytes) -> None:
-    """Refuses data that cannot be downloaded; raises UsageError."""
+    """Checks the length of data to download.
+
+    Raises:
+        UsageError: There are no data, or too many bytes.
+    """
     if not 1 <= len(data) <= _DATA_MAX:
         raise UsageError(f"'data' of sdo_write has {len(data)} bytes; 1 to {_DATA_MAX} are allowed")
 
 
 def _check(op: str, key: str, value: Any, wanted: _Key) -> None:
-    # Compared by name: bool is an int in Python, but true is no slave number.
+    # Types are compared by name: bool is a subclass of int, but true is no slave number.
     found = "None" if value is None else type(value).__name__
     if found not in wanted.types:
         raise UsageError(f"'{key}' of {op} must be {wanted.kind}, not {found}")

@@ -1,4 +1,4 @@
-"""Name, type and meaning of slaves' objects, as far as they are known without asking a slave."""
+"""Names, types and meanings of objects, as far as they are known without asking the slave."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _BY_SIZE = {
     4: DataType.UNSIGNED32,
     8: DataType.UNSIGNED64,
 }
-_STATUSWORD = 0x6041, 0  # which slaves of CiA 402 have in their process data
+_STATUSWORD = 0x6041, 0  # slaves with CiA 402 have it in their process data
 
 
 class ObjectType(NamedTuple):
-    """What an object is.
+    """Name, type and meaning of an object.
 
     Attributes:
         name: Its name, or empty.
@@ -35,14 +35,18 @@ class ObjectType(NamedTuple):
     offset: float = 0.0
 
     def of(self, data: bytes) -> ObjectType:
-        """The same with a type that fits the data: an unsigned one where none is known."""
+        """Returns a type that fits the length of the data.
+
+        If the known type does not fit, or there is none, it is the unsigned type of 1, 2, 4 or 8
+        bytes, else OCTET_STRING.
+        """
         bits = bit_length(self.data_type)
         if self.data_type and (bits == 0 or (bits + 7) // 8 == len(data)):
             return self
         return self._replace(data_type=_BY_SIZE.get(len(data), DataType.OCTET_STRING))
 
     def to_map(self) -> dict[str, Any]:
-        """As a map for replies; what is as by default is left out, but for the type and name."""
+        """The keys for replies; unit, scale and offset only if one differs from its default."""
         found: dict[str, Any] = {"name": self.name, "data_type": int(self.data_type)}
         if (self.unit, self.scale, self.offset) != ("", 1.0, 0.0):
             found |= {"unit": self.unit, "scale": self.scale, "offset": self.offset}
@@ -61,7 +65,7 @@ class ObjectTypes:
         self._drive = _STATUSWORD in self._mapped
 
     def find(self, index: int, subindex: int) -> ObjectType:
-        """Returns what is known of an object; fields that are not known have their defaults."""
+        """Returns what is known about an object; unknown fields have their defaults."""
         mapped = self._mapped.get((index, subindex), ObjectType())
         if mapped.data_type:
             return mapped

@@ -1,4 +1,4 @@
-"""Names and types of standardised objects, for slaves that do not tell them.
+"""Names and types of standardised objects, for slaves that do not describe them.
 
 Sources: CiA 301 and ETG.1000.6 for 0x1000 to 0x1FFF, CiA 402-2 (IEC 61800-7-201) for 0x6000 to
 0x67FF. Only objects that mean the same on every slave are listed.
@@ -87,7 +87,8 @@ def standard_object(index: int, subindex: int, *, drive: bool) -> tuple[str, Dat
     Args:
         index: Object index.
         subindex: Object subindex.
-        drive: Whether the slave follows CiA 402; other profiles use the same indices otherwise.
+        drive: Whether the slave follows CiA 402; in other profiles the same indices mean other
+            objects.
     """
     if (index, subindex) in _STANDARD:
         return _STANDARD[index, subindex]

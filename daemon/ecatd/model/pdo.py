@@ -1,4 +1,4 @@
-"""PDOs and their entries: what a slave has in the process image, and what each value means."""
+"""PDOs and their entries: the process data of a slave, and what each value means."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class Value:
 class Entry:
     """One PDO entry: an object of the slave in the process image, and what its value means.
 
-    The meaning comes from the configuration and from device profiles (`meanings.py`). It is no
-    part of the fingerprint: another unit is not another slave.
+    The meaning comes from the configuration and from device profiles (`meanings.py`). The
+    fingerprint does not include it: another unit does not make another slave.
 
     Attributes:
         index: Object index; 0 marks a gap of `bit_length` padding bits.
         subindex: Object subindex.
         name: Name from the configuration, a profile, SII or object dictionary; may be empty.
         data_type: CoE data type index (`model.datatypes.DataType`).
-        bit_length: Bits in the process image.
+        bit_length: Number of bits in the process image.
         unit: Unit of the physical value, or empty.
         scale: Physical value = raw value * scale + offset.
         offset: See `scale`; in `unit`.
@@ -45,11 +45,11 @@ class Entry:
         maximum: Largest one.
         display_unit: Unit that tools show the value in, or empty.
         quantity: Physical quantity as in `Modelica.Units.SI`, or empty.
-        values: What the numbers stand for, in ascending order.
-        note: What else a user should know, for the documentation.
+        values: Named values, in ascending order of their numbers.
+        note: Further remarks for users, for the documentation.
         connector: Whether the generated block has a connector for an input, or only a variable.
-        safe: What an output is while nobody owns it: a raw value, "hold" for what was last sent,
-            or "quick_stop" or "disable" for the controlword of a drive that is stopped; None for
+        safe: Safe value of an output: a raw value, "hold" for the value that was sent last, or
+            "quick_stop" or "disable" for a drive that is stopped by its controlword; None for
             inputs.
     """
 
@@ -72,7 +72,7 @@ class Entry:
 
     @property
     def is_physical(self) -> bool:
-        """Whether the value is a physical quantity, and not just the number in the process data."""
+        """Whether the value has a unit, a scale or an offset: it is not just a raw number."""
         return bool(self.unit) or self.scale != 1 or self.offset != 0
 
     @property
@@ -86,9 +86,9 @@ class Entry:
         return f"0x{self.index:04X}:{self.subindex:02X}"
 
     def raw_range(self) -> tuple[float, float]:
-        """Raw values whose physical ones are within the declared range, both ends included.
+        """Smallest and largest raw value whose physical value is within `minimum` and `maximum`.
 
-        Whole numbers for integer types; infinite where nothing is declared.
+        Both are whole numbers for integer types, and infinite where there is no limit.
         """
         declared = (
             -math.inf if self.minimum is None else self.minimum,
@@ -101,13 +101,17 @@ class Entry:
 
 
 def parse_address(text: str) -> tuple[int, int] | None:
-    """Index and subindex in an address such as "0x60FF:00"; None if it is none."""
+    """Parses an address such as "0x60FF:00" into index and subindex; None if it is no address."""
     match = _ADDRESS.fullmatch(text)
     return (int(match[1], 16), int(match[2], 16)) if match else None
 
 
 def _inwards(limit: float, rounded: Callable[[float], int]) -> float:
-    """The next whole number within a limit, which may be off by the rounding of its scale."""
+    """The next whole number within a limit.
+
+    A limit very close to a whole number counts as this number: only rounding by the scale has
+    moved it.
+    """
     if math.isinf(limit):
         return limit
     nearest = round(limit)
@@ -132,5 +136,5 @@ class Pdo:
 
     @property
     def bit_length(self) -> int:
-        """Bits of all entries, gaps included."""
+        """Number of bits of all entries, gaps included."""
         return sum(entry.bit_length for entry in self.entries)

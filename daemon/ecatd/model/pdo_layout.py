@@ -1,9 +1,9 @@
-"""Where PDOs lie in the bytes of a slave.
+"""Computes where PDOs lie in the process data of a slave.
 
-Every sync manager has whole bytes of its own, one after the other by number, and in them its PDOs
-bit after bit. So the FMMUs of a slave map whole bytes only: those of real slave controllers must be
-three logical bytes apart if one of them maps bits (Beckhoff, ESC data sheet, section I,
-"Restrictions on FMMU settings"), and some controllers map nothing but bytes.
+Each sync manager has its own whole bytes; the sync managers follow each other by number. Within a
+sync manager the PDOs follow each other without padding. So the FMMUs of a slave map whole bytes
+only. FMMUs that map bits must be three logical bytes apart in real ESCs (Beckhoff, ESC data sheet,
+section I, "Restrictions on FMMU settings"), and some ESCs cannot map bits at all.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class SyncManagerBytes:
     Attributes:
         number: Number of the sync manager.
         offset: First byte among the outputs, or the inputs, of the slave.
-        bits: Bits of its PDOs.
+        bits: Number of bits of its PDOs.
     """
 
     number: int
@@ -31,17 +31,17 @@ class SyncManagerBytes:
 
     @property
     def size(self) -> int:
-        """Whole bytes."""
+        """Number of whole bytes."""
         return (self.bits + 7) // 8
 
     @property
     def end(self) -> int:
-        """First byte behind them."""
+        """Offset of the first byte after them."""
         return self.offset + self.size
 
 
 def sync_manager_bytes(pdos: Iterable[Pdo]) -> list[SyncManagerBytes]:
-    """The bytes of each sync manager that carries any of these PDOs, which have one direction."""
+    """The bytes of each sync manager that carries some of these PDOs, all of one direction."""
     found: list[SyncManagerBytes] = []
     for number, group in _by_sync_manager(pdos):
         bits = sum(pdo.bit_length for pdo in group)
@@ -51,15 +51,15 @@ def sync_manager_bytes(pdos: Iterable[Pdo]) -> list[SyncManagerBytes]:
 
 
 def byte_length(pdos: Iterable[Pdo]) -> int:
-    """Bytes of all PDOs of one direction."""
+    """Number of bytes of all PDOs of one direction."""
     areas = sync_manager_bytes(pdos)
     return areas[-1].end if areas else 0
 
 
 def places(pdos: Iterable[Pdo]) -> Iterator[tuple[Pdo, Entry, int]]:
-    """The entries of PDOs of one direction, gaps included, with their first bit.
+    """Yields PDO, entry and first bit of all entries of one direction, gaps included.
 
-    It counts from the first byte of the outputs, or the inputs, of the slave.
+    Bits count from the first byte of the outputs, or the inputs, of the slave.
     """
     bit = 0
     for _, group in _by_sync_manager(pdos):

@@ -1,6 +1,6 @@
-"""What the Slave Information Interface, the EEPROM of a slave, says about it (ETG.2010).
+"""Content of the SII, the EEPROM of a slave (ETG.2010).
 
-`sii_reader` reads it, and `sii_check` tells all that is wrong with an image.
+`sii_reader` decodes what a master needs; `sii_check` decodes and checks a whole image.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ CATEGORY_RXPDO = 51
 CATEGORY_DC = 60
 CATEGORY_END = 0xFFFF
 USAGE_OUTPUTS, USAGE_INPUTS = 3, 4
-"""What a sync manager is for (category 41)."""
+"""Usage of a sync manager for process data (category 41)."""
 
 UNASSIGNED = 0xFF
-"""In place of a sync manager: the PDO is not mapped by default."""
+"""Sync manager number of a PDO that is not mapped by default."""
 
 UNPROGRAMMED = 0xFFFF
-"""A word of an EEPROM that nobody has written."""
+"""A word of an EEPROM that was never written."""
 
-_VIRTUAL = 0x04  # of the enable byte of a sync manager
+_VIRTUAL = 0x04  # bit of the enable byte of a sync manager
 _DIGITAL_OUTPUTS = (0x0F00, 0x0F04)
 _RAM = (0x1000, 0x10000)
 
 
 def in_memory(start: int, size: int) -> bool:
-    """Whether an ESC can have memory there: process data RAM, or digital outputs."""
+    """Whether an ESC can have process data there: in its RAM, or in the digital output register."""
     end = start + size
     return any(low <= start < high and end <= high for low, high in (_DIGITAL_OUTPUTS, _RAM))
 
@@ -43,9 +43,9 @@ class SiiProblem:
 
     Attributes:
         byte: Offset in the EEPROM.
-        text: What is wrong and, where that is not plain, what is allowed.
-        effect: What is done about it; empty where it does no harm.
-        damage: Whether something of what the SII should say is lost.
+        text: What is wrong and, where that is not obvious, what is allowed.
+        effect: How the reader handles it; empty if it does no harm.
+        damage: Whether information that the SII should contain is lost.
     """
 
     byte: int
@@ -71,7 +71,7 @@ class SiiSyncManager:
         length: Default length in bytes.
         control: Control register (0x0804).
         enable: Bit 0: to be enabled; bit 2: virtual; bit 3: to be enabled in OP only.
-        usage: 1 mailbox out, 2 mailbox in, 3 process data outputs, 4 process data inputs; 0 where
+        usage: 1 mailbox out, 2 mailbox in, 3 process data outputs, 4 process data inputs; 0 if
             the SII does not say.
     """
 
@@ -83,20 +83,20 @@ class SiiSyncManager:
 
     @property
     def virtual(self) -> bool:
-        """Whether it stands for a place in the slave that an FMMU maps without a sync manager.
+        """Whether an FMMU maps the memory of the slave directly, without a real sync manager.
 
-        That may be registers, which a sync manager cannot hold.
+        The memory may be registers, which a sync manager cannot guard.
         """
         return bool(self.enable & _VIRTUAL)
 
     def holds(self, size: int) -> bool:
-        """Whether so many bytes from its start on can be process data."""
+        """Whether `size` bytes from its start address on can be process data."""
         return self.start + size <= _RAM[1] if self.virtual else in_memory(self.start, size)
 
 
 @dataclass(slots=True)
 class SiiMailbox:
-    """Mailbox areas, seen from the slave (words 0x14 to 0x1B).
+    """Mailbox areas, as seen from the slave (words 0x14 to 0x17 for BOOT, else 0x18 to 0x1B).
 
     Attributes:
         receive: Offset of the mailbox that the master writes.
@@ -112,7 +112,7 @@ class SiiMailbox:
 
     @property
     def exists(self) -> bool:
-        """Whether there is one: words that nobody has written are 0, or 0xFFFF."""
+        """Whether there is a mailbox: sizes that were never written are 0 or 0xFFFF."""
         return all(0 < size < UNPROGRAMMED for size in (self.receive_size, self.send_size))
 
 
@@ -122,12 +122,12 @@ class SiiDc:
 
     Attributes:
         name: Its name.
-        cycle_time: Cycle time of SYNC0 in ns; 0: that of the master.
+        cycle_time: Cycle time of SYNC0 in ns; 0: the cycle time of the master.
         shift_time0: Shift of SYNC0 in ns.
         shift_time1: Shift of SYNC1 in ns.
-        assign_activate: What goes to the registers 0x0980 (low byte) and 0x0981.
-        cycle_factor0: Cycle of SYNC0 as a multiple (or, negative, a part) of that of the master.
-        cycle_factor1: Cycle of SYNC1 as a multiple (or part) of that of SYNC0.
+        assign_activate: Values of the registers 0x0980 (low byte) and 0x0981 (high byte).
+        cycle_factor0: Cycle of SYNC0 as a multiple of that of the master; negative: a fraction.
+        cycle_factor1: Cycle of SYNC1 as a multiple, or a fraction, of that of SYNC0.
     """
 
     name: str
@@ -141,13 +141,14 @@ class SiiDc:
 
 @dataclass(slots=True)
 class Sii:
-    """What an SII says.
+    """Content of an SII.
 
-    A PDO is mapped by default if its sync manager is not `UNASSIGNED`. That is so for all that
-    cannot lie where the EEPROM wants them; `problems` has the reason.
+    A PDO is mapped by default if its sync manager is not `UNASSIGNED`. The reader sets it to
+    `UNASSIGNED` if the PDO cannot lie in the sync manager that the EEPROM names
+    (`sii_placement`); `problems` has the reason.
 
-    The attributes from `pdi_control` on are not read by `sii_reader.read_sii`, but by
-    `sii_check.check_sii`: a master does without them, and reading an EEPROM takes its time.
+    Of the attributes from `pdi_control` on, `sii_reader.read_sii` reads only `fixed`, since a
+    master does not need them and reading an EEPROM is slow; `sii_check.check_sii` reads all.
 
     Attributes:
         alias: Configured station alias.
@@ -155,23 +156,23 @@ class Sii:
         product: Product code.
         revision: Revision number.
         serial: Serial number.
-        bootstrap: Mailbox in BOOT; it does not exist where there is no such state.
+        bootstrap: Mailbox in BOOT; it does not exist if the slave does not have this state.
         mailbox: Standard mailbox.
         mailbox_protocols: Bit 2: CoE; bit 3: FoE (word 0x1C).
         name: Device name from the general category, empty if there is none.
         order: Order code from the general category, empty if there is none.
         coe: CoE details from the general category; bit 0: SDO, bit 1: SDO information.
-        without_lrw: Whether the slave cannot do LRW.
+        without_lrw: Whether the slave does not support LRW.
         sync_managers: Sync managers in order.
         inputs: TxPDOs.
         outputs: RxPDOs.
-        problems: What is wrong with it, in the order in which it was found.
+        problems: What is wrong with the SII, in the order in which it was found.
         pdi_control: Word 0; bit 8: the ESC itself answers AL control (device emulation).
         pdi_config: Word 1.
         group: Group type.
         group_name: Name of the group.
-        ebus_current: Current taken from the E-bus in mA; negative where it is fed.
-        physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
+        ebus_current: Current in mA that the slave takes from the E-bus; negative if it supplies it.
+        physical_ports: A nibble for each port, port 0 lowest: 0 none, 1 MII, 3 EBUS.
         fmmus: Purposes of the FMMUs: 1 outputs, 2 inputs, 3 mailbox state.
         dc: Operation modes of the distributed clocks.
         fixed: Indices of PDOs whose entries cannot be changed.
@@ -205,14 +206,17 @@ class Sii:
 
     @property
     def damaged(self) -> bool:
-        """Whether a problem of the SII has made data unreadable."""
+        """Whether information is lost by a problem of the SII."""
         return any(problem.damage for problem in self.problems)
 
     def channels(self, usage: int) -> list[int]:
-        """Returns the numbers of the sync managers for process data of a usage.
+        """Returns the numbers of the sync managers for outputs or inputs.
 
-        If the SII describes none, this is the usual one of ETG.1000.4: 2 for outputs, 3 for inputs.
-        It is left out if the SII uses it for something else.
+        If the SII describes none, this is the usual one of ETG.1000.4, 2 for outputs and 3 for
+        inputs, unless the SII uses it for something else.
+
+        Args:
+            usage: `USAGE_OUTPUTS` or `USAGE_INPUTS`.
         """
         usages = [item.usage for item in self.sync_managers]
         found = [number for number, known in enumerate(usages) if known == usage]

@@ -1,4 +1,4 @@
-"""What is wrong with an SII image (ETG.2010), and what can be read of it all the same."""
+"""Checks a whole SII image (ETG.2010), and decodes what can be read of it."""
 
 from __future__ import annotations
 
@@ -18,31 +18,32 @@ from .sii import (
 from .sii_reader import FIRST_CATEGORY, SiiReader
 
 _CHECKED_BYTES = 14
-_CHECKSUM_OFF = b"\xa4\x88"  # for development: the ESC takes it as right
+_CHECKSUM_OFF = b"\xa4\x88"  # for development: an ESC accepts it as correct
 _GENERAL_BYTES = 18
-MAX_IMAGE = 0x80000  # bytes: the largest EEPROM that a slave controller can have
+MAX_IMAGE = 0x80000  # bytes: the largest EEPROM that an ESC can have
 _RAM = 0x1000
 MAILBOX_SIZES = (24, 1486)
-"""Smallest mailbox that carries an SDO, and the largest that fits a frame, in bytes."""
+"""Size in bytes of the smallest mailbox that can hold an SDO, and of the largest that fits into
+a frame."""
 _PDO_INDICES = {USAGE_OUTPUTS: (0x1600, 0x17FF), USAGE_INPUTS: (0x1A00, 0x1BFF)}
 
 
 def check_sii(image: bytes) -> Sii:
-    """Reads a whole SII image; `problems` tells all that is wrong with it.
+    """Reads a whole SII image; `problems` of the result lists all that is wrong with it.
 
-    Beyond the end of the image an EEPROM reads as 0xFF. A category that makes no sense is left
-    out, or read up to where it does, by the same rules as a master has (`sii_reader.read_sii`).
+    Bytes after the end of the image count as 0xFF. A malformed category is left out, or read up
+    to the malformed part, by the same rules as in a master (`sii_reader.read_sii`).
     """
     return _ImageReader(image).read()
 
 
 def is_description(index: int) -> bool:
-    """Whether an object says what the process data are: PDO mapping and assignment."""
+    """Whether an object describes process data: PDO mapping, assignment, or sync manager types."""
     return 0x1600 <= index < 0x1C00 or index in (0x1C00, 0x1C12, 0x1C13)
 
 
 def sii_checksum(data: bytes) -> int:
-    """CRC of the configuration area: x^8 + x^2 + x + 1, initial value 0xFF."""
+    """CRC-8 of the configuration area: polynomial x^8 + x^2 + x + 1, initial value 0xFF."""
     crc = 0xFF
     for byte in data:
         crc ^= byte
@@ -71,7 +72,7 @@ class _ImageReader(SiiReader):
             self.note(len(image), f"the image ends within its first {2 * FIRST_CATEGORY} bytes")
 
     def header(self) -> None:
-        """The fixed words and their checksum."""
+        """Decodes the fixed words, and checks their checksum and the mailbox."""
         super().header()
         sii, head = self.sii, self._image[: 2 * FIRST_CATEGORY].ljust(2 * FIRST_CATEGORY, b"\xff")
         found, right = head[_CHECKED_BYTES], sii_checksum(head[:_CHECKED_BYTES])
@@ -105,7 +106,7 @@ class _ImageReader(SiiReader):
                 )
 
     def begin_category(self, word: int, kind: int, length: int) -> None:
-        """An image must have all of its categories."""
+        """Notes a category that the image does not contain completely."""
         if len(self._image) < 2 * (word + 2 + length):
             self.note(
                 2 * word,
@@ -114,12 +115,12 @@ class _ImageReader(SiiReader):
             )
 
     def end_of_categories(self, word: int) -> None:
-        """An image must end its categories itself, unless it has none."""
+        """Notes an image with categories that lacks the word 0xFFFF after the last one."""
         if len(self._image) < 2 * (word + 1) and word > FIRST_CATEGORY:
             self.note(2 * word, "the image ends without the end of categories, 0xFFFF")
 
     def general(self, at: int, data: bytes) -> None:
-        """Decodes category 30 completely, with the fields that a master does not need."""
+        """Decodes category 30 with all fields, also those that a master does not need."""
         super().general(at, data)
         if len(data) >= _GENERAL_BYTES:
             sii = self.sii
@@ -129,7 +130,7 @@ class _ImageReader(SiiReader):
             (sii.physical_ports,) = struct.unpack_from("<H", data, 16)
 
     def check_sync_manager(self, at: int, manager: SiiSyncManager) -> None:
-        """Usage and memory of a sync manager."""
+        """Checks usage and memory of a sync manager."""
         number = len(self.sii.sync_managers) - 1
         if manager.usage > 4:
             self.note(
@@ -145,14 +146,14 @@ class _ImageReader(SiiReader):
             )
 
     def check_pdo(self, at: int, index: int, usage: int, label: str) -> None:
-        """The index of a PDO belongs to its direction."""
+        """Checks that the index of a PDO fits its direction."""
         low, high = _PDO_INDICES[usage]
         if not low <= index <= high:
             text = f"{label}: its index should be from 0x{low:04X} to 0x{high:04X}"
             self.note(at, text, damage=False)
 
     def check_entry(self, at: int, entry: Entry, label: str) -> None:
-        """Process data do not describe themselves."""
+        """Notes an entry that maps an object that describes process data."""
         if is_description(entry.index):
             text = f"{label}: entry {entry.address} describes process data"
             self.note(at, f"{text} and should not be part of it", damage=False)

@@ -1,7 +1,7 @@
-"""Which PDOs of an SII have a place in the slave: the one rule, for daemon and simulator.
+"""Decides which PDOs of an SII can lie in their sync managers; daemon and simulator use this rule.
 
-A PDO lies in its sync manager if there is one of that number, it is for process data of that
-direction, and there is memory for all of its PDOs.
+A PDO can lie in its sync manager if the SII describes a sync manager of this number, its usage is
+the direction of the PDO, and the ESC has memory for all PDOs of this sync manager.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .sii import (
     SiiSyncManager,
 )
 
-_DIRECTION = {USAGE_OUTPUTS: 0x04, USAGE_INPUTS: 0x00}  # of a buffered one, in its control register
+_DIRECTION = {USAGE_OUTPUTS: 0x04, USAGE_INPUTS: 0x00}  # in the control register of a buffered one
 _DIRECTION_MASK = 0x0F
 _PURPOSES = {
     0: "unknown",
@@ -30,10 +30,11 @@ _PURPOSES = {
 
 
 class Placement:
-    """The PDOs that one slave maps by default, one after the other.
+    """Places the default PDOs of one slave, one after the other.
 
     Args:
-        managers: Its sync managers (category 41), which are complete before the first PDO comes.
+        managers: The sync managers of the slave (category 41); the list may be filled later, but
+            before the first PDO is placed.
     """
 
     def __init__(self, managers: Sequence[SiiSyncManager]) -> None:
@@ -41,14 +42,16 @@ class Placement:
         self._bits: Counter[int] = Counter()  # of the PDOs so far, by sync manager
 
     def place(self, pdo: Pdo, usage: int) -> str:
-        """Gives a PDO its place, or says why it has none.
+        """Places a PDO in its sync manager, or says why that is not possible.
+
+        Sets the usage of a sync manager if the SII does not say it and the control register fits.
 
         Args:
             pdo: The PDO.
             usage: `USAGE_OUTPUTS` or `USAGE_INPUTS`.
 
         Returns:
-            The reason in words; empty if the PDO has its place.
+            The reason in words; empty if the PDO has been placed.
         """
         number = pdo.sync_manager
         if not self._managers:

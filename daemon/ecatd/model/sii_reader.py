@@ -1,8 +1,8 @@
-"""Reading an SII, whatever is wrong with it (ETG.2010).
+"""Decodes an SII, even a malformed one (ETG.2010).
 
-The first 64 words have a fixed meaning. From word 0x40 on come categories, each with its type and
-its length in words, and 0xFFFF behind the last one. Everything here may be wrong in a real device.
-The reader takes what makes sense and notes the rest as a problem, with what it does about it.
+The first 64 words have a fixed meaning. Categories follow from word 0x40 on, each with its type and
+its length in words; 0xFFFF follows the last one. Any of this can be wrong in a real device. The
+reader decodes what is well-formed, and notes everything else as a problem with its effect.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .sii import (
 from .sii_placement import Placement
 
 Words = Callable[[int, int], bytes]
-"""Gives words of an EEPROM: word address and how many."""
+"""Returns words of an EEPROM. Arguments: word address, and number of words."""
 
 FIRST_CATEGORY = 0x40
 PDO_INDICES = (0x1600, 0x1BFF)
@@ -51,7 +51,7 @@ _BLANK_VENDOR = 0xFFFF_FFFF
 _PADDING = 0xFF
 _FIXED = 0x10  # flag of a PDO
 _KNOWN = {*range(10), 10, 20, 30, 40, 41, 42, 43, 50, 51, 60, 70, 80, 90, 100, 110}
-_VENDOR_SPECIFIC = 0x0800  # and all above; those below belong to the standard
+_VENDOR_SPECIFIC = 0x0800  # types from here on; lower ones belong to the standard
 _SYNC_MANAGERS_MAX = 16
 _MAILBOX_WRITTEN, _MAILBOX_READ = 0x26, 0x22  # control of sync managers 0 and 1 (ETG.1000.4)
 
@@ -60,7 +60,7 @@ def read_sii(words: Words) -> Sii:
     """Reads what a master needs from an SII.
 
     Args:
-        words: Gives words: the word address and how many.
+        words: Reads words of the EEPROM.
     """
     return SiiReader(words).read()
 
@@ -69,19 +69,19 @@ def read_dc_modes(words: Words) -> list[SiiDc]:
     """Reads the operation modes of the distributed clocks (category 60), if there are any.
 
     Args:
-        words: Gives words: the word address and how many.
+        words: Reads words of the EEPROM.
     """
     return _DcReader(words).read().dc
 
 
 def read_mailbox(words: Words) -> list[SiiSyncManager]:
-    """Reads how the mailbox is set up: sync managers 0 and 1; empty where there is no mailbox.
+    """Reads the settings of the mailbox: sync managers 0 and 1; empty if there is no mailbox.
 
-    Category 41 describes them; without it, or where that makes no sense, the standard mailbox
-    (words 0x18 to 0x1B) says where they are.
+    They are those of category 41. If it is missing, or does not begin with the two mailboxes, they
+    follow from the standard mailbox (words 0x18 to 0x1B).
 
     Args:
-        words: Gives words: the word address and how many.
+        words: Reads words of the EEPROM.
     """
     sii = _MailboxReader(words).read()
     box, managers = sii.mailbox, sii.sync_managers[:2]
@@ -96,14 +96,18 @@ def read_mailbox(words: Words) -> list[SiiSyncManager]:
 
 
 class _Stop(Exception):  # noqa: N818  no error, but the end of a part
-    """Ends the decoding of a category, or of all further categories, since they are malformed."""
+    """Ends decoding of a malformed category, or of all further categories."""
 
 
 class SiiReader:
-    """Decodes what a master needs from an SII.
+    """Decodes what a master needs from an SII. Subclasses decode more, or less.
 
     Args:
-        words: Gives words: the word address and how many.
+        words: Reads words of the EEPROM.
+
+    Attributes:
+        wanted: Types of the categories that are read.
+        sii: What has been decoded.
     """
 
     wanted = frozenset(
@@ -119,25 +123,32 @@ class SiiReader:
     def __init__(self, words: Words) -> None:
         self._words = words
         self._strings = [""]
-        self._indices: set[int] = set()  # of the PDOs so far
+        self._indices: set[int] = set()  # of the PDOs decoded so far
         self.sii = Sii()
         self._placement = Placement(self.sii.sync_managers)
 
     def stop(self, byte: int, text: str, effect: str) -> NoReturn:
-        """Notes damage, and leaves the part that is being decoded."""
+        """Notes a problem, and ends the part that is being decoded by raising `_Stop`."""
         self.note(byte, text, effect)
         raise _Stop
 
     def note(self, byte: int, text: str, effect: str = "", *, damage: bool = True) -> None:
-        """Keeps a problem."""
+        """Adds a problem, unless there are too many already.
+
+        Args:
+            byte: Offset in the EEPROM.
+            text: What is wrong.
+            effect: How the reader handles it.
+            damage: Whether information is lost.
+        """
         if len(self.sii.problems) < _PROBLEMS_MAX:
             self.sii.problems.append(SiiProblem(byte, text, effect, damage))
 
     def read(self) -> Sii:
-        """Decodes everything."""
+        """Decodes the fixed words and the wanted categories."""
         self.header()
         categories = self._categories()
-        # Names are needed by the others, so strings come first; PDOs need sync managers.
+        # Strings come first, since all others refer to them; PDOs need the sync managers.
         for kind, decode in (
             (CATEGORY_STRINGS, self._read_strings),
             (CATEGORY_GENERAL, self.general),
@@ -157,7 +168,7 @@ class SiiReader:
     def _check_use(self, at: int) -> None:
         """Notes process-data sync managers without PDOs, for a slave without a mailbox.
 
-        A slave with a mailbox can tell its PDOs over CoE.
+        A slave with a mailbox can describe further PDOs over CoE.
         """
         used = {pdo.sync_manager for pdo in (*self.sii.outputs, *self.sii.inputs)}
         for number, manager in enumerate(self.sii.sync_managers):
@@ -171,7 +182,7 @@ class SiiReader:
                 )
 
     def header(self) -> None:
-        """The fixed words."""
+        """Decodes the fixed words."""
         sii = self.sii
         (sii.alias,) = struct.unpack("<H", self._words(0x04, 1))
         identity = self._words(0x08, 8)
@@ -192,7 +203,7 @@ class SiiReader:
     # --- the chain of categories ---------------------------------------------------------------
 
     def _categories(self) -> dict[int, tuple[int, bytes]]:
-        """The categories by type: byte offset and data of each."""
+        """Reads the wanted categories: by type, the byte offset of the data, and the data."""
         found: dict[int, tuple[int, bytes]] = {}
         present: set[int] = set()
         with suppress(_Stop):
@@ -242,18 +253,18 @@ class SiiReader:
         self.stop(2 * at, f"more than {_CATEGORIES_MAX} categories", "what follows is not read")
 
     def _size(self) -> int:
-        """How many words the EEPROM has, as far as it says so."""
+        """Number of words that the EEPROM has by word 0x3E; the maximum if this word is 0."""
         (kibit,) = struct.unpack("<H", self._words(_SIZE, 1))
         return min((kibit + 1) * _WORDS_PER_KIBIT, _WORDS_MAX) if kibit else _WORDS_MAX
 
     def begin_category(self, word: int, kind: int, length: int) -> None:
-        """A category of so many words begins there."""
+        """Called for each category, with its word address, type and length in words."""
 
     def end_of_categories(self, word: int) -> None:
-        """The categories end there."""
+        """Called with the word address of the end of the categories, 0xFFFF."""
 
     def _check_presence(self, present: set[int]) -> None:
-        """Notes categories that must be there."""
+        """Notes missing categories that are required."""
         first, protocols = 2 * FIRST_CATEGORY, self.sii.mailbox_protocols
         if not present:
             blank = self.sii.vendor == _BLANK_VENDOR
@@ -274,7 +285,7 @@ class SiiReader:
     # --- single categories ---------------------------------------------------------------------
 
     def _read_strings(self, at: int, data: bytes) -> None:
-        """Strings by number; number 0 is the empty one."""
+        """Decodes category 10: strings, which count from 1; number 0 is the empty string."""
         if not data:
             return
         count, offset = data[0], 1
@@ -290,7 +301,12 @@ class SiiReader:
             offset = end
 
     def string(self, at: int, number: int) -> str:
-        """A text by its number."""
+        """Returns a string by its number; notes a number that does not exist.
+
+        Args:
+            at: Byte offset of the number, for the problem.
+            number: Number of the string.
+        """
         if number < len(self._strings):
             return self._strings[number]
         self.note(
@@ -302,7 +318,7 @@ class SiiReader:
         return ""
 
     def general(self, at: int, data: bytes) -> None:
-        """Category 30."""
+        """Decodes category 30."""
         if len(data) < 12:
             text = f"category 30 has {len(data)} bytes, less than the 12 that matter"
             self.stop(at, text, "it is left out")
@@ -334,10 +350,10 @@ class SiiReader:
             del self.sii.sync_managers[_SYNC_MANAGERS_MAX:]
 
     def check_sync_manager(self, at: int, manager: SiiSyncManager) -> None:
-        """Notes what is wrong with a sync manager."""
+        """Called for each sync manager, so that a subclass can note what is wrong with it."""
 
     def _whole_rows(self, at: int, data: bytes, size: int) -> None:
-        """Notes a table whose last row is cut off."""
+        """Notes a table whose last row is incomplete."""
         if len(data) % size:
             text = f"{len(data)} bytes are no whole rows of {size} bytes"
             self.note(at + len(data), text, "the last row is left out")
@@ -388,7 +404,7 @@ class SiiReader:
         return entries
 
     def _is_known(self, at: int, index: int, label: str) -> bool:
-        """Whether a PDO can have an index."""
+        """Whether a PDO can have this index; notes why not."""
         low, high = PDO_INDICES
         text = ""
         if not low <= index <= high:
@@ -401,13 +417,13 @@ class SiiReader:
         return not text
 
     def check_pdo(self, at: int, index: int, usage: int, label: str) -> None:
-        """Notes what else is wrong with a PDO."""
+        """Called for each PDO, so that a subclass can note what is wrong with it."""
 
     def check_entry(self, at: int, entry: Entry, label: str) -> None:
-        """Notes what else is wrong with an entry."""
+        """Called for each entry, so that a subclass can note what is wrong with it."""
 
     def _place(self, at: int, pdo: Pdo, usage: int, label: str) -> None:
-        """Takes a PDO out of the default mapping that cannot lie where it should."""
+        """Removes a PDO from the default mapping if it cannot lie in its sync manager."""
         if pdo.sync_manager == UNASSIGNED:
             return
         if why := self._placement.place(pdo, usage):
@@ -426,13 +442,13 @@ class SiiReader:
 
 
 class _DcReader(SiiReader):
-    """Decodes the distributed clocks alone."""
+    """Decodes only the modes of the distributed clocks."""
 
     wanted = frozenset({CATEGORY_STRINGS, CATEGORY_DC})
 
 
 class _MailboxReader(SiiReader):
-    """Decodes what the mailbox needs."""
+    """Decodes only the settings of the mailbox."""
 
     wanted = frozenset({CATEGORY_SYNC_MANAGER})
 
@@ -441,7 +457,7 @@ class _MailboxReader(SiiReader):
 
 
 def _decode(text: bytes) -> str:
-    """The standard says visible string; vendors write UTF-8 or Latin-1."""
+    """Decodes a string as UTF-8 or Latin-1; the standard has VISIBLE_STRING, vendors write both."""
     try:
         decoded = text.decode("utf-8")
     except UnicodeDecodeError:

@@ -1,4 +1,4 @@
-"""Reads a text file that the user names, whatever the file turns out to be."""
+"""Reads a text file that the user has named, which may turn out to be something else."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _SIZE_MAX = 1 << 26
 
 
 def read_text(file: Path) -> str:
-    """The text of a file in UTF-8.
+    """Reads a text file in UTF-8.
 
     Raises:
-        ConfigError: It cannot be read, is no text, or too large.
+        ConfigError: The file cannot be read, is no UTF-8 text, or has more than 64 MiB.
     """
     try:
         size = check_regular(file)
@@ -31,13 +31,13 @@ def read_text(file: Path) -> str:
 
 
 def check_regular(file: Path) -> int:
-    """Refuses a pipe or a device, from which reading may never end.
+    """Refuses pipes and devices, since reading from them may never end.
 
     Returns:
         The size in bytes.
 
     Raises:
-        OSError: It is one, or there is no such file.
+        OSError: The file is no regular file or folder, or does not exist.
     """
     info = file.stat()
     if not stat.S_ISREG(info.st_mode) and not stat.S_ISDIR(info.st_mode):

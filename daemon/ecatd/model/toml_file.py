@@ -1,11 +1,11 @@
-"""TOML whose values are checked as they are read.
+"""Reads TOML and checks its values.
 
     table = read_toml(path)
     values = table.read({"name": Table.text, "speed": integer(0, 100)}, required=("name",))
 
-Every complaint is a `ConfigError` that begins with file, line and key, and says what is wrong and
-what is allowed. Tables within tables are read in the same way, so a rule may be a function of ours
-that reads one.
+Every error is a `ConfigError` that begins with file, line and key, and says what is wrong and what
+is allowed. A rule can be any function of a table and a key, so it can read a table within the table
+in the same way.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from .toml_places import Place
 T = TypeVar("T")
 
 REQUIRED: Any = object()
-"""Default of a key that must be there."""
+"""Default of a key that is required."""
 
 _SHOWN = 40
-_DIGITS = re.compile(r"[0-9][0-9_]{4300,}")  # more than Python makes a number of
+_DIGITS = re.compile(r"[0-9][0-9_]{4300,}")  # more digits than Python converts
 _SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", re.DOTALL)
 
 
@@ -39,21 +39,21 @@ def read_toml(file: Path) -> Table:
     """Reads a file; returns its outermost table.
 
     Raises:
-        ConfigError: The file cannot be read, or is no TOML.
+        ConfigError: The file cannot be read, or is no valid TOML.
     """
     return parse_toml(read_text(file), str(file), file.parent)
 
 
 def parse_toml(text: str, source: str, folder: Path = Path()) -> Table:
-    """The outermost table of a text.
+    """Parses a text; returns its outermost table.
 
     Args:
         text: The text.
-        source: How messages name it.
-        folder: What paths in it are relative to.
+        source: Its name in messages.
+        folder: The folder that paths in it are relative to.
 
     Raises:
-        ConfigError: It is no TOML.
+        ConfigError: The text is no valid TOML.
     """
     try:
         return Table(Document(source, text, folder), tomllib.loads(text))
@@ -71,12 +71,13 @@ def parse_toml(text: str, source: str, folder: Path = Path()) -> Table:
 
 
 class Document:
-    """What its tables come from.
+    """The document that tables belong to.
 
     Args:
-        source: How messages name it.
-        text: The TOML, or nothing where maps come from elsewhere: it is read to name lines.
-        folder: What paths in it are relative to.
+        source: Its name in messages.
+        text: The TOML, in which lines are looked up for messages; empty if the values do not come
+            from TOML.
+        folder: The folder that paths in it are relative to.
 
     Attributes:
         source: As above.
@@ -92,7 +93,7 @@ class Document:
         self._places: dict[toml_places.Path, Place] | None = None
 
     def place(self, path: toml_places.Path) -> Place:
-        """Where a key stands; if it is missing, its table."""
+        """The place of a key; if the key is missing, that of its table."""
         if self._places is None:
             try:
                 self._places = toml_places.find_places(self._text)
@@ -104,7 +105,7 @@ class Document:
         return Place(0)
 
     def where(self, path: toml_places.Path) -> str:
-        """File, line and key, as messages begin."""
+        """File, line and key: the start of a message."""
         line = self.place(path).line
         place = f"{self.source}:{line}" if line else self.source
         key = _path_text(path)
@@ -116,8 +117,8 @@ class Table:
 
     Args:
         document: The document.
-        data: Its keys and values; those that are None count as missing.
-        path: Where it stands.
+        data: Its keys and values; a key with None counts as missing.
+        path: Keys that lead to it.
     """
 
     def __init__(
@@ -133,7 +134,7 @@ class Table:
     # --- what is wrong ---------------------------------------------------------------------------
 
     def fail(self, key: Key | None, message: str) -> NoReturn:
-        """Raises `ConfigError` for a key of the table; None means the table itself."""
+        """Raises `ConfigError` about a key of the table; None means the table itself."""
         raise ConfigError(f"{self.where(key)}: {message}")
 
     def where(self, key: Key | None = None) -> str:
@@ -141,7 +142,7 @@ class Table:
         return self.document.where(self.path if key is None else (*self.path, key))
 
     def only(self, allowed: Iterable[str]) -> None:
-        """Refuses keys that are not allowed."""
+        """Refuses keys that are not allowed, and suggests one that is."""
         known = list(allowed)
         if not self.path:
             self.document.top = known
@@ -158,9 +159,9 @@ class Table:
             self.fail(key, f"is no key; {hint}")
 
     def explain(self, key: Key | None, make: Callable[[], T]) -> T:
-        """Calls a function, and reports its errors with the file, line and name of this key.
+        """Calls a function; adds file, line and name of this key to its `UsageError`.
 
-        Errors of other files, which name themselves, stay as they are.
+        A `ConfigError` stays as it is, since its message names a file already.
         """
         try:
             return make()
@@ -172,11 +173,14 @@ class Table:
     # --- values ----------------------------------------------------------------------------------
 
     def read(self, rules: Mapping[str, Rule], required: Collection[str] = ()) -> dict[str, Any]:
-        """The values of the keys that are there, by their rules; other keys are refused.
+        """Reads all keys of the table by their rules; refuses keys without a rule.
 
         Args:
-            rules: For each key what reads it.
-            required: Keys that must be there.
+            rules: For each key the function that reads and checks its value.
+            required: Keys that must exist.
+
+        Returns:
+            The values of the keys that exist.
         """
         self.only(rules)
         return {
@@ -184,7 +188,7 @@ class Table:
         }
 
     def _get(self, key: Key, default: Any, kind: type, words: str) -> Any:
-        """The value, which is of a type, or None if there is none and the default is to be used."""
+        """Returns a value after checking its type; None if it is missing and has a default."""
         if key not in self.data:
             if default is REQUIRED:
                 self.fail(key, f"is missing; it must be {words}")
@@ -195,13 +199,13 @@ class Table:
         return value
 
     def show(self, key: Key) -> str:
-        """The value of a key as messages show it."""
+        """The value of a key as text for messages."""
         value = self.data[key]
         whole = type(value) is int
         return self._integers(key)(value) if whole else show(value)
 
     def _integers(self, key: Key) -> Callable[[int], str]:
-        """Shows numbers in the base in which the value of a key is written."""
+        """A function that writes numbers in the base in which the value of a key is written."""
         return _hexadecimal if self.document.place((*self.path, key)).value[:2] == "0x" else show
 
     def text(self, key: Key, default: str = REQUIRED) -> str:
@@ -246,7 +250,7 @@ class Table:
         return float(value)
 
     def choice(self, key: Key, choices: Mapping[str, T], default: T = REQUIRED) -> T:
-        """What one of several words stands for."""
+        """Reads one of several words; returns what it stands for."""
         words = f"one of {_quoted(choices)}"
         value = self._get(key, default, str, words)
         if value is None:
@@ -256,7 +260,7 @@ class Table:
         return choices[value]
 
     def choices(self, key: Key, choices: Mapping[str, T]) -> list[T]:
-        """What the words in an array stand for; none if there is no such key."""
+        """Reads an array of words; returns what they stand for, nothing if there is no such key."""
         elements = self.elements(key, f"a list of {_quoted(choices)}")
         return [elements.choice(number, choices) for number in elements.data]
 
@@ -270,7 +274,7 @@ class Table:
         return address or self.fail(key, f"must be {words}, not {show(value)}")
 
     def file(self, key: Key) -> Path:
-        """A path, relative to the folder of the document."""
+        """A path; in the file it is relative to the folder of the document."""
         return self.document.folder / self.text(key)
 
     def table(self, key: Key, default: T = REQUIRED) -> Table | T:
@@ -281,7 +285,7 @@ class Table:
         return Table(self.document, value, (*self.path, key))
 
     def array(self, key: Key, rule: Callable[[Table, Key], T], words: str = "an array") -> list[T]:
-        """The elements of an array, each by a rule; none if there is no such key."""
+        """Reads the elements of an array by a rule; returns none if there is no such key."""
         elements = self.elements(key, words)
         return [rule(elements, number) for number in elements.data]
 
@@ -295,13 +299,13 @@ class Table:
         return self.array(key, Table.table, f"an array of tables, written as [{self._header(key)}]")
 
     def _header(self, key: Key) -> str:
-        """The line above a table; above an element of an array, if the key is its number."""
+        """The header of a table; that of an element of an array, if the key is its number."""
         names = ".".join(str(part) for part in (*self.path, key) if isinstance(part, str))
         return f"[{names}]" if isinstance(key, str) else f"[[{names}]]"
 
 
 Rule = Callable[[Table, Key], Any]
-"""Reads the value of a key: a method of `Table` such as `Table.text`, or what follows."""
+"""Reads the value of a key: a method of `Table`, or made by one of the functions below."""
 Rules = dict[str, Rule]
 """The keys of a table, each with its rule."""
 
@@ -317,7 +321,7 @@ def number(low: float = -math.inf, high: float = math.inf) -> Callable[[Table, K
 
 
 def printable(most: int) -> Callable[[Table, Key], str]:
-    """A rule for texts for people, of which shared memory has room for `most` bytes in UTF-8."""
+    """A rule for printable texts of at most `most` bytes in UTF-8, the room in shared memory."""
 
     def rule(table: Table, key: Key) -> str:
         text = table.text(key)
@@ -331,17 +335,17 @@ def printable(most: int) -> Callable[[Table, Key], str]:
 
 
 def choice(choices: Mapping[str, T]) -> Callable[[Table, Key], T]:
-    """A rule for one of several words, which stands for something."""
+    """A rule for one of several words; its value is what the word stands for."""
     return lambda table, key: table.choice(key, choices)
 
 
 def array(rule: Callable[[Table, Key], T]) -> Callable[[Table, Key], list[T]]:
-    """A rule for arrays with a rule for their elements."""
+    """A rule for arrays whose elements have the given rule."""
     return lambda table, key: table.array(key, rule)
 
 
 def show(value: object) -> str:
-    """A value as messages show it: short, and on one line."""
+    """A value as text for messages: short, and on one line."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int):

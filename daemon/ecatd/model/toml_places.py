@@ -1,6 +1,6 @@
-"""Where each key of a TOML document stands, and how its value is written; `tomllib` does not tell.
+"""Finds the line of each key of a TOML document, and its value as written; `tomllib` has neither.
 
-The text is known to be valid TOML, so that it is enough to find its keys, brackets and values.
+The text must be valid TOML, so the scanner only has to find keys, brackets and values.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ _PLAIN = re.compile(r"[^,\]}#\r\n]+")
 
 
 class Place(NamedTuple):
-    """Where a key, an element of an array or a table stands.
+    """Place of a key, an element of an array, or a table.
 
     Attributes:
-        line: Its line, counted from 1.
-        value: Its value as it is written; empty for tables and arrays.
+        line: Line, counted from 1.
+        value: The value as it is written; empty for tables and arrays.
     """
 
     line: int
@@ -85,7 +85,7 @@ class _Scanner:
         return found
 
     def _table(self, names: list[str], line: int) -> Path:
-        """The path of a header; an array of tables is meant by its last element."""
+        """The path of a header; in a path, an array of tables stands for its last element."""
         path: Path = ()
         for name in names:
             path = (*path, name)

@@ -1,4 +1,4 @@
-"""Units: as Modelica writes them (Modelica specification, chapter 19), and in terms of SI."""
+"""Units in the notation of Modelica (Modelica specification, chapter 19), and their SI factors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ QUANTITIES = {
     "s": "Time",
     "kg": "Mass",
 }
-"""Quantity of `Modelica.Units.SI` for its unit."""
+"""Unit, and the name of its quantity in `Modelica.Units.SI`."""
 
 _PREFIX = "Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p|f|a|z|y"
 _BASE = (
@@ -39,12 +39,12 @@ _SPELLINGS = {"°C": "degC", "°": "deg", "Ω": "Ohm", "Nm": "N.m", "%": "", "1/
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit of Modelica."""
+    """Whether a text is a unit in the notation of Modelica."""
     return _UNIT.fullmatch(text) is not None
 
 
 def modelica_unit(text: str) -> str:
-    """The unit as Modelica writes it, or empty if Modelica cannot."""
+    """Converts a unit to the notation of Modelica; empty if that is not possible."""
     spelled = _SPELLINGS.get(text, text.replace("µ", "u").replace("μ", "u").replace("·", "."))
     return spelled if is_unit(spelled) else ""
 
@@ -55,12 +55,12 @@ BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 @dataclass(frozen=True, slots=True)
 class SiUnit:
-    """A unit in terms of SI: value in base units = factor * value + offset.
+    """A unit in terms of base units: value in base units = factor * value + offset.
 
     Attributes:
         factor: See above.
         offset: See above.
-        exponents: Exponent of each base unit; those that are missing are 0.
+        exponents: Exponent of each base unit; missing ones are 0.
     """
 
     factor: float
@@ -68,7 +68,7 @@ class SiUnit:
     exponents: dict[str, int]
 
     def is_like(self, other: SiUnit) -> bool:
-        """Whether both measure the same, as `rpm` and `rad/s` do."""
+        """Whether both have the same dimension, as `rpm` and `rad/s`."""
         return all(
             self.exponents.get(unit, 0) == other.exponents.get(unit, 0) for unit in BASE_UNITS
         )
@@ -76,7 +76,7 @@ class SiUnit:
 
 _FACTORS = {"u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
 
-# Factor, offset, and exponents of the SI base units.
+# Factor, offset, and exponents of the base units.
 _KNOWN: dict[str, tuple[float, float, dict[str, int]]] = {
     "1": (1, 0, {}),
     "%": (0.01, 0, {}),
@@ -105,9 +105,9 @@ _KNOWN: dict[str, tuple[float, float, dict[str, int]]] = {
 
 
 def si_unit(name: str) -> SiUnit | None:
-    """A unit as the configuration or Modelica writes it, in terms of SI; None if it is not known.
+    """Converts a unit of the configuration or of Modelica to base units; None if it is unknown.
 
-    It is a product of units with exponents, then those that it is divided by: `N.m`, `rad/s2`.
+    Units are products and quotients of known units with exponents, such as `N.m` and `rad/s2`.
     """
     name = _SPELLINGS.get(name) or name
     if name in _KNOWN:
