@@ -5,11 +5,12 @@ choice = choose(list_devices(path), path, type="EL1004", revision=0x00130000)
 device = read_device(path, choice)
 ```
 
-A file may hold hundreds of devices; only the chosen one is read completely. Modules for slots and
-dictionaries in other files are not read; `EsiDevice.slots` and `dictionary_file` tell of them.
+A file may describe hundreds of devices; only the chosen one is read completely. Modules for slots,
+and dictionaries in other files, are not read; `EsiDevice.slots` and `dictionary_file` say whether
+a device has them.
 
-`reader` reads files, `dictionary` the object dictionaries in them, `xml` the XML below both;
-`device` is what they make of it. The daemon itself reads no ESI files.
+`reader` reads files, `dictionary` reads object dictionaries, and both use `xml`. `device` has the
+classes of the result. The daemon itself reads no ESI files.
 """
 
 from .device import EsiChoice, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager

@@ -1,4 +1,4 @@
-"""What an ESI file says of a device."""
+"""Classes for the content of ESI files."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from .dictionary import EsiObject
 
 @dataclass(frozen=True, slots=True)
 class EsiChoice:
-    """One device of a file.
+    """One device of a file, without its details.
 
     Attributes:
-        number: Its place in the file, 0 first.
-        type: Name of the type.
+        number: Its number in the file, 0 first.
+        type: Name of the type, such as `EL1018`.
         name: Name of the device.
         product: Product code.
         revision: Revision number.
@@ -28,7 +28,7 @@ class EsiChoice:
     revision: int
 
     def fits(self, type: str | None, product: int | None, revision: int | None) -> bool:
-        """Whether this is such a device; None fits any."""
+        """Whether the device has this type, product code and revision; None fits any."""
         return (
             type in (None, self.type)
             and product in (None, self.product)
@@ -46,9 +46,9 @@ class EsiSyncManager:
     Attributes:
         usage: 0 none, 1 mailbox out, 2 mailbox in, 3 outputs, 4 inputs.
         start: First byte in the memory of the slave.
-        size: Default size in bytes; 0 where the PDOs decide.
+        size: Default size in bytes; 0 if it follows from the PDOs.
         control: Control register (0x0804).
-        enable: As in the SII: bit 0: to be enabled; bit 2: virtual; bit 3: in OP only.
+        enable: Enable byte as in the SII; bit 0: to be enabled; bit 2: virtual; bit 3: in OP only.
         line: Line in the file.
     """
 
@@ -62,12 +62,12 @@ class EsiSyncManager:
 
 @dataclass(slots=True)
 class EsiPdo(Pdo):
-    """A PDO; its sync manager is 0xFF where it is not assigned by default.
+    """A PDO; its sync manager is 0xFF if it is not assigned by default.
 
     Attributes:
         fixed: Whether its entries cannot be changed.
-        mandatory: Whether it cannot be taken out of the assignment.
-        excludes: Indices of PDOs that cannot be assigned beside it.
+        mandatory: Whether it cannot be removed from the assignment.
+        excludes: Indices of PDOs that cannot be assigned together with it.
     """
 
     fixed: bool = False
@@ -77,7 +77,7 @@ class EsiPdo(Pdo):
 
 @dataclass(slots=True)
 class EsiDcMode:
-    """An operation mode of the distributed clocks; times in ns, see `ecatd.model.sii.SiiDc`."""
+    """An operation mode of the distributed clocks; attributes as in `ecatd.model.sii.SiiDc`."""
 
     name: str
     description: str
@@ -96,7 +96,7 @@ class EsiDevice:
 
     Attributes:
         path: The file.
-        line: Line of the device in it.
+        line: Line of the device in the file.
         vendor: Vendor ID.
         vendor_name: Name of the vendor.
         type: Name of the type.
@@ -105,7 +105,7 @@ class EsiDevice:
         revision: Revision number.
         group: Group type.
         group_name: Name of the group.
-        physics: Ports from port 0: Y and H Ethernet, K E-bus, blank none.
+        physics: A letter for each port from port 0 on: Y and H Ethernet, K E-bus, blank none.
         ebus_current: Current taken from the E-bus in mA.
         fmmus: Purposes of the FMMUs: 0 none, 1 outputs, 2 inputs, 3 mailbox state.
         sync_managers: Sync managers.
@@ -114,12 +114,12 @@ class EsiDevice:
         protocols: Mailbox protocols, as in SII word 0x1C; 0 without a mailbox.
         coe_details: CoE details, as in SII category 30.
         dc: Operation modes of the distributed clocks.
-        eeprom_size: Size of the EEPROM in bytes, 0 where it is not told.
+        eeprom_size: Size of the EEPROM in bytes, 0 if the file does not say it.
         config_data: First bytes of the EEPROM.
         bootstrap: Words 0x14 to 0x17 of the EEPROM: the mailbox in BOOT.
-        categories: Further categories of the EEPROM: type and data.
+        categories: Further categories of the EEPROM: type and data of each.
         objects: The object dictionary.
-        dictionary_file: Another file that has the dictionary, or empty.
+        dictionary_file: Name of another file with the dictionary, or empty.
         slots: Number of slots for modules.
     """
 

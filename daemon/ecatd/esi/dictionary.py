@@ -1,4 +1,4 @@
-"""Object dictionaries in ESI files: data types and objects (ETG.2000, "DictionaryType")."""
+"""Reads object dictionaries in ESI files: data types and objects (ETG.2000, "DictionaryType")."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ class EsiEntry:
     Attributes:
         subindex: Subindex.
         name: Name.
-        data_type: Its data type.
-        bits: Its size.
+        data_type: Data type.
+        bits: Size in bits.
         access: Access rights.
         default: Default as SDO data, or None.
         minimum: Smallest value as SDO data, or None.
@@ -92,8 +92,8 @@ class EsiObject:
     Attributes:
         index: Index.
         name: Name.
-        code: Its kind.
-        entries: Its entries in ascending order of their subindices.
+        code: Kind of the object.
+        entries: Entries in ascending order of their subindices.
         line: Line in the file.
     """
 
@@ -105,11 +105,11 @@ class EsiObject:
 
 
 def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
-    """Type and size of a type that needs no definition; None if it needs one.
+    """Returns data type and bits of a type that needs no definition, else None.
 
     Args:
-        name: Its name, as in `UINT`, `STRING(20)` or `ARRAY [0..3] OF BYTE`.
-        bits: The size that the file states, 0 if it does not.
+        name: Name of the type, such as `UINT`, `STRING(20)` or `ARRAY [0..3] OF BYTE`.
+        bits: Size in bits that the file states, 0 if it does not.
     """
     text = " ".join(name.split()).upper()
     if text in _TYPES:
@@ -129,10 +129,10 @@ def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
 
 
 def read_dictionary(dictionary: Element) -> list[EsiObject]:
-    """The objects of a <Dictionary>, in ascending order of their indices.
+    """Reads the objects of a <Dictionary>, in ascending order of their indices.
 
     Raises:
-        ConfigError: Something makes no sense; the message begins with file and line.
+        ConfigError: The dictionary is malformed; the message begins with file and line.
     """
     types = dictionary.find("DataTypes")
     known = {item.text_of("Name"): item for item in types.all("DataType")} if types else {}
@@ -151,7 +151,11 @@ def read_dictionary(dictionary: Element) -> list[EsiObject]:
 
 
 class _Reader:
-    """Reads objects with the types of a dictionary."""
+    """Reads objects.
+
+    Args:
+        types: The <DataType> elements of the dictionary, by name.
+    """
 
     def __init__(self, types: dict[str, Element]) -> None:
         self._types = types
@@ -172,7 +176,7 @@ class _Reader:
         info = element.find("Info")
         if info is not None:
             _read_info(info, entries, code)
-        for entry in entries:  # STRING(0) is as long as its default
+        for entry in entries:  # an entry of STRING(0) is as long as its default
             entry.bits = entry.bits or 8 * max(1, len(entry.default or b""))
         self._count += len(entries)
         if self._count > _MAX_ENTRIES:
@@ -204,7 +208,7 @@ class _Reader:
         return [found[subindex] for subindex in sorted(found)], code
 
     def _elements(self, item: Element, array: Element, template: EsiEntry) -> Iterator[EsiEntry]:
-        """The elements of an array, from its first subindex on."""
+        """Yields an entry for each element of an array, with subindices from the first one on."""
         info = array.need("ArrayInfo")
         first = item.number_of("SubIdx", info.number_of("LBound", 1, high=0xFF), high=0xFF) or 1
         count = info.number_of("Elements", high=0xFF)
@@ -222,7 +226,7 @@ class _Reader:
             )
 
     def _resolve(self, name: str, bits: int, where: Element) -> tuple[DataType, int]:
-        """Type and size of an entry; a type without a definition is known by its size."""
+        """Returns data type and bits of an entry; guesses a type without definition by its size."""
         for _ in range(_MAX_NESTING):
             simple = simple_type(name, bits)
             if simple and (simple[1] or simple[0] in STRINGS):
@@ -240,7 +244,7 @@ class _Reader:
 
 
 def _is_array(item: Element, array: Element) -> bool:
-    """Whether a member stands for several entries; bytes at one subindex are one entry."""
+    """Whether a member is an array of entries; an array of bytes at one subindex is one entry."""
     octets = array.text_of("BaseType").upper() in ("BYTE", "USINT") and item.find("SubIdx")
     return array.find("ArrayInfo") is not None and not octets
 
@@ -267,7 +271,7 @@ def _access(flags: Element | None) -> Access:
 
 
 def _states(access: Element, name: str) -> int:
-    """States in which an access is allowed: bits 0 to 2 for PREOP, SAFEOP and OP."""
+    """States in which access is allowed: bits 0 to 2 for PREOP, SAFEOP and OP; default: all."""
     words = access.attributes.get(name, "").lower().replace("_", " ").split()
     for word in words:
         if word not in _STATES:
@@ -279,7 +283,10 @@ def _states(access: Element, name: str) -> int:
 
 
 def _read_info(info: Element, entries: list[EsiEntry], code: ObjectCode) -> None:
-    """Defaults and limits: of a variable directly, else by the names of the entries."""
+    """Reads defaults, limits and units of the entries of an object.
+
+    Those of records and arrays are found by the name of the entry, else by its place.
+    """
     if code == ObjectCode.VAR:
         _read_values(info, entries[0])
         return
@@ -300,7 +307,13 @@ def _read_values(info: Element, entry: EsiEntry) -> None:
 
 
 def _value(info: Element, kind: str, entry: EsiEntry) -> bytes | None:
-    """A value as SDO data."""
+    """Reads a default or limit, and returns it as SDO data; None if there is none.
+
+    Args:
+        info: Element with the value.
+        kind: `Default`, `Min` or `Max`.
+        entry: The entry.
+    """
     size = (entry.bits + 7) // 8
     data, number, text = (info.find(kind + suffix) for suffix in ("Data", "Value", "String"))
     if data is not None:

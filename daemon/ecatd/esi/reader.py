@@ -1,4 +1,4 @@
-"""Reading ESI files: which devices a file has, and one of them."""
+"""Reads ESI files: lists the devices of a file, and reads one of them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _OUTLINE = (
 _DEVICE_DEPTH = 3
 _LISTED = 12
 _SM_USAGES = {"MBoxOut": 1, "MBoxIn": 2, "Outputs": 3, "Inputs": 4}
-_VIRTUAL, _IN_OP_ONLY = 0x04, 0x08  # of the enable byte in the SII
+_VIRTUAL, _IN_OP_ONLY = 0x04, 0x08  # bits of the enable byte in the SII
 _FMMU_USAGES = {"Outputs": 1, "Inputs": 2, "MBoxState": 3}
 _PROTOCOLS = {"AoE": 1, "EoE": 2, "CoE": 4, "FoE": 8, "SoE": 16, "VoE": 32}
 _COE_DETAILS = {"SdoInfo": 2, "PdoAssign": 4, "PdoConfig": 8, "PdoUpload": 16, "CompleteAccess": 32}
@@ -33,10 +33,10 @@ _UNUSED = {"ImageData16x14", "ImageFile16x14", "VendorSpecific"}
 
 
 def list_devices(path: Path) -> list[EsiChoice]:
-    """The devices of a file.
+    """Lists the devices of a file.
 
     Raises:
-        ConfigError: The file is no ESI file.
+        ConfigError: The file cannot be read, or is no ESI file.
     """
 
     def wanted(element: Element, depth: int) -> bool:
@@ -58,17 +58,17 @@ def choose(
     product: int | None = None,
     revision: int | None = None,
 ) -> EsiChoice:
-    """The one device that is meant.
+    """Finds the only device with a type, product code and revision.
 
     Args:
         choices: The devices of the file.
         path: The file, for messages.
-        type: Name of the type, or None.
-        product: Product code, or None.
-        revision: Revision number, or None.
+        type: Name of the type, or None for any.
+        product: Product code, or None for any.
+        revision: Revision number, or None for any.
 
     Raises:
-        ConfigError: None or several are meant; with the choices.
+        ConfigError: No device fits, or several do; the message lists them.
     """
     fitting = [item for item in choices if item.fits(type, product, revision)]
     if len(fitting) == 1:
@@ -93,7 +93,7 @@ def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
     """Reads one device of a file completely.
 
     Raises:
-        ConfigError: Something in it makes no sense; the message begins with file and line.
+        ConfigError: The file is malformed; the message begins with file and line.
     """
     seen = -1
 
@@ -237,7 +237,7 @@ def _dc_mode(element: Element) -> EsiDcMode:
     times, factors = {}, {}
     for tag in ("CycleTimeSync0", "CycleTimeSync1", "ShiftTimeSync0", "ShiftTimeSync1"):
         item = element.find(tag)
-        # Negative numbers come with a sign, or as hexadecimal digits of their bits.
+        # Files have negative numbers with a sign, or as hexadecimal two's complement.
         times[tag] = _signed(element.number_of(tag, 0, -(1 << 31)), 32)
         factors[tag] = _signed(item.attribute("Factor", 0, -0x8000, 0xFFFF), 16) if item else 0
     return EsiDcMode(
@@ -260,7 +260,7 @@ def _read_eeprom(element: Element, device: EsiDevice) -> None:
     device.eeprom_size = eeprom.number_of("ByteSize", 0, high=0x80000)
     for tag, most in (("ConfigData", 14), ("BootStrap", 8)):
         found = eeprom.find(tag)
-        data = found.octets(most + 2)[:most] if found else b""  # some state the checksum as well
+        data = found.octets(most + 2)[:most] if found else b""  # some files append the checksum
         if tag == "ConfigData":
             device.config_data = data
         else:

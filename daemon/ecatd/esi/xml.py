@@ -1,7 +1,7 @@
-"""Reading XML that anybody may have written, with the line of everything.
+"""Reads XML from untrusted sources, and keeps the line of each element.
 
-ESI files need no document type, so one is refused: with it go entities that grow without end or
-read other files. Size, depth and number of elements are limited.
+A document type (<!DOCTYPE>) is refused: ESI files need none, and it could define entities that
+expand without end or read other files. Size, depth and number of elements are limited.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ class Element:
     """An XML element.
 
     Attributes:
-        tag: Its name, without a namespace prefix.
+        tag: Name without a namespace prefix.
         path: The file, for messages.
         line: Line of its start tag.
         attributes: Attributes.
-        text: Text directly in it, without white space around.
-        children: Elements directly in it.
+        text: Text directly in the element, without surrounding white space.
+        children: Elements directly in the element.
     """
 
     tag: str
@@ -44,56 +44,57 @@ class Element:
         """Refuses the file because of this element.
 
         Raises:
-            ConfigError: Always; it begins with file and line.
+            ConfigError: Always; the message begins with file and line.
         """
         raise ConfigError(f"{self.path}:{self.line}: {text}")
 
     def all(self, tag: str) -> Iterator[Element]:
-        """The children with a name."""
+        """Returns the children with this name."""
         return (child for child in self.children if child.tag == tag)
 
     def find(self, *tags: str) -> Element | None:
-        """The first child with the first name, in it the first with the second, and so on."""
+        """Finds the first child of the first name, its first child of the second, and so on."""
         here: Element | None = self
         for tag in tags:
             here = next(here.all(tag), None) if here else None
         return here
 
     def need(self, tag: str) -> Element:
-        """The first child with a name.
+        """Returns the first child with this name.
 
         Raises:
-            ConfigError: There is none.
+            ConfigError: There is no such child.
         """
         child = self.find(tag)
         return child if child else self.fail(f"<{self.tag}> has no <{tag}>")
 
     def text_of(self, *tags: str) -> str:
-        """The text of a descendant, empty where there is none."""
+        """The text of a descendant (see `find`); empty if there is none."""
         found = self.find(*tags)
         return found.text if found else ""
 
     def name(self) -> str:
-        """The text of <Name>: in English (LcId 1033) where there are several languages."""
+        """The text of <Name>, if there are several languages that in English (LcId 1033)."""
         names = list(self.all("Name"))
         english = [name for name in names if name.attributes.get("LcId") == "1033"]
         return next((name.text for name in (*english, *names) if name.text), "")
 
     def number(self, low: int = 0, high: int = 0xFFFFFFFF) -> int:
-        """The text as a number: decimal, or hexadecimal after #x.
+        """The text as a number: decimal, or hexadecimal after #x or 0x.
 
         Raises:
-            ConfigError: It is none, or out of range.
+            ConfigError: The text is no number, or out of range.
         """
         return self._number(self.text, f"<{self.tag}>", low, high)
 
     def number_of(
         self, tag: str, default: int | None = None, low: int = 0, high: int = 0xFFFFFFFF
     ) -> int:
-        """The number in a child; `default` where there is no such child, or it is empty.
+        """The number in a child; `default` if there is no such child, or it is empty.
 
         Raises:
-            ConfigError: It is none, or out of range, or missing without a default.
+            ConfigError: The text is no number or out of range, or the child is missing and there
+                is no default.
         """
         child = self.need(tag) if default is None else self.find(tag)
         if child is None or (default is not None and not child.text):
@@ -101,10 +102,10 @@ class Element:
         return child.number(low, high)
 
     def attribute(self, name: str, default: int = 0, low: int = 0, high: int = 0xFFFFFFFF) -> int:
-        """The number in an attribute.
+        """The number in an attribute; `default` if there is no such attribute, or it is empty.
 
         Raises:
-            ConfigError: It is none, or out of range.
+            ConfigError: The attribute is no number, or out of range.
         """
         text = self.attributes.get(name, "").strip()
         if not text:
@@ -112,10 +113,10 @@ class Element:
         return self._number(text, f"{name} of <{self.tag}>", low, high)
 
     def flag(self, name: str) -> bool:
-        """A boolean attribute; false where there is none.
+        """A boolean attribute; false if it is missing.
 
         Raises:
-            ConfigError: It is neither true nor false, 1 nor 0.
+            ConfigError: The attribute is none of true, false, 1 and 0.
         """
         text = self.attributes.get(name, "").strip().lower()
         if text not in ("", "0", "1", "true", "false"):
@@ -126,7 +127,7 @@ class Element:
         """The text as hexadecimal bytes.
 
         Raises:
-            ConfigError: It is not, or there are too many.
+            ConfigError: The text is not hexadecimal, or has more than `most` bytes.
         """
         try:
             data = bytes.fromhex(self.text)
@@ -163,8 +164,8 @@ def read_xml(path: Path, wanted: Callable[[Element, int], bool]) -> Element:
 
     Args:
         path: The file.
-        wanted: Called with each new element and its depth (0 for the root); an element for which
-            it returns false is left out with everything in it.
+        wanted: Called with each new element and its depth (0 for the root); returns false if the
+            element and everything in it is to be left out.
 
     Raises:
         ConfigError: The file cannot be read, is not well-formed or is beyond the limits.
@@ -179,7 +180,7 @@ def read_xml(path: Path, wanted: Callable[[Element, int], bool]) -> Element:
 
 
 class _Builder:
-    """Builds the tree while expat reads."""
+    """Builds the tree of elements while expat parses the file."""
 
     def __init__(self, path: str, wanted: Callable[[Element, int], bool]) -> None:
         self._path, self._wanted = path, wanted
@@ -203,7 +204,7 @@ class _Builder:
         except expat.ExpatError as error:
             text = expat.ErrorString(error.code)
             raise ConfigError(f"{self._path}:{error.lineno}: this is no XML: {text}") from None
-        except (LookupError, ValueError) as error:  # of the encoding
+        except (LookupError, ValueError) as error:  # errors of the encoding
             self._fail(f"this is no XML: {error}")
         assert self._root is not None
         return self._root
