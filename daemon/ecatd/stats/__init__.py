@@ -1,4 +1,4 @@
-"""Statistics of a bus, read from its shared memory without asking anybody.
+"""Statistics of a bus, read from its shared memory without a request to the daemon.
 
 ```python
 first = read("ecat0")
@@ -7,7 +7,7 @@ last_second = read("ecat0") - first
 print(last_second.counters.lost, last_second.times.exchange.quantile(0.99) / 1000, "µs")
 ```
 
-The engine counts into the shared memory all the time and does not notice who reads.
+The engine always counts in the shared memory, so reading has no effect on it.
 """
 
 from .maps import from_map, to_map

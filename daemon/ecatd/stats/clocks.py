@@ -1,4 +1,4 @@
-"""The distributed clocks of a bus, read from its shared memory; see `stats/` for how."""
+"""State of the distributed clocks of a bus, read from its shared memory."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from .reader import snapshot as take_snapshot
 
 
 def read_clocks(bus: str) -> dict[str, Any]:
-    """What is known of the distributed clocks of a bus on this machine; asks nobody.
+    """Reads the state of the distributed clocks of a bus on this machine.
 
     Returns:
-        A map, as it travels over Zenoh (`ro/dc`) and as `ecatctl dc --json` prints it: `state`,
-        `reference` (position, -1 for none), `time_ns` (of the reference clock), `offset` and
-        `phase` (µs; distribution of the offset, without its sign), `drift_ppb`, and `slaves`. A
-        slave that does not follow the reference clock has null for its difference.
+        A map, as it is sent over Zenoh (`ro/dc`) and printed by `ecatctl dc --json`: `bus`,
+        `state`, `cycle_time_us`, `reference` (position, -1 for none), `time_ns` (of the reference
+        clock), `offset` (phase of the last cycle in µs), `phase` (distribution of the offset
+        without its sign, in µs), `drift_ppb`, and `slaves`. `dc_difference_ns` of a slave is None
+        if it does not follow the reference clock.
 
     Raises:
         EcatError: As `stats.read`.

@@ -1,8 +1,8 @@
-"""Statistics as maps, as they travel over Zenoh (`ro/stats`) and are printed with `--json`.
+"""Statistics as maps, as they are sent over Zenoh (`ro/stats`) and printed with `--json`.
 
-Times are in microseconds with three decimals, the names are those of the shared memory without its
-units. `from_map` makes a `Snapshot` of such a map again, so that programs and screens need not know
-which way it came.
+Keys follow the names in the shared memory. A time is in the unit that its key ends with, else in
+microseconds; `instance` is in ns. `from_map` makes a `Snapshot` from such a map, so that programs
+and screens work with both sources.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _LIMIT = 1 << 64
 
 
 def to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, Any]:
-    """Everything of a snapshot.
+    """Makes a map of a whole snapshot.
 
     Args:
         snapshot: Statistics since the start.
-        buckets: Whether the buckets of the histograms are wanted, too: `from_map` needs them.
+        buckets: Whether to include the buckets of the histograms, which `from_map` needs.
     """
     clock = snapshot.clock
     return {
@@ -68,7 +68,7 @@ def to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, Any]:
 
 
 def interval_to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, Any]:
-    """What is counted and measured, without the present state."""
+    """Makes a map of counters and times only, without the present state of the bus."""
     return {
         "seconds": round(snapshot.seconds, 9),
         **{name: getattr(snapshot.counters, name) for name in _COUNTED},
@@ -83,10 +83,10 @@ def interval_to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, A
 
 
 def histogram_to_map(histogram: Histogram, *, buckets: bool = False) -> dict[str, Any]:
-    """`count`, and where there are samples `sum`, `mean`, `min`, `p50` … `p9999` and `max`.
+    """Makes a map with `count` and, if there are samples, `sum`, `mean`, `min`, `p50` … and `max`.
 
-    `buckets` are lists of lower bound, upper bound (times are below it) and count, of those that
-    have samples.
+    With `buckets`, the map has a list of all buckets with samples: lower bound, upper bound
+    (exclusive) and count of each. Times are in µs.
     """
     count = histogram.count
     if count == 0:
@@ -127,7 +127,7 @@ def _domain(domain: Domain) -> dict[str, Any]:
 
 
 def _real_time(grants: tuple[Grant, ...]) -> dict[str, Any]:
-    """The most important settings in short, and all of them."""
+    """A summary of the most important real-time settings, and a list of all."""
     scheduling, affinity = grants[shm.Setting.SCHEDULING], grants[shm.Setting.AFFINITY]
     return {
         "scheduling": "SCHED_FIFO" if scheduling.granted else "SCHED_OTHER",
@@ -149,10 +149,10 @@ def _real_time(grants: tuple[Grant, ...]) -> dict[str, Any]:
 
 
 def from_map(data: dict[str, Any]) -> Snapshot:
-    """The snapshot of which `to_map(…, buckets=True)` made a map.
+    """Makes a snapshot from a map of `to_map(…, buckets=True)`.
 
     Raises:
-        EcatError: It is no such map.
+        EcatError: The map cannot be understood, for example that of another version.
     """
     try:
         return _snapshot(data)

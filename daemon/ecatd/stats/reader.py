@@ -1,4 +1,4 @@
-"""Statistics out of the shared memory of a bus."""
+"""Reads statistics from the shared memory of a bus."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from .snapshot import (
     Times,
 )
 
-_TRIES = 5  # until a reading is taken in which no cycle ended
-_NONE = (1 << 64) - 1  # smallest time of an empty histogram
+_TRIES = 5  # attempts to read while no cycle ends
+_NONE = (1 << 64) - 1  # `min_ns` of an empty histogram
 
 
 def read(bus: str = "ecat0") -> Snapshot:
     """Reads all statistics of a bus on this machine; never waits.
 
-    Counters are taken one by one: where a cycle ends during every attempt, some are of the cycle
-    after that of the others.
+    Counters are read one by one. If a cycle ends during each attempt, some counters are of a later
+    cycle than others.
 
     Raises:
-        UsageError: `bus` is no name of a bus.
-        UnreachableError: No daemon serves it, or the daemon is still starting.
-        NotPermittedError: This user may not read it.
+        UsageError: `bus` is no valid name of a bus.
+        UnreachableError: No daemon serves the bus, or the daemon is still starting.
+        NotPermittedError: This user may not read the shared memory.
         StateError: The shared memory is damaged, or of another version.
     """
     with opened(bus) as shared:
@@ -43,7 +43,7 @@ def read(bus: str = "ecat0") -> Snapshot:
 
 
 def snapshot(shared: Reader) -> Snapshot:
-    """Statistics of open shared memory; raises as `read`."""
+    """Reads all statistics from open shared memory; raises as `read`."""
     for _ in range(_TRIES):
         found = _read(shared)
         if shared.header().cycle == found.cycle:

@@ -1,6 +1,7 @@
-"""What statistics are: counters, histograms, and the state of a bus at one time.
+"""Classes for statistics: counters, histograms, and the state of a bus at one time.
 
-A `Snapshot` holds everything; one less an earlier one is the interval between them.
+A `Snapshot` contains everything. The difference of two snapshots has the statistics of the interval
+between them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _BUCKETS = len(shm.struct("ecat_shm_histogram")().buckets)
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """One step of a histogram: so many times were `low_ns` or more and less than `high_ns`."""
+    """One step of a histogram: `count` samples were at least `low_ns` and less than `high_ns`."""
 
     low_ns: int
     high_ns: int
@@ -26,14 +27,15 @@ class Bin:
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """Distribution of a time: exact below 32 ns, then in steps of 3 % or less up to 8.6 s.
+    """Distribution of a time: exact below 32 ns, then in steps of about 3 % or less up to 8.6 s.
 
     Attributes:
-        buckets: Samples of each bucket (`ecat_histogram_bucket()`).
+        buckets: Number of samples in each bucket (`ecat_histogram_bucket()`).
         sum_ns: Sum of all samples.
-        min_ns: Smallest sample, 0 without any. Of an interval it is exact where it is the smallest
-            since the start, else the lower edge of its bucket.
-        max_ns: Largest sample, in the same way; of an interval the upper edge.
+        min_ns: Smallest sample, 0 if there are none. For an interval it is exact if it is also the
+            smallest since the start, else it is the lower edge of its bucket.
+        max_ns: Largest sample, 0 if there are none. For an interval it is exact if it is also the
+            largest since the start, else it is the upper edge of its bucket.
     """
 
     buckets: tuple[int, ...] = (0,) * _BUCKETS
@@ -48,14 +50,14 @@ class Histogram:
 
     @property
     def mean_ns(self) -> float:
-        """Mean, 0 without samples."""
+        """Mean in ns, 0 without samples."""
         return self.sum_ns / max(1, self.count)
 
     def quantile(self, q: float) -> int:
         """The time in ns that the share `q` of all samples does not exceed, 0 without samples.
 
-        It is the upper edge of a bucket: never less than the exact quantile, and at most 3.2 %
-        more.
+        It is the upper edge of a bucket, or the largest sample if that is less: never less than
+        the exact quantile, and at most 3.2 % more.
 
         Raises:
             UsageError: `q` is not within 0 to 1.
@@ -67,10 +69,10 @@ class Histogram:
         return shm.quantile(raw, q)
 
     def bins(self) -> Iterator[Bin]:
-        """The steps that have samples, from the shortest time on."""
+        """Yields the steps that have samples, in ascending order of time."""
         for number, count in enumerate(self.buckets):
             if count:
-                last = number == _BUCKETS - 1  # holds everything from its lower edge on
+                last = number == _BUCKETS - 1  # has no upper edge
                 high = max(shm.bound(number + 1), self.max_ns + 1 if last else 0)
                 yield Bin(shm.bound(number), high, count)
 
@@ -91,7 +93,7 @@ class Histogram:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """What is measured in every cycle; what each time is says `ecat_shm_health`."""
+    """Times measured by the daemon; `ecat_shm_health` in the layout describes each of them."""
 
     wakeup: Histogram
     exchange: Histogram
@@ -101,7 +103,7 @@ class Times:
     mailbox: Histogram
 
     def items(self) -> Iterator[tuple[str, Histogram]]:
-        """Each with its name."""
+        """Yields name and histogram of each time."""
         for field in fields(self):
             yield field.name, getattr(self, field.name)
 
@@ -111,7 +113,7 @@ TIMES = tuple(field.name for field in fields(Times))
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """What is counted since the start of the exchange, or in an interval (`ecat_shm_health`)."""
+    """Counters since the start of the exchange, or of an interval (`ecat_shm_health`)."""
 
     cycles: int
     missed: int
@@ -139,19 +141,19 @@ class Domain:
 
     Attributes:
         number: 0 first.
-        name: From the configuration.
-        divider: It is exchanged every so many base cycles.
-        phase: In those whose number leaves this remainder.
-        output_bytes: Outputs in its image.
-        input_bytes: Inputs in its image.
+        name: Name from the configuration.
+        divider: The domain is exchanged in every n-th base cycle; this is n.
+        phase: Remainder of cycle number / divider in these cycles.
+        output_bytes: Bytes of outputs in its image.
+        input_bytes: Bytes of inputs in its image.
         wkc_expected: Working counter when all slaves take part.
         wkc: Working counter of its last exchange.
-        wkc_state: What that says.
-        cycle: Cycle of its last exchange.
-        exchanges: Exchanges.
+        wkc_state: Whether none, some or all slaves took part in it.
+        cycle: Number of the cycle of its last exchange.
+        exchanges: Number of exchanges.
         overruns: Exchanges left out because their cycle was missed.
         lost: Frames with its data that did not come back in time.
-        late: Such frames that came back after their cycle.
+        late: Frames with its data that came back after their cycle.
         wkc_bad: Exchanges with an incomplete working counter.
     """
 
@@ -177,14 +179,14 @@ class Domain:
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """One kind of real time.
+    """One real-time setting.
 
     Attributes:
-        setting: Which one.
+        setting: Kind of the setting.
         wanted: Whether the daemon asked for it.
         granted: Whether it is in force.
         value: Priority, CPU, ns or µs; see `ecat_setting`.
-        error: errno where it was refused, else 0.
+        error: errno if it was refused, else 0.
     """
 
     setting: shm.Setting
@@ -196,13 +198,13 @@ class Grant:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Distributed clocks.
+    """State of the distributed clocks.
 
     Attributes:
         state: Whether the cycle follows the reference clock.
         reference: Position of the reference clock, -1 for none.
         time_ns: Time of the reference clock in the last cycle.
-        offset_ns: Phase of the last cycle to the reference clock.
+        offset_ns: Phase of the last cycle relative to the reference clock.
         drift_ppb: How much faster the reference clock runs than CLOCK_MONOTONIC.
     """
 
@@ -215,33 +217,34 @@ class Clock:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything that a bus tells about itself at one time; `later - earlier` is an interval.
+    """State and statistics of a bus at one time; `later - earlier` is an interval.
 
-    Of an interval, `start_ns`, `counters`, `delay_cycles`, `times` and the counters of `domains`
-    are those of the interval, the rest is as it was at its end.
+    In an interval, `start_ns`, `counters`, `delay_cycles`, `times` and the counters of `domains`
+    are those of the interval; all other attributes are those of its end.
 
     Attributes:
         bus: Name of the bus.
         version: Version of the daemon.
         state: What the daemon is doing.
-        instance: CLOCK_REALTIME in ns at the start of the daemon: differs after a restart.
+        instance: CLOCK_REALTIME in ns at the start of the daemon; a restart changes it.
         cycle_time_ns: Base cycle.
         cycle: Number of the last finished cycle.
         cycle_end_ns: CLOCK_MONOTONIC at its end.
-        start_ns: CLOCK_MONOTONIC of the first cycle.
-        read_ns: CLOCK_MONOTONIC of the reading.
-        slaves_expected: Slaves of the bus description.
-        slaves_found: Slaves that answered in the last cycle.
-        al_status: AL status of all of them, ORed.
+        start_ns: CLOCK_MONOTONIC at the first cycle, or at the start of the interval.
+        read_ns: CLOCK_MONOTONIC when the statistics were read.
+        slaves_expected: Number of slaves in the bus description.
+        slaves_found: Number of slaves that answered in the last cycle.
+        al_status: Bitwise OR of the AL status of all slaves.
         ring: What the second interface sees.
-        ring_break: Slaves before the break, where the ring is open.
+        ring_break: Number of slaves before the break, if the ring is open.
         links: State of the interface and of the second one.
         clock: Distributed clocks.
         counters: Counters of the exchange.
-        delay_cycles: Commits that went out 0, 1, 2, and 3 or more cycles after their sample.
+        delay_cycles: Number of commits that were sent 0, 1, 2, and 3 or more cycles after the
+            sample that they answer.
         times: Histograms.
         domains: Domains by number.
-        grants: Real time, one of each kind.
+        grants: Real-time settings, in the order of `shm.Setting`.
     """
 
     bus: str
@@ -268,12 +271,12 @@ class Snapshot:
 
     @property
     def seconds(self) -> float:
-        """Time over which was counted."""
+        """Seconds over which the counters have counted."""
         return max(0, self.read_ns - self.start_ns) * 1e-9
 
     @property
     def silence(self) -> float:
-        """Seconds since the last cycle, where it should have been followed by others; else 0."""
+        """Seconds since the last cycle, if the next ones are overdue; else 0."""
         age = self.read_ns - self.cycle_end_ns
         return age * 1e-9 if age > max(5 * self.cycle_time_ns, 100_000_000) else 0.0
 
@@ -303,5 +306,5 @@ class Snapshot:
 
 
 def _difference(now: object, then: object, names: tuple[str, ...]) -> dict[str, Any]:
-    """How far counters have come; those of damaged shared memory may go backwards."""
+    """Increase of counters; 0 for one that has decreased, as damaged shared memory may show."""
     return {name: max(0, getattr(now, name) - getattr(then, name)) for name in names}
