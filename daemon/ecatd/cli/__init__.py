@@ -1,1 +1,1 @@
-"""ecatctl: the command line, over the gateway."""
+"""The command `ecatctl`: asks the gateway, or reads the shared memory of this machine."""

@@ -1,4 +1,7 @@
-"""Arguments that several commands have: numbers within bounds, slaves, times."""
+"""Types and options of arguments that several commands have: numbers, slaves, times.
+
+The converters raise `argparse.ArgumentTypeError`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from collections.abc import Callable
 
 
 def number(text: str) -> int:
-    """A number, decimal or as 0x0A."""
+    """Converts a number, decimal or such as 0x0A."""
     try:
         return int(text, 0)
     except ValueError:
@@ -16,7 +19,7 @@ def number(text: str) -> int:
 
 
 def bounded(low: int, high: int) -> Callable[[str], int]:
-    """A number from `low` to `high`."""
+    """Returns a converter for numbers from `low` to `high`."""
 
     def convert(text: str) -> int:
         value = number(text)
@@ -28,7 +31,7 @@ def bounded(low: int, high: int) -> Callable[[str], int]:
 
 
 def position(text: str) -> int:
-    """The position of a slave."""
+    """Converts the position of a slave, 0 to 65535."""
     value = number(text)
     if not 0 <= value <= 0xFFFF:
         raise argparse.ArgumentTypeError(f"'{text}' is no position: slaves count from 0")
@@ -36,7 +39,7 @@ def position(text: str) -> int:
 
 
 def seconds(text: str) -> float:
-    """A time."""
+    """Converts a time in seconds: more than 0, at most 3600."""
     try:
         value = float(text)
     except ValueError:
@@ -49,7 +52,7 @@ def seconds(text: str) -> float:
 
 
 def interval(text: str) -> float:
-    """A time between two looks."""
+    """Converts the interval of `--watch` in seconds: 0.05 to 3600."""
     value = seconds(text)
     if value < 0.05:
         raise argparse.ArgumentTypeError(f"'{text}' is too short: give 0.05 s or more")
@@ -57,7 +60,7 @@ def interval(text: str) -> float:
 
 
 def times(text: str) -> int:
-    """How often."""
+    """Converts a number of times, 1 or more."""
     value = number(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"'{text}' is not 1 or more")
@@ -65,7 +68,7 @@ def times(text: str) -> int:
 
 
 def add_watch(command: argparse.ArgumentParser) -> None:
-    """Adds --watch and --count, the options of commands that can repeat their output."""
+    """Adds `--watch` and `--count`, for commands that can repeat their output."""
     command.add_argument(
         "--watch",
         nargs="?",
@@ -78,5 +81,5 @@ def add_watch(command: argparse.ArgumentParser) -> None:
 
 
 def add_slave(command: argparse.ArgumentParser) -> None:
-    """The option that chooses one slave."""
+    """Adds the option `--slave`, which chooses one slave."""
     command.add_argument("-p", "--slave", type=position, metavar="POS", help="only this slave")

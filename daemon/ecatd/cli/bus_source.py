@@ -1,7 +1,7 @@
-"""Where `scan` and `generate` have the description of a bus from: a daemon, a file, or a rig.
+"""Gets the bus description for `scan` and `generate`: from a daemon, a file, or a rig.
 
-Rigs and ESI files are not interpreted here: a daemon runs on their simulation until it has read
-the slaves (`ecatd --describe`). So a library is the same, byte for byte, whichever way it was made.
+Rigs and ESI files are not interpreted here: a daemon runs on their simulation until it has scanned
+the slaves (`ecatd --describe`). So all sources give the same library, byte for byte.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BOMS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """The options that choose the bus."""
+    """Adds the options that choose the source of the description."""
     command.add_argument(
         "--from",
         dest="sources",
@@ -52,10 +52,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def get_bus(options: argparse.Namespace) -> Bus:
-    """The description of the bus that the options choose.
+    """Returns the description of the bus that the options choose.
 
     Raises:
-        EcatError: There is no such bus, or its file makes no sense.
+        EcatError: The description cannot be had, or the options or files are wrong.
     """
     sources: list[str] = options.sources
     kinds = [_kind(source) for source in sources]
@@ -79,7 +79,7 @@ def get_bus(options: argparse.Namespace) -> Bus:
         rig.write_text(text, "utf-8")
         try:
             return _described(str(rig), options)
-        except EcatError as error:  # of a file that nobody has seen
+        except EcatError as error:  # about a temporary file that the user does not know
             text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", "--devices", str(error))
             raise type(error)(text) from None
 
@@ -90,7 +90,7 @@ def _kind(source: str) -> Kind:
     if path.is_dir():
         return "esi"
     if path.suffix.lower() in (".py", ".toml"):
-        return "rig"  # the simulator says what is wrong with it
+        return "rig"  # the simulator reports what is wrong with it
     try:
         with path.open("rb") as file:
             head = file.read(_PEEK)
@@ -115,7 +115,11 @@ def _kind(source: str) -> Kind:
 
 
 def _check(options: argparse.Namespace, kinds: list[Kind]) -> None:
-    """Refuses options that do not go together."""
+    """Checks that the options fit together.
+
+    Raises:
+        UsageError: They do not.
+    """
     kind = kinds[0] if kinds else "live"
     if len(kinds) > 1 and set(kinds) != {"esi"}:
         raise UsageError("only ESI files can be several: give one --from otherwise")
@@ -134,10 +138,10 @@ def _check(options: argparse.Namespace, kinds: list[Kind]) -> None:
 
 
 def _described(rig: str, options: argparse.Namespace) -> Bus:
-    """What a daemon says of a rig.
+    """Runs a daemon on a simulated rig, and returns its bus description.
 
     Raises:
-        EcatError: What the daemon or the simulator complains about.
+        EcatError: The daemon has failed; with its message, or that of the simulator.
     """
     command = [sys.executable, "-P", "-m", "ecatd.service", "--describe", "--quiet"]
     command += ["--simulate", rig, "--bus", options.bus]
@@ -151,7 +155,7 @@ def _described(rig: str, options: argparse.Namespace) -> Bus:
 
 
 def _complaint(ended: subprocess.CompletedProcess[str]) -> EcatError:
-    """The last thing that the daemon has said, as the error that its exit status means."""
+    """Makes an error of the last message of a daemon, with the class of its exit status."""
     text = f"ecatd has ended with status {ended.returncode} and said nothing"
     for line in ended.stderr.splitlines():
         for begin in ("ecatd: error: ", "ecatsim: "):

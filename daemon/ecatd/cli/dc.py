@@ -12,17 +12,17 @@ from ecatd.stats.clocks import read_clocks
 from .output import print_json, print_table, shortened
 from .source import Source
 
-_NAME = 22  # of a slave, so that the table fits
+_NAME = 22  # longest name of a slave, so that the table fits into 80 columns
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """It has those of all commands."""
+    """Sets the function of the command; it has no arguments of its own."""
     command.set_defaults(alone=dc)
 
 
 def dc(options: argparse.Namespace) -> None:
-    """Shows the reference clock, how the cycle follows it, and the clocks of all slaves."""
+    """Shows the reference clock, whether the cycle follows it, and the clocks of all slaves."""
     with Source(options) as source:
         document = read_clocks(options.bus) if source.local else source.remote().clocks()
     if options.json:
@@ -68,7 +68,11 @@ def _summary(document: dict[str, Any]) -> list[str]:
 
 
 def _time(ns: int) -> str:
-    """A time of a clock: ns since 2000; a clock of 32 bits has not more than its last 4.3 s."""
+    """Formats a time of a clock in ns since 2000.
+
+    A time below 2^33 ns is printed in seconds: a clock with 32 bits wraps around every 4.3 s, so
+    its time is no date.
+    """
     if ns < 1 << 33:
         return f"{ns / 1e9:.9f} s"
     seconds, rest = divmod(ns, 10**9)

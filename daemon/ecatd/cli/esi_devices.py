@@ -1,4 +1,4 @@
-"""A rig of ESI files and a list of devices, as a person types it: `EK1100,EL1018,3*EL2008`."""
+"""Makes a rig from ESI files and a list of devices such as `EK1100,EL1018,3*EL2008`."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _U32 = 0xFFFF_FFFF
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """A device of the list.
+    """An item of the list.
 
     Attributes:
-        text: As it was typed.
-        count: How many of them follow each other.
-        type: Its type, or None where the product code is given.
-        product: Its product code, or None.
-        revision: Its revision, or None for the only one that there is.
+        text: The item as it was typed.
+        count: Number of such devices in a row.
+        type: Type of the device, or None if the product code is given.
+        product: Product code, or None if the type is given.
+        revision: Revision, or None: then the files must have only one.
     """
 
     text: str
@@ -38,15 +38,15 @@ class _Wanted:
 
 
 def rig(sources: Sequence[str], devices: str) -> str:
-    """The rig file (TOML) of a list of devices.
+    """Returns the content of a rig file (TOML) for a list of devices.
 
     Args:
-        sources: ESI files, or folders of them.
-        devices: The list, or the name of a file with an item in each line.
+        sources: ESI files, or folders with ESI files.
+        devices: The list, or the name of a file with one item in each line.
 
     Raises:
-        UsageError: The list makes no sense.
-        ConfigError: A file makes no sense, or not exactly one of the devices in them fits.
+        UsageError: The list is wrong, or a folder has no ESI files.
+        ConfigError: A file is malformed, or not exactly one of the devices in the files fits.
     """
     wanted = list(_wanted(devices))
     if sum(item.count for item in wanted) > _SLAVES_MAX:
@@ -66,7 +66,7 @@ def rig(sources: Sequence[str], devices: str) -> str:
 
 
 def _files(sources: Sequence[str]) -> list[Path]:
-    """The files themselves, each once."""
+    """The ESI files, also those in folders; each of them once."""
     found: dict[Path, None] = {}
     for source in map(Path, sources):
         if not source.is_dir():
@@ -105,12 +105,16 @@ def _wanted(devices: str) -> Iterator[_Wanted]:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # a list that is too long for a name, or has a NUL in it
+    except (OSError, ValueError):  # a list is no valid file name: too long, or with a NUL
         return False
 
 
 def _find(wanted: _Wanted, files: dict[Path, list[EsiChoice]]) -> tuple[Path, EsiChoice]:
-    """Finds the only device in all files that fits."""
+    """Finds the only device in all files that fits.
+
+    Raises:
+        ConfigError: None fits, or several do.
+    """
     fitting = [
         (path, choice)
         for path, choices in files.items()
@@ -121,7 +125,7 @@ def _find(wanted: _Wanted, files: dict[Path, list[EsiChoice]]) -> tuple[Path, Es
         return fitting[0]
     if len(files) == 1:
         ((path, choices),) = files.items()
-        choose(  # says which ones there are
+        choose(  # raises an error that lists the devices
             choices,
             path,
             type=wanted.type,

@@ -1,4 +1,4 @@
-"""Command `info`: what runs, and which real time the system has granted to it."""
+"""Command `info`: the daemon, its bus, and the real-time settings that the system has granted."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from .output import print_json, table_lines
 from .source import Source
 from .stats_screen import clock_line, duration, ring_line, word
 
-# AL states that are not the OR of others: BOOT is that of INIT and PREOP.
+# AL states that are no bitwise OR of others: BOOT (3) is INIT (1) | PREOP (2).
 _SINGLE = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """It has those of all commands."""
+    """Sets the function of the command; it has no arguments of its own."""
     command.set_defaults(alone=info)
 
 
 def info(options: argparse.Namespace) -> None:
-    """Shows what the daemon is, how the bus is, and what real time costs or would bring."""
+    """Shows the daemon, the state of its bus, and the real-time settings."""
     with Source(options) as source:
         snapshot = source.read()
         running: dict[str, Any] = {}
@@ -51,7 +51,7 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
     kept = ("bus", "version", "state", "cycle_time_us", "slaves", "ring", "links", "dc", "domains")
     document = {key: known[key] for key in kept}
     document["started"] = snapshot.instance * 1e-9
-    document["interface"] = None  # only the gateway knows it
+    document["interface"] = None  # only the gateway knows its name
     document["links"] = dict(_links(snapshot, running))
     document["settings"] = [
         {
@@ -62,13 +62,19 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
         for row, grant in zip(known["realtime"]["settings"], snapshot.grants, strict=True)
     ]
     document["gateway"] = {"error": silent} if silent else {"error": None}
-    # Links and ring are in shared memory, too.
+    # Links and ring come from shared memory, see above.
     later = {key: running[key] for key in running.keys() - {"schema", "links", "ring"}}
     return {**document, **later}
 
 
 def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list[str]:
-    """What the daemon is and how its bus is; `running` is what the gateway says, if it does."""
+    """Lines about the daemon and its bus.
+
+    Args:
+        snapshot: Statistics of the bus.
+        running: Answer of the gateway; empty without one.
+        silent: Why the gateway has not answered; empty if it has.
+    """
     unnamed = " (its name is unknown without an answer)" if silent else ""
     rows = [
         ("bus", f"{snapshot.bus}, {word(snapshot.state)}"),
@@ -97,7 +103,7 @@ def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list
 
 
 def _slaves(snapshot: Snapshot) -> str:
-    """How many there are, and their AL states as far as these are known ORed."""
+    """Number of slaves, and their AL state if the bitwise OR of all states is a single one."""
     text = f"{snapshot.slaves_found} found, {snapshot.slaves_expected} expected"
     if not snapshot.slaves_found:
         return text
@@ -108,7 +114,7 @@ def _slaves(snapshot: Snapshot) -> str:
 
 
 def _recovery(running: dict[str, Any]) -> list[str]:
-    """Slaves that should be in OP and are not, together where the same is known of them."""
+    """Lines about slaves that should be in OP and are not; those in the same state share a line."""
     alike: dict[str, list[int]] = {}
     for row in running.get("recovery", []):
         alike.setdefault(row["state"], []).append(row["slave"])
@@ -119,7 +125,7 @@ def _recovery(running: dict[str, Any]) -> list[str]:
 
 
 def _links(snapshot: Snapshot, running: dict[str, Any]) -> list[tuple[str, str]]:
-    """Name and state of each interface; names only the gateway knows."""
+    """Name and state of each interface; without the gateway the names are unknown."""
     used = [link for link in snapshot.links if link != shm.Link.UNUSED]
     known = running.get("links")
     names = [str(name) for name in known] if isinstance(known, dict) else []
@@ -142,7 +148,7 @@ def _effect(grant: Grant) -> str:
 
 
 def real_time_lines(snapshot: Snapshot) -> list[str]:
-    """A table of what was asked for and granted, and how to get what was refused."""
+    """Table of the real-time settings, and how to have refused ones granted."""
     refused = [grant for grant in snapshot.grants if _refused(grant)]
     rows = []
     for grant in snapshot.grants:

@@ -6,8 +6,8 @@ import re
 
 from ecatd import shm
 
-# Comments end with who writes the field, or all fields of a struct; what nobody is named for is
-# written once, by control, before clients come.
+# A comment ends with the writer of the field, or of all fields of a struct. Fields without a writer
+# are written once, by the control side before clients connect.
 _WRITER = re.compile(r"; (engine|relay|control)\b")
 _OF_CLIENTS = ("ecat_out_doorbell", "ecat_out_slot", "ecat_out_image", "ecat_out_request")
 
@@ -69,7 +69,7 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
 
 
 def _text(comment: str) -> str:
-    """Text that Markdown shows as it is: what looks like a tag or a column is code."""
+    """Escapes characters that Markdown would take for a column or a tag."""
     return comment.replace("|", "\\|").replace("<", "&lt;")
 
 

@@ -1,4 +1,4 @@
-"""Commands `generate`, `library`, `client-flags`: what models and programs are built from."""
+"""Commands `generate`, `library` and `client-flags`: libraries and flags to build with."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from ecatgen.fmu import FmuReport
 
 CHANGES = 1
-"""Exit status of `--check` where something would change."""
+"""Exit status of `--check` if something would change."""
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
-    """The arguments of each command."""
+    """Adds the arguments of a command."""
     run: Callable[[argparse.Namespace], int | None]
     add, run = {
         "generate": (_add_generate, generate),
@@ -106,7 +106,11 @@ def _add_rewrite(command: argparse.ArgumentParser) -> None:
 
 
 def generate(options: argparse.Namespace) -> int:
-    """Writes a Modelica library, or an FMU, for the bus, or says what that would change."""
+    """Writes a Modelica library or an FMU for the bus, or with `--check` says what would change.
+
+    Returns:
+        The exit status.
+    """
     if options.fmi and not options.fmu:
         raise UsageError("--fmi is the version of an FMU: say --fmu, too")
     if options.fmu and (options.force or options.templates):
@@ -127,7 +131,11 @@ def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
 
 
 def library(options: argparse.Namespace) -> int:
-    """Installs the Modelica library EtherCAT, where `loadModel(EtherCAT)` finds it or elsewhere."""
+    """Installs the Modelica library EtherCAT in a folder, or where OpenModelica finds it.
+
+    Returns:
+        The exit status.
+    """
     from ecatgen.static_library import install_library
 
     if (options.out is None) != options.openmodelica:
@@ -138,7 +146,9 @@ def library(options: argparse.Namespace) -> int:
 
 
 def _openmodelica_folder() -> Path:
-    """Where `loadModel` of OpenModelica looks: in the user's folder, or by OPENMODELICALIBRARY.
+    """A folder in which `loadModel` of OpenModelica looks, and which can be written.
+
+    This is the user's folder, unless OPENMODELICALIBRARY names others.
 
     Raises:
         NotPermittedError: The variable names no folder that can be written.
@@ -185,13 +195,13 @@ def client_flags(options: argparse.Namespace) -> None:
 
 
 def static_flags() -> list[str]:
-    """Compiler flags for a program that carries the client in itself."""
+    """Compiler flags for a program that links the client statically."""
     prefix = client_prefix()
     return [f"-I{prefix / 'include'}", str(prefix / "lib" / "libecat.a"), "-lm"]
 
 
 def client_prefix() -> Path:
-    """Where headers and libraries of the C client are installed.
+    """Folder in which headers and libraries of the C client are installed.
 
     Raises:
         EcatError: The C client is not built.

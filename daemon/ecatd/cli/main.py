@@ -1,7 +1,7 @@
-"""The command `ecatctl`: its commands, and errors as exit statuses.
+"""The command `ecatctl`: parses its commands, and turns errors into exit statuses.
 
-A command is a quick one: what it does not need is not loaded. So each module declares the arguments
-of its commands itself (`add_arguments`), when one of them is asked for.
+Commands must start fast, so only the module of the given command is loaded. It adds the arguments
+of its commands itself (`add_arguments`).
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ _COMMANDS = (
     ("library", "library", "Install the Modelica library EtherCAT."),
     ("client-flags", "library", "Print compiler flags for C and C++ programs."),
 )
-"""Name, module and summary of each."""
+"""Name, module and summary of each command."""
 
 _ALIASES = {"state": ["states"], "sdo-read": ["upload"], "sdo-write": ["download"]}
 _WITHOUT_BUS = ("library", "client-flags")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says wrong usage as JSON, too, where that is wanted."""
+    """Reports wrong usage also as JSON if `--json` is given."""
 
     def error(self, message: str) -> NoReturn:
         if "--json" in sys.argv:
@@ -70,7 +70,7 @@ def _print_error(error: EcatError) -> None:
 
 
 def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
-    """Options that may stand before or behind the command; only the first place has defaults."""
+    """Adds options that may stand before or after the command; defaults only at the first place."""
 
     def default(value: object) -> object:
         return value if defaults else argparse.SUPPRESS
@@ -130,7 +130,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if alone := getattr(options, "alone", None):  # finds its own way to the bus, if it needs one
+    if alone := getattr(options, "alone", None):  # it connects to the bus itself, if at all
         return alone(options) or 0
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
@@ -150,7 +150,7 @@ def main() -> int:
         return _main()
     except KeyboardInterrupt:
         return 130
-    except Exception:  # Python would end with 1, which is no defect but an answer of --check
+    except Exception:  # Python's own status would be 1, which is a result of --check
         import traceback
 
         traceback.print_exc()
@@ -159,12 +159,12 @@ def main() -> int:
 
 def _main() -> int:
     options = _parser().parse_args()
-    # A saved scan keeps its name unless another one was asked for.
+    # A saved scan keeps the name of its bus unless --bus gives another one.
     options.given_bus = getattr(options, "bus", None)
     options.bus = options.given_bus or os.environ.get("ECATD_BUS") or "ecat0"
     try:
         status = _run(options)
-        sys.stdout.flush()  # what cannot be written is told here, not by a traceback at the end
+        sys.stdout.flush()  # so that a failed write is reported here, not by a traceback at the end
     except EcatError as error:
         if options.json:
             _print_error(error)

@@ -1,4 +1,4 @@
-"""What the commands print: tables for people, JSON for programs."""
+"""Prints tables for people, and JSON for programs."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ SCHEMA = 1
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Prints one JSON document; `schema` tells programs what to expect."""
+    """Prints a JSON document with `schema`, the version of its format."""
     print(json.dumps(_plain({"schema": SCHEMA, **document}), indent=2, ensure_ascii=False))
 
 
 def print_json_line(document: dict[str, Any]) -> None:
-    """The same on a line of its own, for programs that read one document after the other."""
+    """Prints a JSON document on one line, for programs that read a sequence of documents."""
     print(json.dumps(_plain({"schema": SCHEMA, **document}), ensure_ascii=False), flush=True)
 
 
 def _plain(value: Any) -> Any:
-    """JSON has no infinity and no "not a number", which objects of slaves can be: null."""
+    """Replaces infinity and NaN by None: JSON has neither, but objects of slaves can have them."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -30,17 +30,17 @@ def _plain(value: Any) -> Any:
 
 
 def shortened(text: str, length: int) -> str:
-    """A text that may be too long for its column."""
+    """Cuts a text to at most `length` characters; the last one is then `…`."""
     return text if len(text) <= length else f"{text[: length - 1]}…"
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> list[str]:
-    """Columns under their heads.
+    """Lines of a table.
 
     Args:
-        head: Column heads.
+        head: Heads of the columns.
         rows: Cells, converted with `str`.
-        right: For each column `>` to align it right; others are aligned left.
+        right: A character for each column: `>` aligns it right, others align it left.
     """
     table = [list(head), *([str(cell) for cell in row] for row in rows)]
     widths = [max(len(row[column]) for row in table) for column in range(len(head))]
@@ -56,5 +56,5 @@ def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str =
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:
-    """Prints columns under their heads; the arguments are those of `table_lines`."""
+    """Prints a table; arguments as for `table_lines`."""
     print("\n".join(table_lines(head, rows, right)))

@@ -1,4 +1,4 @@
-"""Command `scan`: the description of a bus as a file, from which libraries can be generated."""
+"""Command `scan`: prints or saves a bus description, from which libraries can be generated."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .output import print_json
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """The arguments of the command."""
+    """Adds the arguments of the command."""
     command.set_defaults(alone=scan)
     command.add_argument("-o", dest="out", metavar="FILE", type=Path, help="save it to this file")
     add_options(command)
 
 
 def scan(options: argparse.Namespace) -> None:
-    """Prints the description of the bus, or saves it."""
+    """Prints the description of the bus, or saves it to a file."""
     bus = get_bus(options)
     text = dump(bus, VERSION)
     if options.out is None:
@@ -55,11 +55,11 @@ def _entries(bus: Bus, *, outputs: bool) -> int:
 
 
 def save(path: Path, text: str) -> None:
-    """Writes a file as a whole: what was there is still there if that fails.
+    """Writes a file; if that fails, an old one stays unchanged.
 
     Raises:
         NotPermittedError: The file cannot be written.
-        StateError: The disk is full, or something else is in the way.
+        StateError: Writing fails for another reason, such as a full disk.
     """
     try:
         if path.exists() and not path.is_file():  # /dev/stdout, a pipe

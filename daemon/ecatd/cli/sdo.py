@@ -22,7 +22,7 @@ _FOUR_DIGITS = re.compile("[1-9][0-9]{3}")
 
 
 class Index(int):
-    """An object index, and how it was typed."""
+    """An object index, with the text that the user has typed."""
 
     typed: str
 
@@ -34,7 +34,7 @@ def _index(text: str) -> Index:
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
-    """The arguments of each command."""
+    """Adds the arguments of a command."""
     reading = name == "sdo-read"
     command.set_defaults(run=sdo_read if reading else sdo_write)
     command.add_argument("slave", type=position, metavar="POS", help="position of the slave")
@@ -86,7 +86,7 @@ def _is_physical(found: SdoValue) -> bool:
 
 
 def _document(remote: Remote, options: argparse.Namespace, found: SdoValue) -> dict[str, Any]:
-    """What both commands say as JSON."""
+    """The part of the JSON output that both commands have."""
     meaning = {"unit": found.unit, "scale": found.scale, "offset": found.offset}
     return {
         "bus": remote.bus,
@@ -102,7 +102,10 @@ def _document(remote: Remote, options: argparse.Namespace, found: SdoValue) -> d
 
 @contextmanager
 def _hint(index: Index) -> Iterator[None]:
-    """Objects are known by hexadecimal numbers, and 6060 is easily typed for 0x6060."""
+    """Adds a hint to the error about a missing object if its index may lack the 0x.
+
+    Objects are known by hexadecimal numbers, so users easily type 6060 for 0x6060.
+    """
     try:
         yield
     except SdoAbortError as error:
@@ -113,7 +116,7 @@ def _hint(index: Index) -> Iterator[None]:
 
 
 def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
-    """Downloads a value to an object; the daemon finds its type out unless it is given."""
+    """Downloads a value to an object; the daemon finds out the type unless `--type` is given."""
     chosen = parse_type(options.type) if options.type else None
     data = options.value if chosen is None else encode(chosen, options.value)
     with _hint(options.index):

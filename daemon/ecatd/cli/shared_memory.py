@@ -1,4 +1,4 @@
-"""Commands `shm` and `claims`: what is in the shared memory of a bus, and who owns its outputs."""
+"""Commands `shm` and `claims`: content of the shared memory of a bus, and owners of its outputs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .layout_tables import layout_lines
 from .shared_memory_screen import claims_lines, picture_lines
 from .watch import present
 
-# Fields that nobody reads in decimal.
+# Fields that are printed in hexadecimal.
 _HEXADECIMAL = frozenset(
     (
         *("magic", "layout", "fingerprint", "vendor", "product", "revision", "serial"),
@@ -27,7 +27,7 @@ _HEXADECIMAL = frozenset(
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
-    """The arguments of each command."""
+    """Adds the arguments of a command."""
     command.set_defaults(alone={"claims": claims, "shm": shm}[name])
     add_watch(command)
     add_slave(command)
@@ -71,7 +71,11 @@ def _check_local(options: argparse.Namespace) -> None:
 
 
 def _chosen(document: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
-    """The document, or what it has of one slave."""
+    """Returns the document; with `--slave` only the parts about this slave.
+
+    Raises:
+        StateError: There is no such slave.
+    """
     if options.slave is None:
         return document
     count = len(document["slaves"])
@@ -132,7 +136,7 @@ def _fields(struct: str, row: dict[str, Any], indent: str) -> list[str]:
 
 
 def _word(field: layout.Line, value: Any) -> str:
-    """A value, with its name if its comment begins with that of an enumeration."""
+    """Formats a value; with its name if the comment of the field begins with an enumeration."""
     if isinstance(value, int):
         members = layout.ENUMS.get(field.comment.split(";")[0].split(" ")[0])
         if members is not None:

@@ -1,4 +1,4 @@
-"""How the shared memory of a bus looks: tables of 80 columns."""
+"""Formats the shared memory of a bus as tables of 80 columns."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .stats_screen import duration
 from .terminal import alarm, heading
 
 WIDTH = 80
-_SHORTEST = 12  # that a name is cut to
+_SHORTEST = 12  # names are not cut to less
 _REASONS = {
     "start": "never claimed",
     "released": "released",
@@ -30,7 +30,7 @@ Document = dict[str, Any]
 
 
 def picture_lines(document: Document) -> list[str]:
-    """Shared memory, as `picture.picture` describes it."""
+    """Formats the whole shared memory, from a document of `picture.picture`."""
     return [
         *_head(document),
         *_section(_domains(document["domains"])),
@@ -44,7 +44,7 @@ def picture_lines(document: Document) -> list[str]:
 
 
 def claims_lines(document: Document) -> list[str]:
-    """Clients and outputs, as `claims.read_claims` describes them."""
+    """Formats clients and outputs, from a document of `claims.read_claims`."""
     return [
         _title(document),
         *_section(_slots(document["slots"]) or ["no client has outputs or sends requests"]),
@@ -54,7 +54,7 @@ def claims_lines(document: Document) -> list[str]:
 
 
 def age(us: float | None) -> str:
-    """A time that has passed: `12 µs`, `1.2 ms`, `3.4 s`, `0:05:12`."""
+    """Formats an age in µs: `12 µs`, `1.2 ms`, `3.4 s`, `0:05:12`; `-` for None."""
     if us is None:
         return "-"
     if us < 1000:
@@ -88,15 +88,15 @@ def _head(document: Document) -> list[str]:
 
 
 def _section(lines: list[str]) -> list[str]:
-    """A blank line, and a table under its head; nothing without lines."""
+    """Puts a blank line before a table, and highlights its first line; nothing if it is empty."""
     return ["", heading(lines[0]), *lines[1:]] if lines else []
 
 
 def _fitting(table: Callable[[int], list[str]]) -> list[str]:
-    """A table whose names are cut as far as the width demands.
+    """Makes a table that fits into 80 columns, with names cut as far as necessary.
 
     Args:
-        table: Makes it, with names of at most so many characters.
+        table: Makes the table with names of at most the given number of characters.
     """
     room = 64
     while True:
@@ -208,7 +208,7 @@ def _slot(row: Document, room: int) -> tuple[Any, ...]:
 
 
 def _notes(row: Document) -> Iterator[str]:
-    """Yields notes about trouble with a client."""
+    """Yields notes about problems of a client."""
     if row["state"] == "lapsed":
         yield f"has lost its outputs: {_REASONS.get(row['reason'], row['reason'])}"
     if row["held"] is False:
@@ -269,7 +269,7 @@ def _grouped(
     document: Document,
     right: str,
 ) -> list[str]:
-    """A table of entries with a line above those of each slave."""
+    """Makes a table of entries; a line with the name of the slave precedes its entries."""
     if not rows:
         return []
     names = _slave_names(document)
@@ -277,14 +277,14 @@ def _grouped(
     made = [title]
     for position, group in groupby(zip(rows, lines, strict=True), lambda pair: pair[0]["slave"]):
         entries = list(group)
-        if "alike" not in entries[0][0]:  # which says itself of which slave it is
+        if "alike" not in entries[0][0]:  # such a row contains the name of the slave
             made.append(shortened(names[position], WIDTH))
         made += [line for _row, line in entries]
     return made
 
 
 def _slave_names(document: Document) -> dict[int, str]:
-    """Position and name; also of slaves that damaged shared memory does not have."""
+    """Names of slaves by position; with a default, since damaged memory may have wrong ones."""
     names = defaultdict[int, str](lambda: "(no such slave)")
     for slave in document["slaves"]:
         names[slave["position"]] = f"{slave['position']} {slave['name'] or '(no name)'}"
@@ -302,7 +302,7 @@ def _number(value: float | None) -> str:
 
 
 def _physical(row: Document) -> str:
-    """The value with its unit, where it is not just the raw one."""
+    """Formats the physical value with its unit; empty if it is just the raw value."""
     if row["value"] is None or not (row["unit"] or row["scaled"]):
         return ""
     return f"{row['value']:.6g} {row['unit']}".rstrip()
@@ -327,7 +327,7 @@ def _health(row: Document | None) -> list[str]:
 
 
 def _columns(cells: list[str], count: int) -> list[str]:
-    """Cells below each other, in columns."""
+    """Arranges cells in columns, which are filled one after the other."""
     rows = -(-len(cells) // count)
     columns = [cells[at : at + rows] for at in range(0, len(cells), rows)]
     return [

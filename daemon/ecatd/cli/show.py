@@ -23,7 +23,7 @@ _PROBLEMS_SHOWN = 10
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
-    """The arguments of each command."""
+    """Adds the arguments of a command."""
     command.set_defaults(run={"slaves": slaves, "pdos": pdos, "state": state}[name])
     if name == "state":
         command.add_argument(
@@ -34,7 +34,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 
 
 def pick_slaves(bus: Bus, position: int | None) -> list[Slave]:
-    """One slave, or all.
+    """Returns the slave at a position; all slaves for None.
 
     Raises:
         StateError: There is no such slave.
@@ -110,7 +110,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _state(row: dict[str, Any]) -> str:
-    """AL state of a slave, and what is done about it where it should be in OP and is not."""
+    """AL state of a slave; if it should be in OP and is not, also the state of its recovery."""
     text = al_state_text(row["al_state"])
     return f"{text}, {row['recovery']}" if row.get("recovery") else text
 
@@ -156,7 +156,7 @@ def _print_pdos(kind: str, group: list[Pdo]) -> None:
 
 
 def _conversion(entry: Entry) -> str:
-    """How the physical value follows from the raw one: `V = raw * 0.000305185`."""
+    """The formula for the physical value: `V = raw * 0.000305185`."""
     text = f"{entry.unit or 'value'} = raw"
     if entry.scale != 1:
         text += f" * {entry.scale:g}"
@@ -166,7 +166,7 @@ def _conversion(entry: Entry) -> str:
 
 
 def _meaning(entry: Entry) -> str:
-    """Describes unit, range and named values of an entry, in brackets."""
+    """Describes conversion, limits and safe value of an entry, in brackets."""
     facts = [_conversion(entry)] if entry.is_physical else []
     if (entry.minimum, entry.maximum) != (None, None):
         low = "any" if entry.minimum is None else f"{entry.minimum:g}"
@@ -181,7 +181,7 @@ def _meaning(entry: Entry) -> str:
 
 
 def state(remote: Remote, options: argparse.Namespace) -> None:
-    """Shows the AL states, or asks for one."""
+    """Shows the AL states, or brings slaves to one."""
     if options.slave is not None:
         pick_slaves(remote.describe(), options.slave)
     if options.state is None:
@@ -201,6 +201,6 @@ def state(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _told(row: dict[str, Any]) -> str:
-    """What is known of the state of a slave."""
+    """AL state of a slave, and what is known about its recovery."""
     known = (row["text"], row.get("recovery"), row.get("recovery_text"))
     return "; ".join(text for text in known if text)

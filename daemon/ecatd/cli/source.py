@@ -1,4 +1,4 @@
-"""Where commands get statistics from: shared memory on this machine, else the gateway."""
+"""Source of statistics for commands: the shared memory of this machine, else the gateway."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 class Source:
     """Reads statistics of the bus that the options name.
 
-    The shared memory is read where there is one, which needs nobody's answer and works without a
-    gateway. With `--connect`, or without shared memory, the gateway is asked.
+    If this machine has the shared memory of the bus, it is read, which works without a gateway.
+    With `--connect`, or without shared memory, the gateway is asked.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -27,20 +27,20 @@ class Source:
 
     @property
     def local(self) -> bool:
-        """Whether the bus has shared memory on this machine, and that one is meant."""
+        """Whether to read the shared memory: it exists, and `--connect` is not given."""
         bus = self._options.bus
         return self._options.connect is None and (shm.FOLDER / f"ecat.{bus}").exists()
 
     def read(self) -> Snapshot:
-        """The statistics of now.
+        """Reads the present statistics.
 
         Raises:
-            EcatError: They cannot be had; a later try may succeed.
+            EcatError: They are not available; a later try may succeed.
         """
         return read(self._options.bus) if self.local else self.ask()
 
     def remote(self) -> Remote:
-        """The session with the gateway, opened when it is first needed."""
+        """The session with the gateway; opens it on first use."""
         if self._remote is None:
             from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
@@ -49,7 +49,7 @@ class Source:
         return self._remote
 
     def ask(self) -> Snapshot:
-        """The same from the gateway, wherever it is."""
+        """Asks the gateway for the present statistics; raises as `read`."""
         try:
             return self.remote().stats()
         except EcatError:

@@ -1,4 +1,4 @@
-"""Command `stats`: counters and timing of the cyclic exchange, once or again and again."""
+"""Command `stats`: shows counters and times of the cyclic exchange, once or repeatedly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .watch import check, clock, ticks
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """The arguments of the command."""
+    """Adds the arguments of the command."""
     command.set_defaults(alone=stats)
     add_watch(command)
     command.add_argument(
@@ -49,10 +49,14 @@ def stats(options: argparse.Namespace) -> None:
 def _watch(
     source: Source, options: argparse.Namespace
 ) -> Iterator[tuple[Snapshot | EcatError, Snapshot | None, str]]:
-    """Statistics at every interval, or why there are none; the interval; what happened meanwhile.
+    """Yields statistics at every interval of `--watch`.
+
+    Yields:
+        The statistics, or an error if there are none; the difference to the previous ones, or None
+        at first, after a restart and with an error; and a notice about a restart, or an empty text.
 
     Raises:
-        EcatError: There are none at the first look: then there is nothing to watch.
+        EcatError: There are no statistics at the first time.
     """
     now: Snapshot | EcatError = source.read()
     last: Snapshot | None = None
@@ -91,7 +95,7 @@ def _document(snapshot: Snapshot, histogram: str | None) -> dict[str, Any]:
 def _line(
     now: Snapshot | EcatError, interval: Snapshot | None, options: argparse.Namespace
 ) -> dict[str, Any]:
-    """The document of one look; `interval` is null in the first one and after a restart."""
+    """The JSON document of one time; `interval` is null at first and after a restart."""
     if isinstance(now, EcatError):
         return {"bus": options.bus, "error": now.to_reply()}
     last: dict[str, Any] | None = None

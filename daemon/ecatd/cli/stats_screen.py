@@ -1,4 +1,4 @@
-"""How statistics look: tables of 80 columns."""
+"""Formats statistics as tables of 80 columns."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _TIMES = {
     "dc_offset": "DC offset",
     "mailbox": "mailbox",
 }
-_ROWS = 20  # of a histogram, at most
-_BAR = 20
-_NAME = 22  # of a domain, so that the table fits
+_ROWS = 20  # most rows of a histogram
+_BAR = 20  # characters of the longest bar
+_NAME = 22  # longest name of a domain, so that the table fits
 
 
 def stats_lines(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
-    """Counters, times and, where there are several, domains; beside them those of an interval."""
+    """Lines with counters, times and, if there are several, domains; also those of an interval."""
     lines = [*_head(snapshot), "", *_counters(snapshot, interval)]
     parts = [("SINCE START", snapshot)]
     if interval is not None:
@@ -43,7 +43,7 @@ def _last(interval: Snapshot) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A time as `2 d 03:04:05` or `3:04:05`."""
+    """Formats a time as `2 d 03:04:05` or `3:04:05`."""
     minutes, second = divmod(int(seconds), 60)
     hours, minute = divmod(minutes, 60)
     days, hour = divmod(hours, 24)
@@ -53,7 +53,7 @@ def duration(seconds: float) -> str:
 
 
 def word(member: shm.Link | shm.Ring | shm.BusState | shm.DcState) -> str:
-    """A state in words: `no carrier`."""
+    """Name of a state in words, such as `no carrier`."""
     return member.name.lower().replace("_", " ")
 
 
@@ -79,7 +79,7 @@ def _head(snapshot: Snapshot) -> list[str]:
 
 
 def real_time_line(snapshot: Snapshot) -> str:
-    """What matters most of real time."""
+    """A line with the most important real-time settings."""
     scheduling, affinity = (
         snapshot.grants[kind] for kind in (shm.Setting.SCHEDULING, shm.Setting.AFFINITY)
     )
@@ -95,7 +95,7 @@ def real_time_line(snapshot: Snapshot) -> str:
 
 
 def ring_line(snapshot: Snapshot) -> str:
-    """State of cable redundancy."""
+    """A line with the state of cable redundancy."""
     second = f"second interface {word(snapshot.links[1])}"
     if snapshot.ring == shm.Ring.NONE:
         return "none: one interface"
@@ -114,7 +114,7 @@ def ring_line(snapshot: Snapshot) -> str:
 
 
 def clock_line(snapshot: Snapshot) -> str:
-    """State of the distributed clocks."""
+    """A line with the state of the distributed clocks."""
     clock = snapshot.clock
     if clock.state == shm.DcState.OFF:
         return "off: the cycle runs on the clock of this machine"
@@ -125,7 +125,7 @@ def clock_line(snapshot: Snapshot) -> str:
 
 
 def _counters(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
-    """Counters in two columns; each with the interval's beside those since the start."""
+    """Counters in two columns, each since the start and, if there is one, in the interval."""
     parts = [snapshot] if interval is None else [snapshot, interval]
     columns = [_counted(part) for part in parts]
     titles = ["SINCE START"] if interval is None else ["SINCE START", _last(interval)]
@@ -169,7 +169,7 @@ def _times(title: str, histograms: Iterable[tuple[str, Histogram]]) -> list[str]
         if histogram.count
     ]
     columns = ("MIN", "MEAN", "P50", "P90", "P99", "P99.9", "P99.99", "MAX")
-    # As wide as most times need, so that columns stay where they are.
+    # Wide enough for most times, so that columns do not move.
     head = (f"{title:<15}", *(f"{column:>6}" for column in columns))
     lines = table_lines(head, rows, " >>>>>>>>")
     return lines if rows else [lines[0], "none"]
@@ -182,12 +182,12 @@ def _percentiles(histogram: Histogram) -> list[str]:
         *(histogram.quantile(q) for q in QUANTILES.values()),
         histogram.max_ns,
     ]
-    # What is long needs no decimals, and then fits into its column.
+    # Times from 10 ms on have no decimals, so that they fit into the column.
     return [f"{ns / 1000:.{_digits(histogram) if ns < 9_999_950 else 0}f}" for ns in values]
 
 
 def _digits(histogram: Histogram) -> int:
-    """Decimals of times in µs."""
+    """Number of decimals of times in µs."""
     return 3 if histogram.max_ns < 10_000 else 1
 
 
@@ -213,7 +213,7 @@ def _domains(title: str, domains: tuple[Domain, ...]) -> list[str]:
 
 
 def histogram_lines(name: str, snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
-    """The distribution of one time as bars; with an interval, the bars are the interval's."""
+    """The distribution of one time as bars: of the interval if there is one, else since start."""
     whole: Histogram = getattr(snapshot.times, name)
     last: Histogram | None = None if interval is None else getattr(interval.times, name)
     lines = [f"bus {snapshot.bus}: {_TIMES[name]}, {whole.count} samples"]
@@ -226,7 +226,7 @@ def histogram_lines(name: str, snapshot: Snapshot, interval: Snapshot | None) ->
 
 
 def _bars(whole: Histogram, last: Histogram | None) -> list[str]:
-    """A row for each step that has samples; `…` where several have none."""
+    """A row for each step with samples; `…` stands for one or more steps without."""
     shift = 0  # 2^shift buckets make a row
     while len(rows := _grouped(whole, shift)) > _ROWS:
         shift += 1
@@ -255,7 +255,7 @@ def _bars(whole: Histogram, last: Histogram | None) -> list[str]:
 
 
 def _grouped(histogram: Histogram, shift: int) -> dict[int, int]:
-    """Samples of every 2^shift buckets, of those that have any."""
+    """Number of samples in each group of 2^shift buckets; empty groups are left out."""
     groups: dict[int, int] = {}
     for number, count in enumerate(histogram.buckets):
         if count:

@@ -1,4 +1,4 @@
-"""What commands show on a terminal: coloured lines, and a screen that is drawn again and again."""
+"""Output on a terminal: coloured lines, and a screen that is redrawn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _REST_OF_LINE, _REST_OF_SCREEN = "\033[K", "\033[J"
 
 
 class Line(str):
-    """A line in a colour, which only terminals show; to everything else it is its text."""
+    """A line with a colour, which is only printed on terminals."""
 
     style: str
 
@@ -31,7 +31,7 @@ def heading(text: str) -> Line:
 
 
 def alarm(text: str) -> Line:
-    """A line that says what is wrong."""
+    """A line about something that is wrong."""
     return Line(text, "31")
 
 
@@ -43,16 +43,16 @@ def _painted(line: str, width: int | None = None) -> str:
 
 
 def show(lines: Iterable[str]) -> None:
-    """Prints lines, in colours on a terminal."""
+    """Prints lines; with colours if stdout is a terminal."""
     coloured = sys.stdout.isatty()
     print("\n".join(_painted(line) if coloured else line for line in lines))
 
 
 class Screen:
-    """Draws lines in place of the last ones; into a file or pipe one after the other.
+    """Draws lines over the previous ones; a file or pipe gets them one after the other.
 
-    Each drawing is one write that overwrites what is there, so that nothing flickers. It ends with
-    the cursor below the last line, and visible: however the command ends, the terminal is in order.
+    Each drawing is a single write that overwrites the old text, so that nothing flickers. It leaves
+    the cursor visible below the last line, so the command may end at any time.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class Screen:
         self._begin = _CLEAR if self._terminal else ""
 
     def draw(self, lines: list[str]) -> None:
-        """Shows lines, cut to the size of the terminal; empty ones are left out first."""
+        """Draws lines, cut to the size of the terminal; if there are too many, without empty ones."""
         if self._terminal:
             width, height = shutil.get_terminal_size()
             if len(lines) >= height:

@@ -1,4 +1,4 @@
-"""Commands that show something once, or with `--watch` again and again."""
+"""For commands that show something once, or with `--watch` repeatedly."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ def clock() -> str:
 
 
 def ticks(seconds: float, count: int | None) -> Iterator[None]:
-    """Comes back at once and then every so many seconds, `count` times or without end.
+    """Yields at once and then every `seconds`, `count` times or without end.
 
-    On a grid, so that showing takes nothing from the interval; late ones are left out.
+    The time that the caller takes does not add to the interval. If it takes longer than that, the
+    next tick comes at once, and missed ones are left out.
     """
     due, shown = time.monotonic(), 0
     while shown != count:
@@ -35,7 +36,11 @@ def ticks(seconds: float, count: int | None) -> Iterator[None]:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Raises `UsageError` for `--count` without `--watch`."""
+    """Checks the options.
+
+    Raises:
+        UsageError: `--count` is given without `--watch`.
+    """
     if options.count is not None and options.watch is None:
         raise UsageError("--count says how often to show it: use it with --watch")
 
@@ -45,18 +50,19 @@ def present(
     take: Callable[[], Document],
     lines: Callable[[Document], list[str]],
 ) -> Document:
-    """Shows a document once, or again and again until it is interrupted.
+    """Shows a document once, or with `--watch` repeatedly.
 
     Args:
-        options: With `json`, `watch` and `count`.
+        options: Options with `json`, `watch` and `count`.
         take: Makes the document.
-        lines: Makes lines for people of it.
+        lines: Formats the document for people.
 
     Returns:
         The last document.
 
     Raises:
-        EcatError: There is none at the first look. Later ones are shown, and waited for.
+        EcatError: The document cannot be made the first time. Later errors are shown, and the
+            command goes on.
     """
     check(options)
     document = take()
