@@ -1,4 +1,4 @@
-"""Locks of single bytes of a file (F_OFD_SETLK), by which the owner of a file or slot shows life.
+"""Locks of single bytes of a file (F_OFD_SETLK), which show that the process with a lock lives.
 
 `ECAT_LOCK_DAEMON` and `ECAT_LOCK_SLOT` in the layout of the shared memory say which bytes these
 are. A lock belongs to the open file: the kernel removes it however the process ends.

@@ -60,7 +60,7 @@ class Screen:
         self._begin = _CLEAR if self._terminal else ""
 
     def draw(self, lines: list[str]) -> None:
-        """Draws lines, cut to the size of the terminal; if there are too many, without empty ones."""
+        """Draws lines, cut to the size of the terminal; too many are drawn without empty ones."""
         if self._terminal:
             width, height = shutil.get_terminal_size()
             if len(lines) >= height:

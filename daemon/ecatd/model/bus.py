@@ -156,8 +156,8 @@ class Bus:
         """64 bits that change with the identities, the order or the mappings of the slaves.
 
         They do not change with names, serial numbers, addresses, sync managers, domains or cycle
-        time: clients find values by slave and entry, and what a value means does not depend on
-        these. They are the first 64 bits of a SHA-256 hash.
+        time: clients find values by slave and entry, and the meaning of a value does not depend on
+        these. The result is the first 64 bits of a SHA-256 hash.
         """
         facts = [
             [

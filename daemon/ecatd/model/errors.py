@@ -123,7 +123,7 @@ class OwnedError(StateError):
 
 
 class LeaseError(StateError):
-    """This client has lost its outputs; they have safe values until it claims them again."""
+    """This client has lost its outputs, now at their safe values: it must claim them again."""
 
     name = "lease"
 

@@ -148,7 +148,7 @@ class SiiReader:
         """Decodes the fixed words and the wanted categories."""
         self.header()
         categories = self._categories()
-        # Strings come first, since all others refer to them; PDOs need the sync managers.
+        # Strings come first, since others refer to them; PDOs need the sync managers.
         for kind, decode in (
             (CATEGORY_STRINGS, self._read_strings),
             (CATEGORY_GENERAL, self.general),
