@@ -29,7 +29,8 @@ int main(int argc, char **argv) {
   static Plant plant;
   double time, age;
   int output, connected, missed, state, counter, expected, cycle;
-  void *master = ecatm_master_open(argv[1], atoi(argv[2]), 0.001, 1, 30.0, atoi(argv[3]),
+  double lease = argc > 8 ? atof(argv[8]) : 30.0;
+  void *master = ecatm_master_open(argv[1], atoi(argv[2]), 0.001, 1, lease, atoi(argv[3]),
                                    atoi(argv[4]), atof(argv[5]), argc > 6 && atoi(argv[6]),
                                    argc > 7 && atoi(argv[7]), "");
   Plant_open(&plant, master, 1);
@@ -51,8 +52,8 @@ int main(int argc, char **argv) {
   return 0;
 }
 """
-"""Arguments: bus, waitForBus, whenMissing, whenFailed, patience; may be left out: readOnly and
-requireOperational. Each line of its input has a simulation time and the value of an output, which
+"""Arguments: bus, waitForBus, whenMissing, whenFailed, patience; may be left out: readOnly,
+requireOperational and lease. Each line of its input has a simulation time and the value of an output, which
 is wired to the input 0 of the slave EL1018."""
 
 

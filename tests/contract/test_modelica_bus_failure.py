@@ -62,13 +62,19 @@ def program(tmp_path_factory: pytest.TempPathFactory, compiler: str, live: Path)
 
 @pytest.fixture
 def model(program: Path) -> Iterator[Start]:
-    """Starts models: bus, whenMissing, whenFailed, patience, waitForBus."""
+    """Starts models: bus, whenMissing, whenFailed, patience, waitForBus, lease."""
     models: list[Model] = []
 
     def start(
-        bus: str, missing: int, failed: int, patience: float = 0, *, wait_for_bus: bool = False
+        bus: str,
+        missing: int,
+        failed: int,
+        patience: float = 0,
+        *,
+        wait_for_bus: bool = False,
+        lease: float = 30,
     ) -> Model:
-        numbers = (int(wait_for_bus), missing, failed, patience)
+        numbers = (int(wait_for_bus), missing, failed, patience, 0, 0, lease)
         models.append(Model(program, bus, *map(str, numbers)))
         return models[-1]
 
@@ -218,7 +224,7 @@ def test_a_model_waits_for_a_daemon_that_comes_back(
 
 @pytest.mark.parametrize("failed", [WAIT, CONTINUE])
 def test_lost_outputs_are_claimed_again(model: Start, troll: Daemon, failed: int) -> None:
-    running = model(troll.bus, ERROR, failed).opened()
+    running = model(troll.bus, ERROR, failed, lease=1).opened()
     running.until(written, 1)
     pause(troll)
     running.until(written, 1)
@@ -229,10 +235,10 @@ def test_lost_outputs_are_claimed_again(model: Start, troll: Daemon, failed: int
 
 
 def test_lost_outputs_are_an_error_by_default(model: Start, troll: Daemon) -> None:
-    running = model(troll.bus, ERROR, ERROR).opened()
-    running.until(written, 1)
-    pause(troll)
-    with pytest.raises(AssertionError, match="did not sample in time and lost its outputs"):
+    running = model(troll.bus, ERROR, ERROR, lease=1).opened()
+    with pytest.raises(AssertionError, match="lost its outputs"):  # sooner on a busy machine
+        running.until(written, 1)
+        pause(troll)
         running.step(1)
 
 
