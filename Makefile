@@ -65,8 +65,8 @@ pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VE
 # Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
 # which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.
 FIRST_STEPS := $(addprefix tests/e2e/test_,start_up.py figure9.py benchmarks.py)
-# Most tests wait most of the time, so there is one process for each processor. Files stay whole.
-PARALLEL := --numprocesses auto --dist loadfile
+# Tests wait a third of their time, so there are three processes for two processors. Files stay whole.
+PARALLEL := --numprocesses $(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist loadfile
 
 # What fails in the crowd is run once more, alone: some tests are about real time, and on a shared
 # machine a process may get no processor for a tenth of a second. What fails again has failed.

@@ -247,7 +247,7 @@ VICTIM = """
 import sys
 from pathlib import Path
 from player import STEP, Model, Player
-with Model(Path(sys.argv[1])).play(bus=sys.argv[2], lease=30.0, whenFailed=3) as player:
+with Model(Path(sys.argv[1])).play(bus=sys.argv[2], lease=1.0, whenFailed=3) as player:
     player.set("el2008.channel6Output", True)
     while True:
         player.step()

@@ -145,6 +145,7 @@ def test_slaves_of_all_kinds_tell_their_process_data(found: list[Any]) -> None:
             assert [(bits + 7) // 8 for bits in sizes] == [item.output_size, item.input_size]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("trouble", [["loss"], ["slow"], ["emergencies"], ["slow", "loss"]])
 def test_trouble_changes_nothing_of_what_is_found(found: list[Any], trouble: list[str]) -> None:
     slaves, emergencies, _ = run(HERE, master_that_scans, *trouble)

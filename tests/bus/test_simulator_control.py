@@ -118,6 +118,7 @@ def test_wrong_usage_is_found_before_anything_is_asked():
     assert "invalid choice: 'fly'" in ctl("fly", status=2)
 
 
+@pytest.mark.long
 def test_every_command_has_help():
     text = " ".join(ctl("--help").split())
     for command in ["list", *REQUESTS, *FAULTS]:

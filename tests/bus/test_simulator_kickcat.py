@@ -97,7 +97,7 @@ def test_kickcat_brings_troll_to_op():
     assert int(found["data"][2][1], 16) & 0x0F == wired, "the EL1018 sees the EL2008"
 
 
-@pytest.mark.parametrize("count", [1, 8, 64, 200])
+@pytest.mark.parametrize("count", [1, 200])
 def test_kickcat_exchanges_with_lines(count, monkeypatch):
     monkeypatch.setenv("SLAVES", str(count))
     found = run(HERE, master_kickcat)

@@ -53,8 +53,8 @@ int main(int argc, char **argv) {
 }
 """
 """Arguments: bus, waitForBus, whenMissing, whenFailed, patience; may be left out: readOnly,
-requireOperational and lease. Each line of its input has a simulation time and the value of an output, which
-is wired to the input 0 of the slave EL1018."""
+requireOperational and lease. Each line of its input has a simulation time and the value of an
+output, which is wired to the input 0 of the slave EL1018."""
 
 
 def compile_program(compiler: str, source: str, out: Path, folder: Path, *flags: str) -> Path:

@@ -48,8 +48,7 @@ def build(
     ("c", "cpp", "standard"),
     [
         ("gcc", "g++", "-std=c++17"),
-        ("gcc", "g++", "-std=c++20"),
-        ("clang", "clang++", "-std=c++17"),
+        ("clang", "clang++", "-std=c++20"),
     ],
 )
 def test_the_cpp_client_keeps_its_promises(

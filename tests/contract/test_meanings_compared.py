@@ -26,6 +26,8 @@ from ecatdev import sample_buses
 from ecatgen import generate
 from ecatgen.fmu import generate_fmu
 
+pytestmark = pytest.mark.long
+
 VOLT = 10 / 32767  # of the EL3008 at 4, by its profile
 Change = Callable[[Entry], None]
 

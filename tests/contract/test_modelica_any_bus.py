@@ -32,6 +32,8 @@ from ecatgen import generate
 from ecatgen.build import build_library
 from ecatgen.render import render
 
+pytestmark = pytest.mark.long
+
 TOOLS = Path(sample_buses.__file__).parents[1]
 
 LIBRARY = "Plant"

@@ -12,7 +12,7 @@ from sdo_calls import CONTINUE, RIG, WAIT, Answer, State, When, answers, build, 
 from conftest import Daemon
 from ecatd.model.datatypes import DataType as T
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 NO_BUS = "there_is_none"
 FLUSH = "fflush(stdout);"

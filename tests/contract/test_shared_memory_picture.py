@@ -362,7 +362,7 @@ def read_all_else(bus: str) -> None:
             json.dumps([raw.plain(row) for row in raw.read_raw(bus, name)])
 
 
-@pytest.mark.parametrize("mutations", [1000, pytest.param(10_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("mutations", [1000, pytest.param(5_000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("alive", [True, False])
 def test_random_mutations_are_no_tracebacks(
     shared: SharedMemory, alive: bool, mutations: int

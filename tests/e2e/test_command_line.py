@@ -260,6 +260,7 @@ def test_generate_refuses_names_that_are_no_identifiers(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_names_that_are_no_identifiers_generate_all_the_same(
     start_daemon: Callable[..., Daemon], tmp_path: Path
 ) -> None:

@@ -60,6 +60,7 @@ def symbols(library: Path) -> set[str]:
     return {line.split()[-1] for line in listed.stdout.splitlines()}
 
 
+@pytest.mark.long
 @VERSIONS
 @pytest.mark.parametrize("bus", BUSES)
 def test_fmpy_finds_nothing_wrong(bus: Callable[[], Bus], fmi: int, make: Make) -> None:

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 ESC = ROOT / "simulator" / "esc"
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 ALL_EVENTS = 0x3FF
-FRAMES = 100_000
+FRAMES = 50_000
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ from ecatsim.files.esi import device_from_esi
 pytestmark = pytest.mark.long
 
 
-FILES, SHARDS = 10_000, 5
+FILES, SHARDS = 4_000, 2
 PIECES = re.compile(r"<[^>]*>|[^<]+")
 VALUES = ["0", "1", "-1", "255", "65536", "#xFFFFFFFF", "#x", "", "UINT", "STRING(65535)", "DT2000"]
 VALUES += ["ARRAY [0..99999] OF BYTE", "DT2001ARR", "RW", "1e999", "nan", "\u2603", "00" * 300]

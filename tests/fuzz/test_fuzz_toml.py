@@ -19,6 +19,8 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.profiles import load_profiles
 from ecatd.model.toml_places import find_places
 
+pytestmark = pytest.mark.long
+
 CONFIG = """\
 bus = "rig" # a [comment]
 interface = 'eth1'
