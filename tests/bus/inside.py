@@ -24,6 +24,14 @@ def switch(interface, state):
         fcntl.ioctl(control, 0x8914, struct.pack("16sH14x", interface.encode(), flags))
 
 
+def is_on(interface):
+    """Whether it is switched on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        request = struct.pack("16sH14x", interface.encode(), 0)
+        (flags,) = struct.unpack("16xH14x", fcntl.ioctl(control, 0x8913, request))
+        return bool(flags & 1)
+
+
 def delete(interface):
     """Takes an interface away, and with it its peer."""
     index = socket.if_nametoindex(interface)

@@ -88,6 +88,56 @@ def test_no_slaves_on_the_bus(env: dict[str, str]) -> None:
     assert "no EtherCAT slave answers on 'ecat-master': check cable and power" in text
 
 
+LATE_LINK = """
+import os, socket, subprocess, sys, time
+sys.path.insert(0, sys.argv[1])
+from inside import is_on, switch
+
+switch("ecat-sim", "down")
+switch("ecat-master", "down")
+notify = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+notify.bind(os.environ["NOTIFY_SOCKET"])
+command = [sys.executable, "-m", "ecatd.service", "--interface", "ecat-master", "--bus", "tlate"]
+daemon = subprocess.Popen(command)
+notify.settimeout(0.1)
+told = b""
+while not is_on("ecat-master"):
+    assert daemon.poll() is None
+time.sleep(1)  # a real port needs one to three seconds
+if sys.argv[2] == "cable":
+    switch("ecat-sim", "up")
+while b"READY=1" not in told and daemon.poll() is None:
+    try:
+        told += notify.recv(4096)
+    except TimeoutError:
+        pass
+print("ready" if b"READY=1" in told else "ended")
+daemon.terminate()
+sys.exit(daemon.wait())
+"""
+
+
+@pytest.mark.parametrize(
+    ("plugged", "outcome", "status"), [("cable", "ready", 0), ("", "ended", 3)]
+)
+def test_a_start_waits_for_the_carrier(
+    plugged: str, outcome: str, status: int, tmp_path: Path
+) -> None:
+    """A port that was off has no carrier until both ends have agreed on a speed."""
+    result = run_module(
+        "ecatsim",
+        *("run", "troll", "--", sys.executable, "-c", LATE_LINK),
+        *(str(RIGS.parent / "bus"), plugged),
+        env={
+            **os.environ,
+            "ECATD_RUNTIME_DIR": str(tmp_path / "run"),
+            "NOTIFY_SOCKET": str(tmp_path / "notify"),
+        },
+    )
+    assert (result.stdout, result.returncode) == (f"{outcome}\n", status), result.stderr
+    assert ("no carrier on 'ecat-master'" in result.stderr) == (not plugged)
+
+
 def test_the_interface_is_left_as_it_was(tmp_path: Path) -> None:
     """SOEM makes it promiscuous; that and the link go back with the daemon."""
     code = (

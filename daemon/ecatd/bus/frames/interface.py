@@ -6,16 +6,23 @@ import contextlib
 import fcntl
 import socket
 import struct
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
 
 from ..engine.engine import Index, open_socket
 from .datagrams import Answer, Datagrams, brd, source_address
 
-_SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
+_SIOCGIFFLAGS, _SIOCSIFFLAGS = 0x8913, 0x8914
+_IFF_UP, _IFF_RUNNING = 0x1, 0x40
 _FLAGS = struct.Struct("16sH14x")  # ifreq
 _AL_STATUS = 0x0130
+
+_CARRIER_TIMEOUT = 5.0
+"""Seconds that an interface has to get a carrier. Ethernet ports take one to three to negotiate."""
+
+_LOOK_AGAIN = 0.05
 
 
 def needs_rights(interface: str) -> str:
@@ -38,6 +45,35 @@ def open_for_control(interface: str) -> socket.socket:
         return open_socket(interface, Index.CONTROL, Index.ENGINE - 1)
     except NotPermittedError as error:
         raise NotPermittedError(needs_rights(interface)) from error
+
+
+def wait_for_carriers(interfaces: Sequence[str], cancelled: Callable[[], bool]) -> None:
+    """Waits until all interfaces have a carrier, at most 5 s.
+
+    An interface that has just been switched on has none for some seconds, and frames that are sent
+    meanwhile get lost. With cable redundancy, one interface with a carrier is enough to go on.
+
+    Args:
+        interfaces: Their names. They are up.
+        cancelled: When it returns true, waiting ends with `StateError`.
+
+    Raises:
+        UnreachableError: There is no such interface, or none of them gets a carrier.
+        StateError: `cancelled` returned true.
+    """
+    deadline = time.monotonic() + _CARRIER_TIMEOUT
+    while not all(found := [bool(_flags(name) & _IFF_RUNNING) for name in interfaces]):
+        if cancelled():
+            raise StateError("stopped while the interface was waiting for a carrier")
+        if time.monotonic() > deadline:
+            break
+        time.sleep(_LOOK_AGAIN)
+    if not any(found):
+        names = " and ".join(f"'{name}'" for name in interfaces)
+        raise UnreachableError(
+            f"no carrier on {names}: check cable and power of the first slave, and that this is "
+            f"the right interface"
+        )
 
 
 def look(interface: str) -> Answer:

@@ -7,6 +7,7 @@ numbers the slaves itself if SOEM could not.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,6 +27,9 @@ _TRIES = 3
 _ANSWER_US = 20_000
 """Microseconds that SOEM waits for an answer. SOEM accepts any frame with one of its 16 indices.
 So it must not repeat a frame while the first may still come back, which a busy machine delays."""
+
+_FIRST_ANSWER = 1.0
+"""Seconds that the first slave has to answer, after the interface has a carrier."""
 
 
 def scan(interfaces: Sequence[str]) -> list[str]:
@@ -70,8 +74,13 @@ def _answering(interfaces: Sequence[str]) -> list[str]:
     On a closed ring, frames come back at the other interface, so neither seems to answer: then
     both are returned.
     """
-    found = [name for name in interfaces if look(name).wkc]
-    return found or (list(interfaces) if len(interfaces) > 1 else [])
+    if len(interfaces) > 1:
+        return [name for name in interfaces if look(name).wkc] or list(interfaces)
+    deadline = time.monotonic() + _FIRST_ANSWER
+    while not look(interfaces[0]).wkc:
+        if time.monotonic() > deadline:
+            return []
+    return list(interfaces)
 
 
 def _name(slave: Any) -> str:

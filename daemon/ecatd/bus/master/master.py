@@ -19,7 +19,7 @@ from ecatd.model.sii_reader import read_mailbox
 from ..frames import soem
 from ..frames.datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
 from ..frames.eeprom import Words, read_eeproms
-from ..frames.interface import open_for_control, own
+from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.relay import Relay
 from ..frames.scan import count_slaves, has_stations, number_slaves, stations
 from ..mailbox.coe import Coe
@@ -122,11 +122,12 @@ class Master:
             Why SOEM's numbers were not used, as a sentence; empty if they were used.
 
         Raises:
-            UnreachableError: No slave answers.
+            UnreachableError: No interface has a carrier, or no slave answers.
             NotPermittedError: The process may not use raw sockets.
             StateError: There are too many slaves, they come and go meanwhile, an EEPROM cannot be
                 read, or a slave does not reach INIT.
         """
+        wait_for_carriers(self._interfaces, self._cancelled)
         self._names = soem.scan(self._interfaces)
         self._open_relay()
         count = count_slaves(self.registers)
