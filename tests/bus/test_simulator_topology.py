@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from masters import new_master
 
+from conftest import names, one_line_error
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim.core import Chip
 from ecatsim.devices.beckhoff import EK1100, EK1122
@@ -268,16 +269,16 @@ def ecatsim(*arguments):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["line:2", "--second", "eth1"], "--second needs --interface"),
-        (["line:2", "--ring", "--interface", "lo"], "--interface lo needs --second"),
-        (["line:2", "--interface", "lo", "--second", "lo"], "a ring has two ends"),
-        (["empty", "--ring"], "a ring needs at least one slave"),
+        (["line:2", "--second", "eth1"], "--second | --interface"),
+        (["line:2", "--ring", "--interface", "lo"], "--interface lo | --second"),
+        (["line:2", "--interface", "lo", "--second", "lo"], "ring | two"),
+        (["empty", "--ring"], "ring | one slave"),
     ],
 )
 def test_wrong_rings_are_explained(arguments, message):
     result = ecatsim(*arguments)
     assert (result.returncode, result.stdout) == (2, "")
-    assert message in result.stderr
+    names(one_line_error(result.stderr, "ecatsim"), *message.split(" | "))
     assert result.stderr.count("\n") == 1
 
 
