@@ -146,14 +146,14 @@ def test_calls_in_the_wrong_state(model: Model) -> None:
     with Player(model) as player:
         raw = Raw(player)
         assert raw.step(0.0, 0.001) == ERROR
-        names(player.errors()[-1], "DoStep", "before")
+        names(player.errors()[-1], f"fmi{model.fmi}DoStep", "before")
         assert raw("ExitInitializationMode") == ERROR
         player.start()
         assert raw("ExitInitializationMode") == ERROR
-        names(player.errors()[-1], "ExitInitializationMode", "between steps")
+        names(player.errors()[-1], f"fmi{model.fmi}ExitInitializationMode", "between steps")
         player.fmu.terminate()
         assert raw.step(0.0, 0.001) == ERROR
-        names(player.errors()[-1], "DoStep", "after the end")
+        names(player.errors()[-1], f"fmi{model.fmi}DoStep", "after the end")
         assert isinstance(player.get(OUTPUT), int)
         player.fmu.reset()
         player.start()

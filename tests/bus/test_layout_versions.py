@@ -240,7 +240,9 @@ def test_a_later_client_refuses_an_earlier_daemon(troll: Daemon, later_ecatd: st
         check=False,
     )
     last = result.stderr.splitlines()[-1]
-    names(last, "StateError: ", f"'{troll.bus}'", "1.0", "1.1", "update the daemon")
+    names(
+        last, "ecatd.model.errors.StateError: ", f"'{troll.bus}'", "1.0", "1.1", "update the daemon"
+    )
 
 
 @pytest.mark.parametrize(

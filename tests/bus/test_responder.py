@@ -45,7 +45,7 @@ def obstacle():
 @functools.cache
 def said(*wrapper):
     """What `obstacle` prints in a process that is started by `wrapper`."""
-    folders = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
+    folders = [str(folder) for folder in Path(__file__).parents[:3]]
     code = f"import sys; sys.path[:0] = {folders!r}; import test_responder as t; t.obstacle()"
     result = subprocess.run(
         [*wrapper, sys.executable, "-c", code], capture_output=True, text=True, check=False

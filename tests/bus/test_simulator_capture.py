@@ -166,8 +166,9 @@ def master_look_and_capture(file):
 
 def seen(rig, master, *arguments):
     """Runs a master beside a rig and returns what it found."""
+    folders = [str(folder) for folder in HERE.parents[:2]]
     code = (
-        f"import sys, json; sys.path[:0] = {[str(f) for f in HERE.parents[:2]]!r}; import {HERE.stem} as t; "
+        f"import sys, json; sys.path[:0] = {folders!r}; import {HERE.stem} as t; "
         f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
     )
     result = ecatsim("run", rig, "--", sys.executable, "-c", code)

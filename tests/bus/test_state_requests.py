@@ -39,7 +39,7 @@ def test_boot_is_not_asked_for_where_there_is_none(daemon: Daemon, position: int
 
 
 def test_boot_of_all_slaves_is_not_asked_for_where_one_has_none(daemon: Daemon) -> None:
-    names(refused(daemon, "BOOT"), "slaves 0-1, 4", "BOOT", "EEPROM")
+    names(refused(daemon, "BOOT"), "slaves 0-1, 4", "BOOT", "EEPROMs")
     assert states(daemon) == 5 * ["OP"]
 
 
