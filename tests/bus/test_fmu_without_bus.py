@@ -132,7 +132,7 @@ def test_a_bus_that_ends_is_an_error(model: Model, start_daemon: Callable[..., D
         assert not player.get("el2008.valid")
         with pytest.raises(Exception, match="DoStep"):
             player.step()
-        assert player.errors()[-1].endswith("DoStep is not allowed after an error")
+        names(player.errors()[-1], f"fmi{model.fmi}DoStep", "after an error")
         player.fmu.reset()
         player.set("bus", "nobody")
         with pytest.raises(Exception, match="InitializationMode"):
@@ -149,7 +149,7 @@ def test_goes_on_while_the_bus_is_away(model: Model, start_daemon: Callable[...,
         until(player, lambda: player.get("state") == MISSING)
         assert not player.get("el2008.valid")
         assert player.get("el2008.channel2Output")  # what the model wants
-        assert player.warnings()[-1].endswith("; the FMU goes on without it")
+        names(player.warnings()[-1], f"'{daemon.bus}'", "goes on")
         again = restart(start_daemon, daemon)
         until(player, lambda: player.get("el2008.valid") and outputs(again)[1] == 1)
         assert player.errors() == []
@@ -168,7 +168,7 @@ def test_waits_while_the_bus_is_away(model: Model, start_daemon: Callable[..., D
         assert not stepped.is_alive()
         until(player, lambda: player.get("connected") and outputs(again)[1] == 1)
         assert player.errors() == []
-        assert any("; the FMU waits for it" in text for text in player.warnings())
+        assert any("waits" in text for text in player.warnings())
 
 
 def test_patience_has_an_end(model: Model, start_daemon: Callable[..., Daemon]) -> None:
@@ -180,7 +180,7 @@ def test_patience_has_an_end(model: Model, start_daemon: Callable[..., Daemon]) 
             player.steps(30)
         (error,) = player.errors()
         assert is_gone(error, daemon)
-        assert " s, as long as 'patience' allows" in error
+        names(error, "'patience'")
 
 
 def test_another_bus_that_comes_back_is_an_error(

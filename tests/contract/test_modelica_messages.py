@@ -207,7 +207,7 @@ def test_two_masters_of_one_model_that_write_the_same(program: Program, troll: D
   Plant_EL2008_write(&two, 0, 0);
   return 0;""")
     said = sentence(run(both, troll.bus))
-    names(said, f"slave {DIGITAL_OUTPUTS} (EL2008)", f"'{troll.bus}'", "belongs to program")
+    names(said, f"slave {DIGITAL_OUTPUTS} (EL2008)", f"'{troll.bus}'", "belongs to")
     names(said, "this program itself")
     assert "end it" not in said
 

@@ -262,7 +262,7 @@ BAD = [
         "0x1000:00 | 4 bytes | dataType | 1",
     ),
     ('ecatm_once_read_integer(argv[1], 9, "0x1000:00", 7);', "slave 9 | 3 slaves"),
-    ('ecatm_once_read_integer(argv[1], 0, "", 7);', "'' | object"),
+    ('ecatm_once_read_integer(argv[1], 0, "", 7);', "slave 0 | index -1 | 65535"),
     (
         'ecatm_once_read_integer(argv[1], 0, "0x2008:00", 8);',
         "dataType | 0x0008 | Integer",

@@ -214,7 +214,7 @@ def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None
     )
     assert result.returncode == 7
     text = one_line_error(result.stderr, "ecatd")
-    names(text, f"'{troll.bus}'", f"pid {troll.process.pid}", "--bus")
+    names(text, f"'{troll.bus}'", f"pid {troll.child_pid('ecatd.bus')}", "--bus")
     # The first one has not noticed.
     assert troll.ctl_json("stats")["state"] == "running"
 

@@ -185,8 +185,7 @@ def test_a_device_attaches(tmp_path: Path) -> None:
         (
             '"#x1100"',
             '"#x0800"',
-            "sync manager 2 takes 6 bytes from 0x0800: memory is from 0x1000 to 0xFFFF, and "
-            "digital outputs from 0x0F00 to 0x0F03",
+            "sync manager 2 | 6 bytes | 0x0800 | 0x1000 | 0xFFFF | 0x0F00 | 0x0F03",
         ),
         (">MBoxIn<", "><", "AX2 | <Mailbox> | <Sm> | MBoxOut | MBoxIn"),
         (

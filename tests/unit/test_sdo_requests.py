@@ -12,7 +12,7 @@ from typing import Any, cast
 import pytest
 from wire_bench import FIRST_STATION, Wire, in_preop
 
-from conftest import naming
+from conftest import names, naming
 from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe
@@ -233,5 +233,6 @@ def test_equal_emergencies_are_told_together() -> None:
 
         asyncio.run(use())
     assert len(made.said) < 10
-    assert all("slave 0 (Number) sent an emergency" in line for line in made.said)
-    assert any("times: error code 0x3220, error register 0x04" in line for line in made.said)
+    for line in made.said:
+        names(line, "slave 0 (Number)", "emergency", "0x3220", "0x04")
+    assert any("times" in line for line in made.said)
