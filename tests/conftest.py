@@ -277,6 +277,7 @@ def names(text: object, *tokens: object) -> None:
     """Asserts that a message names all of these, in any order and wording.
 
     Each must be there as a whole: "1" is not in "0x1", "10", "-1" or "1.5", nor "[a]" in "[[a]]".
+    Nor is a number found in a place, as "x.toml:1: list[1]" is one.
     """
     missing = [token for token in tokens if not re.search(_whole(str(token)), str(text))]
     assert not missing, f"{missing} should be in: {text}"
@@ -295,7 +296,9 @@ def names_at(text: object, message: str) -> None:
 
 
 def _whole(token: str) -> str:
-    first, last = re.escape(token[0]), re.escape(token[-1])
-    before = r"[\w.-]" if re.match(r"\w", token) else first
-    after = r"\w|[.]\d" if re.search(r"\w\Z", token) else last
+    before, after = re.escape(token[0]), re.escape(token[-1])
+    if re.match(r"\w", token):
+        before = r"[\w.:[-]" if token[0].isdigit() else r"[\w.-]"
+    if re.search(r"\w\Z", token):
+        after = r"\w|[.]\d"
     return f"(?<!{before}){re.escape(token)}(?!{after})"

@@ -101,7 +101,7 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
             "SDO abort 0x06020000 | 6060 | 0x17AC | 0x6060",
         ),
         ("sdo-write 0 6060 0 1", 5, "0x17AC | 0x6060"),
-        ("sdo-read 0 0x1018 99", 5, "SDO abort 0x06090011 | 0x1018:99"),
+        ("sdo-read 0 0x1018 99", 5, "SDO abort 0x06090011 | 0x1018:63"),
         ("sdo-write 0 0x1018 1 5", 5, "SDO abort 0x06010002 | 0x1018:01"),
         ("sdo-read 9 0x1018", 7, "slave 9"),
         ("sdo-read 2 0x1018", 7, "slave 2 (EL1018) | object dictionary"),
