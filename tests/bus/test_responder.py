@@ -18,7 +18,6 @@ from benchmarks.segment.frames import APRD, APWR, ask, datagrams, frame
 from benchmarks.segment.peers import Pair
 from engine_bench import MASTER, bench, in_namespace
 
-from conftest import naming
 from ecatd import network_namespace as namespace
 from ecatd import shm
 from ecatd.bus.engine.engine import Clock
@@ -45,7 +44,7 @@ def obstacle():
 @functools.cache
 def said(*wrapper):
     """What `obstacle` prints in a process that is started by `wrapper`."""
-    folders = [str(folder) for folder in Path(__file__).parents[:3]]
+    folders = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
     code = f"import sys; sys.path[:0] = {folders!r}; import test_responder as t; t.obstacle()"
     result = subprocess.run(
         [*wrapper, sys.executable, "-c", code], capture_output=True, text=True, check=False
@@ -145,7 +144,7 @@ def test_slaves_that_are_not_in_op_are_told():
         ((sent, answer),) = answered
         assert datagrams(answer)[0].data == b"\x08\0"
         answer = answer[:26] + b"\x04" + answer[27:]
-        with pytest.raises(StateError, match=naming("AL status", "0x04", "OP")):
+        with pytest.raises(StateError, match=r"^AL status is 0x04: slaves are not in OP$"):
             responder.Responder(program, [(sent, answer)], PAIR)
 
 
@@ -155,7 +154,7 @@ def test_clocks_are_told():
         b.start(Clock(b.bus.slaves[0].address, 0, 0, 100_000))
         program = native.build(Path(folder), "responder")
         answered = tap.answered(lambda: time.sleep(0.1), PAIR)
-        with pytest.raises(StateError, match=naming("distributed clocks")):
+        with pytest.raises(StateError, match=r"^the kernel cannot answer for distributed clocks$"):
             responder.Responder(program, answered, PAIR)
 
 

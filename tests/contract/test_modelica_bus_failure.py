@@ -251,7 +251,7 @@ def test_a_wrong_bus_that_appears_is_an_error(
     if missing == CONTINUE:
         assert not running.opened().step().connected
     serve(name, rig)
-    with pytest.raises(AssertionError, match=naming(f"'{name}'", "generated for")):
+    with pytest.raises(AssertionError, match=naming(name, "generated for")):
         running.opened() if missing == WAIT else running.until(lambda step: step.connected)
 
 
@@ -264,7 +264,7 @@ def test_a_bus_that_comes_back_as_a_wrong_one_is_an_error(
     running.until(written, 1)
     daemon.kill_all()
     serve(name, ODD_NAMES)
-    with pytest.raises(AssertionError, match=naming(f"'{name}'", "generated for")):
+    with pytest.raises(AssertionError, match=naming(name, "generated for")):
         running.until(lambda step: step.state in (MISSING, OPERATIONAL))
         running.until(lambda step: step.connected)
 

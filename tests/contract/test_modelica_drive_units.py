@@ -179,7 +179,7 @@ def test_what_cannot_be_had_in_si_units_is_refused_by_name(
     made = library(*rules)
     assert made.drives == ()
     (note,) = made.notes
-    place, _, why = note.rpartition(": ")
-    names(place, "slave 0 GoldGCONDrive", "no block", "SI units")
+    place, what, why = note.split(": ", 2)
+    names(f"{place}: {what}", "slave 0 GoldGCONDrive", "no block", "SI units")
     names(why, *reason.split(" | "))
     assert why in render(made)["UsersGuide.mo"].decode()

@@ -183,7 +183,7 @@ def test_a_segment_that_was_left_behind(start_daemon: Callable[..., Daemon]) -> 
 def test_wrong_usage_and_nobody_there(troll: Daemon, command: str) -> None:
     far = troll.ctl(command, "--connect", "tcp/127.0.0.1:1", check=False)
     assert far.returncode == 2
-    names(far.stderr, command, "machine of the daemon")
+    names(far.stderr, "--connect", "machine of the daemon")
     count = troll.ctl(command, "--count", "2", check=False)
     names(count.stderr, "--count", "--watch")
     slave = troll.ctl(command, "-p", "77", check=False)
