@@ -133,7 +133,7 @@ def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) ->
         ("--from nothing", "rig | 'nothing' | troll | line:N", 2),
         ("--from ./nothing", "no file | './nothing'", 2),
         ("--from {readme}", "{readme} | saved scan", 2),
-        ("--from {esi}", "{esi} | --devices", 2),
+        ("--from {esi}", "ESI file | --devices", 2),
         ("--from {esi} --devices DI4,DI4", "--devices: | DI4 (position 0) | port 1", 2),
         ("--from {esi} --devices DI5", "no device | 'DI5'", 2),
         ("--from {rig}", "{rig}:2: colour: | no key", 2),
