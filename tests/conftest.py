@@ -271,3 +271,34 @@ def one_line_error(text: str, program: str) -> str:
     assert lines, text
     assert "Traceback" not in text
     return re.sub(r"^\w+: ", "", lines[-1])
+
+
+def names(text: object, *tokens: object) -> None:
+    """Asserts that a message names all of these, in any order and wording.
+
+    Each must be there as a whole: "1" is not in "0x1", "10", "-1" or "1.5", nor "[a]" in "[[a]]".
+    Nor is a number found in a place, as "x.toml:1: list[1]" is one.
+    """
+    missing = [token for token in tokens if not re.search(_whole(str(token)), str(text))]
+    assert not missing, f"{missing} should be in: {text}"
+
+
+def naming(*tokens: object) -> str:
+    """The same as a pattern, for `pytest.raises(…, match=naming("slave 2", "0x6060:00"))`."""
+    return r"(?s)\A" + "".join(f"(?=.*{_whole(str(token))})" for token in tokens)
+
+
+def names_at(text: object, message: str) -> None:
+    """The same, behind a place: `names_at(error.value, "x.toml:2: count: 70000 | 1 | 65535")`."""
+    place, _, tokens = message.rpartition(": ")
+    assert str(text).startswith(f"{place}: "), text
+    names(str(text).removeprefix(f"{place}: "), *tokens.split(" | "))
+
+
+def _whole(token: str) -> str:
+    before, after = re.escape(token[0]), re.escape(token[-1])
+    if re.match(r"\w", token):
+        before = r"[\w.:[-]" if token[0].isdigit() else r"[\w.-]"
+    if re.search(r"\w\Z", token):
+        after = r"\w|[.]\d"
+    return f"(?<!{before}){re.escape(token)}(?!{after})"

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from conftest import Daemon, run_module, wait_for
+from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd import shm
 from ecatd.encoding import unpack
 from ecatd.model.al import AlState
@@ -218,7 +218,8 @@ def test_slaves_that_do_not_answer_are_named_together(
     bench.wait_for_log("slave count changed: 8, now 2")
     result = bench.daemon.ctl("state", "OP", check=False)
     assert result.returncode == 7
-    assert result.stderr == "ecatctl: slaves 2-7 do not reach PREOP: no answer\n"
+    assert result.stderr.count("\n") == 1
+    names(one_line_error(result.stderr, "ecatctl"), "slaves 2-7", "PREOP", "no answer")
     bench.close()
 
 
@@ -319,7 +320,7 @@ def test_a_second_master_that_only_reads(bench: Bench) -> None:
     frame = ("ff" * 6 + "062233445566" + "88a4" + "0e10" + read).ljust(120, "0")
     bench.start_inside("send", MASTER, frame, "1", "0").wait()
     told = other_master(bench, "06:22:33:44:55:66")
-    assert "1 in the last 1 s. It has only read, as far as was seen. Two masters" in told
+    names(told, "1 in the last 1 s", "only read")
     bench.wait_for_event("foreign_master", interface=MASTER, count=1)
     assert bench.health().foreign == 1
 

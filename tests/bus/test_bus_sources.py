@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, one_line_error, run_module
+from conftest import Daemon, names, one_line_error, run_module
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
@@ -65,7 +65,7 @@ def test_troll(troll: Daemon, tmp_path: Path) -> None:
     troll.ctl("generate", "Plant", str(tmp_path / "live"))
     live = contents(tmp_path / "live")
     said = troll.ctl("scan", "-o", str(scan)).stdout
-    assert said.startswith(f"{scan}: bus {troll.bus}, 8 slaves with 142 inputs and 14 outputs")
+    names(said, scan, troll.bus, "8 slaves", "142 inputs", "14 outputs")
     alone("generate", "Plant", str(tmp_path / "saved"), "--from", str(scan))
     assert contents(tmp_path / "saved") == live
     alone("generate", "Plant", str(tmp_path / "rig"), "--from", "troll", "--bus", troll.bus)
@@ -130,22 +130,22 @@ def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "message", "status"),
     [
-        ("--from nothing", "there is no rig 'nothing': use one of troll, line:N", 2),
-        ("--from ./nothing", "there is no file './nothing'", 2),
-        ("--from {readme}", "is neither a saved scan", 2),
-        ("--from {esi}", "describes devices, but not which of them are on the bus: add --dev", 2),
-        ("--from {esi} --devices DI4,DI4", "--devices: slave: DI4 (position 0) has no port 1", 2),
-        ("--from {esi} --devices DI5", "no device has type 'DI5'", 2),
-        ("--from {rig}", "rig.toml:2: colour: is no key", 2),
+        ("--from nothing", "rig | 'nothing' | troll | line:N", 2),
+        ("--from ./nothing", "no file | './nothing'", 2),
+        ("--from {readme}", "{readme} | saved scan", 2),
+        ("--from {esi}", "ESI file | --devices", 2),
+        ("--from {esi} --devices DI4,DI4", "--devices: | DI4 (position 0) | port 1", 2),
+        ("--from {esi} --devices DI5", "no device | 'DI5'", 2),
+        ("--from {rig}", "{rig}:2: colour: | no key", 2),
         ("--from empty", "no EtherCAT slave answers", 3),
-        ("--from troll --from troll", "only ESI files can be several", 2),
-        ("--from troll --devices DI4", "--devices goes with ESI files", 2),
-        ("--devices DI4", "--devices goes with ESI files", 2),
-        ("--from troll --config {rig}", "rig.toml:1: name: is no key", 2),
-        ("--from {scan} --config {rig}", "--config goes with a rig or ESI files", 2),
-        ("--from {scan}", "bus.json: slaves[0] has no key 'vendor'", 2),
-        ("--from {good} --bus a/b", "'a/b' is no bus name: use 1 to 31 letters", 2),
-        ("--from troll --connect tcp/localhost:1", "leave one of them out", 2),
+        ("--from troll --from troll", "only ESI files", 2),
+        ("--from troll --devices DI4", "--devices | ESI files", 2),
+        ("--devices DI4", "--devices | ESI files", 2),
+        ("--from troll --config {rig}", "{rig}:1: name: | no key", 2),
+        ("--from {scan} --config {rig}", "--config | rig | ESI files", 2),
+        ("--from {scan}", "{scan}: slaves[0] | 'vendor'", 2),
+        ("--from {good} --bus a/b", "'a/b' | bus name | 31", 2),
+        ("--from troll --connect tcp/localhost:1", "--from | --connect", 2),
     ],
 )
 def test_wrong_sources(tmp_path: Path, arguments: str, message: str, status: int) -> None:
@@ -160,9 +160,10 @@ def test_wrong_sources(tmp_path: Path, arguments: str, message: str, status: int
     esi, rig, scan, readme = map(str, files.values())
     good = tmp_path / "good.json"
     good.write_text('{"schema": 1, "name": "x", "cycle_time_us": 1000, "slaves": []}')
-    filled = arguments.format(esi=esi, rig=rig, scan=scan, readme=readme, good=good)
+    made = {"esi": esi, "rig": rig, "scan": scan, "readme": readme, "good": good}
+    filled, wanted = arguments.format(**made), message.format(**made)
     result = run_module("ecatd.cli", "generate", "P", str(tmp_path / "out"), *filled.split())
-    assert message in one_line_error(result.stderr, "ecatctl")
+    names(one_line_error(result.stderr, "ecatctl"), *wanted.split(" | "))
     assert result.returncode == status
     assert not (tmp_path / "out").exists()
 
@@ -178,5 +179,5 @@ def test_a_scan_replaces_a_file_as_a_whole(tmp_path: Path) -> None:
     assert target.stat().st_mode & 0o777 == 0o640
     result = run_module("ecatd.cli", "scan", "--from", "line:1", "-o", str(tmp_path / "no" / "x"))
     assert result.returncode == 7
-    assert "cannot be written: No such file" in one_line_error(result.stderr, "ecatctl")
+    names(one_line_error(result.stderr, "ecatctl"), tmp_path / "no", "No such file")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["link.json", "target.json"]

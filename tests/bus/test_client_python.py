@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from conftest import Daemon
+from conftest import Daemon, naming
 from ecatd import LeaseError, OwnedError, SdoAbortError, UnreachableError
 from ecatd.client import Client, Outputs, Reason, Signal, Validity
 from ecatd.model.errors import NoAnswerError, StateError, UsageError
@@ -46,9 +46,9 @@ def test_a_value_goes_out_and_comes_back(troll: Daemon) -> None:
             assert bus.output(output).state is Outputs.ACTIVE
         info = bus.output(output)
         assert (info.owner, info.state, info.reason) == (None, Outputs.SAFE, Reason.RELEASED)
-        with pytest.raises(StateError, match="must be claimed"):
+        with pytest.raises(StateError, match=naming("0x7000:01", "claimed")):
             output.raw = 1
-        with pytest.raises(UsageError, match="is an input"):
+        with pytest.raises(UsageError, match=naming("input")):
             level.raw = 1
 
 
@@ -68,7 +68,7 @@ def test_entries_of_one_slave_belong_to_two_clients(troll: Daemon) -> None:
             assert all(owner.pid == os.getpid() and not owner.me for owner in owners)
             assert sum(owner.me for owner in first.owners()) == 1
             free = channel(second, 3)[0]
-            with pytest.raises(OwnedError, match=r"0x7010:01 of slave 3 .* belongs to"):
+            with pytest.raises(OwnedError, match=naming("0x7010:01", "slave 3", "belongs to")):
                 second.claim([free, mine.path], lease=30)
             assert second.output(free).owner is None  # all of them or nothing
         assert reader.owners() == []
@@ -86,7 +86,7 @@ def test_several_entries_are_claimed_and_released(troll: Daemon) -> None:
         assert [signal for owner in bus.owners() for signal in owner.outputs] == list(whole.outputs)
         whole.release()
         assert bus.owners() == []
-        with pytest.raises(StateError, match="must be claimed"):
+        with pytest.raises(StateError, match=naming("0x7000:01", "claimed")):
             entries[0].raw = 1
 
 
@@ -101,7 +101,7 @@ def test_what_another_claim_holds_is_not_given_back(troll: Daemon) -> None:
             come(bus, lambda: level.raw == 1)
             since = bus.output(mine).since_cycle
             for wanted in ([mine, theirs], EL2008):
-                with pytest.raises(OwnedError, match="belongs to"):
+                with pytest.raises(OwnedError, match=naming("belongs to", "0x7010:01", "slave 3")):
                     bus.claim(wanted, lease=30)
             with (
                 bus.claim([mine, channel(bus, 2)[0]], lease=30) as inner,
@@ -132,7 +132,7 @@ def test_a_claim_after_a_lapse_holds_what_an_older_one_has_lost(troll: Daemon) -
             old.release()
             assert bus.output(output).owned
         assert not bus.output(output).owned
-        with pytest.raises(UsageError, match="nothing to claim: the list of outputs is empty"):
+        with pytest.raises(UsageError, match=naming("empty")):
             bus.claim([])
 
 
@@ -158,7 +158,7 @@ def test_values_are_checked_before_they_go_out(troll: Daemon) -> None:
     with troll.client() as bus, bus.claim(DRIVE, lease=30):
         torque = bus.signal(DRIVE, 0x6071)
         for wrong in (1 << 15, (1 << 64) - 1, -(1 << 63), 1 << 70, 32767.5, float("nan")):
-            with pytest.raises(UsageError, match=r"out of range for 0x6071:00"):
+            with pytest.raises(UsageError, match=naming("out of range", "0x6071:00")):
                 torque.raw = wrong
         torque.raw = -5.0
         torque.value = 3
@@ -176,14 +176,14 @@ def test_what_is_out_of_range_is_said_in_the_unit_of_the_program(
     with daemon.client() as bus, bus.claim(DRIVE, lease=30):
         target = bus.signal(DRIVE, 0x60FF)
         assert target.bit_length == 32
-        said = r"^nan rpm is out .* 0x60FF:00 .* from -214748359\.7 to 214748369\.8 rpm are"
+        said = naming("nan rpm", "0x60FF:00", "-214748359.7", "214748369.8 rpm")
         with pytest.raises(UsageError, match=said):
             target.value = float("nan")
-        with pytest.raises(UsageError, match=r"^3000000000 is .* to 2147483647 are"):
+        with pytest.raises(UsageError, match=naming(3000000000, "0x60FF:00", 2147483647)):
             target.raw = 3e9
         target.value = 3e8  # an analog quantity is held at its limit
         torque = bus.signal(DRIVE, 0x6071)
-        with pytest.raises(UsageError, match=r"^40000 .* whole numbers from -32768 to 32767 are"):
+        with pytest.raises(UsageError, match=naming(40000, "whole numbers", -32768, 32767)):
             torque.value = 40000
 
 
@@ -196,15 +196,15 @@ def test_waiting(troll: Daemon) -> None:
         assert bus.domain().cycle >= before + 20
         bus.wait(5, domain=0)
         assert bus.cycle >= before + 25
-        with pytest.raises(NoAnswerError, match=r"cycle that was waited for .* within 0.25 s"):
+        with pytest.raises(NoAnswerError, match=naming("cycle", "0.25 s")):
             bus.wait(1 << 30, timeout=0.25)
         with pytest.raises(NoAnswerError, match="exchange"):
             bus.wait(1 << 30, timeout=0, domain=0)
-        with pytest.raises(UsageError, match="no domain 9"):
+        with pytest.raises(UsageError, match=naming("domain 9")):
             bus.wait(domain=9)
-        with pytest.raises(UsageError, match="-1 is nothing to wait for"):
+        with pytest.raises(UsageError, match=naming("-1", "wait")):
             bus.wait(-1)
-        with pytest.raises(UsageError, match="-1 s is no time to wait"):
+        with pytest.raises(UsageError, match=naming("-1 s", "wait")):
             bus.wait(timeout=-1)
 
 
@@ -229,10 +229,10 @@ def test_requests_that_nobody_asks_for_take_no_place(troll: Daemon) -> None:
         for _ in range(20):
             bus.sdo_upload(DRIVE, 0x1018, 1)
         kept = [bus.sdo_upload(DRIVE, 0x1018, 1) for _ in range(4)]
-        with pytest.raises(StateError, match="4 requests are running already"):
+        with pytest.raises(StateError, match=naming("4 requests")):
             bus.sdo_upload(DRIVE, 0x1018, 1)
         assert [request.result() for request in kept] == 4 * [b"\x9a\0\0\0"]
-        with pytest.raises(NoAnswerError, match="answer that was waited for"):
+        with pytest.raises(NoAnswerError, match=naming("answer")):
             bus.sdo_upload(DRIVE, 0x1018, 1).result(0)
         assert bus.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
 
@@ -258,7 +258,7 @@ def test_a_request_does_not_take_the_answer_of_another(troll: Daemon) -> None:
         time.sleep(0.3)
         bus.claim(EL2008, lease=30)
         new = bus.sdo_upload(DRIVE, 0x1018, 1)
-        with pytest.raises(UsageError, match="has ended with the claims"):
+        with pytest.raises(UsageError, match=naming("has ended", "claims")):
             old.poll()
         assert new.result() == b"\x9a\0\0\0"
 
@@ -281,7 +281,7 @@ def test_a_program_goes_on_after_a_restart(start_daemon: Callable[..., Daemon]) 
             bus.sample()
         assert level.validity is Validity.STALE
         for write in (lambda: setattr(output, "raw", 1), bus.commit):
-            with pytest.raises(LeaseError, match="the daemon has ended"):
+            with pytest.raises(LeaseError, match=naming("daemon", "has ended")):
                 write()
         with pytest.raises(UnreachableError):
             bus.wait(timeout=0.3)

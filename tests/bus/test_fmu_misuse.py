@@ -13,7 +13,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
 
 from fmpy import fmi2, fmi3
 
-from conftest import Daemon, wait_for
+from conftest import Daemon, names, wait_for
 from player import DISCARD, ERROR, OK, Model, Player, plant_of
 
 pytestmark = pytest.mark.bus
@@ -84,9 +84,7 @@ def reference(model: Model, name: str) -> int:
 def test_a_value_reference_that_does_not_exist(player: Player, verb: str, number: int) -> None:
     values = (ctypes.c_double * 1)()
     assert Raw(player).list(verb, real(player.model), [number], values) == ERROR
-    assert player.errors()[-1].startswith(
-        f"{verb.lower()}: there is no variable with value reference {number}"
-    )
+    names(player.errors()[-1], f"{verb.lower()}: ", f"value reference {number}")
 
 
 @pytest.mark.parametrize("verb", ["Get", "Set"])
@@ -94,23 +92,19 @@ def test_a_value_of_another_type(player: Player, verb: str) -> None:
     at = reference(player.model, BOOLEAN)
     values = (ctypes.c_double * 1)()
     assert Raw(player).list(verb, real(player.model), [at], values) == ERROR
-    assert (
-        f"the variable '{BOOLEAN}' (value reference {at}) has another type" in (player.errors()[-1])
-    )
+    names(player.errors()[-1], f"'{BOOLEAN}'", f"value reference {at}", "type")
 
 
 def test_outputs_cannot_be_set(player: Player) -> None:
     with pytest.raises(Exception, match="Set"):
         player.set(OUTPUT, 1)
-    assert player.errors()[-1] == (
-        f"set: '{OUTPUT}' cannot be set: it is no input and no parameter"
-    )
+    names(player.errors()[-1], "set: ", f"'{OUTPUT}'", "input", "parameter")
 
 
 def test_parameters_are_fixed(player: Player) -> None:
     with pytest.raises(Exception, match="SetString"):
         player.set("bus", "other")
-    assert "the parameter 'bus' is fixed" in player.errors()[-1]
+    names(player.errors()[-1], "'bus'", "fixed")
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, -1.0])
@@ -128,7 +122,7 @@ def test_parameters_that_are_no_modes(model: Model, number: int) -> None:
     with Player(model) as player:
         with pytest.raises(Exception, match="Set"):
             player.set("whenFailed", number)
-        assert player.errors()[-1].endswith("1 is Error, 2 Wait, 3 Continue")
+        names(player.errors()[-1], "'whenFailed'", number, 1, "Error", 2, "Wait", 3, "Continue")
 
 
 def test_integers_out_of_range_keep_their_value(player: Player) -> None:
@@ -138,10 +132,8 @@ def test_integers_out_of_range_keep_their_value(player: Player) -> None:
         for number in (70_000, -1):
             with pytest.raises(Exception, match="fmi2SetInteger"):
                 player.set(NUMBER, number)
-            assert player.said[-1] == (
-                DISCARD,
-                f"set: '{NUMBER}' cannot be {number}: 0 to 65535 are allowed; it keeps its value",
-            )
+            assert player.said[-1][0] == DISCARD
+            names(player.said[-1][1], "set: ", f"'{NUMBER}'", number, 0, 65535)
     assert player.get(NUMBER) == 6
     player.step()
 
@@ -150,14 +142,14 @@ def test_calls_in_the_wrong_state(model: Model) -> None:
     with Player(model) as player:
         raw = Raw(player)
         assert raw.step(0.0, 0.001) == ERROR
-        assert player.errors()[-1].endswith("DoStep is not allowed before the initialization")
+        names(player.errors()[-1], f"fmi{model.fmi}DoStep", "before")
         assert raw("ExitInitializationMode") == ERROR
         player.start()
         assert raw("ExitInitializationMode") == ERROR
-        assert player.errors()[-1].endswith("is not allowed between steps")
+        names(player.errors()[-1], f"fmi{model.fmi}ExitInitializationMode", "between steps")
         player.fmu.terminate()
         assert raw.step(0.0, 0.001) == ERROR
-        assert player.errors()[-1].endswith("DoStep is not allowed after the end")
+        names(player.errors()[-1], f"fmi{model.fmi}DoStep", "after the end")
         assert isinstance(player.get(OUTPUT), int)
         player.fmu.reset()
         player.start()
@@ -167,7 +159,7 @@ def test_calls_in_the_wrong_state(model: Model) -> None:
 @pytest.mark.parametrize("length", [0.0, -1.0, math.nan, math.inf])
 def test_steps_that_are_none(player: Player, length: float) -> None:
     assert Raw(player).step(0.001, length) == ERROR
-    assert player.errors()[-1].endswith("is no communication step")
+    names(player.errors()[-1], "communication step")
     player.step()
 
 
@@ -176,7 +168,7 @@ def test_null_pointers(player: Player) -> None:
     at = reference(model, BOOLEAN)
     for verb in ("Get", "Set"):
         assert raw.list(verb, "Boolean", [at], None) == ERROR
-        assert player.errors()[-1] == f"fmi{model.fmi}{verb}Boolean: a list is a null pointer"
+        names(player.errors()[-1], f"fmi{model.fmi}{verb}Boolean: ", "null pointer")
         assert raw.list(verb, "Boolean", [], None) == OK
     raw.component = None
     assert raw.list("Get", "Boolean", [at], (ctypes.c_int * 1)()) == ERROR
@@ -190,7 +182,7 @@ def test_what_is_not_supported_says_so(player: Player) -> None:
     pointer = ctypes.c_void_p()
     name = "GetFMUstate" if raw.fmi == 2 else "GetFMUState"
     assert raw(name, ctypes.byref(pointer)) == ERROR
-    assert player.errors()[-1] == f"fmi{raw.fmi}{name} is not supported by this FMU"
+    names(player.errors()[-1], f"fmi{raw.fmi}{name}", "not supported")
     player.step()
 
 
@@ -198,7 +190,7 @@ def test_log_categories(player: Player) -> None:
     player.fmu.setDebugLogging(True, ["logEvents", "logStatusError"])
     with pytest.raises(Exception, match="SetDebugLogging"):
         player.fmu.setDebugLogging(True, ["logWeather"])
-    assert player.errors()[-1] == "'logWeather' is no log category of this FMU"
+    names(player.errors()[-1], "'logWeather'", "log category")
     before = len(player.said)
     player.fmu.setDebugLogging(False, [])
     player.fmu.terminate()

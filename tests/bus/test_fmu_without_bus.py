@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
 
-from conftest import Daemon
+from conftest import Daemon, names
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Slave
 from ecatgen.fmu import generate_fmu
@@ -44,12 +44,10 @@ def test_another_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
             other.play(bus=troll.bus, whenMissing=mode, whenFailed=mode)
     fmi = " --fmi 3" if model.fmi == 3 else ""
     (error,) = refused(other, bus=troll.bus)
-    assert error == (
-        f"slave 2 of bus '{troll.bus}' is EL1018 (vendor 0x00000002, product 0x03FA3052, revision "
-        "0x00110000), but this FMU was generated for EL1008 (vendor 0x00000002, product "
-        "0x03F03052, revision 0x00110000); regenerate it with: ecatctl generate Other DIR --fmu"
-        f"{fmi} --bus {troll.bus}"
-    )
+    there, _, here = error.partition("EL1008")
+    names(there, "slave 2", f"'{troll.bus}'", "EL1018", "0x00000002", "0x03FA3052", "0x00110000")
+    names(here, "0x00000002", "0x03F03052", "0x00110000")
+    assert error.endswith(f": ecatctl generate Other DIR --fmu{fmi} --bus {troll.bus}")
 
 
 def test_a_longer_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
@@ -57,7 +55,7 @@ def test_a_longer_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
     bus.slaves.append(Slave(8, "EL1018", 2, 0x03FA3052, 0x00110000))
     other = Model(generate_fmu(bus, "Other", tmp_path, model.fmi).fmu)
     (error,) = refused(other, bus=troll.bus)
-    assert error.startswith(f"bus '{troll.bus}' has no slave 8 (it has 8 slaves), but this FMU was")
+    names(error, f"'{troll.bus}'", "slave 8", "8 slaves", "ecatctl generate Other DIR --fmu")
 
 
 def refused(model: Model, **start: object) -> list[str]:
@@ -72,10 +70,9 @@ def refused(model: Model, **start: object) -> list[str]:
 
 def test_no_bus(model: Model) -> None:
     (error,) = refused(model, bus="nobody")
-    assert error.startswith("no ecatd serves bus 'nobody'")
+    names(error, "'nobody'", "systemctl start ecatd")
     (error,) = refused(model, bus="nobody", whenMissing=WAIT, patience=0.1)
-    assert " s, as long as 'patience' allows" in error
-    assert error.startswith("no ecatd serves bus 'nobody'")
+    names(error, "'nobody'", "systemctl start ecatd", "'patience'")
 
 
 def test_waits_for_a_bus_that_is_missing(model: Model, start_daemon: Callable[..., Daemon]) -> None:
@@ -100,7 +97,7 @@ def test_goes_on_without_a_bus_until_it_is_there(
         assert player.get("el2008.alState") == NOT_AVAILABLE
         assert player.get("state") == MISSING
         (warning,) = player.warnings()
-        assert warning.startswith(f"no ecatd serves bus '{bus}'")
+        names(warning, f"'{bus}'", "systemctl start ecatd")
         daemon = start_daemon("troll", "--bus", bus)
         daemon.bus = bus
         until(player, lambda: player.get("el2008.valid") and outputs(daemon)[0] == 1)
@@ -135,7 +132,7 @@ def test_a_bus_that_ends_is_an_error(model: Model, start_daemon: Callable[..., D
         assert not player.get("el2008.valid")
         with pytest.raises(Exception, match="DoStep"):
             player.step()
-        assert player.errors()[-1].endswith("DoStep is not allowed after an error")
+        names(player.errors()[-1], f"fmi{model.fmi}DoStep", "after an error")
         player.fmu.reset()
         player.set("bus", "nobody")
         with pytest.raises(Exception, match="InitializationMode"):
@@ -152,7 +149,7 @@ def test_goes_on_while_the_bus_is_away(model: Model, start_daemon: Callable[...,
         until(player, lambda: player.get("state") == MISSING)
         assert not player.get("el2008.valid")
         assert player.get("el2008.channel2Output")  # what the model wants
-        assert player.warnings()[-1].endswith("; the FMU goes on without it")
+        names(player.warnings()[-1], f"'{daemon.bus}'", "goes on")
         again = restart(start_daemon, daemon)
         until(player, lambda: player.get("el2008.valid") and outputs(again)[1] == 1)
         assert player.errors() == []
@@ -171,7 +168,7 @@ def test_waits_while_the_bus_is_away(model: Model, start_daemon: Callable[..., D
         assert not stepped.is_alive()
         until(player, lambda: player.get("connected") and outputs(again)[1] == 1)
         assert player.errors() == []
-        assert any("; the FMU waits for it" in text for text in player.warnings())
+        assert any("waits" in text for text in player.warnings())
 
 
 def test_patience_has_an_end(model: Model, start_daemon: Callable[..., Daemon]) -> None:
@@ -183,7 +180,7 @@ def test_patience_has_an_end(model: Model, start_daemon: Callable[..., Daemon]) 
             player.steps(30)
         (error,) = player.errors()
         assert is_gone(error, daemon)
-        assert " s, as long as 'patience' allows" in error
+        names(error, "'patience'")
 
 
 def test_another_bus_that_comes_back_is_an_error(
@@ -198,4 +195,4 @@ def test_another_bus_that_comes_back_is_an_error(
         with pytest.raises(Exception, match="DoStep"):
             player.steps(60)
         (error,) = player.errors()
-        assert "but this FMU was generated for Gold EtherCAT GCON Drive" in error
+        names(error, "Gold EtherCAT GCON Drive", "ecatctl generate")

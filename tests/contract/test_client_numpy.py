@@ -11,6 +11,7 @@ from test_client_objects import SHAPES, image_bytes, make_bus
 from test_return import serve
 from test_shared_memory import put_image
 
+from conftest import naming
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
 from ecatd.model.errors import UsageError
@@ -76,7 +77,7 @@ def test_an_array_outlives_its_client(shared: SharedMemory, client: Client) -> N
 
 
 def test_there_is_no_such_domain(client: Client) -> None:
-    with pytest.raises(UsageError, match="has no domain 7"):
+    with pytest.raises(UsageError, match=naming("domain 7")):
         client.domain_array(7)
 
 

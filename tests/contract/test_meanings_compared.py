@@ -14,7 +14,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
 from plant_calls import ERROR, STEPS, Model, compile_program, run, sentence, served
 
 import player
-from conftest import Daemon
+from conftest import Daemon, names
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import SignalConfig, load_config
@@ -179,14 +179,16 @@ def test_a_configuration_that_was_changed_after_generation(
         assert client.fingerprint == fingerprint
         assert client.signal("4/0x6000:11").scale == 0.5
     said = sentence(run(program, after.bus, "0", str(ERROR), str(ERROR), "0"))
-    has = "has values in m (raw value * 0.5), but this library was generated for values in m ("
-    assert has + "raw value * 0.25); regenerate it with: " in said
+    meanings = ("0x6000:11", "slave 4 (EL3008)", "raw value * 0.5", "raw value * 0.25")
+    names(said, *meanings, "ecatctl generate Plant")
+    assert said.index("0.5") < said.index("generated for") < said.index("0.25")
     with player.Player(model) as instance:
         instance.set("bus", after.bus)
         with pytest.raises(Exception, match="InitializationMode"):
             instance.start()
         (error,) = instance.errors()
-        assert has.replace("library", "FMU") + "raw value * 0.25); regenerate it with: " in error
+        names(error, *meanings, "ecatctl generate Plant")
+        assert error.index("0.5") < error.index("generated for") < error.index("0.25")
 
 
 BY_HAND = """
@@ -219,7 +221,7 @@ def test_blocks_that_were_written_by_hand_have_a_meaning_of_their_own(
             result = run(program, name)
         assert (result.returncode, result.stdout) == (0, "0 3\n")
         (told,) = result.stderr.splitlines()  # nobody exchanges the shared memory
-        assert told.startswith(f"EtherCAT: slave 4 (EL3008) of bus '{name}' does not answer; ")
+        names(told, "EtherCAT: ", "slave 4 (EL3008)", f"'{name}'", "answer")
 
 
 # --- numbers stay what they are -------------------------------------------------------------------

@@ -3,6 +3,7 @@
 `<library>.h` has for each block functions with the same calls, in the same order, as the block.
 """
 
+import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 from plant_calls import compile_program, run, sentence, served
 
-from conftest import Daemon
+from conftest import Daemon, names
 from ecatdev import sample_buses
 from ecatgen import generate
 
@@ -78,7 +79,7 @@ def test_objects_may_be_destroyed_in_any_order(build: Callable[..., Path], out: 
 
 
 def test_no_bus(opener: Path) -> None:
-    assert sentence(run(opener, "nobody")).startswith("EtherCAT: no ecatd serves bus 'nobody'")
+    names(sentence(run(opener, "nobody")), "no ecatd", "'nobody'", "systemctl start ecatd")
 
 
 def test_another_slave(opener: Path) -> None:
@@ -86,19 +87,17 @@ def test_another_slave(opener: Path) -> None:
     bus.slaves[2].name, bus.slaves[2].product = "EL2008", 0x07D83052
     with served(bus) as name:
         line = sentence(run(opener, name))
-    assert line == (
-        f"EtherCAT: slave 2 of bus '{name}' is EL2008 (vendor 0x00000002, product 0x07D83052, "
-        "revision 0x00100000), but this library was generated for EL1018 (vendor 0x00000002, "
-        "product 0x03FA3052, revision 0x00100000); regenerate it with: ecatctl generate Plant DIR "
-        f"--bus {name}"
-    )
+    there, _, here = line.partition("EL1018")
+    names(there, "slave 2", f"'{name}'", "EL2008", "0x00000002", "0x07D83052", "0x00100000")
+    names(here, "0x00000002", "0x03FA3052", "0x00100000")
+    assert line.endswith(f": ecatctl generate Plant DIR --bus {name}")
 
 
 def test_another_revision(opener: Path) -> None:
     bus = sample_buses.troll()
     bus.slaves[4].revision = 0x00150000
     with served(bus) as name:
-        assert "slave 4 of bus" in sentence(run(opener, name))
+        names(sentence(run(opener, name)), "slave 4", "0x00150000")
 
 
 def test_a_bus_with_fewer_slaves(opener: Path) -> None:
@@ -106,11 +105,8 @@ def test_a_bus_with_fewer_slaves(opener: Path) -> None:
     del bus.slaves[7]
     with served(bus) as name:
         line = sentence(run(opener, name))
-    assert line == (
-        f"EtherCAT: bus '{name}' has no slave 7 (it has 7 slaves), but this library was generated "
-        "for EL6751 there; regenerate it with: ecatctl generate Plant DIR "
-        f"--bus {name}"
-    )
+    names(line, f"'{name}'", "slave 7", "7 slaves", "EL6751")
+    assert line.endswith(f": ecatctl generate Plant DIR --bus {name}")
 
 
 def test_an_entry_that_is_not_mapped_any_more(opener: Path) -> None:
@@ -118,8 +114,7 @@ def test_an_entry_that_is_not_mapped_any_more(opener: Path) -> None:
     bus.slaves[0].inputs.pop()
     with served(bus) as name:
         line = sentence(run(opener, name))
-    assert "slave 0 (Gold EtherCAT GCON Drive)" in line
-    assert "has no input 0x6078:00 in its process data, but this library uses it; rege" in line
+    names(line, "slave 0 (Gold EtherCAT GCON Drive)", "input 0x6078:00", "ecatctl generate Plant")
 
 
 @pytest.mark.parametrize(("data_type", "bits"), [(6, 16), (2, 8)])
@@ -130,10 +125,10 @@ def test_an_entry_of_another_type(opener: Path, data_type: int, bits: int) -> No
     bus.slaves.append(replace(bus.slaves[7], position=8))  # the fingerprint counts no types
     with served(bus) as name:
         line = sentence(run(opener, name))
-    assert (
-        f"entry 0x6000:11 (Value) of slave 4 (EL3008) of bus '{name}' has {bits} bits and data "
-        f"type 0x{data_type:04X}, but this library was generated for 16 bits and data type 0x0003;"
-    ) in line
+    there, _, here = line.partition("generated for")
+    names(there, "0x6000:11 (Value)", "slave 4 (EL3008)", f"'{name}'")
+    names(there, f"{bits} bits", f"0x{data_type:04X}")
+    names(here, "16 bits", "0x0003", "ecatctl generate Plant")
 
 
 def test_other_slaves_may_come_and_unused_entries_may_change(opener: Path) -> None:
@@ -146,10 +141,7 @@ def test_other_slaves_may_come_and_unused_entries_may_change(opener: Path) -> No
 def test_a_domain_that_the_model_does_not_have(opener: Path) -> None:
     with served(sample_buses.troll()) as name:
         line = sentence(run(opener, name, "2"))
-    assert line == (
-        "EtherCAT: there is no domain 2: sampleTime of the EtherCATMaster has length 1; change "
-        "domainID of the block, or add a sample time"
-    )
+    names(line, "domain 2", "sampleTime", "length 1", "domainID")
 
 
 @pytest.mark.parametrize(
@@ -161,9 +153,7 @@ def test_a_model_that_waits_needs_whole_cycles(opener: Path, sample_time: str, f
         result = run(opener, name, "1", sample_time)
     assert (result.returncode == 0) == fits
     if not fits:
-        assert f"its sample time of {sample_time} s is no multiple of the bus cycle of 0.001 s" in (
-            result.stderr
-        )
+        names(result.stderr, "sample time", f"{sample_time} s", "0.001 s")
 
 
 START = """
@@ -329,7 +319,7 @@ def test_two_blocks_that_write_one_slave(
     build: Callable[..., Path], live: Path, troll: Daemon
 ) -> None:
     line = sentence(run(build(TWICE, live), troll.bus))
-    assert f"two blocks of this model write the outputs of slave 3 of bus '{troll.bus}'" in line
+    names(line, "two blocks", "slave 3", f"'{troll.bus}'")
 
 
 @pytest.mark.bus
@@ -350,6 +340,4 @@ def test_outputs_that_another_program_owns(
         while not ends.done():
             owner.sample()
         line = sentence(ends.result())
-    assert "of slave 3 (EL2008)" in line
-    assert "belongs to" in line
-    assert line.endswith("; end it first, or set readOnly where nothing is to be written")
+    names(line, "slave 3 (EL2008)", "belongs to", f"pid {os.getpid()}", "readOnly")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from plant_calls import compile_program, run
 
-from conftest import Daemon
+from conftest import Daemon, names
 from ecatd.model.bus import Bus
 from ecatd.model.config import SignalConfig
 from ecatd.model.meanings import give_meanings
@@ -167,10 +167,10 @@ def test_all_modes_are_there_whatever_the_units() -> None:
     [
         (
             [rule(POSITION, "rad", TURN), rule(TARGET_POSITION, "rad", 2 * TURN)],
-            "0x607A:00 has 0.000191748 rad a digit, but 0x6064:00 has 9.58738e-05 rad a digit",
+            "0x607A:00 | 0.000191748 rad | 0x6064:00 | 9.58738e-05 rad",
         ),
-        ([rule(POSITION, "rad", TURN, 0.5)], "0x6064:00 has an offset of 0.5 rad"),
-        ([rule(TARGET_VELOCITY, "rpm", -1)], "0x60FF:00 has the negative scale -1"),
+        ([rule(POSITION, "rad", TURN, 0.5)], "0x6064:00 | offset | 0.5 rad"),
+        ([rule(TARGET_VELOCITY, "rpm", -1)], "0x60FF:00 | scale | -1"),
     ],
 )
 def test_what_cannot_be_had_in_si_units_is_refused_by_name(
@@ -179,6 +179,7 @@ def test_what_cannot_be_had_in_si_units_is_refused_by_name(
     made = library(*rules)
     assert made.drives == ()
     (note,) = made.notes
-    assert note.startswith("slave 0 GoldGCONDrive: has no block in SI units in Drives: ")
-    assert reason in note
-    assert reason in render(made)["UsersGuide.mo"].decode()
+    place, what, why = note.split(": ", 2)
+    names(f"{place}: {what}", "slave 0 GoldGCONDrive", "no block", "SI units")
+    names(why, *reason.split(" | "))
+    assert why in render(made)["UsersGuide.mo"].decode()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon
+from conftest import Daemon, names
 
 RESOURCES = Path(__file__).parents[2] / "codegen/ecatgen/modelica/EtherCAT/Resources"
 
@@ -91,9 +91,8 @@ def test_what_ecatctl_refuses_is_the_error(
     result = generate(str(ecatctl), troll.bus, "model", str(tmp_path / "out"), env=troll.env)
     assert result.returncode == 1
     assert result.stdout == ""
-    assert result.stderr.startswith(
-        "EtherCAT: no library was generated: ecatctl: 'model' is a word"
-    )
+    assert result.stderr.startswith("EtherCAT: ")
+    names(result.stderr, "no library", "ecatctl: 'model'")
     assert not (tmp_path / "out").exists()
 
 
@@ -107,13 +106,13 @@ def test_the_program_is_found_on_the_path(generate: Generate, tmp_path: Path) ->
 def test_a_program_that_is_not_there(generate: Generate, tmp_path: Path) -> None:
     result = generate(str(tmp_path / "nowhere"), "ecat0", "Plant", "/tmp/out")
     assert result.returncode == 1
-    assert "cannot be started (No such file or directory); install ecatd" in result.stderr
+    names(result.stderr, tmp_path / "nowhere", "No such file", "install ecatd")
 
 
 def test_a_program_that_ends_without_a_word(generate: Generate, tmp_path: Path) -> None:
     result = generate(str(script(tmp_path, "kill -9 $$")), "ecat0", "Plant", "/tmp/out")
     assert result.returncode == 1
-    assert "no library was generated: ecatctl has ended without a word" in result.stderr
+    names(result.stderr, "no library", "ecatctl")
 
 
 def test_the_end_of_a_long_output_is_left_out(generate: Generate, tmp_path: Path) -> None:
@@ -132,5 +131,5 @@ def test_nothing_passes_for_an_option(
 ) -> None:
     result = generate(str(script(tmp_path, "touch called")), *arguments)
     assert result.returncode == 1
-    assert "must not begin with '-'" in result.stderr
+    names(result.stderr, "'-'")
     assert not (tmp_path / "called").exists()

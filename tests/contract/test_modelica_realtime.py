@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from conftest import names
+
 RESOURCES = Path(__file__).parents[2] / "codegen/ecatgen/modelica/EtherCAT/Resources"
 
 HEAD = """
@@ -162,8 +164,7 @@ def test_scaling_zero_does_not_wait(run: Run) -> None:
 def test_nonsense_is_refused(run: Run, scaling: str) -> None:
     result = run(f"  step(ecatm_realtime_open(0), 0, {scaling}, 1);\n")
     assert result.returncode == 1
-    assert "EtherCAT: the clock cannot be scaled by" in result.stderr
-    assert "must not be negative" in result.stderr
+    names(result.stderr, "EtherCAT: ", "scaled", "negative")
 
 
 @pytest.mark.parametrize(("number", "name"), [(4, "High"), (5, "Realtime")])

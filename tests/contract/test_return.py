@@ -130,7 +130,7 @@ def test_another_bus_is_refused_until_the_old_one_is_back(bus: Bus, handle: Hand
     other.slaves[1].product += 1
     shared = serve(other)
     assert returned(handle) == EBUS
-    assert "came back with other slaves or other entries" in handle.error
+    assert "came back" in handle.error
     assert handle.sample() == EBUS  # also while it is not looked for
     assert "came back" in handle.error
     assert handle.wait(1, 5.0) == EBUS  # at once

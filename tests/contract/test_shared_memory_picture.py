@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import resource
 import struct
 import subprocess
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 from test_shared_memory import make_bus, name_of, put_image
 
+from conftest import names, naming
 from ecatd import shm
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
@@ -137,20 +139,20 @@ def test_clients_are_shown_without_what_steers_a_terminal(shared: SharedMemory) 
 @pytest.mark.parametrize(
     ("row", "field", "value", "problem"),
     [
-        (("slaves", "ecat_shm_slave", 1), "domain", 9, "slaves[1] is in domain 9"),
-        (("slaves", "ecat_shm_slave", 0), "name", b"x" * 64, "slaves[0] has a name without end"),
-        (("slaves", "ecat_shm_slave", 0), "input_bytes", 1 << 31, "slaves[0] has inputs beyond"),
-        (("slaves", "ecat_shm_slave", 0), "signals_count", 99, "slaves[0] has entries beyond"),
-        (("signals", "ecat_shm_signal", 3), "bit_length", 65, "signals[3] has 65 bits"),
-        (("signals", "ecat_shm_signal", 3), "slave", 99, "signals[3] is of slave 99"),
-        (("signals", "ecat_shm_signal", 3), "domain", 1, "signals[3] is in domain 1"),
-        (("signals", "ecat_shm_signal", 3), "bit_offset", 999, "signals[3] ends at bit 1063"),
-        (("signals", "ecat_shm_signal", 2), "unit", b"y" * 16, "signals[2] has a unit without"),
-        (("domains", "ecat_shm_domain", 0), "page_offset", 3, "cannot be at byte 3"),
-        (("domains", "ecat_shm_domain", 0), "image_bytes", 1 << 31, "there is no room for"),
-        (("domains", "ecat_shm_domain", 0), "output_base", 1 << 31, "domains[0] has outputs"),
-        (("domains", "ecat_shm_domain", 0), "divider", 0, "domains[0] has divider 0"),
-        (("outputs", "ecat_shm_output", 6), "owner", 32, "outputs[6] belongs to slot 32"),
+        (("slaves", "ecat_shm_slave", 1), "domain", 9, "slaves[1] | domain 9"),
+        (("slaves", "ecat_shm_slave", 0), "name", b"x" * 64, "slaves[0] | name"),
+        (("slaves", "ecat_shm_slave", 0), "input_bytes", 1 << 31, "slaves[0] | inputs"),
+        (("slaves", "ecat_shm_slave", 0), "signals_count", 99, "slaves[0] | entries"),
+        (("signals", "ecat_shm_signal", 3), "bit_length", 65, "signals[3] | 65 bits"),
+        (("signals", "ecat_shm_signal", 3), "slave", 99, "signals[3] | slave 99"),
+        (("signals", "ecat_shm_signal", 3), "domain", 1, "signals[3] | domain 1"),
+        (("signals", "ecat_shm_signal", 3), "bit_offset", 999, "signals[3] | bit 1063"),
+        (("signals", "ecat_shm_signal", 2), "unit", b"y" * 16, "signals[2] | unit"),
+        (("domains", "ecat_shm_domain", 0), "page_offset", 3, "ecat_shm_page | byte 3"),
+        (("domains", "ecat_shm_domain", 0), "image_bytes", 1 << 31, "no room | 2147483648 bytes"),
+        (("domains", "ecat_shm_domain", 0), "output_base", 1 << 31, "domains[0] | outputs"),
+        (("domains", "ecat_shm_domain", 0), "divider", 0, "domains[0] | divider 0"),
+        (("outputs", "ecat_shm_output", 6), "owner", 32, "outputs[6] | slot 32"),
     ],
 )
 def test_what_is_damaged_is_named_and_the_rest_shown(
@@ -159,7 +161,8 @@ def test_what_is_damaged_is_named_and_the_rest_shown(
     exchange(shared, bytes(32))
     setattr(table(shared, *row), field, value)
     found = picture(name_of(shared))
-    assert any(problem in text for text in found["problems"]), found["problems"]
+    wanted = naming(*problem.split(" | "))
+    assert any(re.search(wanted, text) for text in found["problems"]), found["problems"]
     assert len(found["signals"]) == 7
     text = "\n".join(picture_lines(found))
     assert "DAMAGED: " in text
@@ -176,27 +179,27 @@ def test_an_image_larger_than_the_memory_is_no_traceback(shared: SharedMemory) -
         capture_output=True,
         check=False,
     )
-    assert "there is no room for 4294967280 bytes of image" in " ".join(shown.stdout.split())
+    names(" ".join(shown.stdout.split()), "no room", "4294967280 bytes", "image")
     assert shown.stderr == ""
 
 
 def test_a_page_that_was_left_in_the_middle_is_told(shared: SharedMemory) -> None:
     page(shared).seq = 5
     (problem,) = picture(name_of(shared))["problems"]
-    assert problem == "domains[0] has a page that its writer left in the middle"
+    names(problem, "domains[0]", "page", "writer")
 
 
 @pytest.mark.parametrize(
     ("field", "value", "problem"),
     [
-        ("slaves_offset", 0xFFFFFFF8, "table ecat_shm_slave: 2 entries cannot be at byte"),
-        ("signals_offset", 4, "table ecat_shm_signal: 7 entries cannot be at byte 4"),
-        ("slave_count", 1025, "slave_count 1025 of the header is more than 1024"),
-        ("domain_count", 17, "domain_count 17 of the header is more than 16"),
-        ("signal_count", 1 << 30, "table ecat_shm_signal: 1073741824 entries"),
-        ("health_offset", 0xFFFFFFF8, "table ecat_shm_health"),
-        ("settings_offset", 1, "table ecat_shm_setting"),
-        ("cycle_time_ns", 0, "header: the cycle time is 0"),
+        ("slaves_offset", 0xFFFFFFF8, "ecat_shm_slave | 2 entries"),
+        ("signals_offset", 4, "ecat_shm_signal | 7 entries | byte 4"),
+        ("slave_count", 1025, "slave_count | 1025 | 1024"),
+        ("domain_count", 17, "domain_count | 17 | 16"),
+        ("signal_count", 1 << 30, "ecat_shm_signal | 1073741824"),
+        ("health_offset", 0xFFFFFFF8, "ecat_shm_health"),
+        ("settings_offset", 1, "ecat_shm_setting"),
+        ("cycle_time_ns", 0, "header | cycle time | 0"),
     ],
 )
 def test_a_table_that_is_not_there_is_told(
@@ -204,7 +207,8 @@ def test_a_table_that_is_not_there_is_told(
 ) -> None:
     setattr(shared.header, field, value)
     found = picture(name_of(shared))
-    assert any(problem in text for text in found["problems"]), found["problems"]
+    wanted = naming(*problem.split(" | "))
+    assert any(re.search(wanted, text) for text in found["problems"]), found["problems"]
     assert picture_lines(found)
 
 
@@ -233,33 +237,33 @@ def test_a_leftover_is_shown_and_what_to_do_with_it(shared: SharedMemory) -> Non
         text = "\n".join(picture_lines(found))
         assert "NO DAEMON" in text
         assert f"rm -f {path} {path}.out" in text
-        with pytest.raises(UnreachableError, match="no ecatd serves bus"):
+        with pytest.raises(UnreachableError, match=naming("no ecatd", f"'{name}'")):
             read_claims(name)
         path.with_name(f"{path.name}.out").unlink()
         assert picture(name)["slots"] == []
 
 
 @pytest.mark.parametrize(
-    ("alive", "change", "sentence"),
+    ("alive", "change", "tokens"),
     [
-        (False, b"", "is a leftover without content (0 bytes, and a header has "),
-        (False, b"garbage of a daemon", "is a leftover without content (19 bytes, and"),
+        (False, b"", "leftover | 0 bytes"),
+        (False, b"garbage of a daemon", "leftover | 19 bytes"),
         (True, b"", "is still starting"),
-        (False, bytes(4096), "is a leftover without content (its daemon never finished it)"),
-        (True, b"GARBAGE!\0\0\1\0" + bytes(4096), "magic number at byte 0 is 'GARBAGE!'"),
-        (True, b"\x1b[31mROT\0\0\1\0" + bytes(4096), "magic number at byte 0 is '�[31mROT'"),
-        (True, b"ECATSHM1\0\0\2\0" + bytes(4096), "speaks layout 2.0, this client 1.0: update the"),
-        (False, b"ECATSHM1\1\0\0\0" + bytes(4096), "client 1.0: update the daemon"),
+        (False, bytes(4096), "leftover | never finished"),
+        (True, b"GARBAGE!\0\0\1\0" + bytes(4096), "magic number | byte 0 | 'GARBAGE!'"),
+        (True, b"\x1b[31mROT\0\0\1\0" + bytes(4096), "magic number | byte 0 | '�[31mROT'"),
+        (True, b"ECATSHM1\0\0\2\0" + bytes(4096), "layout | 2.0 | 1.0 | update"),
+        (False, b"ECATSHM1\1\0\0\0" + bytes(4096), "layout | 0.1 | 1.0 | update the daemon"),
     ],
 )
 def test_what_is_no_segment_is_told_in_one_sentence(
-    shared: SharedMemory, alive: bool, change: bytes, sentence: str
+    shared: SharedMemory, alive: bool, change: bytes, tokens: str
 ) -> None:
     with copy_of(shared, alive=alive) as (name, path, _fd):
         path.write_bytes(change)
         with pytest.raises((StateError, UnreachableError)) as caught:
             picture(name)
-        assert sentence in str(caught.value)
+        names(caught.value, *tokens.split(" | "))
         assert str(caught.value).isprintable()
 
 
@@ -273,7 +277,7 @@ def test_who_may_not_see_the_clients_sees_the_rest(shared: SharedMemory) -> None
     assert (slot["slot"], slot["pid"], slot["program"], slot["held"]) == (4, None, None, None)
     assert found["problems"] == []
     assert " 4    ?  ?  " in "\n".join(picture_lines(found))
-    with pytest.raises(NotPermittedError, match="become a member of the group 'ecat'"):
+    with pytest.raises(NotPermittedError, match=naming("group 'ecat'")):
         raw.read_raw(name_of(shared), "slots")
 
 
@@ -281,7 +285,7 @@ def test_a_file_that_is_cut_short_says_so(shared: SharedMemory) -> None:
     with copy_of(shared, alive=True) as (name, path, _fd):
         size = path.stat().st_size
         os.truncate(path, size - 8)
-        with pytest.raises(StateError, match=f"it should have {size} bytes, and has {size - 8}"):
+        with pytest.raises(StateError, match=naming(size, size - 8)):
             picture(name)
 
 
@@ -290,21 +294,21 @@ def test_the_segment_of_the_clients_may_be_damaged_too(shared: SharedMemory) -> 
         out = path.with_name(f"{path.name}.out")
         whole = out.read_bytes()
         for data, problem in (
-            (b"", "has no header"),
-            (bytes(8) + whole[8:], "magic number of"),
-            (whole[:16] + bytes(8) + whole[24:], "is of another run of the daemon"),
-            (whole[:12] + b"\xff" * 4 + whole[16:], "has 4294967295 slots"),
+            (b"", "header"),
+            (bytes(8) + whole[8:], "magic number"),
+            (whole[:16] + bytes(8) + whole[24:], "another run"),
+            (whole[:12] + b"\xff" * 4 + whole[16:], "4294967295 slots"),
         ):
             out.write_bytes(data)
             found = picture(name)
             assert [text for text in found["problems"] if problem in text], found["problems"]
         out.write_bytes(whole[:4096])  # without slots: nobody can be named
         assert picture(name)["slots"] == []
-        with pytest.raises(StateError, match="table slots is cut short"):
+        with pytest.raises(StateError, match=naming("slots", "cut short")):
             raw.read_raw(name, "slots")
         out.unlink()
         (problem,) = picture(name)["problems"]
-        assert "where clients say who they are" in problem
+        names(problem, f"{path}.out")
 
 
 @pytest.mark.parametrize("name", raw.NAMES)
@@ -333,7 +337,7 @@ def test_every_table_can_be_seen_as_it_is(shared: SharedMemory, name: str) -> No
 
 
 def test_a_table_that_does_not_exist(shared: SharedMemory) -> None:
-    with pytest.raises(UsageError, match="'nothing' is no table: use one of header, slaves"):
+    with pytest.raises(UsageError, match=naming("'nothing'", "header", "slaves")):
         raw.read_raw(name_of(shared), "nothing")
 
 

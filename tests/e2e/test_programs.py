@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 import ecatd.client
-from conftest import Daemon, run_module, wait_for
+from conftest import Daemon, names, run_module, wait_for
 from ecatd import shm
 from ecatd.client import Claim, Client, Request, Signal
 from ecatd.model import errors
@@ -213,15 +213,15 @@ def test_the_drive_turns(programs: Path, troll: Daemon) -> None:
 
 def test_examples_say_in_one_line_what_is_wrong(programs: Path, troll: Daemon) -> None:
     for command, part in (
-        ([programs / "digital_io", "nobody"], "no ecatd serves bus 'nobody'"),
-        ([programs / "digital_io", troll.bus, "EL9999"], "has no slave 'EL9999'"),
-        ([programs / "drive_velocity", troll.bus, "3"], "has no output 0x6040:00"),
-        ([sys.executable, EXAMPLES / "logger.py", "--bus", troll.bus, "x"], "names no entry"),
-        ([sys.executable, EXAMPLES / "logger.py", "--bus", "nobody", "0/x"], "no ecatd serves"),
+        ([programs / "digital_io", "nobody"], "no ecatd | 'nobody'"),
+        ([programs / "digital_io", troll.bus, "EL9999"], "no slave | 'EL9999'"),
+        ([programs / "drive_velocity", troll.bus, "3"], "slave 3 (EL2008) | output 0x6040:00"),
+        ([sys.executable, EXAMPLES / "logger.py", "--bus", troll.bus, "x"], "'x' | entry"),
+        ([sys.executable, EXAMPLES / "logger.py", "--bus", "nobody", "0/x"], "no ecatd | 'nobody'"),
     ):
         result = subprocess.run(command, text=True, capture_output=True, check=False)
         assert result.returncode != 0
-        assert part in result.stderr
+        names(result.stderr, *part.split(" | "))
         assert len(result.stderr.splitlines()) == 1
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import SHM, Daemon, one_line_error, run_module, wait_for
+from conftest import SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
 from ecatd.model.al import AlState
 from ecatd.shm import WkcState
@@ -51,7 +51,7 @@ def refused(
 
 def test_no_such_interface(env: dict[str, str]) -> None:
     text = refused(3, "--interface", "eth77", env=env)
-    assert text.startswith("error: there is no network interface 'eth77'; there are: ")
+    names(text, "interface", "'eth77'", "lo")
 
 
 def test_interface_without_permission(env: dict[str, str]) -> None:
@@ -59,8 +59,7 @@ def test_interface_without_permission(env: dict[str, str]) -> None:
     text = refused(
         6, "--interface", "lo", env=env, wrapper=("unshare", "--user", "--map-user=1000")
     )
-    assert "CAP_NET_RAW" in text
-    assert "ecatd --simulate troll" in text
+    names(text, "CAP_NET_RAW", "ecatd --simulate troll")
 
 
 def test_user_namespaces_forbidden(env: dict[str, str], tmp_path: Path) -> None:
@@ -85,7 +84,7 @@ def test_user_namespaces_forbidden(env: dict[str, str], tmp_path: Path) -> None:
 
 def test_no_slaves_on_the_bus(env: dict[str, str]) -> None:
     text = refused(3, "--simulate", "empty", "--bus", "tempty", env=env)
-    assert "no EtherCAT slave answers on 'ecat-master': check cable and power" in text
+    names(text, "no EtherCAT slave", "'ecat-master'")
 
 
 LATE_LINK = """
@@ -162,8 +161,7 @@ def test_the_interface_is_left_as_it_was(tmp_path: Path) -> None:
 
 def test_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
     text = refused(7, "--simulate", str(RIGS / "no_op.py"), "--bus", "tnoop", env=env)
-    assert "slave 1 (EL2008) does not reach OP: SAFEOP+ERROR" in text
-    assert "AL status 0x001D: Invalid output configuration" in text
+    names(text, "slave 1 (EL2008)", "OP", "SAFEOP+ERROR", "AL status 0x001D")
 
 
 SILENT = """
@@ -187,21 +185,11 @@ scale = 0.5
 def test_slaves_that_do_not_answer_their_mailboxes(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIGS / "silent.py"), config=SILENT)
     told = [line for line in daemon.log.splitlines() if "mailbox" in line]
-    cure = "; switch it off and on, then restart ecatd"
-    used = "is used with the process data of its EEPROM, and its objects cannot be reached"
-    idle = "stays in PREOP and takes no part"
-    assert told[0] == (
-        "ecatd: warning: slave 2, 0x1C12:00: the slave does not answer its mailbox; slave 2 "
-        f"(EL3008) {used}{cure}"
-    )
-    assert told[1].endswith(
-        f"mailbox; slave 3 (EL3008) {idle}: its EEPROM describes no process data{cure}"
-    )
-    assert "it does not take messages; slave 4 (EL4008) " + idle in told[2]
-    assert (
-        "with the process data that are known of it, it does not reach SAFEOP: PREOP+ERROR"
-        in told[2]
-    )
+    used = ("is used", "EEPROM")
+    cure = "restart ecatd"
+    names(told[0], "ecatd: warning: slave 2", "0x1C12:00", "slave 2 (EL3008)", *used, cure)
+    names(told[1], "slave 3 (EL3008)", "PREOP", "no process data", cure)
+    names(told[2], "slave 4 (EL4008)", "PREOP", "SAFEOP", "PREOP+ERROR", cure)
     assert len(told) == 3
     with daemon.client() as client:
         states = [slave.al_state for slave in client.slaves()]
@@ -217,11 +205,9 @@ def test_slaves_that_do_not_answer_their_mailboxes(start_daemon: Callable[..., D
     rows = {row["position"]: row for row in daemon.ctl_json("slaves")["slaves"]}
     assert [rows[n]["recovery"] for n in range(6)] == ["", "", "silent", "silent", "silent", ""]
     assert [rows[n]["input_bytes"] for n in (1, 2, 3)] == [32, 32, 0]
-    assert rows[2]["recovery_text"] == f"its mailbox did not answer at the start, so it {used}"
+    names(rows[2]["recovery_text"], "mailbox", "answer", *used)
     assert " PREOP, silent " in daemon.ctl("slaves").stdout
-    assert f"OP; silent; its mailbox did not answer at the start, so it {used}" in (
-        daemon.ctl("state").stdout
-    )
+    names(daemon.ctl("state").stdout, "OP; silent; " + rows[2]["recovery_text"])
     assert "slaves 2-4: silent" in daemon.ctl("info").stdout
     result = daemon.ctl("sdo-read", "2", "0x1018", "1", check=False)
     assert result.returncode == 4
@@ -233,12 +219,10 @@ def test_a_slave_that_answers_nonsense_holds_nobody_up(start_daemon: Callable[..
     rows = daemon.ctl_json("state")["slaves"]
     assert [row["text"] for row in rows] == ["OP", "OP", "OP"]
     assert [row["recovery"] for row in rows] == ["", "silent", ""]
-    used = "is used with the process data of its EEPROM"
-    assert rows[1]["recovery_text"].startswith(
-        f"its mailbox answered with nonsense at the start, so it {used}"
-    )
-    assert "slave 1, 0x1C12:0" in daemon.log
-    assert f"slave 1 (EL3008) {used}, and its objects cannot be reached" in daemon.log
+    names(rows[1]["recovery_text"], "mailbox", "nonsense", "is used", "EEPROM")
+    (told,) = (line for line in daemon.log.splitlines() if "slave 1 (EL3008)" in line)
+    assert "slave 1, 0x1C12:0" in told
+    names(told, "is used", "EEPROM")
 
 
 def test_a_silent_slave_comes_back_to_op(
@@ -268,10 +252,8 @@ def test_a_silent_slave_comes_back_to_op(
 
 def test_an_emergency_while_slaves_are_read(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIGS / "emergency.py"))
-    assert (
-        "warning: slave 0 (Gold EtherCAT GCON Drive) sent an emergency: "
-        "error code 0x3220, error register 0x04"
-    ) in daemon.log
+    (told,) = (line for line in daemon.log.splitlines() if "emergency" in line)
+    names(told, "warning", "slave 0 (Gold EtherCAT GCON Drive)", "0x3220", "0x04")
 
 
 def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None:
@@ -282,8 +264,7 @@ def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None
     )
     assert result.returncode == 7
     text = one_line_error(result.stderr, "ecatd")
-    assert f"bus '{troll.bus}' is already served by another ecatd (pid " in text
-    assert "--bus" in text
+    names(text, f"'{troll.bus}'", f"pid {troll.child_pid('ecatd.bus')}", "--bus")
     # The first one has not noticed.
     assert troll.ctl_json("stats")["state"] == "running"
 
@@ -318,8 +299,8 @@ echo "first $?"
     assert "third 7" in result.stdout
     assert "first 0" in result.stdout
     assert result.stdout.count("OP") == 16, result.stdout
-    assert "interface 'ecat-master' is used by another ecatd" in (tmp_path / "second").read_text()
-    assert "is already served" in (tmp_path / "third").read_text()
+    names((tmp_path / "second").read_text(), "interface", "'ecat-master'", "another ecatd")
+    names((tmp_path / "third").read_text(), "bus", "another ecatd", "--bus")
 
 
 def test_modules_are_not_taken_from_the_current_directory(
@@ -343,15 +324,15 @@ def test_modules_are_not_taken_from_the_current_directory(
 def test_unknown_rig(env: dict[str, str]) -> None:
     result = run_module("ecatd.service", "--simulate", "nonsense", env=env)
     assert result.returncode == 2
-    assert "there is no rig 'nonsense'" in result.stderr
+    names(result.stderr, "rig", "'nonsense'", "troll")
 
 
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("cycle_time = 1", "{file}:1: cycle_time: is no key; did you mean 'cycle_time_us'?"),
-        ("[realtime\n", "{file}:1: is no valid TOML: "),
-        ("\n\ncycle_time_us = 1", "{file}:3: cycle_time_us: is 1, but must be from 100"),
+        ("cycle_time = 1", "{file}:1: cycle_time: | 'cycle_time_us'"),
+        ("[realtime\n", "{file}:1: | TOML"),
+        ("\n\ncycle_time_us = 1", "{file}:3: cycle_time_us: | 1 | 100"),
     ],
 )
 def test_broken_configuration(env: dict[str, str], tmp_path: Path, text: str, what: str) -> None:
@@ -359,20 +340,20 @@ def test_broken_configuration(env: dict[str, str], tmp_path: Path, text: str, wh
     file.write_text(text)
     for more in ((), ("--check-config",)):
         said = refused(2, "--simulate", "troll", "--config", str(file), *more, env=env)
-        assert what.format(file=file) in said
+        names(said, *what.format(file=file).split(" | "))
 
 
 def test_configuration_that_does_not_fit_the_bus(env: dict[str, str], tmp_path: Path) -> None:
     file = tmp_path / "ecat.toml"
     file.write_text("[[outputs.safe]]\nslave = 2\nvalue = 'hold'\n")
     text = refused(2, "--simulate", "troll", "--config", str(file), "--bus", "tfit", env=env)
-    assert "outputs.safe: slave 2 (EL1018) has no outputs" in text
+    names(text, "outputs.safe", "slave 2 (EL1018)", "no outputs")
 
 
 def test_a_second_interface_where_the_rig_is_no_ring(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:1", config="second_interface = 'eth9'\n[gateway]\nlisten = []\n")
-    told = "warning: second_interface = 'eth9' does nothing: rig 'line:1' is no ring, so there is "
-    assert told in daemon.log
+    (told,) = (line for line in daemon.log.splitlines() if "second_interface" in line)
+    names(told, "warning", "second_interface = 'eth9'", "'line:1'", "no ring")
 
 
 def test_who_reads_that_the_bus_is_in_op_may_ask_for_it(
@@ -396,37 +377,36 @@ def test_who_asks_a_daemon_that_starts_is_told_so(start_daemon: Callable[..., Da
         os.kill(server, signal.SIGCONT)
     assert result.returncode == 3
     said = one_line_error(result.stderr, "ecatctl")
-    assert said == f"the daemon of bus '{daemon.bus}' is still starting"
+    names(said, f"'{daemon.bus}'", "still starting")
 
 
 def test_a_bus_of_one_slave(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:1")
-    assert "is in OP: 1 slave, 32 bytes of outputs, 32 of inputs, every 1000 µs" in daemon.log
+    (told,) = (line for line in daemon.log.splitlines() if "is in OP" in line)
+    names(told, "1 slave", "32 bytes of outputs", "32 of inputs", "1000 µs")
     assert daemon.stop() == 0
 
 
 def test_what_the_command_line_says_is_checked_as_the_file_is(env: dict[str, str]) -> None:
     text = refused(2, "--simulate", "troll", "--cycle-time-us", "5", env=env)
-    assert text == "error: command line: cycle_time_us: is 5, but must be from 100 to 1000000"
+    names(text, "error: command line: cycle_time_us:", 5, 100, 1000000)
 
 
 def test_a_place_for_sockets_that_cannot_be_had(env: dict[str, str]) -> None:
     text = refused(6, "--simulate", "troll", env=env | {"ECATD_RUNTIME_DIR": "/proc/x"})
-    assert text.startswith("error: cannot make /proc/x: ")
-    assert text.endswith("; set ECATD_RUNTIME_DIR to a directory of your own")
+    names(text, "/proc/x", "ECATD_RUNTIME_DIR")
 
 
 def test_no_bus_is_named(env: dict[str, str]) -> None:
     text = refused(2, env=env)
-    assert "Give --interface IF, or --simulate troll" in text
+    names(text, "--interface IF", "--simulate troll")
 
 
 def test_ecatctl_without_a_daemon(env: dict[str, str]) -> None:
     result = run_module("ecatd.cli", "slaves", "--bus", "nobody", env=env)
     assert result.returncode == 3
     text = one_line_error(result.stderr, "ecatctl")
-    assert text.startswith("no ecatd serves bus 'nobody'")
-    assert "systemctl start ecatd" in text
+    names(text, "'nobody'", "systemctl start ecatd")
 
 
 def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemon]) -> None:

@@ -1,7 +1,6 @@
 """Saved scans: the same bytes for the same bus, and no file from outside does any harm."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from bus_strategies import buses
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import names, naming
 from ecatd.encoding import MAX_REPLY, pack, unpack
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Domain
@@ -85,40 +85,44 @@ def changed(path: tuple[str | int, ...], value: Any) -> str:
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("schema",), 2, "has schema 2, but this version reads schema 1: scan the bus again"),
-        (("schema",), OMITTED, "has schema None"),
-        (("slaves",), OMITTED, "is no bus description: make one with 'ecatctl scan -o bus.json'"),
-        (("slaves",), {}, "slaves is {}, but must be a list"),
-        (("name",), "a b", "name is 'a b', but a bus name has 1 to 31 letters"),
-        (("name",), OMITTED, "has no key 'name'"),
-        (("cycle_time_us",), 0, "cycle_time_us is 0, but must be from 1 to 1000000"),
-        (("cycle_time_us",), True, "cycle_time_us is True, but must be a whole number"),
-        (("fingerprint",), "00", "fingerprint is '00', but that of these slaves is "),
-        (("domains", 1, "phase"), 4, "domains[1].phase is 4, but must be less than the divider, 4"),
-        (("slaves", 4, "domain"), 2, "slaves[4].domain is 2, but there are 2 domains, 0 to 1"),
-        (("slaves", 2, "position"), 3, "slaves[2].position is 3, but slaves follow each other"),
-        (("slaves", 2), [], "slaves[2] is [], but must be a map"),
+        (("schema",), 2, "schema 2 | schema 1 | scan"),
+        (("schema",), OMITTED, "schema None | schema 1"),
+        (("slaves",), OMITTED, "bus description | 'ecatctl scan -o bus.json'"),
+        (("slaves",), {}, "slaves | {} | list"),
+        (("name",), "a b", "name | 'a b' | 31"),
+        (("name",), OMITTED, "'name'"),
+        (("cycle_time_us",), 0, "cycle_time_us | 0 | 1 | 1000000"),
+        (("cycle_time_us",), True, "cycle_time_us | True | whole number"),
+        (("fingerprint",), "00", "fingerprint | '00'"),
+        (("domains", 1, "phase"), 4, "domains[1].phase | 4 | divider"),
+        (("slaves", 4, "domain"), 2, "slaves[4].domain | 2 domains | 0 | 1"),
+        (("slaves", 2, "position"), 3, "slaves[2].position | 3"),
+        (("slaves", 2), [], "slaves[2] | [] | map"),
         (
             ("slaves", 2, "nmae"),
             "x",
-            "slaves[2] has the key 'nmae', but only position, name, vendor",
+            "slaves[2] | 'nmae' | position | name | vendor",
         ),
-        (("slaves", 2, "a\nb"), "x", "slaves[2] has the key 'a\\nb', but only"),
-        (("slaves", 2, "vendor"), 1 << 32, "vendor is 4294967296, but must be from 0 to 4294967"),
-        (("slaves", 2, "vendor"), "2", "slaves[2].vendor is '2', but must be a whole number"),
-        (("slaves", 2, "vendor"), OMITTED, "slaves[2] has no key 'vendor'"),
-        (("slaves", 2, "coe"), 1, "slaves[2].coe is 1, but must be true or false"),
-        (("slaves", 2, "dc_bits"), 16, "dc_bits is 16, but a clock has 32 or 64 bits"),
-        (("slaves", 2, "name"), "x" * 5000, "name has 5000 characters, but 4096 are allowed"),
-        ((*ENTRY, "index"), -1, f"{ENTRY_PLACE}.index is -1, but must be from 0 to 65535"),
-        ((*ENTRY, "bit_length"), 256, f"{ENTRY_PLACE}.bit_length is 256, but must be from 0 to"),
-        ((*ENTRY, "scale"), 0, f"{ENTRY_PLACE}.scale is 0, but a scale is not"),
-        ((*ENTRY, "scale"), 10**400, f"{ENTRY_PLACE}.scale is 1000"),
-        ((*ENTRY, "offset"), None, f"{ENTRY_PLACE}.offset is None, but must be a finite number"),
-        ((*ENTRY, "safe"), "stop", f"{ENTRY_PLACE}.safe is 'stop', but must be a finite number"),
-        ((*ENTRY, "safe"), [], f"{ENTRY_PLACE}.safe is [], but must be a finite number"),
-        ((*ENTRY, "data_type"), int(DataType.REAL64), "bit_length is 32, but REAL64 has 64 bits"),
-        ((*ENTRY, "name"), ["x"] * 99, f"{ENTRY_PLACE}.name is ['x', 'x', 'x', 'x'"),
+        (("slaves", 2, "a\nb"), "x", "slaves[2] | 'a\\nb' | position"),
+        (("slaves", 2, "vendor"), 1 << 32, "slaves[2].vendor | 4294967296 | 0 | 4294967295"),
+        (("slaves", 2, "vendor"), "2", "slaves[2].vendor | '2' | whole number"),
+        (("slaves", 2, "vendor"), OMITTED, "slaves[2] | 'vendor'"),
+        (("slaves", 2, "coe"), 1, "slaves[2].coe | 1 | true | false"),
+        (("slaves", 2, "dc_bits"), 16, "slaves[2].dc_bits | 16 | 32 | 64"),
+        (("slaves", 2, "name"), "x" * 5000, "slaves[2].name | 5000 | 4096"),
+        ((*ENTRY, "index"), -1, f"{ENTRY_PLACE}.index | -1 | 0 | 65535"),
+        ((*ENTRY, "bit_length"), 256, f"{ENTRY_PLACE}.bit_length | 256 | 0 | 255"),
+        ((*ENTRY, "scale"), 0, f"{ENTRY_PLACE}.scale | 0"),
+        ((*ENTRY, "scale"), 10**400, f"{ENTRY_PLACE}.scale"),
+        ((*ENTRY, "offset"), None, f"{ENTRY_PLACE}.offset | None | finite"),
+        ((*ENTRY, "safe"), "stop", f"{ENTRY_PLACE}.safe | 'stop' | finite"),
+        ((*ENTRY, "safe"), [], f"{ENTRY_PLACE}.safe | [] | finite"),
+        (
+            (*ENTRY, "data_type"),
+            int(DataType.REAL64),
+            f"{ENTRY_PLACE}.bit_length | 32 | REAL64 | 64",
+        ),
+        ((*ENTRY, "name"), ["x"] * 99, f"{ENTRY_PLACE}.name"),
     ],
 )
 def test_wrong_files_are_named_with_the_place(
@@ -127,31 +131,31 @@ def test_wrong_files_are_named_with_the_place(
     with pytest.raises(UsageError) as caught:
         bus_file.parse(changed(path, value), "bus.json")
     assert str(caught.value).startswith("bus.json: ")
-    assert message in str(caught.value)
+    names(caught.value, *message.split(" | "))
     assert len(str(caught.value)) < 400
 
 
 def test_a_minimum_above_the_maximum() -> None:
     data = json.loads(changed((*ENTRY, "minimum"), 3))
     data["slaves"][0]["outputs"][0]["entries"][0]["maximum"] = 2
-    with pytest.raises(UsageError, match=r"minimum is 3, more than the maximum, 2"):
+    with pytest.raises(UsageError, match=naming(f"{ENTRY_PLACE}.minimum", 3, "maximum", 2)):
         read_bus(data, "x")
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", ":1: is no valid JSON"),
-        ('{\n"schema": 1,\n', ":3: is no valid JSON"),
-        ('{"schema": NaN, "slaves": []}', "NaN is no number in JSON"),
-        ('{"schema": 1, "name": "a", "name": "b"}', "the key 'name' occurs twice"),
-        ("[" * 100_000, "is nested too deeply"),
-        ("[]", "is no bus description"),
-        ('{"schema": 1, "slaves": ' + "9" * 5000 + "}", "is no valid JSON"),
+        ("", "bus.json:1: | JSON"),
+        ('{\n"schema": 1,\n', "bus.json:3: | JSON"),
+        ('{"schema": NaN, "slaves": []}', "NaN | number"),
+        ('{"schema": 1, "name": "a", "name": "b"}', "'name' | twice"),
+        ("[" * 100_000, "nested"),
+        ("[]", "bus description"),
+        ('{"schema": 1, "slaves": ' + "9" * 5000 + "}", "JSON"),
     ],
 )
 def test_what_is_no_description(text: str, message: str) -> None:
-    with pytest.raises(UsageError, match=re.escape(message)):
+    with pytest.raises(UsageError, match=naming("bus.json", *message.split(" | "))):
         bus_file.parse(text, "bus.json")
 
 
@@ -160,12 +164,12 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with (tmp_path / "large").open("wb") as large:
         large.truncate(1 << 27)
     for name, message in (
-        ("none", "none: cannot be read: No such file"),
-        (".", "cannot be read: Is a directory"),
-        ("latin", "latin:1: is no UTF-8 text"),
-        ("large", "has 134217728 bytes, but at most 67108864 are read"),
+        ("none", "none: | No such file"),
+        (".", "Is a directory"),
+        ("latin", "latin:1: | UTF-8"),
+        ("large", "large: | 134217728 | 67108864"),
     ):
-        with pytest.raises(UsageError, match=message):
+        with pytest.raises(UsageError, match=naming(*message.split(" | "))):
             bus_file.load(tmp_path / name)
 
 
@@ -173,7 +177,7 @@ def test_a_newer_daemon_may_say_more_than_we_know() -> None:
     answer = wired(troll()) | {"colour": "red"}
     answer["slaves"][0]["weight"] = 5
     assert read_bus(answer, "the answer of the daemon", strict=False) == troll()
-    with pytest.raises(UsageError, match=r"slaves\[0\] has the key 'weight'"):
+    with pytest.raises(UsageError, match=naming("slaves[0]", "'weight'")):
         read_bus(answer, "bus.json")
 
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
+from conftest import names, naming
 from ecatd.bus.frames.datagrams import Datagrams
 from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import mailboxes
@@ -399,7 +400,8 @@ def test_a_slave_that_cannot_repeat_is_asked_anew(short: None) -> None:
 
 # --- slaves that do not answer as they should --------------------------------------------------
 
-SILENT = "the slave does not answer its mailbox"
+SILENT = ("slave 0", "answer", "mailbox")
+SILENCE = " | ".join(SILENT)
 
 
 def test_a_slave_that_does_not_answer_is_named_and_holds_nobody_up(short: None) -> None:
@@ -412,21 +414,21 @@ def test_a_slave_that_does_not_answer_is_named_and_holds_nobody_up(short: None) 
             finished.append(number)
 
         devices[1].mailbox_fault = MailboxFault("stuck")
-        with pytest.raises(NoAnswerError, match=f"^slave 1, 0x2000:00: {SILENT}$"):
+        with pytest.raises(NoAnswerError, match=naming("slave 1", "0x2000:00", "mailbox")):
             converse(registers, [until_the_end(n, coe) for n, coe in enumerate(slaves(4))])
         assert sorted(finished) == [0, 2, 3]
         devices[2].mailbox_fault = MailboxFault("full")
         with pytest.raises(StateError) as error:
             ask(registers, 4, (0x2000, 0))
-        assert str(error.value) == (
-            f"slave 1, 0x2000:00: {SILENT}; slave 2, 0x2000:00: {SILENT}: it does not take messages"
-        )
+        first, second = str(error.value).split("; ")
+        names(first, "slave 1", "0x2000:00", "mailbox")
+        names(second, "slave 2", "0x2000:00", "mailbox", "take")
 
 
 def test_only_the_first_of_many_silent_slaves_are_named(short: None) -> None:
     with (
         corresponding(*[Correspondent(lambda _request: []) for _ in range(9)]) as (registers, _),
-        pytest.raises(StateError, match=r"slave 4, 0x2000:00: [^;]*; and 4 slaves more$"),
+        pytest.raises(StateError, match=r"slave 4, 0x2000:00: [^;]*; [^;]*\b4 slaves\b[^;]*$"),
     ):
         ask(registers, 9, (0x2000, 0))
 
@@ -439,21 +441,21 @@ def test_a_slave_that_is_gone(short: None) -> None:
             wire.lose = lambda _number: True
             yield from coe.upload(0x2000, 0)
 
-        with pytest.raises(NoAnswerError, match=f"^slave 0, 0x2000:00: {SILENT}$"):
+        with pytest.raises(NoAnswerError, match=naming("0x2000:00", *SILENT)):
             converse(registers, [lost_after(*slaves(1))])
-        with pytest.raises(NoAnswerError, match=f"^slave 0 has CoE, but {SILENT}$"):
+        with pytest.raises(NoAnswerError, match=naming("CoE", *SILENT)):
             ask(registers, 1)
 
 
 def test_a_mailbox_that_is_not_set_up() -> None:
     with in_preop(Archive()) as (registers, _wire):
         registers.exchange([mailboxes.fpwr(FIRST_STATION, 0x080E, b"\0")])
-        with pytest.raises(StateError, match=r"^slave 0 has CoE, but sync manager 1 is not set up"):
+        with pytest.raises(StateError, match=naming("slave 0", "CoE", "sync manager 1")):
             ask(registers, 1)
     slave = Correspondent(lambda _request: [])
     with (
         corresponding(slave, size=15) as (registers, _wire),
-        pytest.raises(StateError, match="sync manager 0 has 15 bytes; 16 to 1486 are possible"),
+        pytest.raises(StateError, match=naming("sync manager 0", "15 bytes", 16, 1486)),
     ):
         ask(registers, 1)
 
@@ -462,7 +464,7 @@ def test_starting_can_be_cancelled() -> None:
     slave = Correspondent(lambda _request: [])
     with (
         corresponding(slave) as (registers, _wire),
-        pytest.raises(StateError, match=r"^stopped while slaves were being read$"),
+        pytest.raises(StateError, match=naming("stopped")),
     ):
         converse(registers, [talk(*slaves(1), (0x2000, 0))], lambda: bool(slave.mails))
 
@@ -486,29 +488,29 @@ def always(*mails: bytes) -> Callable[[bytes], list[bytes]]:
 
 ADDRESS = b"\x00\x20\x00"
 WRONG = {
-    "no body": (always(b"\0\0\0\0\0\x13"), "a wrong frame: 0 bytes of CoE"),
-    "longer than the mailbox": (always(b"\xff\xff\0\0\0\x13"), "65535 bytes do not fit into"),
-    "short SDO": (always(mail(RESPONSE, b"\x43" + ADDRESS)), "a wrong frame: 4 bytes of SDO"),
+    "no body": (always(b"\0\0\0\0\0\x13"), "0 bytes | CoE"),
+    "longer than the mailbox": (always(b"\xff\xff\0\0\0\x13"), "65535 bytes"),
+    "short SDO": (always(mail(RESPONSE, b"\x43" + ADDRESS)), "4 bytes | SDO"),
     "mailbox error": (
         always(struct.pack("<HHBBHH", 4, 0, 0, 0x10, 1, 4)),
-        "mailbox error 0x0004: the slave does not know the service",
+        "mailbox error | 0x0004",
     ),
-    "short mailbox error": (always(b"\x01\0\0\0\0\x10\x01"), "an error of 1 bytes"),
+    "short mailbox error": (always(b"\x01\0\0\0\0\x10\x01"), "error | 1 bytes"),
     "too much": (
         always(mail(RESPONSE, b"\x41" + ADDRESS + b"\xff" * 4)),
-        "announces 4294967295 bytes, more than 65536",
+        "4294967295 bytes | 65536",
     ),
     "less than announced": (
         segments(b"\x00" + bytes(7), b"\x1f" + bytes(7)),
-        "announces 20 bytes and sends 7",
+        "20 bytes | 7",
     ),
-    "wrong toggle": (segments(b"\x10" + bytes(7)), "a segment is missing"),
-    "another object": (always(mail(RESPONSE, b"\x43\0\x30\0\0\0\0\0")), SILENT),
-    "another protocol": (always(mail(2, bytes(8), kind=2)), SILENT),
-    "another service": (always(mail(5, bytes(8))), SILENT),
-    "an emergency": (always(mail(EMERGENCY, bytes(8))), SILENT),
-    "a segment": (always(mail(RESPONSE, bytes(8))), SILENT),
-    "a description": (always(mail(INFORMATION, bytes(8))), SILENT),
+    "wrong toggle": (segments(b"\x10" + bytes(7)), "segment | missing"),
+    "another object": (always(mail(RESPONSE, b"\x43\0\x30\0\0\0\0\0")), SILENCE),
+    "another protocol": (always(mail(2, bytes(8), kind=2)), SILENCE),
+    "another service": (always(mail(5, bytes(8))), SILENCE),
+    "an emergency": (always(mail(EMERGENCY, bytes(8))), SILENCE),
+    "a segment": (always(mail(RESPONSE, bytes(8))), SILENCE),
+    "a description": (always(mail(INFORMATION, bytes(8))), SILENCE),
 }
 
 
@@ -520,7 +522,7 @@ def test_wrong_answers_to_uploads(case: str, short: None) -> None:
             ask(registers, 1, (0x2000, 0))
         assert isinstance(error.value, NoAnswerError | StateError)
         assert str(error.value).startswith("slave 0, 0x2000:00: ")
-        assert text in str(error.value)
+        names(error.value, *text.split(" | "))
 
 
 def test_segments_without_data_end_some_time(short: None) -> None:
@@ -536,7 +538,7 @@ def test_segments_without_data_end_some_time(short: None) -> None:
 
     with (
         corresponding(Correspondent(answers)) as (registers, _wire),
-        pytest.raises(StateError, match="a segment without data"),
+        pytest.raises(StateError, match=naming("slave 0", "0x2000:00", "segment", "without data")),
     ):
         ask(registers, 1, (0x2000, 0))
 
@@ -546,22 +548,22 @@ def test_a_flood_of_messages_is_not_waited_for(short: None) -> None:
     slave = Correspondent(lambda _request: [mail(EMERGENCY, bytes(8))] * 100_000)
     with (
         corresponding(slave) as (registers, _wire),
-        pytest.raises(NoAnswerError, match=f"0x2000:00: {SILENT}: it sends other messages"),
+        pytest.raises(NoAnswerError, match=naming("0x2000:00", *SILENT, "other messages")),
     ):
         ask(registers, 1, (0x2000, 0))
 
 
 DESCRIPTIONS = {
-    "short": (always(mail(INFORMATION, b"\x04")), "1 bytes of SDO information"),
-    "cut off": (always(mail(INFORMATION, b"\x04\0\0\0\x00\x20")), "a description of 2 bytes"),
+    "short": (always(mail(INFORMATION, b"\x04")), "1 bytes | SDO information"),
+    "cut off": (always(mail(INFORMATION, b"\x04\0\0\0\x00\x20")), "description | 2 bytes"),
     "without end": (
         lambda _request: [mail(INFORMATION, b"\x84\0\x01\0\x00\x20" + bytes(100))] * 1000,
-        "more than 65536 bytes",
+        "65536 bytes",
     ),
-    "of another object": (always(mail(INFORMATION, b"\x04\0\0\0\x01\x20" + bytes(9))), SILENT),
+    "of another object": (always(mail(INFORMATION, b"\x04\0\0\0\x01\x20" + bytes(9))), SILENCE),
     "with a part missing": (
         always(mail(INFORMATION, b"\x84\0\x01\0\x00\x20" + bytes(9))),
-        SILENT,
+        SILENCE,
     ),
 }
 
@@ -576,7 +578,7 @@ def test_wrong_descriptions(case: str, short: None) -> None:
 
     with (
         corresponding(Correspondent(answers)) as (registers, _wire),
-        pytest.raises((NoAnswerError, StateError), match=text),
+        pytest.raises((NoAnswerError, StateError), match=naming(*text.split(" | "))),
     ):
         converse(registers, [describe(*slaves(1))])
 
@@ -593,13 +595,13 @@ def toggled(toggle: int) -> Callable[[bytes], list[bytes]]:
 
 
 WRONG_DOWNLOADS = {
-    "silence": (always(), SILENT),
-    "another object": (always(mail(RESPONSE, b"\x60\0\x30\0" + bytes(4))), SILENT),
-    "another subindex": (always(mail(RESPONSE, b"\x60\0\x20\1" + bytes(4))), SILENT),
-    "an upload": (always(mail(RESPONSE, b"\x43" + ADDRESS + bytes(4))), SILENT),
-    "an abort of another one": (always(mail(REQUEST, b"\x80\0\x20\1" + bytes(4))), SILENT),
-    "short": (always(mail(RESPONSE, b"\x60" + ADDRESS)), "a wrong frame: 4 bytes of SDO"),
-    "wrong toggle": (toggled(0), "a segment is missing"),
+    "silence": (always(), SILENCE),
+    "another object": (always(mail(RESPONSE, b"\x60\0\x30\0" + bytes(4))), SILENCE),
+    "another subindex": (always(mail(RESPONSE, b"\x60\0\x20\1" + bytes(4))), SILENCE),
+    "an upload": (always(mail(RESPONSE, b"\x43" + ADDRESS + bytes(4))), SILENCE),
+    "an abort of another one": (always(mail(REQUEST, b"\x80\0\x20\1" + bytes(4))), SILENCE),
+    "short": (always(mail(RESPONSE, b"\x60" + ADDRESS)), "4 bytes | SDO"),
+    "wrong toggle": (toggled(0), "segment | missing"),
 }
 
 
@@ -615,7 +617,7 @@ def test_wrong_answers_to_downloads(case: str, short: None) -> None:
 
     with (
         corresponding(slave) as (registers, _wire),
-        pytest.raises((NoAnswerError, StateError), match=text) as error,
+        pytest.raises((NoAnswerError, StateError), match=naming(*text.split(" | "))) as error,
     ):
         converse(registers, [write(*slaves(1))])
     assert str(error.value).startswith("slave 0, 0x2000:00: ")

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import names, naming
 from ecatd.model.config import (
     Config,
     DcConfig,
@@ -174,212 +175,220 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "where", "what"),
     [
-        ("cycle_time = 1000", ":1: cycle_time:", "did you mean 'cycle_time_us'?"),
-        ("\n[realtime]\nprio = 1", ":3: realtime.prio:", "did you mean 'priority'?"),
-        ("[gateway]\npublish = 1", ":2: gateway.publish:", "did you mean 'publish_hz'?"),
-        ("zzz = 1", ":1: zzz:", "valid are bus, interface"),
-        ("[dc]\ncycle_time_us = 500", ":2: dc.cycle_time_us:", "in front of the first [table]"),
-        ("cycle_time_us = 10", ":1: cycle_time_us:", "must be from 100 to 1000000"),
-        ("cycle_time_us = '1000'", ":1: cycle_time_us:", "must be a whole number"),
-        ("cycle_time_us = true", ":1: cycle_time_us:", "must be a whole number, not true"),
-        ("interface = 7", ":1: interface:", "must be a text in quotes"),
-        ("bus = 'a/b'", ":1: bus:", "is no bus name"),
-        ("interface = 'aaaaaaaaaaaaaaaa'", ":1: interface:", "at most 15 characters"),
-        ("realtime = 1", ":1: realtime:", "must be a table, written as [realtime], not 1"),
-        ("[[dc]]\nenabled = true", ":1: dc:", "must be a table, written as [dc], not an array"),
-        ("cycle_time_us = {}", ":1: cycle_time_us:", "must be a whole number, not a table"),
-        ("[[domain]]\nslaves = [true]", ":2: domain[0].slaves[0]:", "true is neither a position"),
-        ("[gateway]\nlisten = ['nonsense']", ":2: gateway.listen[0]:", "is no Zenoh endpoint"),
-        ("[[outputs.safe]]\nvalue = 'hold'", ":1: outputs.safe[0].slave:", "is missing"),
-        ("[[outputs.safe]]\nslave = 1\nvalue = 'keep'", ":3: outputs.safe[0].value:", "is none of"),
-        ("[[outputs.safe]]\nslave = 1\nvalue = 3", ":3: outputs.safe[0].value:", "needs an entry"),
+        ("cycle_time = 1000", ":1: cycle_time:", "'cycle_time_us'"),
+        ("\n[realtime]\nprio = 1", ":3: realtime.prio:", "'priority'"),
+        ("[gateway]\npublish = 1", ":2: gateway.publish:", "'publish_hz'"),
+        ("zzz = 1", ":1: zzz:", "bus | interface"),
+        ("[dc]\ncycle_time_us = 500", ":2: dc.cycle_time_us:", "[table]"),
+        ("cycle_time_us = 10", ":1: cycle_time_us:", "10 | 100 | 1000000"),
+        ("cycle_time_us = '1000'", ":1: cycle_time_us:", "whole number | '1000'"),
+        ("cycle_time_us = true", ":1: cycle_time_us:", "whole number | true"),
+        ("interface = 7", ":1: interface:", "text | 7"),
+        ("bus = 'a/b'", ":1: bus:", "bus name | 'a/b'"),
+        ("interface = 'aaaaaaaaaaaaaaaa'", ":1: interface:", "15"),
+        ("realtime = 1", ":1: realtime:", "[realtime] | 1"),
+        ("[[dc]]\nenabled = true", ":1: dc:", "[dc] | array"),
+        ("cycle_time_us = {}", ":1: cycle_time_us:", "whole number | table"),
+        ("[[domain]]\nslaves = [true]", ":2: domain[0].slaves[0]:", "true | position"),
+        ("[gateway]\nlisten = ['nonsense']", ":2: gateway.listen[0]:", "Zenoh"),
+        ("[[outputs.safe]]\nvalue = 'hold'", ":1: outputs.safe[0].slave:", "missing"),
+        ("[[outputs.safe]]\nslave = 1\nvalue = 'keep'", ":3: outputs.safe[0].value:", "'keep'"),
+        ("[[outputs.safe]]\nslave = 1\nvalue = 3", ":3: outputs.safe[0].value:", "number | entry"),
         (
             "[[outputs.safe]]\nslave = 1\nvalue = 1.5",
             ":3: outputs.safe[0].value:",
-            "needs an entry",
+            "number | entry",
         ),
         (
             "[[outputs.safe]]\nslave = 1\nvalue = true",
             ":3: outputs.safe[0].value:",
-            "be a number, or",
+            'number | "hold"',
         ),
         (
             "[[outputs.safe]]\nslave = 1\nvalue = inf",
             ":3: outputs.safe[0].value:",
-            "must be a finite number",
+            "finite",
         ),
         (
             "[[outputs.safe]]\nslave = 1\nvalue = 'hold'\nstop_timeout_s = 1",
             ":4: outputs.safe[0].stop_timeout_s:",
-            'is for value = "quick_stop" and "disable"',
+            '"quick_stop" | "disable"',
         ),
         (
             "[[outputs.safe]]\nslave = 1\nvalue = 'disable'\nstop_timeout_s = 31",
             ":4: outputs.safe[0].stop_timeout_s:",
-            "must be from 0.01 to 30",
+            "31 | 0.01 | 30",
         ),
-        ("[outputs]\nwkc_limit = -1", ":2: outputs.wkc_limit:", "must be from 0 to 1000000"),
-        ("signal = 3", ":1: signal:", "written as [[signal]]"),
-        ("[[signal]]\nentry = '0x1:0'", ":1: signal[0].slave:", "is missing"),
-        ("[[signal]]\nslave = 1", ":1: signal[0].entry:", "is missing"),
+        ("[outputs]\nwkc_limit = -1", ":2: outputs.wkc_limit:", "-1 | 0 | 1000000"),
+        ("signal = 3", ":1: signal:", "[[signal]]"),
+        ("[[signal]]\nentry = '0x1:0'", ":1: signal[0].slave:", "missing"),
+        ("[[signal]]\nslave = 1", ":1: signal[0].entry:", "missing"),
         (
             "[[signal]]\nslave = 1\nentry = 'x'",
             ":3: signal[0].entry:",
-            "must be an address such as",
+            "address | 'x'",
         ),
-        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nscale = 0", ":4: signal[0].scale:", "is 0"),
-        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nscale = nan", ":4: signal[0].scale:", "must be"),
-        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nmin = 1", ":4: signal[0].min:", "'minimum'?"),
+        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nscale = 0", ":4: signal[0].scale:", "0"),
+        (
+            "[[signal]]\nslave = 1\nentry = '0x1:0'\nscale = nan",
+            ":4: signal[0].scale:",
+            "finite | nan",
+        ),
+        ("[[signal]]\nslave = 1\nentry = '0x1:0'\nmin = 1", ":4: signal[0].min:", "'minimum'"),
         (
             "[[signal]]\nslave = 1\nentry = '0x1:0'\nmaximum = inf",
             ":4: signal[0].maximum:",
-            "must be a finite number, not inf",
+            "finite | inf",
         ),
         (
             "[[signal]]\nslave = 1\nentry = '0x1:0'\nminimum = 2\nmaximum = 1",
             ":4: signal[0].minimum:",
-            "is 2, more than the maximum, 1",
+            "2 | 1 | maximum",
         ),
         (
             f"[[signal]]\nslave = 1\nentry = '0x1:0'\nunit = '{'µ' * 8}'",
             ":4: signal[0].unit:",
-            "at most 15 bytes",
+            "15 bytes",
         ),
         (
             f"[[signal]]\nslave = 1\nentry = '0x1:0'\nname = '{'n' * 64}'",
             ":4: signal[0].name:",
-            "at most 63 bytes",
+            "63 bytes",
         ),
         (
             "[[signal]]\nslave = 1\nentry = '0x1:0'\n[[signal]]\nslave = 1\nentry = '0x0001:00'",
             ":6: signal[1].entry:",
-            "0x0001:00 of slave 1 has two tables",
+            "0x0001:00 | slave 1",
         ),
-        ("[[outputs.safe]]\nslave = 1\nentry = '60FF'", ":3: outputs.safe[0].entry:", "not '60FF'"),
-        ("[outputs]\nsafe = [1]", ":2: outputs.safe[0]:", "written as [[outputs.safe]]"),
+        (
+            "[[outputs.safe]]\nslave = 1\nentry = '60FF'",
+            ":3: outputs.safe[0].entry:",
+            "address | '60FF'",
+        ),
+        ("[outputs]\nsafe = [1]", ":2: outputs.safe[0]:", "[[outputs.safe]]"),
         (
             "[[outputs.safe]]\nslave = 1\n[[outputs.safe]]\nslave = 1\nvalu = 3",
             ":5: outputs.safe[1].valu:",
-            "did you mean 'value'?",
+            "'value'",
         ),
-        ("second_interface = 'aaaaaaaaaaaaaaaa'", ":1: second_interface:", "at most 15"),
+        ("second_interface = 'aaaaaaaaaaaaaaaa'", ":1: second_interface:", "15"),
         (
             "interface = 'eth1'\nsecond_interface = 'eth1'",
             ":2: second_interface:",
-            "is 'eth1' like interface",
+            "'eth1' | interface",
         ),
-        ("[realtime]\ndma_latency_us = -2", ":2: realtime.dma_latency_us:", "from -1 to"),
-        ("[mailbox]\nshare = 0", ":2: mailbox.share:", "must be from 0.01 to 1"),
-        ("[mailbox]\nshare = nan", ":2: mailbox.share:", "must be a finite number"),
-        ("mailbox = 3", ":1: mailbox:", "must be a table"),
-        ("domain = 3", ":1: domain:", "must be an array of tables, written as [[domain]]"),
-        ("domain = [3]", ":1: domain[0]:", "written as [[domain]]"),
+        ("[realtime]\ndma_latency_us = -2", ":2: realtime.dma_latency_us:", "-2 | -1"),
+        ("[mailbox]\nshare = 0", ":2: mailbox.share:", "0 | 0.01 | 1"),
+        ("[mailbox]\nshare = nan", ":2: mailbox.share:", "finite"),
+        ("mailbox = 3", ":1: mailbox:", "[mailbox]"),
+        ("domain = 3", ":1: domain:", "[[domain]]"),
+        ("domain = [3]", ":1: domain[0]:", "[[domain]]"),
         (
             "[domain]\nname = 'x'",
             ":1: domain:",
-            "must be an array of tables, written as [[domain]]",
+            "[[domain]]",
         ),
-        ("[[domain]]\nzzz = 2", ":2: domain[0].zzz:", "valid are name, divider, phase, slaves"),
-        ("[[domain]]\nslave = [2]", ":2: domain[0].slave:", "did you mean 'slaves'?"),
-        ("[[domain]]\ndivider = 0", ":2: domain[0].divider:", "must be from 1 to 65535"),
-        ("[[domain]]\ndivider = 65536", ":2: domain[0].divider:", "must be from 1 to 65535"),
-        ("[[domain]]\nphase = -1", ":2: domain[0].phase:", "must be from 0 to 65534"),
-        ("[[domain]]\nphase = 1", ":2: domain[0].phase:", "less than the divider, 1"),
-        ("[[domain]]\ndivider = 4\nphase = 4", ":3: domain[0].phase:", "less than the divider, 4"),
-        ("[[domain]]\nslaves = 3", ":2: domain[0].slaves:", "must be an array"),
-        ("[[domain]]\nslaves = ['x']", ":2: domain[0].slaves[0]:", "'x' is neither a position"),
-        ("[[domain]]\nslaves = ['7-5']", ":2: domain[0].slaves[0]:", "'7-5' is neither a position"),
-        ("[[domain]]\nslaves = ['5-70000']", ":2: domain[0].slaves[0]:", "is neither a position"),
-        ("[[domain]]\nslaves = ['-5']", ":2: domain[0].slaves[0]:", "is neither a position"),
-        ("[[domain]]\nslaves = [-1]", ":2: domain[0].slaves[0]:", "-1 is neither a position"),
-        ("[[domain]]\nslaves = [1.5]", ":2: domain[0].slaves[0]:", "1.5 is neither a position"),
-        ("[[domain]]\nslaves = ['٣']", ":2: domain[0].slaves[0]:", "is neither a position"),
+        ("[[domain]]\nzzz = 2", ":2: domain[0].zzz:", "name | divider | phase | slaves"),
+        ("[[domain]]\nslave = [2]", ":2: domain[0].slave:", "'slaves'"),
+        ("[[domain]]\ndivider = 0", ":2: domain[0].divider:", "0 | 1 | 65535"),
+        ("[[domain]]\ndivider = 65536", ":2: domain[0].divider:", "65536 | 1 | 65535"),
+        ("[[domain]]\nphase = -1", ":2: domain[0].phase:", "-1 | 0 | 65534"),
+        ("[[domain]]\nphase = 1", ":2: domain[0].phase:", "divider | 1"),
+        ("[[domain]]\ndivider = 4\nphase = 4", ":3: domain[0].phase:", "divider | 4"),
+        ("[[domain]]\nslaves = 3", ":2: domain[0].slaves:", "array | 3"),
+        ("[[domain]]\nslaves = ['x']", ":2: domain[0].slaves[0]:", "'x' | position"),
+        ("[[domain]]\nslaves = ['7-5']", ":2: domain[0].slaves[0]:", "'7-5' | position"),
+        ("[[domain]]\nslaves = ['5-70000']", ":2: domain[0].slaves[0]:", "'5-70000' | position"),
+        ("[[domain]]\nslaves = ['-5']", ":2: domain[0].slaves[0]:", "'-5' | position"),
+        ("[[domain]]\nslaves = [-1]", ":2: domain[0].slaves[0]:", "-1 | position"),
+        ("[[domain]]\nslaves = [1.5]", ":2: domain[0].slaves[0]:", "1.5 | position"),
+        ("[[domain]]\nslaves = ['٣']", ":2: domain[0].slaves[0]:", "'٣' | position"),
         (
             "[[domain]]\nslaves = [1, '0-2']",
             ":2: domain[0].slaves[1]:",
-            "slave 1 is already in domain 0",
+            "slave 1 | domain 0",
         ),
         (
             "[[domain]]\nslaves = ['2-4']\n[[domain]]\nslaves = [7, 3]",
             ":4: domain[1].slaves[1]:",
-            "slave 3 is already in domain 0",
+            "slave 3 | domain 0",
         ),
-        ("[[domain]]\n[[domain]]\nname = 'b'", ":2: domain[1].slaves:", "domain 1 has none"),
+        ("[[domain]]\n[[domain]]\nname = 'b'", ":2: domain[1].slaves:", "domain 1"),
         (
             "[[domain]]\nname = 'a'\n[[domain]]\nname = 'a'\nslaves = [1]",
             ":4: domain[1].name:",
-            "'a' is the name of another domain",
+            "'a' | domain",
         ),
-        (f"[[domain]]\nname = '{'ä' * 16}'", ":2: domain[0].name:", "at most 31 bytes"),
-        ('[[domain]]\nname = "a\\u0000"', ":2: domain[0].name:", "must be printable"),
+        (f"[[domain]]\nname = '{'ä' * 16}'", ":2: domain[0].name:", "31 bytes"),
+        ('[[domain]]\nname = "a\\u0000"', ":2: domain[0].name:", "printable"),
         (
             "".join(f"[[domain]]\nslaves = [{n}]\n" for n in range(17)),
             ":1: domain:",
-            "17 tables, but there can be 16 domains",
+            "17 | 16",
         ),
-        ("[dc]\nreference = -2", ":2: dc.reference:", "must be from -1 to 65535"),
-        ("\ndc = { reference = -2 }", ":2: dc.reference:", "must be from -1 to 65535"),
-        ("\nrealtime . cpu = -2", ":2: realtime.cpu:", "must be from -1 to 1023"),
-        ("[ realtime ]\n'cpu' = -2", ":2: realtime.cpu:", "must be from -1 to 1023"),
+        ("[dc]\nreference = -2", ":2: dc.reference:", "-2 | -1 | 65535"),
+        ("\ndc = { reference = -2 }", ":2: dc.reference:", "-2 | -1 | 65535"),
+        ("\nrealtime . cpu = -2", ":2: realtime.cpu:", "-2 | -1 | 1023"),
+        ("[ realtime ]\n'cpu' = -2", ":2: realtime.cpu:", "-2 | -1 | 1023"),
         (
             '[gateway]\nlisten = ["""\n[dc]\nreference = 1/"""]\n[dc]\nreference = -2',
             ":6: dc.reference:",
-            "must be from -1 to 65535",
+            "-2 | -1 | 65535",
         ),
         (
             "[outputs]\nsafe = [\n{ slave = 1, value = 'hold' },\n{ slave = 2, valu = 3 } ]",
             ":4: outputs.safe[1].valu:",
-            "did you mean 'value'?",
+            "'value'",
         ),
-        ("[[domain]]\nslaves = [\n1,\n-1 ]", ":4: domain[0].slaves[1]:", "-1 is neither"),
-        ("dc.slave = [{ slave = 1 }, { slave = 1 }]", ":1: dc.slave[1].slave:", "has two tables"),
+        ("[[domain]]\nslaves = [\n1,\n-1 ]", ":4: domain[0].slaves[1]:", "-1 | position"),
+        ("dc.slave = [{ slave = 1 }, { slave = 1 }]", ":1: dc.slave[1].slave:", "slave 1"),
         (
             f"[[outputs.safe]]\nslave = 1\nentry = '0x1:0'\nvalue = {10**400}",
             ":4: outputs.safe[0].value:",
-            "is a number of 1329 bits, but must be from -9223372036854775808 to",
+            "1329 bits | -9223372036854775808",
         ),
         (
             "[[signal]]\nslave = 1\nentry = '0x1:0'\nvalues = { x = 'a' }",
             ":4: signal[0].values.x:",
-            "is no whole number",
+            "whole number",
         ),
-        ("[dc]\nenable = true", ":2: dc.enable:", "did you mean 'enabled'?"),
-        ("[dc]\nreference = 1", ":2: dc.reference:", "does nothing, since no clock"),
+        ("[dc]\nenable = true", ":2: dc.enable:", "'enabled'"),
+        ("[dc]\nreference = 1", ":2: dc.reference:", "does nothing | clock"),
         (
             "[dc]\nenabled = true\nphase_us = 1000",
             ":3: dc.phase_us:",
-            "within the base cycle, 1000 µs",
+            "1000 µs",
         ),
-        ("[dc]\nenabled = true\nlock_us = 501", ":3: dc.lock_us:", "half the base cycle, 500 µs"),
-        ("[dc]\nlock_us = 0", ":2: dc.lock_us:", "must be from 0.1"),
-        ("[dc]\nslave = 3", ":2: dc.slave:", "must be an array of tables, written as [[dc.slave]]"),
-        ("[dc]\nslave = [3]", ":2: dc.slave[0]:", "written as [[dc.slave]]"),
-        ("[[dc.slave]]\nsync0_us = 1000", ":1: dc.slave[0].slave:", "is missing"),
+        ("[dc]\nenabled = true\nlock_us = 501", ":3: dc.lock_us:", "500 µs"),
+        ("[dc]\nlock_us = 0", ":2: dc.lock_us:", "0 | 0.1"),
+        ("[dc]\nslave = 3", ":2: dc.slave:", "[[dc.slave]]"),
+        ("[dc]\nslave = [3]", ":2: dc.slave[0]:", "[[dc.slave]]"),
+        ("[[dc.slave]]\nsync0_us = 1000", ":1: dc.slave[0].slave:", "missing"),
         (
             "[[dc.slave]]\nslave = 1\nsync0 = 1",
             ":3: dc.slave[0].sync0:",
-            "did you mean 'sync0_us'?",
+            "'sync0_us'",
         ),
         (
             "[[dc.slave]]\nslave = 1\n[[dc.slave]]\nslave = 1",
             ":4: dc.slave[1].slave:",
-            "slave 1 has two tables",
+            "slave 1",
         ),
         (
             "[[dc.slave]]\nslave = 1\nsync0_us = 300",
             ":3: dc.slave[0].sync0_us:",
-            "is exchanged every 1000 µs: it must be a multiple or a whole fraction",
+            "1000 µs | multiple | fraction",
         ),
         (
             "[[domain]]\n[[domain]]\ndivider = 3\nslaves = [1]\n"
             "[[dc.slave]]\nslave = 1\nsync0_us = 2000",
             ":7: dc.slave[0].sync0_us:",
-            "slave 1 is exchanged every 3000 µs",
+            "slave 1 | 3000 µs",
         ),
         (
             "cycle_time_us = 1000000\n[[domain]]\ndivider = 5\n[[dc.slave]]\nslave = 1",
             ":4: dc.slave[0].sync0_us:",
-            "is the cycle of the domain, 5000000 µs",
+            "domain | 5000000 µs",
         ),
     ],
 )
@@ -387,11 +396,11 @@ def test_wrong_keys_and_values(tmp_path: Path, text: str, where: str, what: str)
     with pytest.raises(ConfigError) as caught:
         load(tmp_path, text)
     assert str(tmp_path / "ecat0.toml") + where in str(caught.value)
-    assert what in str(caught.value)
+    names(caught.value, *what.split(" | "))
 
 
 def test_broken_toml_names_file_and_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"ecat0\.toml:2: is no valid TOML: Invalid value$"):
+    with pytest.raises(ConfigError, match=naming("ecat0.toml:2:", "TOML", "Invalid value")):
         load(tmp_path, "bus = 'x'\ninterface =\n")
 
 
@@ -407,16 +416,16 @@ def test_broken_toml_names_file_and_line(tmp_path: Path) -> None:
     ids=["float", "shift", "digits", "hexadecimal", "brackets"],
 )
 def test_values_beyond_all_measure_are_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(ConfigError, match=r"ecat0\.toml") as caught:
+    with pytest.raises(ConfigError, match=naming("ecat0.toml")) as caught:
         load(tmp_path, text)
     assert "\n" not in str(caught.value)
 
 
 def test_missing_and_unreadable_files(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read: No such file"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "none.toml", "No such file")):
         load_config(tmp_path / "none.toml")
     (tmp_path / "latin.toml").write_bytes(b"bus = '\xe4'")
-    with pytest.raises(ConfigError, match="no UTF-8"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "latin.toml", "UTF-8")):
         load_config(tmp_path / "latin.toml")
 
 

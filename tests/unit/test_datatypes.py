@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import naming
 from ecatd.model.datatypes import (
     DataType,
     bit_length,
@@ -31,7 +32,7 @@ def test_integers_survive(data_type: DataType, data: st.DataObject) -> None:
 def test_one_beyond_the_range_is_refused(data_type: DataType) -> None:
     low, high = value_range(data_type, bit_length(data_type))
     for value in (low - 1, high + 1):
-        with pytest.raises(UsageError, match=f"{low} to {high} are allowed"):
+        with pytest.raises(UsageError, match=naming(low, high, value)):
             encode_int(data_type, value)
 
 
@@ -62,7 +63,7 @@ def test_nonsense_is_refused(data_type: DataType, text: str) -> None:
 
 
 def test_data_of_the_wrong_size_is_refused() -> None:
-    with pytest.raises(UsageError, match="1 bytes are no UNSIGNED16, which has 2"):
+    with pytest.raises(UsageError, match=naming("1 bytes", "UNSIGNED16", 2)):
         decode(DataType.UNSIGNED16, b"\x01")
 
 
@@ -70,5 +71,5 @@ def test_spellings_of_types() -> None:
     assert parse_type("int16") == parse_type("INT") == parse_type("Integer16") == 0x0003
     assert type_name(0x0003) == "INTEGER16"
     assert type_name(0x0800) == "0x0800"
-    with pytest.raises(UsageError, match="'word3' is no data type"):
+    with pytest.raises(UsageError, match=naming("'word3'", "data type")):
         parse_type("word3")

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from pymoca.parser import parse
 
+from conftest import naming
 from ecatd.model.errors import ConfigError
 from ecatdev import sample_buses
 from ecatdev.checks.template_reference import updated
@@ -37,7 +38,7 @@ def test_a_template_of_the_user_replaces_ours_and_no_other(tmp_path: Path) -> No
         ("{{ 1 // 0 }}\n", ":1: "),
         (
             "{% include 'nowhere.j2' %}",
-            ":1: there is no template 'nowhere.j2' to include; ours begin with 'ecatgen/'",
+            ":1: | 'nowhere.j2' | 'ecatgen/'",
         ),
     ],
 )
@@ -45,27 +46,28 @@ def test_a_wrong_template_is_told_with_its_line(tmp_path: Path, text: str, told:
     with pytest.raises(ConfigError) as error:
         render(LIBRARY, written(tmp_path, "block.mo.j2", text))
     assert str(tmp_path / "block.mo.j2") in str(error.value)
-    assert told in str(error.value)
+    for token in told.split(" | "):
+        assert token in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_a_template_that_replaces_nothing_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"blocks\.mo\.j2: there is no template .* block\.mo\.j2"):
+    with pytest.raises(ConfigError, match=naming("blocks.mo.j2: ", "block.mo.j2")):
         render(LIBRARY, written(tmp_path, "blocks.mo.j2", ""))
 
 
 def test_a_template_that_cannot_be_read_is_told_with_its_folder(tmp_path: Path) -> None:
     (tmp_path / "block.mo.j2").write_bytes(b"\xff")
-    with pytest.raises(ConfigError, match=rf"^{tmp_path}/block\.mo\.j2:1: is no UTF-8 text: "):
+    with pytest.raises(ConfigError, match=naming(f"{tmp_path}/block.mo.j2:1: ", "UTF-8")):
         render(LIBRARY, [tmp_path])
     other = tmp_path / "other"
     (other / "block.mo.j2").mkdir(parents=True)
-    with pytest.raises(ConfigError, match=r"/other/block\.mo\.j2: cannot be read: Is a directory"):
+    with pytest.raises(ConfigError, match=naming(f"{other}/block.mo.j2: ", "Is a directory")):
         render(LIBRARY, [other])
 
 
 def test_a_folder_of_templates_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no folder"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "nowhere", "folder")):
         render(LIBRARY, [tmp_path / "nowhere"])
 
 

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conftest import naming
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError, UsageError
@@ -300,7 +301,7 @@ def test_unit_codes(text, expected):
 
 def test_unknown_units():
     for text in ("parsec", "m/parsec", "/s", "kk"):
-        with pytest.raises(UsageError, match=f"'{text}' is no unit with a code"):
+        with pytest.raises(UsageError, match=naming(f"'{text}'", "unit")):
             units.code(text)
         assert units.known(text) == 0
 

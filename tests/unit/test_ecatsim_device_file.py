@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conftest import names_at, naming
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, SdoAbortError
 from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
@@ -230,7 +231,7 @@ def test_a_chip_has_a_name(tmp_path: Path) -> None:
         tmp_path, text + 'chip = { model = "ET1200", fmmus = 2 }\nports = ["mii", "ebus"]'
     )
     assert device.chip == replace(MODELS["ET1200"], fmmus=2, ports=0b1011)
-    with pytest.raises(ConfigError, match=r"chip.model: is 'ET1300', but must be one of .*ET1200"):
+    with pytest.raises(ConfigError, match=naming("chip.model:", "'ET1300'", '"ET1200"')):
         load(tmp_path, text + 'chip.model = "ET1300"')
 
 
@@ -355,18 +356,18 @@ def test_other_process_data_than_in_the_image(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('sii = "nothing.bin"', "device.toml:1: sii: 'nothing.bin' cannot be read: No such file"),
-        ('sii = "base64:AAA"', "device.toml:1: sii: is no base64 text: Incorrect padding"),
-        ('sii = "base64:é"', "device.toml:1: sii: is no base64 text: string argument should"),
-        ('sii = "base64:AAAA"', "device.toml:1: sii: "),
-        ("sii = 5", "device.toml:1: sii: must be a text in quotes, not 5"),
-        ("vendor = 1\nproduct = 2\nstrict = true", "device.toml:3: strict: belongs beside `sii`"),
+        ('sii = "nothing.bin"', "device.toml:1: sii: 'nothing.bin' | No such file"),
+        ('sii = "base64:AAA"', "device.toml:1: sii: base64 | padding"),
+        ('sii = "base64:é"', "device.toml:1: sii: base64 | ASCII"),
+        ('sii = "base64:AAAA"', "device.toml:1: sii: 3 bytes"),
+        ("sii = 5", "device.toml:1: sii: text | 5"),
+        ("vendor = 1\nproduct = 2\nstrict = true", "device.toml:3: strict: `sii`"),
     ],
 )
 def test_mistakes_in_images(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ConfigError) as error:
         load(tmp_path, text)
-    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
+    names_at(str(error.value).replace(f"{tmp_path}/", ""), message)
 
 
 def test_an_image_with_mistakes_only_if_that_is_wanted(tmp_path: Path) -> None:
@@ -374,7 +375,7 @@ def test_an_image_with_mistakes_only_if_that_is_wanted(tmp_path: Path) -> None:
     wrong[14] ^= 1
     with pytest.raises(
         ConfigError,
-        match=r"device.toml:1: sii: .*checksum.*; with strict = false it is simulated all",
+        match=naming("device.toml:1: sii:", "checksum", "strict = false"),
     ):
         load(tmp_path, inline(bytes(wrong)))
     device = load(tmp_path, "strict = false\n" + inline(bytes(wrong)))
@@ -399,7 +400,9 @@ sync0_shift_ns = -500
         DcMode("Synchron", 0),
         DcMode("DC", 0x0300, 1_000_000, sync0_shift_ns=-500, description="with SYNC0"),
     )
-    with pytest.raises(ConfigError, match=r"device.toml:5: dc_mode\[0\].assign_activate"):
+    with pytest.raises(
+        ConfigError, match=naming("device.toml:5: dc_mode[0].assign_activate:", 65536)
+    ):
         load(tmp_path, text.replace("assign_activate = 0", "assign_activate = 65536"))
 
 
@@ -418,267 +421,264 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("vendor = 0xFFFF\n", "", "device.toml: vendor: is missing; it must be a whole number"),
-        ("product = 1", "", "device.toml: product: is missing; it must be a whole number"),
-        ("product = 1", "prodct = 1", "device.toml:2: prodct: is no key; did you mean 'product'?"),
-        ("product = 1", "product = '1'", "device.toml:2: product: must be a whole number, not '1'"),
+        ("vendor = 0xFFFF\n", "", "device.toml: vendor: missing | whole number"),
+        ("product = 1", "", "device.toml: product: missing | whole number"),
+        ("product = 1", "prodct = 1", "device.toml:2: prodct: no key | 'product'"),
+        ("product = 1", "product = '1'", "device.toml:2: product: whole number | '1'"),
         (
             "product = 1",
             "product = true",
-            "device.toml:2: product: must be a whole number, not true",
+            "device.toml:2: product: whole number | true",
         ),
         (
             "product = 1",
             "product = -1",
-            "device.toml:2: product: is -1, but must be from 0 to 4294967295",
+            "device.toml:2: product: -1 | 0 | 4294967295",
         ),
         (
             "product = 1",
             "product = 0x100000000",
-            "device.toml:2: product: is 0x100000000, but must be from 0 to 0xFFFFFFFF",
+            "device.toml:2: product: 0x100000000 | 0 | 0xFFFFFFFF",
         ),
         (
             "product = 1",
             "product = 1\nalias = 65536",
-            "device.toml:3: alias: is 65536, but must be from 0 to 65535",
+            "device.toml:3: alias: 65536 | 0 | 65535",
         ),
         (
             "product = 1",
             "product = 1\nalias = 1979-05-27",
-            "device.toml:3: alias: must be a whole number, not 1979-05-27",
+            "device.toml:3: alias: whole number | 1979-05-27",
         ),
-        ('"Doubler"', "7", "device.toml:3: name: must be a text in quotes, not 7"),
+        ('"Doubler"', "7", "device.toml:3: name: text | 7"),
         (
             '"Doubler"',
             '"日本"',
-            "device.toml:3: name: has the character '日', but slaves have Latin-1",
+            "device.toml:3: name: '日' | Latin-1",
         ),
         (
             '"Doubler"',
             f'"{"x" * 256}"',
-            "device.toml:3: name: has 256 characters, but at most 255 are allowed",
+            "device.toml:3: name: 256 | 255",
         ),
         (
             "product = 1",
             "product = 1\nperiod = 0",
-            "device.toml:3: period: is 0, but must be from 0.0001 to 3600",
+            "device.toml:3: period: 0 | 0.0001 | 3600",
         ),
         (
             "product = 1",
             "product = 1\nperiod = nan",
-            "device.toml:3: period: must be a finite number, not nan",
+            "device.toml:3: period: finite | nan",
         ),
         (
             "product = 1",
             "product = 1\nvariable_assignment = 1",
-            "device.toml:3: variable_assignment: must be true or false, not 1",
+            "device.toml:3: variable_assignment: true | false | 1",
         ),
         (
             "product = 1",
             'product = 1\nports = "mii"',
-            'device.toml:3: ports: must be a list of "none", "ebus", "mii", not \'mii\'',
+            'device.toml:3: ports: list | "none" | "ebus" | "mii" | \'mii\'',
         ),
         (
             "product = 1",
             'product = 1\nports = ["rj45"]',
-            'device.toml:3: ports[0]: is \'rj45\', but must be one of "none", "ebus", "mii"',
+            'device.toml:3: ports[0]: \'rj45\' | "none" | "ebus" | "mii"',
         ),
         (
             "product = 1",
             'product = 1\nports = ["mii", "mii", "mii", "mii", "mii"]',
-            "device.toml:3: ports: has 5 ports, but a slave has at most 4",
+            "device.toml:3: ports: 5 | 4",
         ),
         (
             "product = 1",
             'product = 1\nports = ["mii"]\nchip.ports = 3',
-            "device.toml:4: chip.ports: does not belong beside `ports` of the device",
+            "device.toml:4: chip.ports: `ports`",
         ),
         (
             "product = 1",
             "product = 1\nchip = 3",
-            "device.toml:3: chip: must be a table, written as [chip], not 3",
+            "device.toml:3: chip: [chip] | 3",
         ),
         (
             "product = 1",
             "product = 1\nchip.fmus = 3",
-            "device.toml:3: chip.fmus: is no key; did you mean 'fmmus'?",
+            "device.toml:3: chip.fmus: no key | 'fmmus'",
         ),
         (
             "product = 1",
             "product = 1\nchip.fmmus = 17",
-            "device.toml:3: chip.fmmus: is 17, but must be from 0 to 16",
+            "device.toml:3: chip.fmmus: 17 | 0 | 16",
         ),
         (
             "product = 1",
             "product = 1\nchip.dc_bits = 48",
-            "device.toml:3: chip.dc_bits: is 48, but must be 32 or 64",
+            "device.toml:3: chip.dc_bits: 48 | 32 | 64",
         ),
         (
             "product = 1",
             "product = 1\nmailbox.receive_size = 9",
-            "device.toml:3: mailbox.receive_size: is 9, but must be from 32 to 1486",
+            "device.toml:3: mailbox.receive_size: 9 | 32 | 1486",
         ),
         (
             "product = 1",
             "product = 1\nmailbox.send = 0x1010",
-            "device.toml:3: mailbox.send: the mailboxes overlap: the master writes 0x1000 to "
-            "0x107F and reads from 0x1010",
+            "device.toml:3: mailbox.send: overlap | 0x1000 | 0x107F | 0x1010",
         ),
         (
             "product = 1",
             'product = 1\nmailbox.protocols = ["http"]',
-            'device.toml:3: mailbox.protocols[0]: is \'http\', but must be one of "aoe", "eoe", ',
+            'device.toml:3: mailbox.protocols[0]: \'http\' | "aoe" | "eoe"',
         ),
         (
             "product = 1",
             "product = 1\nmailbox.protocols = 256",
-            "device.toml:3: mailbox.protocols: is 256, but must be from 0 to 255",
+            "device.toml:3: mailbox.protocols: 256 | 0 | 255",
         ),
         (
             "product = 1",
             'product = 1\nfmmus = ["output"]',
-            'device.toml:3: fmmus[0]: is \'output\', but must be one of "unused", "outputs", ',
+            'device.toml:3: fmmus[0]: \'output\' | "unused" | "outputs"',
         ),
         (
             "product = 1",
             "product = 1\nvariable_mapping = [7]",
-            "device.toml:3: variable_mapping[0]: must be the index of a PDO, not 7",
+            "device.toml:3: variable_mapping[0]: PDO | 7",
         ),
         (
             "product = 1",
             "product = 1\nmapping_limits = [7]",
-            "device.toml:3: mapping_limits: must be two numbers of bytes: of outputs and of inputs",
+            "device.toml:3: mapping_limits: two | outputs | inputs",
         ),
         (
             "product = 1",
             "product = 1\nfirmware_files = [7]",
-            "device.toml:3: firmware_files[0]: must be a text in quotes, not 7",
+            "device.toml:3: firmware_files[0]: text | 7",
         ),
         (
             "product = 1",
             'product = 1\nfiles = { log = "nothing.txt" }',
-            "device.toml:3: files.log: 'nothing.txt' cannot be read: No such file or directory",
+            "device.toml:3: files.log: 'nothing.txt' | No such file",
         ),
         (
             "[[pdo]]",
             '[[sync_manager]]\ntype = "output"\n[[pdo]]',
-            "device.toml:5: sync_manager[0].type: is 'output', but must be one of \"unused\", ",
+            "device.toml:5: sync_manager[0].type: 'output' | \"unused\"",
         ),
         (
             "[[pdo]]",
             '[[sync_manager]]\ntype = "outputs"\nstart = 0x1000\n[[pdo]]',
-            "device.toml:4: sync_manager[0].size: is missing; it must be a whole number",
+            "device.toml:4: sync_manager[0].size: missing | whole number",
         ),
         (
             "[[pdo]]",
             "sync_manager = []\n[[pdo]]",
-            "device.toml:5: pdo[0]: there is no sync manager for outputs to carry this PDO",
+            "device.toml:5: pdo[0]: sync manager | outputs",
         ),
         (
             "0x1600",
             "0x1900",
-            "device.toml:5: pdo[0].index: is 0x1900, but PDOs have 0x1600 to 0x17FF",
+            "device.toml:5: pdo[0].index: 0x1900 | 0x1600 | 0x17FF",
         ),
         (
             "0x1600",
             "0x160000",
-            "device.toml:5: pdo[0].index: is 0x160000, but must be from 0x1600 to 0x1BFF",
+            "device.toml:5: pdo[0].index: 0x160000 | 0x1600 | 0x1BFF",
         ),
         (
             "index = 0x1600",
             "index = 0x1600\n[[pdo]]\nindex = 0x1600",
-            "device.toml:7: pdo[1].index: is 0x1600 a second time",
+            "device.toml:7: pdo[1].index: 0x1600 | second",
         ),
         (
             "index = 0x1600",
             'index = 0x1600\ndirection = "out"',
-            "device.toml:6: pdo[0].direction: is no key; valid are index, name, assigned, ",
+            "device.toml:6: pdo[0].direction: no key | index | name | assigned",
         ),
         (
             "index = 0x1600",
             "index = 0x1600\nassigned = false\nsync_manager = 2",
-            "device.toml:7: pdo[0].sync_manager: belongs to an assigned PDO",
+            "device.toml:7: pdo[0].sync_manager: assigned",
         ),
         (
             '"int16", loop',
             '"int17", loop',
-            "device.toml:9: pdo[1].entry[0].type: 'int17' is no data type; use one of bool, int8,",
+            "device.toml:9: pdo[1].entry[0].type: 'int17' | bool | int8",
         ),
         (
             'type = "int16" }',
             'typ = "int16" }',
-            "device.toml:6: pdo[0].entry[0].typ: is no key; did you mean 'type'?",
+            "device.toml:6: pdo[0].entry[0].typ: no key | 'type'",
         ),
         (
             ', type = "int16" }',
             " }",
-            'device.toml:6: pdo[0].entry[0].type: must be a data type such as "uint16", which is '
-            "missing",
+            'device.toml:6: pdo[0].entry[0].type: missing | "uint16"',
         ),
         (
             'type = "int16" }',
             'type = "int16", bits = 17 }',
-            "device.toml:6: pdo[0].entry[0].bits: is 17, but must be from 1 to 16",
+            "device.toml:6: pdo[0].entry[0].bits: 17 | 1 | 16",
         ),
         (
             'type = "int16" }',
             'type = "string" }',
-            "device.toml:6: pdo[0].entry[0].bits: is missing; it must be a whole number",
+            "device.toml:6: pdo[0].entry[0].bits: missing | whole number",
         ),
         (
             'type = "int16" }',
             'type = "float", bits = 16 }',
-            "device.toml:6: pdo[0].entry[0].bits: is 16, but REAL32 always has 32",
+            "device.toml:6: pdo[0].entry[0].bits: 16 | REAL32 | 32",
         ),
         (
             'type = "int16" }',
             'type = "int16", scale = 0 }',
-            "device.toml:6: pdo[0].entry[0].scale: is 0, but physical value = raw value * scale",
+            "device.toml:6: pdo[0].entry[0].scale: 0",
         ),
         (
             'type = "int16" }',
             'type = "int16", value = 40000 }',
-            "device.toml:6: pdo[0].entry[0].value: is 40000, but must be from -32768 to 32767",
+            "device.toml:6: pdo[0].entry[0].value: 40000 | -32768 | 32767",
         ),
         (
             'type = "int16" }',
             'type = "int16", loopback = "0x6000:01" }',
-            "device.toml:6: pdo[0].entry[0].loopback: belongs to an input",
+            "device.toml:6: pdo[0].entry[0].loopback: input",
         ),
         (
             '"0x7000:01"',
             '"0x7000:02"',
-            "device.toml:9: pdo[1].entry[0].loopback: is 0x7000:02, which no output PDO has",
+            "device.toml:9: pdo[1].entry[0].loopback: 0x7000:02 | output",
         ),
         (
             '"0x7000:01"',
             '"7000.1"',
-            'device.toml:9: pdo[1].entry[0].loopback: must be an address such as "0x6000:01", not '
-            "'7000.1'",
+            "device.toml:9: pdo[1].entry[0].loopback: \"0x6000:01\" | '7000.1'",
         ),
         (
             "entry = [{ index = 0x7000,",
             "entry = [{ gap = 8 }, { gap = 8, index = 0x7000,",
-            "device.toml:6: pdo[0].entry[1].index: does not belong to a gap",
+            "device.toml:6: pdo[0].entry[1].index: gap",
         ),
         (
             "entry = [{ index = 0x7000",
             "entry = [7, { index = 0x7000",
-            "device.toml:6: pdo[0].entry[0]: must be a table, written as [[pdo.entry]], not 7",
+            "device.toml:6: pdo[0].entry[0]: [[pdo.entry]] | 7",
         ),
         (
             "[[pdo]]",
             "pdo.index = 0x1600\n[[object]]",
-            "device.toml:4: pdo: must be an array of tables, written as [[pdo]], not a table",
+            "device.toml:4: pdo: [[pdo]] | table",
         ),
         (
             "[[pdo]]",
             "[[pdo]",
-            "device.toml:4: is no valid TOML: Expected ']]' at the end of an array",
+            "device.toml:4: TOML | ']]'",
         ),
-        ("vendor = 0xFFFF", "vendor = ", "device.toml:1: is no valid TOML: Invalid value"),
-        ("product = 1", "vendor = 1", "device.toml:2: is no valid TOML: Cannot overwrite a value"),
-        ('"Doubler"', '"Doubler', "device.toml:3: is no valid TOML: Illegal character"),
+        ("vendor = 0xFFFF", "vendor = ", "device.toml:1: TOML | Invalid value"),
+        ("product = 1", "vendor = 1", "device.toml:2: TOML | overwrite"),
+        ('"Doubler"', '"Doubler', "device.toml:3: TOML | character"),
     ],
 )
 def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -688,65 +688,64 @@ def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
         text = text.split("[[object]]")[0]
     with pytest.raises(ConfigError) as error:
         load(tmp_path, text)
-    said = str(error.value).replace(f"{tmp_path}/", "")
-    assert said.startswith(message)
+    names_at(str(error.value).replace(f"{tmp_path}/", ""), message)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("name = 'N'\ntype = 'uint8'", "index: is missing; it must be a whole number"),
-        ("index = 0x2000", 'type: must be a data type such as "uint16", which is missing'),
-        ("index = 0x2000\ntype = 'uint8'\nvalue = 256", "value: is 256, but must be from 0 to 255"),
-        ("index = 0x2000\ntype = 'uint8'\nvalue = 1.5", "value: must be a whole number, not 1.5"),
-        ("index = 0x2000\ntype = 'float'\nvalue = 1e39", "value: is 1e+39, which is too large"),
-        ("index = 0x2000\ntype = 'string'\nvalue = 7", "value: must be a text in quotes, not 7"),
-        ("index = 0x2000\ntype = 'string'\nvalue = '日'", "value: has characters that are not in"),
+        ("name = 'N'\ntype = 'uint8'", "index: missing | whole number"),
+        ("index = 0x2000", 'type: missing | "uint16"'),
+        ("index = 0x2000\ntype = 'uint8'\nvalue = 256", "value: 256 | 0 | 255"),
+        ("index = 0x2000\ntype = 'uint8'\nvalue = 1.5", "value: whole number | 1.5"),
+        ("index = 0x2000\ntype = 'float'\nvalue = 1e39", "value: 1e+39 | large"),
+        ("index = 0x2000\ntype = 'string'\nvalue = 7", "value: text | 7"),
+        ("index = 0x2000\ntype = 'string'\nvalue = '日'", "value: characters | Latin-1"),
         (
             "index = 0x2000\ntype = 'string'\nbits = 16\nvalue = 'abc'",
-            "value: does not fit into 16 bits",
+            "value: 16 bits",
         ),
         (
             "index = 0x2000\ntype = 'octet_string'\nvalue = 'xyz'",
-            "value: must be bytes in hexadecimal such as \"01 FF\", not 'xyz'",
+            "value: hexadecimal | 'xyz'",
         ),
-        ("index = 0x2000\ntype = 0x0260\nvalue = 1", "value: has the type 0x0260: write its bytes"),
-        ("index = 0x2000\ntype = 'uint8'\nvalue = 1\ndata = '01'", "data: does not belong beside"),
+        ("index = 0x2000\ntype = 0x0260\nvalue = 1", "value: 0x0260 | `data`"),
+        ("index = 0x2000\ntype = 'uint8'\nvalue = 1\ndata = '01'", "data: `value`"),
         (
             "index = 0x2000\ntype = 'uint8'\naccess = 'r'",
-            "access: is 'r', but must be one of \"ro\"",
+            "access: 'r' | \"ro\"",
         ),
-        ("index = 0x2000\ntype = 'uint8'\naccess = 65536", "access: is 65536, but must be from"),
-        ("index = 0x2000\ntype = 'uint8'\nmin = -1", "min: is -1, but must be from 0 to 255"),
-        ("index = 0x2000\ntype = 'string'\nmax = 1", "max: does not go with VISIBLE_STRING"),
+        ("index = 0x2000\ntype = 'uint8'\naccess = 65536", "access: 65536 | 65535"),
+        ("index = 0x2000\ntype = 'uint8'\nmin = -1", "min: -1 | 0 | 255"),
+        ("index = 0x2000\ntype = 'string'\nmax = 1", "max: VISIBLE_STRING"),
         (
             "index = 0x2000\ntype = 'uint8'\nunit = 'furlong'",
-            "unit: 'furlong' is no unit with a code",
+            "unit: 'furlong'",
         ),
-        ("index = 0x2000\ntype = 'uint8'\ndefault = 256", "default: is 256, but must be from 0"),
-        ("index = 0x2000\ntype = 'uint8'\nabort = 0", "abort: is 0, but must be from 1 to"),
-        ("index = 0x2000\ntype = 'uint8'\nnames = ['a']", "names: belongs to an object with"),
+        ("index = 0x2000\ntype = 'uint8'\ndefault = 256", "default: 256 | 0"),
+        ("index = 0x2000\ntype = 'uint8'\nabort = 0", "abort: 0 | 1"),
+        ("index = 0x2000\ntype = 'uint8'\nnames = ['a']", "names: `values`"),
         (
             "index = 0x2000\ntype = 'uint8'\nvalues = [1, 256]",
-            "values[1]: is 256, but must be from",
+            "values[1]: 256 | 255",
         ),
-        ("index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = []\nvalue = 3", "value: does not"),
-        ("index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = ['a', 'b']", "names: has 2 names"),
+        ("index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = []\nvalue = 3", "value: `values`"),
+        ("index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = ['a', 'b']", "names: 2 | 1"),
         (
             "index = 0x2000\ntype = 'uint8'\nvalues = [1]\nnames = [2]",
-            "names[0]: must be a text in",
+            "names[0]: text | 2",
         ),
-        ("index = 0x2000\nvalue = 3\nentry = []", "value: does not belong beside `entry`"),
-        ("index = 0x2000\nentry = [{ type = 'bool' }]", "entry[0].subindex: is missing"),
+        ("index = 0x2000\nvalue = 3\nentry = []", "value: `entry`"),
+        ("index = 0x2000\nentry = [{ type = 'bool' }]", "entry[0].subindex: missing"),
         (
             "index = 0x2000\nentry = [{ subindex = 1, type = 'bool' }, { subindex = 1 }]",
-            "entry[1].subindex: is 1 a second time",
+            "entry[1].subindex: 1 | second",
         ),
-        ("index = 0x1018\ntype = 'uint8'", "entry: is missing: this object has entries"),
-        ("index = 0x1018\ntype = 'uint8'\nvalues = [1]", "index: follows from PDOs or standards"),
-        ("index = 0x1000\nentry = [{ subindex = 1 }]", "entry: does not belong to a variable"),
-        ("index = 0x2000\ntype = 'bool'\ncode = 'var'", "code: is 'var', but must be one of"),
-        ("index = 0x2000\nindex2 = 1", "index2: is no key; did you mean 'index'?"),
+        ("index = 0x1018\ntype = 'uint8'", "entry: missing"),
+        ("index = 0x1018\ntype = 'uint8'\nvalues = [1]", "index: PDOs | standards | `entry`"),
+        ("index = 0x1000\nentry = [{ subindex = 1 }]", "entry: variable"),
+        ("index = 0x2000\ntype = 'bool'\ncode = 'var'", "code: 'var' | \"variable\""),
+        ("index = 0x2000\nindex2 = 1", "index2: no key | 'index'"),
     ],
 )
 def test_mistakes_in_objects(tmp_path: Path, text: str, message: str) -> None:
@@ -756,12 +755,14 @@ def test_mistakes_in_objects(tmp_path: Path, text: str, message: str) -> None:
     assert key
     lines = [i for i, line in enumerate(text.splitlines(), 4) if line.startswith(key[0] + " =")]
     said = str(error.value).replace(f"{tmp_path}/", "")
-    assert said.startswith(f"device.toml:{lines[0] if lines else 3}: object[0].{message}")
+    names_at(said, f"device.toml:{lines[0] if lines else 3}: object[0].{message}")
 
 
 def test_object_described_twice(tmp_path: Path) -> None:
     text = "vendor = 1\nproduct = 2\n" + "[[object]]\nindex = 0x2000\ntype = 'bool'\n" * 2
-    with pytest.raises(ConfigError, match=r"toml:7: object\[1\].index: is 0x2000 a second time"):
+    with pytest.raises(
+        ConfigError, match=naming("device.toml:7: object[1].index:", "0x2000", "second")
+    ):
         load(tmp_path, text)
 
 
@@ -769,21 +770,23 @@ def test_process_data_that_do_not_fit_into_the_chip(tmp_path: Path) -> None:
     entry = "{ index = 0x7000, subindex = 1, type = 'uint64' },"
     text = "vendor = 1\nproduct = 2\nchip.ram_kib = 1\n[[pdo]]\nindex = 0x1600\n[[pdo]]\n"
     text = text.replace("[[pdo]]\n", f"[[pdo]]\nentry = [{entry * 200}]\n", 1)
-    with pytest.raises(ConfigError, match=r"toml:4: pdo: .* 0x1000 to 0x163F.* ends at 0x13FF"):
+    with pytest.raises(
+        ConfigError, match=naming("device.toml:4: pdo:", "0x1000", "0x163F", "0x13FF")
+    ):
         load(tmp_path, text.removesuffix("[[pdo]]\n"))
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"nothing.toml: cannot be read: No such file"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "nothing.toml", "No such file")):
         device_file.load(tmp_path / "nothing.toml")
-    with pytest.raises(ConfigError, match=r"cannot be read: Is a directory"):
+    with pytest.raises(ConfigError, match=naming(tmp_path, "Is a directory")):
         device_file.load(tmp_path)
     (tmp_path / "bytes.toml").write_bytes(b"name = '\xff'")
-    with pytest.raises(ConfigError, match=r"bytes.toml:1: is no UTF-8 text: invalid start byte"):
+    with pytest.raises(ConfigError, match=naming("bytes.toml:1:", "UTF-8", "start byte")):
         device_file.load(tmp_path / "bytes.toml")
-    with pytest.raises(ConfigError, match=r"device.toml: is nested too deeply"):
+    with pytest.raises(ConfigError, match=naming("device.toml:", "nested")):
         load(tmp_path, "a = " + "[" * 100_000)
-    with pytest.raises(ConfigError, match=r"device.toml:1: has a number of too many digits"):
+    with pytest.raises(ConfigError, match=naming("device.toml:1:", "digits")):
         load(tmp_path, "product = " + "1" * 5000)
 
 

@@ -6,6 +6,7 @@ import time
 import pytest
 from test_ecatsim_frames import APRD, APWR, datagram, frame, send
 
+from conftest import naming
 from ecatd.model.errors import StateError, UsageError
 from ecatsim.core import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build, checksum
@@ -63,7 +64,7 @@ def test_a_read_brings_four_or_eight_bytes(count, bit):
 )
 def test_a_controller_that_does_not_exist_is_refused(field, value):
     segment = Segment()
-    with pytest.raises(UsageError, match=f"{field} = {value} does not exist"):
+    with pytest.raises(UsageError, match=naming(f"{field} = {value}")):
         segment.add(Chip(**{field: value}), IMAGE)
     segment.close()
 

@@ -5,6 +5,7 @@ import struct
 import pytest
 from slave_bench import COE, ERROR, INIT, PREOP, SAFEOP, Bench
 
+from conftest import naming
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Access, Device, Mailbox
 
@@ -71,7 +72,7 @@ def test_emergencies_that_nobody_reads_do_not_fill_the_memory():
 
 @pytest.mark.parametrize("arguments", [(0x10000, 0), (0, 0x100), (0, 0, b"123456"), (-1, 0)])
 def test_numbers_that_do_not_fit(arguments):
-    with pytest.raises(ValueError, match="an emergency has a code of 16 bits"):
+    with pytest.raises(ValueError, match=naming("code", "16 bits")):
         Sample().emergency(*arguments)
 
 

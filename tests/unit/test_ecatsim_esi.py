@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from esi_sample import SAMPLE
 
+from conftest import names
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, SdoAbortError
@@ -184,34 +185,29 @@ def test_a_device_attaches(tmp_path: Path) -> None:
         (
             '"#x1100"',
             '"#x0800"',
-            "sync manager 2 takes 6 bytes from 0x0800: memory is from 0x1000 to 0xFFFF, and "
-            "digital outputs from 0x0F00 to 0x0F03",
+            "sync manager 2 | 6 bytes | 0x0800 | 0x1000 | 0xFFFF | 0x0F00 | 0x0F03",
         ),
-        (">MBoxIn<", "><", "AX2 has a <Mailbox>, but no <Sm> MBoxOut and MBoxIn"),
+        (">MBoxIn<", "><", "AX2 | <Mailbox> | <Sm> | MBoxOut | MBoxIn"),
         (
             '"128" StartAddress="#x1080"',
             '"8" StartAddress="#x1080"',
-            "the SII image of AX2 would be wrong: the mailbox read by the master has 8 bytes: "
-            "24 to 1486 are allowed, or no protocols (word 0x1C)",
+            "SII image | AX2 | mailbox | 8 bytes | 24 | 1486 | word 0x1C",
         ),
         (
             'DefaultSize="6" StartAddress="#x1100"',
             'StartAddress="#x0F00"',
-            "the SII image of AX2 would be wrong: RxPDO 0x1601 lies in sync manager 2, whose PDOs "
-            "take 6 bytes from 0x0F00 up to this one: memory is from 0x1000 to 0xFFFF, and digital "
-            "outputs from 0x0F00 to 0x0F03",
+            "SII image | AX2 | RxPDO 0x1601 | sync manager 2 | 6 bytes | 0x0F00 | "
+            "0x1000 | 0xFFFF | 0x0F03",
         ),
         (
             '<RxPdo Sm="2">',
             '<RxPdo Sm="3">',
-            "the SII image of AX2 would be wrong: RxPDO 0x1601 lies in sync manager 3, whose "
-            "usage is 4 (inputs), not 3 (outputs)",
+            "SII image | AX2 | RxPDO 0x1601 | sync manager 3 | 4 (inputs) | 3 (outputs)",
         ),
         (
             "<Fmmu>Outputs</Fmmu>",
             "<Slots><Slot/></Slots>",
-            "AX2 (product 0x00001234, revision 0x00020001) takes modules in slots, which cannot "
-            "be simulated from an ESI file: describe the device with its modules in TOML or Python",
+            "AX2 (product 0x00001234, revision 0x00020001) | slots | TOML | Python",
         ),
     ],
 )
@@ -219,5 +215,6 @@ def test_contradictions_are_named(tmp_path: Path, old: str, new: str, message: s
     with pytest.raises(ConfigError) as error:
         axis(tmp_path, (old, new))
     path, line, said = str(error.value).split(":", 2)
-    assert (path, said.strip()) == (str(tmp_path / "x.xml"), message)
+    assert path == str(tmp_path / "x.xml")
+    names(said, *message.split(" | "))
     assert int(line) > 0

@@ -5,6 +5,8 @@ import shutil
 
 import pytest
 
+from conftest import naming
+
 pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'fmu')")
 
 from motor_fmu import make_fmu
@@ -73,16 +75,14 @@ def test_a_longer_step_size_gives_the_same_motion(fmus, version):
 @pytest.mark.parametrize("version", VERSIONS)
 def test_an_error_of_the_fmu_is_said(fmus, version):
     rig, *_ = bench(fmus[version], start={"fail_at": 0.005})
-    with pytest.raises(
-        StateError, match=r"motor.*\.fmu: its step at 0.005 s failed: .*DoStep.*says: winding"
-    ):
+    with pytest.raises(StateError, match=r"motor.*\.fmu: .*0\.005 s .*DoStep.*winding"):
         for i in range(100):
             rig.plants[0](i / 1000)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_start_value_that_the_fmu_refuses(fmus, version):
-    with pytest.raises(StateError, match=r"it could not be started: .*InitializationMode failed"):
+    with pytest.raises(StateError, match=r"motor.*\.fmu: .*InitializationMode"):
         bench(fmus[version], start={"lag": -1.0})
 
 
@@ -100,30 +100,30 @@ def test_unpacked_files_go_with_the_plant(fmus):
 def test_unknown_variables_are_said(fmus):
     terminal = (make("EL4004"), 0x7000, 1)
     for wrong, message in (
-        ("sped", "no variable 'sped': did you mean speed"),
-        ("q", "no variable 'q': its inputs and outputs are voltage, speed, running"),
-        ("time", "causality independent, which cannot be connected"),
+        ("sped", "variable | 'sped' | speed"),
+        ("q", "variable | 'q' | voltage | speed | running"),
+        ("time", "'time' | independent"),
     ):
-        with pytest.raises(ConfigError, match=message):
+        with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
             FmuPlant(fmus["2.0"], [Connection(wrong, terminal)])
-    with pytest.raises(ConfigError, match="no variable 'gian': did you mean gain"):
+    with pytest.raises(ConfigError, match=naming("variable", "'gian'", "gain")):
         FmuPlant(fmus["3.0"], [], {"gian": 1.0})
-    with pytest.raises(UsageError, match="EL4004 has no entry 0x7000:02"):
+    with pytest.raises(UsageError, match=naming("EL4004", "0x7000:02")):
         FmuPlant(fmus["2.0"], [Connection("voltage", (terminal[0], 0x7000, 2))])
 
 
 def test_files_that_are_no_fmu_of_use(tmp_path):
-    with pytest.raises(ConfigError, match=r"there is no FMU '.*gone\.fmu'"):
+    with pytest.raises(ConfigError, match=naming("no FMU", f"'{tmp_path / 'gone.fmu'}'")):
         FmuPlant(tmp_path / "gone.fmu", [])
     (tmp_path / "text.fmu").write_text("not a zip file")
-    with pytest.raises(ConfigError, match=r"text\.fmu: this is not an FMU: File is not a zip"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "text.fmu", "FMU", "zip")):
         FmuPlant(tmp_path / "text.fmu", [])
     for change, message in (
-        ({"kind": "ModelExchange"}, "this FMU has no co-simulation"),
-        ({"platform": "win64"}, "it has no binary for linux64, only for win64"),
-        ({"variables": "<broken"}, "FMPy refuses it: "),
+        ({"kind": "ModelExchange"}, "co-simulation"),
+        ({"platform": "win64"}, "linux64 | win64"),
+        ({"variables": "<broken"}, "FMPy"),
     ):
-        with pytest.raises(ConfigError, match=message):
+        with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
             FmuPlant(make_fmu(tmp_path, "2.0", **change), [])
 
 
@@ -131,7 +131,7 @@ def test_fmpy_is_asked_for_where_it_is_not_installed(fmus, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "fmpy", None)
-    with pytest.raises(UsageError, match=r"needs FMPy: pip install 'ecatd\[fmu\]'"):
+    with pytest.raises(UsageError, match=naming("FMPy", "pip install 'ecatd[fmu]'")):
         FmuPlant(fmus["2.0"], [])
 
 
@@ -179,20 +179,20 @@ def test_an_fmu_in_a_rig_file(fmus, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('variable = "speed"', 'variable = "sped"', r"motor\.fmu: the FMU has no variable 'sped'"),
-        ("slave = 1", "slave = 2", r"rig\.toml:17: .*slave.* must be from 0 to 1"),
-        ("gain = 8.0", 'gain = "x"', r"rig\.toml:10: .*gain.*must be a number"),
-        ("scale = 0.1", "scal = 0.1", "is no key; did you mean 'scale'"),
-        ('"0x6000:11"', '"0x6000:55"', "EL3102 has no entry 0x6000:55"),
-        ('fmu = "motor.fmu"', 'fmu = "gone.fmu"', "there is no FMU '.*gone.fmu'"),
+        ('variable = "speed"', 'variable = "sped"', "motor.fmu: | variable | 'sped'"),
+        ("slave = 1", "slave = 2", "rig.toml:17: | plant[0].connect[1].slave | 2 | 0 | 1"),
+        ("gain = 8.0", 'gain = "x"', "rig.toml:10: | plant[0].start.gain | number | 'x'"),
+        ("scale = 0.1", "scal = 0.1", "rig.toml:19: | plant[0].connect[1].scal | no key | 'scale'"),
+        ('"0x6000:11"', '"0x6000:55"', "EL3102 | 0x6000:55"),
+        ('fmu = "motor.fmu"', 'fmu = "gone.fmu"', "no FMU | gone.fmu"),
     ],
 )
 def test_wrong_fmus_in_rig_files(fmus, tmp_path, old, new, message):
     assert old in RIG
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
         rig_from(tmp_path, fmus["2.0"], RIG.replace(old, new))
 
 
 def test_an_fmu_without_connections(fmus, tmp_path):
-    with pytest.raises(ConfigError, match="without connections the FMU has no effect"):
+    with pytest.raises(ConfigError, match=naming("connections", "no effect")):
         rig_from(tmp_path, fmus["2.0"], RIG.split("[[plant.connect]]")[0])

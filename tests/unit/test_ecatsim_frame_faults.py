@@ -6,6 +6,7 @@ import struct
 import pytest
 from test_ecatsim_frames import APWR, BRD, LRD, LRW, LWR, datagram, frame, send, set_fmmu, set_sm
 
+from conftest import naming
 from ecatd.model.errors import StateError, UsageError
 from ecatsim.core import MAX_FAULTS, Chip, FaultKind, FrameFault, Segment
 from ecatsim.slave.sii import Description, build
@@ -199,7 +200,7 @@ def test_faults_are_listed_and_cleared(segment):
     ]
     segment.clear(numbers[0])
     assert [f.id for f in segment.faults()] == numbers[1:]
-    with pytest.raises(UsageError, match=f"there is no frame fault {numbers[0]}"):
+    with pytest.raises(UsageError, match=naming(f"frame fault {numbers[0]}")):
         segment.clear(numbers[0])
     segment.clear()
     assert segment.faults() == []
@@ -208,7 +209,7 @@ def test_faults_are_listed_and_cleared(segment):
 def test_the_table_is_full_when_all_may_still_strike(segment):
     for _ in range(MAX_FAULTS):
         segment.inject(FrameFault(FaultKind.DROP))
-    with pytest.raises(StateError, match="at most 32 frame faults"):
+    with pytest.raises(StateError, match=naming(32, "frame faults")):
         segment.inject(FrameFault(FaultKind.DROP))
     segment.process(CYCLE)
     last = segment.inject(FrameFault(FaultKind.WKC, value=1))
@@ -218,18 +219,21 @@ def test_the_table_is_full_when_all_may_still_strike(segment):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"every": 0}, "every is 0, use 1 to"),
-        ({"probability": 1.5}, "probability is 1.5, use 0 to 1"),
-        ({"probability": float("nan")}, "probability is nan"),
-        ({"first": -1}, "first is -1"),
-        ({"count": -1}, "count is -1"),
-        ({"slave": 7, "kind": FaultKind.NOISE}, "there is no slave 7"),
-        ({"value": -1, "kind": FaultKind.DELAY}, "fault DELAY: value is -1"),
-        ({"value": 20_000_000_000, "kind": FaultKind.DELAY}, "use 0 to 10000000000"),
-        ({"value": 2, "kind": FaultKind.DROP}, "fault DROP: value is 2, use 0 to 1"),
+        ({"every": 0}, "every | 0 | 1"),
+        ({"probability": 1.5}, "probability | 1.5 | 0 | 1"),
+        ({"probability": float("nan")}, "probability | nan"),
+        ({"first": -1}, "first | -1"),
+        ({"count": -1}, "count | -1"),
+        ({"slave": 7, "kind": FaultKind.NOISE}, "slave 7"),
+        ({"value": -1, "kind": FaultKind.DELAY}, "DELAY | value | -1"),
+        (
+            {"value": 20_000_000_000, "kind": FaultKind.DELAY},
+            "DELAY | value | 20000000000 | 0 | 10000000000",
+        ),
+        ({"value": 2, "kind": FaultKind.DROP}, "DROP | value | 2 | 0 | 1"),
     ],
 )
 def test_impossible_faults(segment, changes, message):
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(UsageError, match=naming(*message.split(" | "))):
         segment.inject(dataclasses.replace(FrameFault(FaultKind.DROP), **changes))
     assert segment.faults() == []

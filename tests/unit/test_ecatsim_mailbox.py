@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from slave_bench import COE, FOE, INIT, PREOP, SAFEOP, Bench
 
+from conftest import naming
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
 from ecatd.model.pdo import Entry, Pdo
@@ -223,9 +224,9 @@ def test_garbage_is_the_same_each_time():
 
 def test_modes_are_those_of_the_documentation():
     assert list(MailboxMode) == ["none", "slow", "stuck", "full", "garbage"]
-    with pytest.raises(UsageError, match="'sleepy' is no mailbox fault: use one of none, slow"):
+    with pytest.raises(UsageError, match=naming("'sleepy'", "none", "slow")):
         MailboxFault("sleepy")
-    with pytest.raises(UsageError, match="has no mailbox to disturb"):
+    with pytest.raises(UsageError, match=naming("no mailbox")):
         Device().mailbox_fault = MailboxFault("full")
 
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_ecatsim_device_file import SMALL, mutate
 
+from conftest import names_at, naming
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.sii_check import check_sii
 from ecatsim import Device, Rig, Simulation
@@ -164,15 +165,15 @@ def test_a_slave_from_an_esi_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("axis.xml", "none.xml", "rig.toml:2: slave[0].esi: there is no file 'none.xml'"),
-        ('type = "AX2"', "type = 2", "rig.toml:3: slave[0].type: must be a text in quotes, not 2"),
-        ("type =", "typ =", "rig.toml:3: slave[0].typ: is no key; did you mean 'type'?"),
-        ('"AX2"', '"AX9"', "axis.xml: "),
-        ("axis.xml", "rig.toml", "rig.toml:1: this is no XML"),
+        ("axis.xml", "none.xml", "rig.toml:2: slave[0].esi: no file | 'none.xml'"),
+        ('type = "AX2"', "type = 2", "rig.toml:3: slave[0].type: text | 2"),
+        ("type =", "typ =", "rig.toml:3: slave[0].typ: no key | 'type'"),
+        ('"AX2"', '"AX9"', "axis.xml: AX9"),
+        ("axis.xml", "rig.toml", "rig.toml:1: XML"),
         (
             "alias = 77",
             "alias = 1.5",
-            "rig.toml:5: slave[0].alias: must be a whole number, not 1.5",
+            "rig.toml:5: slave[0].alias: whole number | 1.5",
         ),
     ],
 )
@@ -180,7 +181,7 @@ def test_mistakes_with_esi_files(tmp_path: Path, old: str, new: str, message: st
     (tmp_path / "axis.xml").write_text(SAMPLE, "utf-8")
     with pytest.raises(ConfigError) as error:
         load(tmp_path, ESI.replace(old, new, 1))
-    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
+    names_at(str(error.value).replace(f"{tmp_path}/", ""), message)
 
 
 LINKS = """\
@@ -212,44 +213,44 @@ def test_rings(tmp_path: Path, ring: str, end: tuple[int, int] | None) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("port = 2", "port = 4", "rig.toml:7: slave[2].at.port: is 4, but must be from 1 to 3"),
-        ("port = 2", "prot = 2", "rig.toml:7: slave[2].at.prot: is no key; did you mean 'port'?"),
-        ("port = 2", "port = 3", "rig.toml:7: slave[2].at: EK1100 (position 0) has no port 3: "),
-        ("port = 2", "port = 1", "rig.toml:7: slave[2].at: port 1 of EK1100 (position 0) is taken"),
-        ("slave = 0", "slave = 2", "rig.toml:7: slave[2].at.slave: is 2, but must be from 0 to 1"),
+        ("port = 2", "port = 4", "rig.toml:7: slave[2].at.port: 4 | 1 | 3"),
+        ("port = 2", "prot = 2", "rig.toml:7: slave[2].at.prot: no key | 'port'"),
+        ("port = 2", "port = 3", "rig.toml:7: slave[2].at: EK1100 (position 0) | port 3"),
+        ("port = 2", "port = 1", "rig.toml:7: slave[2].at: port 1 | EK1100 (position 0) | taken"),
+        ("slave = 0", "slave = 2", "rig.toml:7: slave[2].at.slave: 2 | 0 | 1"),
         (
             "{ slave = 0, port = 2 }",
             "2",
-            "rig.toml:7: slave[2].at: must be a table, written as [slave.at], not 2",
+            "rig.toml:7: slave[2].at: [slave.at] | 2",
         ),
         (
             '"EK1100"',
             '"EK1100"\nat = { slave = 0, port = 1 }',
-            "rig.toml:3: slave[0].at: does not belong to slave 0, which is at the interface",
+            "rig.toml:3: slave[0].at: slave 0 | interface",
         ),
         (
             '"EL1018"\n',
             '"EL1018"\nat = { slave = 0, port = 2 }\n',
-            "rig.toml:8: slave[2].at: port 2 of EK1100 (position 0) is taken by EL1018",
+            "rig.toml:8: slave[2].at: port 2 | EK1100 (position 0) | EL1018",
         ),
-        ("[[slave]]", "ring = 1\n[[slave]]", "rig.toml:1: ring: must be true or false, not 1"),
+        ("[[slave]]", "ring = 1\n[[slave]]", "rig.toml:1: ring: true | false | 1"),
         (
             "[[slave]]",
             "ring = { slave = 9, port = 1 }\n[[slave]]",
-            "rig.toml:1: ring.slave: is 9, but must be from 0 to 3",
+            "rig.toml:1: ring.slave: 9 | 0 | 3",
         ),
         (
             "[[slave]]",
             "ring = { slave = 0, port = 1 }\n[[slave]]",
-            "rig.toml:1: ring: port 1 of EK1100 (position 0) is taken by EL1018",
+            "rig.toml:1: ring: port 1 | EK1100 (position 0) | EL1018",
         ),
-        ("[[slave]]", "ring = { slave = 0 }\n[[slave]]", "rig.toml:1: ring.port: is missing; it"),
+        ("[[slave]]", "ring = { slave = 0 }\n[[slave]]", "rig.toml:1: ring.port: missing"),
     ],
 )
 def test_mistakes_in_links(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(ConfigError) as error:
         load(tmp_path, LINKS.replace(old, new, 1))
-    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
+    names_at(str(error.value).replace(f"{tmp_path}/", ""), message)
 
 
 def test_slaves_that_are_not_in_the_order_of_the_frames(tmp_path: Path) -> None:
@@ -259,10 +260,9 @@ def test_slaves_that_are_not_in_the_order_of_the_frames(tmp_path: Path) -> None:
     text += "at = { slave = 0, port = 1 }\n"
     with pytest.raises(ConfigError) as error:
         load(tmp_path, text)
-    assert str(error.value).replace(f"{tmp_path}/", "") == (
-        "rig.toml:5: slave[1].at: is not in the order of the frames: behind a slave come those at "
-        "its port 3, then at port 1, then at port 2, by which this is slave 2"
-    )
+    said = str(error.value).replace(f"{tmp_path}/", "")
+    names_at(said, "rig.toml:5: slave[1].at: order | port 3 | port 1 | port 2 | slave 2")
+    assert said.index("port 3") < said.index("port 1") < said.index("port 2")
 
 
 def test_faults_it_begins_with(tmp_path: Path) -> None:
@@ -358,204 +358,204 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name = "bench"', "name = 3", "rig.toml:1: name: must be a text in quotes, not 3"),
-        ('name = "bench"', 'nam = ""', "rig.toml:1: nam: is no key; did you mean 'name'?"),
-        ('name = "bench"', "xyz = 1", "rig.toml:1: xyz: is no key; valid are name, "),
-        ('name = "bench"', "name =", "rig.toml:1: is no valid TOML: Invalid value"),
-        ('name = "bench"', "slave = 3", "rig.toml:3: is no valid TOML: Cannot "),
-        ('"EK1100"', "3", "rig.toml:4: slave[0].device: must be a text in quotes, not 3"),
+        ('name = "bench"', "name = 3", "rig.toml:1: name: text | 3"),
+        ('name = "bench"', 'nam = ""', "rig.toml:1: nam: no key | 'name'"),
+        ('name = "bench"', "xyz = 1", "rig.toml:1: xyz: no key | name"),
+        ('name = "bench"', "name =", "rig.toml:1: TOML | Invalid value"),
+        ('name = "bench"', "slave = 3", "rig.toml:3: TOML | Cannot"),
+        ('"EK1100"', "3", "rig.toml:4: slave[0].device: text | 3"),
         (
             '"EK1100"',
             '"EK1101"',
-            "rig.toml:4: slave[0].device: there is no device 'EK1101': did you mean EK1100",
+            "rig.toml:4: slave[0].device: 'EK1101' | EK1100",
         ),
-        ("device", "devise", "rig.toml:4: slave[0].devise: is no key; did you mean 'device'?"),
+        ("device", "devise", "rig.toml:4: slave[0].devise: no key | 'device'"),
         (
             'device = "EK1100"',
             "alias = 3",
-            'rig.toml:3: slave[0]: says no device: it needs `device = "EL2004"` (see `ecatsim ',
+            'rig.toml:3: slave[0]: `device = "EL2004"` | `ecatsim devices`',
         ),
         (
             "alias = 5",
             "alias = -5",
-            "rig.toml:8: slave[1].alias: is -5, but must be from 0 to 65535",
+            "rig.toml:8: slave[1].alias: -5 | 0 | 65535",
         ),
         (
             "alias = 5",
             "alais = 5",
-            "rig.toml:8: slave[1].alais: is no key; did you mean 'alias'?",
+            "rig.toml:8: slave[1].alais: no key | 'alias'",
         ),
         (
             "alias = 5",
             'sii = "x.bin"',
-            "rig.toml:8: slave[1].sii: is no key; valid are device, parameters, at, alias, serial",
+            "rig.toml:8: slave[1].sii: no key | device | parameters | at | alias | serial",
         ),
         (
             "serial = 77",
             'serial = "77"',
-            "rig.toml:12: slave[2].serial: must be a whole number, not '77'",
+            "rig.toml:12: slave[2].serial: whole number | '77'",
         ),
         (
             "alias = 5",
             "parameters = { volts = 5 }",
-            "rig.toml:7: slave[1].device: EL2008 has no parameter 'volts'",
+            "rig.toml:7: slave[1].device: EL2008 | 'volts'",
         ),
         (
             "alias = 5",
             "parameters = 5",
-            "rig.toml:8: slave[1].parameters: must be a table, written as [slave.parameters]",
+            "rig.toml:8: slave[1].parameters: [slave.parameters]",
         ),
         (
             '"doubler.toml"',
             '"tripler.toml"',
-            "rig.toml:18: slave[4].device: there is no file 'tripler.toml'",
+            "rig.toml:18: slave[4].device: no file | 'tripler.toml'",
         ),
         (
             '"doubler.toml"',
             '"doubler.toml"\nparameters = {}',
-            "rig.toml:19: slave[4].parameters: belong to devices of the library",
+            "rig.toml:19: slave[4].parameters: library",
         ),
         (
             '"counter.py:Counter"',
             '"counter.py"',
-            'rig.toml:21: slave[5].device: names no class: write "counter.py:ClassName"',
+            'rig.toml:21: slave[5].device: class | "counter.py:ClassName"',
         ),
         (
             '"counter.py:Counter"',
             '"missing.py:Counter"',
-            "rig.toml:21: slave[5].device: there is no file 'missing.py'",
+            "rig.toml:21: slave[5].device: no file | 'missing.py'",
         ),
         (
             '"counter.py:Counter"',
             '"counter.py:Cuonter"',
-            "counter.py: the file does not define 'Cuonter'",
+            "counter.py: define | 'Cuonter'",
         ),
         (
             '"counter.py:Counter"',
             '"counter.py:number"',
-            "counter.py: 5 is neither a class nor a function",
+            "counter.py: 5 | class | function",
         ),
         (
             '"counter.py:Counter"',
             '"counter.py:dict"',
-            "counter.py: the file does not define 'dict'",
+            "counter.py: define | 'dict'",
         ),
         (
             "step = 3",
             "stop = 3",
-            "counter.py: TypeError: Counter.__init__() got an unexpected keyword argument 'stop'",
+            "counter.py: TypeError: Counter.__init__() | 'stop'",
         ),
         (
             "vendor = 0xFFFF",
             "",
-            "rig.toml:24: slave[6]: says no device: it needs ",
+            'rig.toml:24: slave[6]: `device = "EL2004"`',
         ),
         (
             "product = 9",
             "",
-            "rig.toml:24: slave[6].product: is missing; it must be a whole number",
+            "rig.toml:24: slave[6].product: missing | whole number",
         ),
         (
             "index = 0x1A00",
             "index = 0x1C00",
-            "rig.toml:29: slave[6].pdo[0].index: is 0x1C00, but must be from 0x1600 to 0x1BFF",
+            "rig.toml:29: slave[6].pdo[0].index: 0x1C00 | 0x1600 | 0x1BFF",
         ),
         (
             "scale = 0.5",
             "scale = inf",
-            "rig.toml:30: slave[6].pdo[0].entry[0].scale: must be a finite number, not inf",
+            "rig.toml:30: slave[6].pdo[0].entry[0].scale: finite | inf",
         ),
         (
             "scale = 0.5",
             "skale = 0.5",
-            "rig.toml:30: slave[6].pdo[0].entry[0].skale: is no key; did you mean 'scale'?",
+            "rig.toml:30: slave[6].pdo[0].entry[0].skale: no key | 'scale'",
         ),
         (
             "[[wire]]",
             "[wire]",
-            "rig.toml:32: wire: must be an array of tables, written as [[wire]]",
+            "rig.toml:32: wire: [[wire]]",
         ),
         (
             "[[wire]]",
             "[[slave.wire]]",
-            "rig.toml:32: slave[6].wire: is no key; did you mean [[wire]]?",
+            "rig.toml:32: slave[6].wire: no key | [[wire]]",
         ),
-        ("from =", "form =", "rig.toml:33: wire[0].form: is no key; did you mean 'from'?"),
+        ("from =", "form =", "rig.toml:33: wire[0].form: no key | 'from'"),
         (
             'from = { slave = 1, entry = "0x7000:01" }\n',
             "",
-            "rig.toml:32: wire[0].from: is missing; it must be a table",
+            "rig.toml:32: wire[0].from: missing | table",
         ),
         (
             "{ slave = 1, entry",
             "{ slave = 7, entry",
-            "rig.toml:33: wire[0].from.slave: is 7, but must be from 0 to 6",
+            "rig.toml:33: wire[0].from.slave: 7 | 0 | 6",
         ),
         (
             "{ slave = 1, entry",
             "{ entry",
-            "rig.toml:33: wire[0].from.slave: is missing; it must be a whole number",
+            "rig.toml:33: wire[0].from.slave: missing | whole number",
         ),
         (
             '"0x7000:01"',
             "0x7000",
-            'rig.toml:33: wire[0].from.entry: must be an address such as "0x6000:01", not 0x7000',
+            'rig.toml:33: wire[0].from.entry: "0x6000:01" | 0x7000',
         ),
         (
             '"0x7000:01"',
             '"0x7000:02"',
-            "rig.toml:33: wire[0].from.entry: slave 1 (EL2008) has no output 0x7000:02; it has "
-            "0x7000:01, 0x7010:01, ",
+            "rig.toml:33: wire[0].from.entry: slave 1 (EL2008) | output | 0x7000:02 | "
+            "0x7000:01 | 0x7010:01",
         ),
         (
             '{ slave = 1, entry = "0x7000:01" }',
             '{ slave = 0, entry = "0x7000:01" }',
-            "rig.toml:33: wire[0].from.entry: slave 0 (EK1100) has no output 0x7000:01; it has",
+            "rig.toml:33: wire[0].from.entry: slave 0 (EK1100) | output | 0x7000:01",
         ),
         (
             '{ slave = 2, entry = "0x6010:01" }',
             '{ slave = 2, entry = "0x6000:01" }',
-            "rig.toml:42: waveform[1].to.entry: is driven by another wire or waveform already",
+            "rig.toml:42: waveform[1].to.entry: wire | waveform",
         ),
         (
             '{ slave = 2, entry = "0x6010:01" }',
             '{ slave = 4, entry = "0x6000:01" }',
-            "rig.toml:42: waveform[1].to.entry: is driven by its `loopback` already",
+            "rig.toml:42: waveform[1].to.entry: `loopback`",
         ),
         (
             '"constant"',
             '"sinus"',
-            "rig.toml:38: waveform[0].shape: is 'sinus', but must be one of \"constant\", ",
+            "rig.toml:38: waveform[0].shape: 'sinus' | \"constant\"",
         ),
         (
             "value = 21.0",
             'value = "21"',
-            "rig.toml:39: waveform[0].value: must be a number, not '21'",
+            "rig.toml:39: waveform[0].value: number | '21'",
         ),
         (
             "value = 21.0",
             "value = 21.0\nfrequency = 1",
-            "rig.toml:40: waveform[0].frequency: is no key; valid are to, shape, value",
+            "rig.toml:40: waveform[0].frequency: no key | to | shape | value",
         ),
         (
             "frequency = 0.5",
             "frequency = -0.5",
-            "rig.toml:44: waveform[1].frequency: is -0.5, but must be from 0 to 1000000000",
+            "rig.toml:44: waveform[1].frequency: -0.5 | 0 | 1000000000",
         ),
         (
             "amplitude = 20\n",
             "",
-            "rig.toml:46: waveform[2].amplitude: is missing; it must be a number",
+            "rig.toml:46: waveform[2].amplitude: missing | number",
         ),
         (
             '"counter.py:plant"',
             '"counter.py"',
-            "rig.toml:53: plant[0].python: must be a file and a name in it",
+            "rig.toml:53: plant[0].python: file | name",
         ),
         (
             '"counter.py:plant"',
             '"counter.py:broken"',
-            "counter.py: TypeError: broken() got an unexpected keyword argument 'slave'",
+            "counter.py: TypeError: broken() | 'slave'",
         ),
         (
             '"counter.py:plant"\nparameters = { slave = 5 }',
@@ -565,39 +565,43 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             '"counter.py:plant"\nparameters = { slave = 5 }',
             '"counter.py:nothing"',
-            "rig.toml:53: plant[0].python: nothing in 'counter.py' makes nothing that takes",
+            "rig.toml:53: plant[0].python: nothing | 'counter.py'",
         ),
-        ("python =", "# ", 'rig.toml:52: plant[0]: needs `python = "motor.py:Motor"` or `fmu = '),
+        (
+            "python =",
+            "# ",
+            'rig.toml:52: plant[0]: `python = "motor.py:Motor"` | `fmu = "motor.fmu"`',
+        ),
         (
             'python = "counter.py:plant"\nparameters',
             'fmu = "tank.fmu"\nparameters',
-            "rig.toml:54: plant[0].parameters: is no key; valid are fmu, period, start, connect",
+            "rig.toml:54: plant[0].parameters: no key | fmu | period | start | connect",
         ),
         (
             'python = "counter.py:plant"\nparameters = { slave = 5 }',
             "period = 0",
-            "rig.toml:52: plant[0]: needs `python",
+            'rig.toml:52: plant[0]: `python = "motor.py:Motor"`',
         ),
         (
             '"al-error"',
             '"al-erorr"',
-            "rig.toml:56: fault[0]: there is no fault 'al-erorr'; there are",
+            "rig.toml:56: fault[0]: 'al-erorr' | al-error",
         ),
-        ('kind = "al-error"', "", "rig.toml:56: fault[0]: kind is missing; there are drop, "),
-        ("slave = 1\n", "slave = 7\n", "rig.toml:56: fault[0]: al-error: there is no slave 7; "),
-        ("slave = 1\n", "", "rig.toml:56: fault[0]: al-error: slave is missing"),
-        ("code = 0x001D", "code = inf", "rig.toml:56: fault[0]: al-error: code is inf; allowed is"),
-        ("at_cycle = 100", "at_cycle = -1", "rig.toml:56: fault[0]: al-error: at_cycle is -1; "),
-        ("at_cycle", "atcycle", "rig.toml:56: fault[0]: al-error: there is no parameter 'atcycle'"),
-        ("[[fault]]", "[fault]", "rig.toml:56: fault: must be an array of tables, written as [[fa"),
-        ("python =", "pyton =", "rig.toml:53: plant[0].pyton: is no key; did you mean 'python'?"),
+        ('kind = "al-error"', "", "rig.toml:56: fault[0]: kind | missing | drop"),
+        ("slave = 1\n", "slave = 7\n", "rig.toml:56: fault[0]: al-error: slave 7"),
+        ("slave = 1\n", "", "rig.toml:56: fault[0]: al-error: slave | missing"),
+        ("code = 0x001D", "code = inf", "rig.toml:56: fault[0]: al-error: code | inf"),
+        ("at_cycle = 100", "at_cycle = -1", "rig.toml:56: fault[0]: al-error: at_cycle | -1"),
+        ("at_cycle", "atcycle", "rig.toml:56: fault[0]: al-error: 'atcycle'"),
+        ("[[fault]]", "[fault]", "rig.toml:56: fault: [[fault]]"),
+        ("python =", "pyton =", "rig.toml:53: plant[0].pyton: no key | 'python'"),
     ],
 )
 def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in RIG
     with pytest.raises(ConfigError) as error:
         load(tmp_path, RIG.replace(old, new, 1))
-    assert str(error.value).replace(f"{tmp_path}/", "").startswith(message)
+    names_at(str(error.value).replace(f"{tmp_path}/", ""), message)
 
 
 def test_mistakes_of_a_device_file_name_that_file(tmp_path: Path) -> None:
@@ -605,44 +609,43 @@ def test_mistakes_of_a_device_file_name_that_file(tmp_path: Path) -> None:
     (tmp_path / "doubler.toml").write_text("vendor = 1\nproduct = 'x'\n")
     with pytest.raises(ConfigError) as error:
         rigs.make(str(file))
-    assert (
-        str(error.value) == f"{tmp_path}/doubler.toml:2: product: must be a whole number, not 'x'"
-    )
+    names_at(error.value, f"{tmp_path}/doubler.toml:2: product: whole number | 'x'")
 
 
 def test_more_slaves_than_a_segment_has(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"toml:1: slave: has 1025 slaves, .* at most 1024"):
+    with pytest.raises(ConfigError, match=naming("rig.toml:1: slave:", 1025, 1024)):
         load(tmp_path, SLAVE * 1025)
 
 
 def test_wires_of_a_rig_without_slaves(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"toml:2: wire\[0\].from.slave: there are no slaves"):
+    with pytest.raises(ConfigError, match=naming("rig.toml:2: wire[0].from.slave:", "no slaves")):
         load(tmp_path, f"[[wire]]\n{WIRE}\n")
 
 
 def test_names_of_rigs() -> None:
     assert rigs.make("empty").devices == []
-    with pytest.raises(UsageError, match="there is no rig 'nothing': use one of troll, "):
+    with pytest.raises(UsageError, match=naming("no rig", "'nothing'", "troll")):
         rigs.make("nothing")
-    with pytest.raises(ConfigError, match=r"^nothing.toml: cannot be read: No such file"):
+    with pytest.raises(ConfigError, match=naming("nothing.toml:", "No such file")):
         rigs.make("nothing.toml")
-    with pytest.raises(ConfigError, match=r"^there is no rig file 'nothing.py'"):
+    with pytest.raises(ConfigError, match=naming("no rig file", "'nothing.py'")):
         rigs.make("nothing.py")
 
 
 def test_python_rigs_say_where_they_fail(tmp_path: Path) -> None:
     for number, (text, message) in enumerate(
         (
-            ("def rig():\n    return 1 / 0\n", "{file}:2: ZeroDivisionError: division by zero"),
-            ("def rig(:\n", "{file}:1: SyntaxError: invalid syntax"),
-            ("def rigg(): ...\n", "{file}: the file must define a function rig()"),
-            ("def rig(): ...\n", "{file}: rig() must return an ecatsim.rig.Rig"),
+            ("def rig():\n    return 1 / 0\n", "{file}:2: ZeroDivisionError"),
+            ("def rig(:\n", "{file}:1: SyntaxError"),
+            ("def rigg(): ...\n", "{file}: define | rig()"),
+            ("def rig(): ...\n", "{file}: return | rig() | ecatsim.rig.Rig"),
         )
     ):
         file = tmp_path / f"rig{number}.py"
         file.write_text(text)
-        with pytest.raises(ConfigError, match=re.escape(message.format(file=file))):
+        with pytest.raises(ConfigError) as error:
             rigs.make(str(file))
+        names_at(error.value, message.format(file=file))
 
 
 @settings(max_examples=300)

@@ -2,6 +2,7 @@ import struct
 
 import pytest
 
+from conftest import naming
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
 from ecatd.model.pdo import Entry, Pdo
@@ -132,7 +133,7 @@ def test_dc_modes_are_category_60():
 
 def test_a_dc_mode_that_does_not_fit_is_refused():
     mode = sii.DcMode("Slow", sync0_cycle_ns=1 << 32)
-    with pytest.raises(UsageError, match=r"DC mode 'Slow'.*category 60"):
+    with pytest.raises(UsageError, match=naming("DC mode 'Slow'", "category 60")):
         sii.build(Description(1, 2, 3, dc_modes=[mode]))
 
 

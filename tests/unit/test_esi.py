@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from esi_sample import SAMPLE
 
+from conftest import names, naming
 from ecatd.esi import EsiDevice, EsiEntry, choose, list_devices, read_device
 from ecatd.model.datatypes import DataType
 from ecatd.model.dictionary import ObjectCode
@@ -54,20 +55,18 @@ def test_ambiguous_and_unknown_choices_list_what_there_is(tmp_path: Path) -> Non
     choices = list_devices(path)
     with pytest.raises(ConfigError) as error:
         choose(choices, path, type="AX2")
-    assert str(error.value) == (
-        f"{path}: 2 devices fit: choose one by type, product and revision: "
-        "AX2 (product 0x00001234, revision 0x00020001), "
-        "AX2 (product 0x00001234, revision 0x00010000)"
-    )
+    names(error.value, f"{path}: ", "2 devices", "type", "product", "revision")
+    names(error.value, "AX2 (product 0x00001234, revision 0x00020001)")
+    names(error.value, "AX2 (product 0x00001234, revision 0x00010000)")
+    assert "DI4" not in str(error.value)
     with pytest.raises(ConfigError) as error:
         choose(choices[2:], path, type="DI5", product=1, revision=2)
-    assert str(error.value) == (
-        f"{path}: no device has type 'DI5' and product 0x00000001 and revision 0x00000002; "
-        "there are DI4 (product 0x00005678, revision 0x00000001)"
-    )
-    with pytest.raises(ConfigError, match=r"the file describes no devices$"):
+    names(error.value, f"{path}: ", "no device", "'DI5'", "0x00000001", "0x00000002")
+    names(error.value, "DI4 (product 0x00005678, revision 0x00000001)")
+    assert "AX2" not in str(error.value)
+    with pytest.raises(ConfigError, match=naming(f"{path}: ", "no devices")):
         choose([], path)
-    with pytest.raises(ConfigError, match=r" and 8 more$"):
+    with pytest.raises(ConfigError, match=naming("20 devices", "8 more")):
         choose(choices[:1] * 20, path)
 
 
@@ -221,33 +220,34 @@ def test_slots_and_dictionaries_elsewhere_are_told(tmp_path: Path) -> None:
 
 WRONG = [
     ("<Id>#x0000FFFF</Id>", "<Id>0xGG</Id>", "<Id> is '0xGG': a number such as 10 or #x0A"),
-    ("<Id>#x0000FFFF</Id>", "<Id>#x100000000</Id>", "<Id> is #x100000000: 0 to 4294967295 are"),
-    ("<Id>#x0000FFFF</Id>", "", "<Vendor> has no <Id>"),
-    ('ProductCode="#x00001234" RevisionNo="#x00020001"', 'ProductCode="a"', "ProductCode of <Ty"),
-    ("<Index>#x1600</Index>", "<Index>#x16000</Index>", "<Index> is #x16000: 0 to 65535 are"),
-    ("<Index>#x1601</Index>", "<Index>#x1600</Index>", "<RxPdo> 0x1600 is defined a second time"),
-    ('<RxPdo Sm="2">', '<RxPdo Sm="4">', "Sm of <RxPdo> is 4, but there are 4 sync managers"),
-    ('Mandatory="true"', 'Mandatory="yes"', "Mandatory of <RxPdo> is 'yes': true, false, 1 and 0"),
-    ("<BitLen>32</BitLen>", "<BitLen>0</BitLen>", "<BitLen> is 0: 1 to 255 are allowed"),
-    ("<BitLen>32</BitLen>", "", "<Entry> has no <BitLen>"),
-    ("080C0000", "080C000", "<ConfigData> is '080C0000A000000': pairs of hexadecimal digits"),
-    ("0010000100120001", "00" * 11, "<BootStrap> has 11 bytes: at most 10 are allowed"),
-    ("0102030405", "x", "<Data> is 'x': pairs of hexadecimal digits are allowed"),
-    ("<Access>wo</Access>", "<Access>w</Access>", "<Access> is 'w': ro, rw and wo are allowed"),
-    ("PreOP_SafeOP", "Boot", "WriteRestrictions is 'Boot': PreOP, SafeOP and OP are allowed"),
-    (">R</PdoMapping>", ">X</PdoMapping>", "<PdoMapping> is 'X': R, T and RT are allowed"),
-    ("<Index>#x2001</Index>", "<Index>#x2000</Index>", "object 0x2000 is defined a second time"),
-    ("<SubIdx>4</SubIdx>", "<SubIdx>3</SubIdx>", "subindex 3 is defined a second time"),
-    ("<DefaultData>0600</DefaultData>", "<DefaultData>060001</DefaultData>", "has 3 bytes: the"),
-    ("<DefaultValue>-2<", "<DefaultValue>-99999<", "<DefaultValue> is -99999: -32768 to 65535"),
-    ("<DefaultValue>1.5<", "<DefaultValue>a<", "<DefaultValue> is 'a': a number is allowed"),
-    ("<LBound>1</LBound><Elements>3<", "<LBound>9</LBound><Elements>255<", "ends beyond 255"),
+    ("<Id>#x0000FFFF</Id>", "<Id>#x100000000</Id>", "<Id> | #x100000000 | 0 | 4294967295"),
+    ("<Id>#x0000FFFF</Id>", "", "<Vendor> | <Id>"),
+    ('ProductCode="#x00001234" RevisionNo="#x00020001"', 'ProductCode="a"',
+     "ProductCode | <Type> | 'a'"),
+    ("<Index>#x1600</Index>", "<Index>#x16000</Index>", "<Index> | #x16000 | 0 | 65535"),
+    ("<Index>#x1601</Index>", "<Index>#x1600</Index>", "<RxPdo> | 0x1600 | second"),
+    ('<RxPdo Sm="2">', '<RxPdo Sm="4">', "Sm | <RxPdo> | 4 sync managers"),
+    ('Mandatory="true"', 'Mandatory="yes"', "Mandatory | <RxPdo> | 'yes'"),
+    ("<BitLen>32</BitLen>", "<BitLen>0</BitLen>", "<BitLen> | 0 | 1 | 255"),
+    ("<BitLen>32</BitLen>", "", "<Entry> | <BitLen>"),
+    ("080C0000", "080C000", "<ConfigData> | '080C0000A000000'"),
+    ("0010000100120001", "00" * 11, "<BootStrap> | 11 bytes | 10"),
+    ("0102030405", "x", "<Data> | 'x' | hexadecimal"),
+    ("<Access>wo</Access>", "<Access>w</Access>", "<Access> | 'w' | ro | rw | wo"),
+    ("PreOP_SafeOP", "Boot", "WriteRestrictions | 'Boot' | PreOP | SafeOP"),
+    (">R</PdoMapping>", ">X</PdoMapping>", "<PdoMapping> | 'X' | R | T | RT"),
+    ("<Index>#x2001</Index>", "<Index>#x2000</Index>", "object | 0x2000 | second"),
+    ("<SubIdx>4</SubIdx>", "<SubIdx>3</SubIdx>", "subindex 3 | second"),
+    ("<DefaultData>0600</DefaultData>", "<DefaultData>060001</DefaultData>", "3 bytes"),
+    ("<DefaultValue>-2<", "<DefaultValue>-99999<", "<DefaultValue> | -99999 | -32768 | 65535"),
+    ("<DefaultValue>1.5<", "<DefaultValue>a<", "<DefaultValue> | 'a' | number"),
+    ("<LBound>1</LBound><Elements>3<", "<LBound>9</LBound><Elements>255<", "255"),
     ("<Type>UINT</Type>\n                <BitSize>16</BitSize><Info>", "<Type>DT9</Type><Info>",
-     "the data type 'DT9' is not defined, and there is no <BitSize>"),
-    ("<EtherCATInfo ", "<EtherCATInfo><EtherCATInfo ", "this is no XML: no element found"),
-    ("</Descriptions>", "</Description>", "this is no XML: mismatched tag"),
-    ("Axis, first", "A & B", "this is no XML: not well-formed"),
-    ('"utf-8"', '"utf-99"', "this is no XML: unknown encoding"),
+     "data type | 'DT9' | <BitSize>"),
+    ("<EtherCATInfo ", "<EtherCATInfo><EtherCATInfo ", "XML | no element found"),
+    ("</Descriptions>", "</Description>", "XML | mismatched tag"),
+    ("Axis, first", "A & B", "XML | not well-formed"),
+    ('"utf-8"', '"utf-99"', "XML | unknown encoding"),
 ]  # fmt: skip
 
 
@@ -261,14 +261,14 @@ def test_wrong_files_are_named_with_their_lines(
         axis(tmp_path, text)
     path, line, said = str(error.value).split(":", 2)
     assert path == str(tmp_path / "x.xml")
-    assert message in said
+    names(said, *message.split(" | "))
     assert 1 <= int(line) <= text.count("\n") + 1
 
 
 def test_the_line_is_that_of_the_element(tmp_path: Path) -> None:
     text = SAMPLE.replace("<BitLen>32</BitLen>", "<BitLen>\n-1\n</BitLen>")
     line = 1 + text[: text.index("<BitLen>\n")].count("\n")
-    with pytest.raises(ConfigError, match=f"^[^:]*x.xml:{line}: <BitLen> is -1: 1 to 255 are"):
+    with pytest.raises(ConfigError, match=naming(f"x.xml:{line}: ", "<BitLen>", -1, 1, 255)):
         axis(tmp_path, text)
 
 
@@ -282,24 +282,24 @@ OUTSIDE = '<!DOCTYPE x [<!ENTITY f SYSTEM "/etc/passwd">]><EtherCATInfo>&f;</Eth
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (LAUGHS, r":1: a document type \(<!DOCTYPE>\) is not allowed: ESI files have none$"),
-        (OUTSIDE, ":1: a document type "),
-        ("<a>" * 100, ":1: elements lie more than 64 deep in each other$"),
-        ("<EtherCATInfo>&f;</EtherCATInfo>", ":1: this is no XML: undefined entity$"),
-        ("<Other/>", ":1: the file begins with <Other>: an ESI file begins with <EtherCATInfo>$"),
-        ("", ":1: this is no XML: no element found$"),
-        (b"\x7fELF\0\0", ":1: this is no XML: not well-formed"),
-        ("<EtherCATInfo/>", "x.xml: the file describes no devices$"),
+        (LAUGHS, "x.xml:1: | <!DOCTYPE>"),
+        (OUTSIDE, "x.xml:1: | <!DOCTYPE>"),
+        ("<a>" * 100, "x.xml:1: | 64"),
+        ("<EtherCATInfo>&f;</EtherCATInfo>", "x.xml:1: | XML | undefined entity"),
+        ("<Other/>", "x.xml:1: | <Other> | <EtherCATInfo>"),
+        ("", "x.xml:1: | XML | no element found"),
+        (b"\x7fELF\0\0", "x.xml:1: | XML | not well-formed"),
+        ("<EtherCATInfo/>", "x.xml: | no devices"),
     ],
 )
 def test_files_that_are_none(tmp_path: Path, text: str | bytes, message: str) -> None:
     path = file(tmp_path, text)
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
         choose(list_devices(path), path)
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"^cannot read '.*no.xml': No such file or directory$"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "no.xml", "No such file")):
         list_devices(tmp_path / "no.xml")
 
 
@@ -307,5 +307,5 @@ def test_a_file_that_is_too_large(tmp_path: Path) -> None:
     path = tmp_path / "x.xml"
     with path.open("wb") as hole:
         hole.truncate((128 << 20) + 1)
-    with pytest.raises(ConfigError, match=r"x.xml: the file has more than 128 MiB$"):
+    with pytest.raises(ConfigError, match=naming(path, "128 MiB")):
         list_devices(path)

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import naming
 from ecatd.bus.engine.framing import DOMAIN_DATAGRAM_MAX
 from ecatd.bus.engine.layout import (
     LRD,
@@ -69,9 +70,9 @@ def test_large_images_are_cut_at_slave_boundaries() -> None:
 
 def test_more_than_a_datagram_for_one_slave_is_refused() -> None:
     lay_out(bus(slave(0, 8 * DOMAIN_DATAGRAM_MAX, 8 * DOMAIN_DATAGRAM_MAX)), set())
-    with pytest.raises(StateError, match=r"slave 0 \(S0\) has 1453 bytes of inputs, but one datag"):
+    with pytest.raises(StateError, match=naming("slave 0 (S0)", "1453 bytes", "inputs")):
         lay_out(bus(slave(0, 0, 8 * DOMAIN_DATAGRAM_MAX + 8)), set())
-    with pytest.raises(StateError, match=r"slave 1 \(S1\) has 1500 bytes of outputs"):
+    with pytest.raises(StateError, match=naming("slave 1 (S1)", "1500 bytes", "outputs")):
         lay_out(bus(slave(0, 8, 8), slave(1, 12000, 8)), {1})
 
 
@@ -101,13 +102,11 @@ def test_without_configuration_all_slaves_are_in_domain_0() -> None:
 
 def test_domains_that_do_not_fit_the_bus_are_refused() -> None:
     made = bus(slave(0, 8, 8), slave(1, 0, 0), slave(2, 8, 8))
-    with pytest.raises(
-        ConfigError, match=r"^domain 1 \(slow\) names slave 3, but bus 'b' has 3 sl"
-    ):
+    with pytest.raises(ConfigError, match=naming("domain 1 (slow)", "slave 3", "'b'", "3 slaves")):
         assign_domains(made, [DomainConfig(), DomainConfig("slow", 4, 0, [2, 3])])
-    with pytest.raises(StateError, match=r"^domain 1 has nothing to exchange: none of its slaves"):
+    with pytest.raises(StateError, match=naming("domain 1", "nothing")):
         assign_domains(made, [DomainConfig(), DomainConfig("", 4, 0, [1])])
-    with pytest.raises(StateError, match=r"^domain 0 has nothing to exchange"):
+    with pytest.raises(StateError, match=naming("domain 0", "nothing")):
         assign_domains(made, [DomainConfig(), DomainConfig("", 4, 0, [0, 1, 2])])
     assign_domains(bus(slave(0, 0, 0)), [DomainConfig("all")])
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from conftest import names_at, naming
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import SignalConfig
 from ecatd.model.datatypes import DataType
@@ -83,13 +84,13 @@ def test_entries_repeat_for_each_channel(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("vendor", "message"),
     [
-        ("9" * 5000, ":4: has a number of too many digits"),
-        ("0x" + "F" * 5000, r":4: device\[0\].vendor: is a number of 20000 bits, but must be"),
-        ("[" * 5000, ": is nested too deeply"),
+        ("9" * 5000, "a.toml:4: | digits"),
+        ("0x" + "F" * 5000, "a.toml:4: | device[0].vendor: | 20000 bits"),
+        ("[" * 5000, "a.toml: | nested"),
     ],
 )
 def test_values_beyond_all_measure_are_refused(tmp_path: Path, vendor: str, message: str) -> None:
-    with pytest.raises(ConfigError, match=f"a.toml{message}"):
+    with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
         of(tmp_path, f'[[device]]\ndescription = "x"\nproduct = [1]\nvendor = {vendor}\n')
 
 
@@ -164,8 +165,8 @@ def test_limits_are_for_outputs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("profile", "rule", "message"),
     [
-        ("minimum = 40000\n", None, r"a\.toml: 0x6000:01 of slave 0 \(A\) can have no value"),
-        ("maximum = 8\n", {"minimum": 9.0}, r"the minimum 9, which is more than the maximum, 8"),
+        ("minimum = 40000\n", None, "a.toml: | 0x6000:01 | slave 0 (A)"),
+        ("maximum = 8\n", {"minimum": 9.0}, "minimum 9 | maximum | 8"),
     ],
 )
 def test_limits_that_leave_no_value(
@@ -173,7 +174,7 @@ def test_limits_that_leave_no_value(
 ) -> None:
     profiles = of(tmp_path, HEADER + f"[[device.entry]]\nindex = 0x6000\nsubindex = 1\n{profile}")
     rules = [] if rule is None else [SignalConfig(0, "0x6000:01", **rule)]
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
         give_meanings(Bus("b", 1000, [slave(entry(), outputs=True)]), profiles, rules)
 
 
@@ -219,57 +220,60 @@ def test_a_drive_is_known_by_its_entries() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[[device]\n", "is no valid TOML"),
-        ("[[devices]]\n", "1: devices: is no key; did you mean 'device'?"),
-        ("[device]\n", "1: device: must be an array"),
-        ("[[device]]\nvendor = 1\n", "1: device[0].description: is missing"),
-        ('[[device]]\ndescription = "A"\n', "1: device[0].product: says no device"),
+        ("[[device]\n", "1: TOML"),
+        ("[[devices]]\n", "1: devices: no key | 'device'"),
+        ("[device]\n", "1: device: [[device]]"),
+        ("[[device]]\nvendor = 1\n", "1: device[0].description: missing"),
+        ('[[device]]\ndescription = "A"\n', "1: device[0].product: no device"),
         (
             '[[device]]\ndescription = "A"\nhas = ["6041"]\n',
-            "3: device[0].has[0]: must be an address",
+            "3: device[0].has[0]: address | '6041'",
         ),
-        (HEADER.replace("[2]", "[-2]"), "4: device[0].product[0]: is -2, but must be from 0"),
-        (HEADER + "[[device.entry]]\nsubindex = 1\n", "5: device[0].entry[0].index: is missing"),
+        (HEADER.replace("[2]", "[-2]"), "4: device[0].product[0]: -2 | 0"),
+        (HEADER + "[[device.entry]]\nsubindex = 1\n", "5: device[0].entry[0].index: missing"),
         (
             HEADER + "[[device.entry]]\nindex = 1\nsubindex = 256\n",
-            "7: device[0].entry[0].subindex",
+            "7: device[0].entry[0].subindex: 256",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nscale = 0\n",
-            "7: device[0].entry[0].scale: is 0, but",
+            "7: device[0].entry[0].scale: 0",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nscale = nan\n",
-            "7: device[0].entry[0].scale: must be a finite",
+            "7: device[0].entry[0].scale: finite | nan",
         ),
-        (HEADER + "[[device.entry]]\nindex = 1\noffset = inf\n", "7: device[0].entry[0].offset"),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\noffset = inf\n",
+            "7: device[0].entry[0].offset: finite | inf",
+        ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1]\n",
-            "5: device[0].entry[0].physical: is missing",
+            "5: device[0].entry[0].physical: missing",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nraw = [1, 1]\nphysical = [0, 1]\n",
-            "7: device[0].entry[0].raw: two points must differ",
+            "7: device[0].entry[0].raw: differ",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1]\nphysical = [-1e308, 1e308]\n",
-            "7: device[0].entry[0].raw: two points so far apart make a scale of inf",
+            "7: device[0].entry[0].raw: scale | inf",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1e308]\nphysical = [0, 1e-100]\n",
-            "7: device[0].entry[0].raw: two points so far apart make a scale of 0",
+            "7: device[0].entry[0].raw: scale | 0.0",
         ),
         (
             HEADER + f"[[device.entry]]\nindex = 1\nraw = [0, {10**400}]\nphysical = [0, 1]\n",
-            "7: device[0].entry[0].raw[1]: is a number of 1329 bits, which is too large",
+            "7: device[0].entry[0].raw[1]: 1329 bits",
         ),
         (
             HEADER + f"[[device.entry]]\nindex = 1\nscale = {10**400}\n",
-            "7: device[0].entry[0].scale: is a number of 1329 bits, which is too large",
+            "7: device[0].entry[0].scale: 1329 bits",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nraw = [0, 1]\nphysical = [0, 1]\nscale = 2\n",
-            "9: device[0].entry[0].scale: is given twice",
+            "9: device[0].entry[0].scale: twice",
         ),
         (
             HEADER + '[[device.entry]]\nindex = 1\nunit = "Volt"\n',
@@ -277,44 +281,46 @@ def test_a_drive_is_known_by_its_entries() -> None:
         ),
         (
             HEADER + f'[[device.entry]]\nindex = 1\nunit = "{"m." * 8}m"\n',
-            "7: device[0].entry[0].unit: 'm.m.m.m.m.m.m.m.m' must be printable and at most 15",
+            "7: device[0].entry[0].unit: 'm.m.m.m.m.m.m.m.m' | 15",
         ),
         (
             HEADER + f'[[device.entry]]\nindex = 1\nname = "{"x" * 64}"\n',
-            "7: device[0].entry[0].name: ",
+            "7: device[0].entry[0].name: 63",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nminimum = 2\nmaximum = 1\n",
-            "7: device[0].entry[0].minimum: is 2, more than the maximum, 1",
+            "7: device[0].entry[0].minimum: 2 | maximum | 1",
         ),
-        (HEADER + "[[device.entry]]\nindex = 1\nmaximum = inf\n", "7: device[0].entry[0].maximum"),
+        (
+            HEADER + "[[device.entry]]\nindex = 1\nmaximum = inf\n",
+            "7: device[0].entry[0].maximum: finite | inf",
+        ),
         (
             HEADER + "[[device.entry]]\nindex = 1\nvalues = { 1 = 'a', 0x1 = 'b' }\n",
-            "7: device[0].entry[0].values.0x1: is named twice",
+            "7: device[0].entry[0].values.0x1: twice",
         ),
         (
             HEADER + '[[device.entry]]\nindex = 1\n[device.entry.values]\na = "b"\n',
-            "8: device[0].entry[0].values.a: is no whole number",
+            "8: device[0].entry[0].values.a: whole number",
         ),
         (
             HEADER + "[[device.entry]]\nindex = 1\n" + HEADER + "[[device.entry]]\nindex = 0\n",
-            "12: device[1].entry[0].index: is 0",
+            "12: device[1].entry[0].index: 0",
         ),
         (
             HEADER + "entry = [\n{ index = 1 },\n{ index = 2, scale = 0 } ]\n",
-            "7: device[0].entry[1].scale: is 0",
+            "7: device[0].entry[1].scale: 0",
         ),
     ],
 )
 def test_a_wrong_file_is_told_with_its_line(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ConfigError) as told:
         of(tmp_path, text)
-    assert str(told.value).startswith(f"{tmp_path / 'a.toml'}:")
-    assert message in str(told.value)
+    names_at(str(told.value).replace(f"{tmp_path}/", ""), f"a.toml:{message}")
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no folder"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "nowhere", "folder")):
         load_profiles([tmp_path / "nowhere"])
     assert load_profiles((), [tmp_path / "nowhere"]) == load_profiles()
 

@@ -1,11 +1,13 @@
 """The SII reader, on images made here byte by byte."""
 
+import re
 import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import names, naming
 from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager
 from ecatd.model.sii_reader import read_mailbox, read_sii
 
@@ -127,34 +129,35 @@ def without_mailbox(*categories: tuple[int, bytes]) -> bytes:
 
 BROKEN = [
     (image(general(), (10, bytes([2, 1]) + b"a" + bytes([9]))), "string 2 of 2 ends beyond"),
-    (image(general(), (50, pdo(0x1A00, 3, entries=5))), "TxPDO 0x1A00 claims 5 entries"),
-    (image()[:128] + struct.pack("<HH", 50, 0xFFFF), "claims 65535 words, more than fit: 65470"),
-    (b"\0" * 4096, "no category at word 0x0040, only zeros"),
-    (image()[:128] + struct.pack("<HH", 1, 0) * 300, "more than 256 categories"),
-    (image(general()), "the mailbox protocols 0x0004 are announced, but category 41"),
+    (image(general(), (50, pdo(0x1A00, 3, entries=5))), "TxPDO 0x1A00 | 5 entries"),
+    (image()[:128] + struct.pack("<HH", 50, 0xFFFF), "65535 words | 65470"),
+    (b"\0" * 4096, "word 0x0040 | zeros"),
+    (image()[:128] + struct.pack("<HH", 1, 0) * 300, "256 categories"),
+    (image(general()), "mailbox protocols | 0x0004 | category 41"),
     (image(general(), (31, b"")), "category 31 at word"),
-    (without_mailbox(general(), (40, b"\1\2")), "category 40 (FMMUs) is there, but category 41"),
+    (without_mailbox(general(), (40, b"\1\2")), "category 40 (FMMUs) | category 41"),
     (
         without_mailbox(general(), sync_managers((0x1000, 0x64, 1, 3))),
-        "sync manager 0 is for outputs, but no PDO lies in it, and there is no mailbox",
+        "sync manager 0 | outputs | no PDO",
     ),
-    (image(general(), sync_managers(*[(0x1000, 0, 1, 1)] * 17)), "17 sync managers are described"),
-    (image(general(), (50, pdo(0x1A00, 255, bits=0))), "entry 0x6000:01 has no bits"),
-    (image(), "there are no categories"),
+    (image(general(), sync_managers(*[(0x1000, 0, 1, 1)] * 17)), "17 sync managers"),
+    (image(general(), (50, pdo(0x1A00, 255, bits=0))), "0x6000:01 | no bits"),
+    (image(), "no categories"),
     (image(general())[:0x30] + b"\0" * 8 + image(general())[0x38:], "describe no mailbox"),
-    (image(STRINGS), "category 30 (general) is missing"),
-    (image((30, b"\0" * 8)), "category 30 has 8 bytes"),
-    (image(general(), general()), "category 30 occurs a second time"),
-    (image(general(), (50, pdo(0x1A00, 3))), "category 41 describes none"),
-    (image(general(), (50, pdo(0x6000, 3))), "its index must be from 0x1600 to 0x1BFF"),
-    (image(general(), (50, 2 * pdo(0x1A00, 255))), "TxPDO 0x1A00 occurs a second time"),
+    (image(STRINGS), "category 30 (general) | missing"),
+    (image((30, b"\0" * 8)), "category 30 | 8 bytes"),
+    (image(general(), general()), "category 30 | second"),
+    (image(general(), (50, pdo(0x1A00, 3))), "category 41 | none"),
+    (image(general(), (50, pdo(0x6000, 3))), "index | 0x1600 | 0x1BFF"),
+    (image(general(), (50, 2 * pdo(0x1A00, 255))), "TxPDO 0x1A00 | second"),
 ]
 
 
 @pytest.mark.parametrize(("data", "what"), BROKEN)
 def test_damage_is_named_with_its_effect(data: bytes, what: str) -> None:
     sii = read(data)
-    (problem,) = [problem for problem in sii.problems if what in problem.text]
+    wanted = naming(*what.split(" | "))
+    (problem,) = [problem for problem in sii.problems if re.search(wanted, problem.text)]
     assert problem.damage
     assert problem.effect
     assert sii.damaged
@@ -175,10 +178,9 @@ def test_categories_end_where_the_eeprom_ends() -> None:
     struct.pack_into("<H", whole, 2 * 0x3E, 3)
     filler = struct.pack("<HH", 0x0801, (512 - end - 4) // 2).ljust(512 - end, b"\0")
     behind = struct.pack("<HH", 41, 0) + b"\xff\xff"
-    assert (
-        "the categories reach to the end of the EEPROM, which has 256 words (word 0x3E), without "
-        "0xFFFF behind the last one" in texts(bytes(whole[:end] + filler + behind))
-    )
+    said = texts(bytes(whole[:end] + filler + behind))
+    wanted = naming("categories", "256 words", "word 0x3E", "0xFFFF")
+    assert any(re.search(wanted, text) for text in said), said
     longer = struct.pack("<HH", 0x0801, (512 - end - 4) // 2 + 1).ljust(514 - end, b"\0")
     (problem,) = [p for p in read(bytes(whole[:end] + longer + behind)).problems if p.byte == end]
     assert "more than fit" in problem.text
@@ -186,10 +188,8 @@ def test_categories_end_where_the_eeprom_ends() -> None:
 
 def test_texts_that_are_not_there_are_no_damage() -> None:
     sii = read(image((10, b"\0\0"), general(), sync_managers()))
-    assert [problem.text for problem in sii.problems] == [
-        "there is no string 1: 0 to 0 are allowed",
-        "there is no string 2: 0 to 0 are allowed",
-    ]
+    for number, problem in zip((1, 2), sii.problems, strict=True):
+        names(problem.text, f"string {number}", 0)
     assert not sii.damaged
 
 
@@ -197,15 +197,15 @@ def test_texts_that_are_not_there_are_no_damage() -> None:
     ("rows", "place", "why"),
     [
         (((0x1000, 0x20, 1, 4),), 0, ""),
-        (((0x1000, 0x20, 1, 4),), 1, "but 0 to 0 are described; 255 would be none"),
+        (((0x1000, 0x20, 1, 4),), 1, "0 | 255"),
         (((0x1000, 0x20, 1, 4),), 255, ""),
-        (((0x1000, 0x26, 1, 1),), 0, "whose usage is 1 (the mailbox that the master writes), not"),
-        (((0x1000, 0x64, 1, 3),), 0, "whose usage is 3 (outputs), not 4 (inputs)"),
+        (((0x1000, 0x26, 1, 1),), 0, "usage | 1 (the mailbox | 4 (inputs)"),
+        (((0x1000, 0x64, 1, 3),), 0, "usage | 3 (outputs) | 4 (inputs)"),
         (((0x1000, 0x20, 1, 0),), 0, ""),  # its control register says what it is for
-        (((0x1000, 0x64, 1, 0),), 0, "whose usage is 0 (unknown), not 4 (inputs)"),
+        (((0x1000, 0x64, 1, 0),), 0, "usage | 0 (unknown) | 4 (inputs)"),
         (((0x1000, 0x20, 0, 4),), 0, ""),  # a master turns on what it uses, as SOEM does
         (((0x0998, 0x00, 4, 4),), 0, ""),  # virtual: registers
-        (((0x0998, 0x00, 1, 4),), 0, "whose PDOs take 1 bytes from 0x0998"),
+        (((0x0998, 0x00, 1, 4),), 0, "1 bytes | 0x0998"),
         (((0xFFFF, 0x20, 1, 4),), 0, ""),
     ],
 )
@@ -216,8 +216,7 @@ def test_where_a_pdo_can_lie(
     (mapped,) = sii.inputs
     if why:
         (problem,) = sii.problems
-        assert why in problem.text
-        assert problem.text.startswith(f"TxPDO 0x1A00 lies in sync manager {place}, ")
+        names(problem.text, "TxPDO 0x1A00", f"sync manager {place}", *why.split(" | "))
         assert mapped.sync_manager == 255
     else:
         assert sii.problems == []

@@ -1,6 +1,5 @@
 """Reading TOML: where messages say that something is, and what they say of it."""
 
-import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import names, names_at, naming
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.toml_file import Document, Table, integer, number, parse_toml, read_toml
 from ecatd.model.toml_places import Path as KeyPath
@@ -220,78 +220,78 @@ def test_values() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("nam = 1", "1: nam: is no key; did you mean 'name'?"),
-        ("zzz = 1", "1: zzz: is no key; valid are name, count, share, free, least, on, place, way"),
-        ("x.y = 1", "1: x: is no key; valid are "),
-        ('"a\\nb" = 1', "1: 'a\\nb': is no key; valid are "),
-        ("'' = 1", "1: '': is no key; valid are "),
-        ("inner.'' = 1", "1: inner.'': is no key; valid are "),
-        ("[inner]\n[inner.inner]\non = 1", "3: inner.inner.on: must be true or false, not 1"),
-        ("inner.on = 1", "1: inner.on: must be true or false, not 1"),
-        ("\ninner = { name = 'a', on = 1 }", "2: inner.on: must be true or false, not 1"),
-        ("name = 3", "1: name: must be a text in quotes, not 3"),
-        ("name = 0x1000", "1: name: must be a text in quotes, not 0x1000"),
-        ("name = 1979-05-27", "1: name: must be a text in quotes, not 1979-05-27"),
-        ("name = []", "1: name: must be a text in quotes, not an array"),
-        ("count = true", "1: count: must be a whole number, not true"),
-        ("count = 1.0", "1: count: must be a whole number, not 1.0"),
-        (f"count = '{'a' * 99}'", f"1: count: must be a whole number, not '{'a' * 38}…"),
-        ("count = 70000", "1: count: is 70000, but must be from 1 to 65535"),
-        ("count = 0x11170", "1: count: is 0x11170, but must be from 1 to 0xFFFF"),
-        ("count = -70_000", "1: count: is -70000, but must be from 1 to 65535"),
-        (f"count = {10**30}", "1: count: is a number of 100 bits, but must be from 1 to 65535"),
-        ("share = 2", "1: share: is 2, but must be from 0.1 to 1"),
-        ("share = nan", "1: share: must be a finite number, not nan"),
-        ("free = -inf", "1: free: must be a finite number, not -inf"),
-        (f"free = {10**400}", "1: free: is a number of 1329 bits, which is too large"),
-        ("free = '1'", "1: free: must be a number, not '1'"),
-        ("least = 1", "1: least: is 1, but must be at least 2"),
-        ("place = '6000'", "1: place: must be an address such as \"0x6000:01\", not '6000'"),
-        ("way = 'up'", '1: way: is \'up\', but must be one of "in", "out"'),
-        ("way = 1", '1: way: must be one of "in", "out", not 1'),
-        ("ways = 'in'", '1: ways: must be a list of "in", "out", not \'in\''),
-        ("ways = [\n'in',\n'up']", '3: ways[1]: is \'up\', but must be one of "in", "out"'),
-        ("list = 1", "1: list: must be an array, not 1"),
-        ("list = [\n# none\n10]", "3: list[0]: is 10, but must be from 0 to 9"),
-        ("inner = 1", "1: inner: must be a table, written as [inner], not 1"),
-        ("[[inner]]", "1: inner: must be a table, written as [inner], not an array"),
-        ("[part]", "1: part: must be an array of tables, written as [[part]], not a table"),
-        ("part = [1]", "1: part[0]: must be a table, written as [[part]], not 1"),
-        ("[[part]]", "1: part[0].name: is missing; it must be a text in quotes"),
+        ("nam = 1", "1: nam: 'name'"),
+        ("zzz = 1", "1: zzz: no key | name | count | share | free | least | on | place | way"),
+        ("x.y = 1", "1: x: no key | name | count"),
+        ('"a\\nb" = 1', "1: 'a\\nb': no key | name | count"),
+        ("'' = 1", "1: '': no key | name | count"),
+        ("inner.'' = 1", "1: inner.'': no key | name | count"),
+        ("[inner]\n[inner.inner]\non = 1", "3: inner.inner.on: true | false | 1"),
+        ("inner.on = 1", "1: inner.on: true | false | 1"),
+        ("\ninner = { name = 'a', on = 1 }", "2: inner.on: true | false | 1"),
+        ("name = 3", "1: name: text | 3"),
+        ("name = 0x1000", "1: name: text | 0x1000"),
+        ("name = 1979-05-27", "1: name: text | 1979-05-27"),
+        ("name = []", "1: name: text | an array"),
+        ("count = true", "1: count: whole number | true"),
+        ("count = 1.0", "1: count: whole number | 1.0"),
+        (f"count = '{'a' * 99}'", f"1: count: whole number | '{'a' * 38}…"),
+        ("count = 70000", "1: count: 70000 | 1 | 65535"),
+        ("count = 0x11170", "1: count: 0x11170 | 1 | 0xFFFF"),
+        ("count = -70_000", "1: count: -70000 | 1 | 65535"),
+        (f"count = {10**30}", "1: count: 100 bits | 1 | 65535"),
+        ("share = 2", "1: share: 2 | 0.1 | 1"),
+        ("share = nan", "1: share: finite | nan"),
+        ("free = -inf", "1: free: finite | -inf"),
+        (f"free = {10**400}", "1: free: 1329 bits"),
+        ("free = '1'", "1: free: number | '1'"),
+        ("least = 1", "1: least: 1 | 2"),
+        ("place = '6000'", "1: place: \"0x6000:01\" | '6000'"),
+        ("way = 'up'", '1: way: \'up\' | "in" | "out"'),
+        ("way = 1", '1: way: "in" | "out" | 1'),
+        ("ways = 'in'", '1: ways: list | "in" | "out" | \'in\''),
+        ("ways = [\n'in',\n'up']", '3: ways[1]: \'up\' | "in" | "out"'),
+        ("list = 1", "1: list: array | 1"),
+        ("list = [\n# none\n10]", "3: list[0]: 10 | 0 | 9"),
+        ("inner = 1", "1: inner: [inner] | 1"),
+        ("[[inner]]", "1: inner: [inner] | array"),
+        ("[part]", "1: part: [[part]] | table"),
+        ("part = [1]", "1: part[0]: [[part]] | 1"),
+        ("[[part]]", "1: part[0].name: missing | text"),
         (
             "[[part]]\nname = 'a'\n[[part.part]]\nname = 'b'\n[[part]]\nname = 'c'\n"
             "[[part.part]]\nname = 'd'\n[[part.part]]\nname = 'e'\ncount = 0",
-            "11: part[1].part[1].count: is 0, but must be from 1 to 65535",
+            "11: part[1].part[1].count: 0 | 1 | 65535",
         ),
         (
             "part = [\n{ name = 'a', part = [ { name = 'b' },\n{ name = 'c', on = 5 } ] } ]",
-            "3: part[0].part[1].on: must be true or false, not 5",
+            "3: part[0].part[1].on: true | false | 5",
         ),
         (
             'name = """\n[inner]\non = 2\n"""\n[inner]\non = 3',
-            "6: inner.on: must be true or false, not 3",
+            "6: inner.on: true | false | 3",
         ),
         (
             "[[part]]\nname = 'a'\npart = [ { name = 'b' }, 5 ]",
-            "3: part[0].part[1]: must be a table, written as [[part.part]], not 5",
+            "3: part[0].part[1]: [[part.part]] | 5",
         ),
     ],
 )
 def test_mistakes(text: str, message: str) -> None:
     with pytest.raises(ConfigError) as error:
         read(text)
-    assert str(error.value).startswith(f"x.toml:{message}")
+    names_at(error.value, f"x.toml:{message}")
 
 
 def test_keys_in_the_wrong_table() -> None:
     rules = {"speed": integer(0, 9), "axis": Table.table, "row": Table.tables}
     for text, hint in (
-        ("[axis]\nspeed = 3", "'speed' belongs in front of the first [table] of the file"),
-        ("[axis.axis]", "did you mean [axis]?"),
-        ("[[axis.row]]", "did you mean [[row]]?"),
+        ("[axis]\nspeed = 3", "[table]"),
+        ("[axis.axis]", "[axis]"),
+        ("[[axis.row]]", "[[row]]"),
     ):
         axis = parse_toml(text, "x").read(rules)["axis"]
-        with pytest.raises(ConfigError, match=re.escape(f"is no key; {hint}") + "$"):
+        with pytest.raises(ConfigError, match=naming("no key", hint)):
             axis.only(["name"])
 
 
@@ -299,7 +299,7 @@ def test_maps_have_no_lines_and_none_is_nothing() -> None:
     table = Table(Document("the map"), {"name": None, "count": 0, "inner": {"on": None}})
     assert "name" not in table
     assert table.table("inner").read(RULES) == {}
-    with pytest.raises(ConfigError, match=r"^the map: count: is 0, but must be from 1 to 65535$"):
+    with pytest.raises(ConfigError, match=naming("the map: count:", 0, 1, 65535)):
         table.read(RULES)
 
 
@@ -320,13 +320,13 @@ def test_mistakes_that_functions_find() -> None:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"a = 1\nb =", "2: is no valid TOML: Invalid value"),
-        (b"a = 1\nb = 2 3\n", "2: is no valid TOML: Expected newline or end of document after a"),
-        (b"a = 1\r\na = 2\r\n", "2: is no valid TOML: Cannot overwrite a value"),
-        (b'a = 1\n[b]\nc = "\x00"', "3: is no valid TOML: Illegal character '\\x00'"),
-        (b"a = 1\nb = " + b"7" * 5000, "2: has a number of too many digits"),
-        (b"a = " + b"[" * 5000, " is nested too deeply"),
-        (b"a = 1\nb = '\xe4'", "2: is no UTF-8 text: invalid continuation byte"),
+        (b"a = 1\nb =", "2: TOML | Invalid value"),
+        (b"a = 1\nb = 2 3\n", "2: TOML | newline"),
+        (b"a = 1\r\na = 2\r\n", "2: TOML | overwrite"),
+        (b'a = 1\n[b]\nc = "\x00"', "3: TOML | '\\x00'"),
+        (b"a = 1\nb = " + b"7" * 5000, "2: digits"),
+        (b"a = " + b"[" * 5000, " nested"),
+        (b"a = 1\nb = '\xe4'", "2: UTF-8 | continuation byte"),
     ],
     ids=["end", "newline", "twice", "nul", "digits", "depth", "latin-1"],
 )
@@ -335,20 +335,22 @@ def test_files_that_are_no_toml(tmp_path: Path, data: bytes, message: str) -> No
     file.write_bytes(data)
     with pytest.raises(ConfigError) as error:
         read_toml(file)
-    assert str(error.value).startswith(f"{file}:{message}")
+    line, _, tokens = message.partition(" ")
+    assert str(error.value).startswith(f"{file}:{line}")
+    names(error.value, *tokens.split(" | "))
     assert "\n" not in str(error.value)
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     for name, reason in (
-        ("none", "cannot be read: No such file or directory"),
-        ("a\0b", "cannot be read: embedded null byte"),
-        (".", "cannot be read: Is a directory"),
-        ("/dev/zero", "cannot be read: it is no regular file"),
+        ("none", "No such file"),
+        ("a\0b", "null byte"),
+        (".", "Is a directory"),
+        ("/dev/zero", "regular file"),
     ):
-        with pytest.raises(ConfigError, match=f"{reason}$"):
+        with pytest.raises(ConfigError, match=naming("cannot be read", reason)):
             read_toml(tmp_path / name)
     with (tmp_path / "large").open("wb") as large:
         large.truncate(1 << 27)
-    with pytest.raises(ConfigError, match="large: has 134217728 bytes, but at most 67108864 are"):
+    with pytest.raises(ConfigError, match=naming(tmp_path / "large", 134217728, 67108864)):
         read_toml(tmp_path / "large")

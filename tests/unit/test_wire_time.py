@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import names, naming
 from ecatd.bus.engine.framing import DOMAIN_DATAGRAM_MAX
 from ecatd.bus.engine.layout import LRW, Datagram, DomainImage, Image
 from ecatd.bus.start.wire_time import WireTime, wire_time
@@ -72,13 +73,11 @@ def test_domains_with_phases_take_turns() -> None:
 def test_phases_are_proposed_where_they_help() -> None:
     with pytest.raises(StateError) as caught:
         wire_time(domains((1, 0, 1000), (4, 0, 1000), (6, 2, 1000)), 200, 1, clock=False).check()
-    assert str(caught.value).endswith(
-        "or assign fewer PDOs, or let domains 1, 2, which are due in the same cycle, take turns by "
-        "phases of their own"
-    )
+    names(caught.value, "fewer PDOs", "domains 1, 2", "phases")
     with pytest.raises(StateError) as caught:
         wire_time(domains((1, 0, 1000), (4, 0, 1000), (5, 2, 1000)), 200, 1, clock=False).check()
-    assert str(caught.value).endswith("or assign fewer PDOs")
+    names(caught.value, "fewer PDOs")
+    assert "phases" not in str(caught.value)
 
 
 @st.composite
@@ -109,37 +108,30 @@ def test_more_than_the_wire_allows_is_refused_with_the_arithmetic() -> None:
     with pytest.raises(StateError) as caught:
         cycle(1000, 199, *[1440] * 8, 1216).check()
     text = str(caught.value)
-    assert text.startswith(
-        "IO larger than the wire allows at this cycle: 12736 bytes of process data, 9 frames, "
-        "13218 bytes with framing, are 1057.4 µs on a wire of 100 Mbit/s, but the cycle is 1000 µs"
-    )
+    names(text, "IO larger than the wire allows", "12736 bytes", "9 frames", "13218 bytes")
+    names(text, "1057.4 µs", "100 Mbit/s", "1000 µs")
     # (1057.44 + 199) / 0.9
-    assert "set cycle_time_us to 1397 or more, or assign fewer PDOs" in text
+    names(text, "cycle_time_us", 1397, "fewer PDOs")
 
 
 def test_a_cycle_too_short_for_the_way_through_the_slaves_is_refused() -> None:
     with pytest.raises(StateError) as caught:
         cycle(200, 150, 512).check()
-    assert str(caught.value).startswith(
-        "cycle time too short for the bus: 512 bytes of process data, 1 frame, 578 bytes with "
-        "framing, are 46.2 µs on a wire of 100 Mbit/s, and the way through the slaves takes "
-        "150.0 µs: 196.2 µs, more than nine tenths of the cycle of 200 µs; set cycle_time_us to "
-        "219 or more"
-    )
+    names(caught.value, "cycle time too short", "512 bytes", "1 frame", "578 bytes", "46.2 µs")
+    names(caught.value, "150.0 µs", "196.2 µs", "200 µs", "cycle_time_us", 219)
     assert cycle(219, 150, 512).check() != ""
 
 
 def test_above_four_fifths_there_is_a_warning() -> None:
     assert cycle(246, 150, 512).check() == ""
     warning = cycle(240, 150, 512).check()
-    assert "little room in the cycle of 240 µs" in warning
-    assert "a cycle_time_us of 246 or more leaves a fifth free" in warning
+    names(warning, "little room", "240 µs", "cycle_time_us", 246)
 
 
 def test_what_the_engine_has_no_room_for_is_refused() -> None:
-    with pytest.raises(StateError, match=r"IO larger than the engine can exchange: .* 65 frames"):
+    with pytest.raises(StateError, match=naming("IO larger than the engine", "65 frames")):
         cycle(1_000_000, 1, *[DOMAIN_DATAGRAM_MAX] * 65).check()
-    with pytest.raises(StateError, match="255 datagrams in"):
+    with pytest.raises(StateError, match=naming("255 datagrams")):
         cycle(1_000_000, 1, *[10] * 255).check()
     assert cycle(1_000_000, 1, *[DOMAIN_DATAGRAM_MAX] * 64).check() == ""
 
