@@ -68,25 +68,19 @@ FIRST_STEPS := $(addprefix tests/e2e/test_,start_up.py figure9.py benchmarks.py)
 # Tests wait a third of their time, so there are three processes for two processors. Files stay whole.
 PARALLEL := --numprocesses $(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist loadfile
 
-# What fails in the crowd is run once more, alone: some tests are about real time, and on a shared
-# machine a process may get no processor for a tenth of a second. What fails again has failed.
-pytest = $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
-define crowd_then_alone
-$(2) $(call pytest,$(1)) $(PARALLEL) $(3) || { [ $$? = 1 ] && \
-  echo "Once more, alone, what has failed:" && \
-  $(2) $(call pytest,$(1)) --last-failed --last-failed-no-failures none $(3); }
-endef
+# $(call pytest,NAME,OPTIONS): NAME keeps what one target has found apart from the others.
+pytest = $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1) $(PARALLEL) $(2)
 
 test: $(VENV)/.test
-	$(call crowd_then_alone,short,,-m "not long")
+	$(call pytest,short,-m "not long")
 
 test-all: test test-long
 
 test-long: $(VENV)/.test
-	$(call crowd_then_alone,long,,-m long)
+	$(call pytest,long,-m long)
 	@if [ "$$(id -u)" = 0 ]; then echo "The first steps, as an ordinary user:"; fi
-	@[ "$$(id -u)" != 0 ] || \
-	  $(call crowd_then_alone,user,unshare --user --map-user=1000 --map-group=1000,-m unprivileged $(FIRST_STEPS))
+	@[ "$$(id -u)" != 0 ] || unshare --user --map-user=1000 --map-group=1000 \
+	  $(call pytest,user,-m unprivileged $(FIRST_STEPS))
 
 # What the tests name in their first lines; each of these is a part of make test in small.
 death: $(VENV)/.test

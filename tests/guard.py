@@ -8,6 +8,7 @@ import contextlib
 import ctypes
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -57,7 +58,7 @@ class Things(NamedTuple):
         """What is new and belongs to no process: kind and name."""
         files = self.files - before.files
         if files:
-            files -= _open_files()
+            files -= _files_in_use()
         return [
             *(("shared memory", name) for name in sorted(files)),
             *(("interface", name) for name in sorted(self.interfaces - before.interfaces)),
@@ -65,12 +66,15 @@ class Things(NamedTuple):
         ]
 
 
-def _open_files() -> set[str]:
-    """The files that any process has open."""
+def _files_in_use() -> set[str]:
+    """The files that any process has open, and the shared memory that any process has mapped."""
     found = set()
     for link in Path("/proc").glob("[0-9]*/fd/*"):
         with contextlib.suppress(OSError):
             found.add(str(link.readlink()))
+    for maps in Path("/proc").glob("[0-9]*/maps"):
+        with contextlib.suppress(OSError):
+            found.update(re.findall(r"/dev/shm/.+$", maps.read_text(), re.MULTILINE))
     return found
 
 

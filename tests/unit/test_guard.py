@@ -70,6 +70,36 @@ def test_nothing_is_left(tmp_path: Path) -> None:
     assert guarded(sys.executable, "-c", "raise SystemExit(3)").returncode == 3
 
 
+OTHER = """
+import mmap, os, signal, sys
+begin, there, name = sys.argv[1:]
+open(begin).read()
+with open(name, "w+b") as file:
+    file.truncate(4096)
+    memory = mmap.mmap(file.fileno(), 4096)
+os.closerange(3, 100)  # the mapping has a descriptor of its own in Python, but not in C
+open(there, "w").close()
+signal.pause()
+"""
+
+
+def test_what_another_program_has_mapped_is_not_left_behind(tmp_path: Path) -> None:
+    begin, there = tmp_path / "begin", tmp_path / "there"
+    os.mkfifo(begin)
+    os.mkfifo(there)
+    name = Path("/dev/shm", f"ecat.t{uuid.uuid4().hex[:10]}")
+    other = subprocess.Popen([sys.executable, "-c", OTHER, begin, there, name])
+    try:
+        # The guard has taken stock before the other program makes its shared memory.
+        run = guarded("sh", "-c", f"echo > {begin}; cat {there}")
+        assert (run.returncode, run.stderr) == (0, "")
+        assert name.exists()
+    finally:
+        other.kill()
+        other.wait()
+        name.unlink(missing_ok=True)
+
+
 def test_files_of_tests_that_were_running_are_suspects() -> None:
     diary = [
         '["begin", "a.py", [[], [], []]]',
