@@ -25,8 +25,9 @@ LOST = -1
 def run(rig_name, master, *arguments):
     """Runs a master of a test file beside a rig and returns what it found."""
     file = Path(inspect.getfile(master))
+    folders = [str(file.parent), str(file.parent.parent)]  # the latter for `conftest`
     code = (
-        f"import sys, json; sys.path.insert(0, {str(file.parent)!r}); import {file.stem} as t; "
+        f"import sys, json; sys.path[:0] = {folders!r}; import {file.stem} as t; "
         f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
     )
     result = subprocess.run(

@@ -26,8 +26,9 @@ PREOP, SAFEOP, OP = 2, 4, 8
 
 def run(rig, master, *arguments, options=()):
     """Runs a function of a file of this folder beside a rig and returns what it found."""
+    folders = [str(HERE.parent), str(HERE.parent.parent)]  # the latter for `conftest`
     code = (
-        f"import sys, json; sys.path.insert(0, {str(HERE.parent)!r}); "
+        f"import sys, json; sys.path[:0] = {folders!r}; "
         f"import {master.__module__} as t; "
         f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
     )
