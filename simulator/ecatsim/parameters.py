@@ -219,8 +219,7 @@ class Described:
         return cls(**converted)
 
     def to_values(self) -> dict[str, Plain]:
-        """The parameters that differ from their defaults, and the required ones, for TOML or JSON.
-        """
+        """The required parameters and those that differ from their defaults, for TOML or JSON."""
         result: dict[str, Plain] = {}
         for parameter in parameters(type(self)):
             value: Any = getattr(self, parameter.name)

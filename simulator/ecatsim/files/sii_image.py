@@ -159,8 +159,7 @@ def _entry(entry: Entry) -> Entry:
 
 
 def _type(data_type: int, bits: int) -> DataType:
-    """The data type of an entry, chosen by its size if the SII has none or one that does not fit.
-    """
+    """The data type of an entry; by its size if the SII has none or one that does not fit."""
     try:
         known = DataType(data_type)
     except ValueError:

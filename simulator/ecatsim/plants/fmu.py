@@ -33,7 +33,7 @@ Start = Mapping[str, float | int | bool | str]
 
 _INTO = ("input", "parameter", "structuralParameter")
 _OUT_OF = ("output", "local", "calculatedParameter")
-_SLOW_STEPS = 1000  # consecutive steps that take longer than a period, after which a warning is printed
+_SLOW_STEPS = 1000  # consecutive steps longer than the period that cause a warning
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Processor statistics of the steps of an FMU.
+    """Durations of the steps of an FMU.
 
     Attributes:
         steps: Number of steps.

@@ -40,8 +40,7 @@ def _terminals(argument: str) -> Rig:
 
 @dataclass(frozen=True, slots=True)
 class _Named:
-    """A rig of the library: the pattern of its name, its name and text in lists, and its function.
-    """
+    """A rig of the library: pattern of its name, name and text in lists, and function."""
 
     pattern: re.Pattern[str]
     usage: str
