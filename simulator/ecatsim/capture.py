@@ -92,7 +92,7 @@ class CapturedSlave:
 
 
 def capture(interface: str, progress: Progress, *, objects: bool = True) -> list[CapturedSlave]:
-    """Reads all slaves of a segment and returns it to the state in which it was.
+    """Reads all slaves of a segment; leaves it in PREOP if it was there, else in INIT.
 
     Args:
         interface: Network interface.

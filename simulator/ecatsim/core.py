@@ -222,7 +222,7 @@ class Segment(Wire, Clocks):
 
         Raises:
             UnreachableError: There is no such interface.
-            NotPermittedError: The process must not open raw sockets.
+            NotPermittedError: The process is not permitted to open raw sockets.
             StateError: The segment serves an interface already.
         """
         other = None if second is None else second.encode()

@@ -127,8 +127,7 @@ class Server:
         if connection.pending:
             sent = connection.socket.send(connection.pending)
             connection.pending = connection.pending[sent:]
-        # Wait for a writable socket, which it nearly always is, while a complete request is left
-        # over.
+        # While a complete request is left over, wait for writability, which epoll reports at once.
         ours = connection.pending or b"\n" in connection.received
         self._poll.modify(connection.socket, select.EPOLLOUT if ours else select.EPOLLIN)
 

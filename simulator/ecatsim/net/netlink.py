@@ -50,7 +50,7 @@ def create_veth(name: str, peer: str) -> None:
     """Creates a pair of connected interfaces and sets both up, without IPv6.
 
     Raises:
-        NotPermittedError: The process must not change interfaces here.
+        NotPermittedError: The process is not permitted to change interfaces here.
         StateError: One of the names is taken.
     """
     _disable_ipv6("default")
