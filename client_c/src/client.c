@@ -62,7 +62,7 @@ const char *ecat_error(const ecat_t *bus) {
 }
 
 const char *ecat_strerror(int code) {
-  if (code >= 0) return "no error"; /* a handle, or a value of another enumeration, which ecat.def also has */
+  if (code >= 0) return "no error"; /* a handle, or a value of another enumeration */
 #define ECAT_VALUE(name, value, comment) \
   if (code == (value)) return comment;
 #include <ecat/ecat.def>

@@ -78,7 +78,7 @@ struct ecat_client {
   struct signal *signal;
   struct rule *rule;     /* of each signal: the values that may be written */
   struct snapshot *snapshot;
-  uint64_t *retired;     /* images of domains whose size has changed: programs may still have their addresses */
+  uint64_t *retired;     /* old images of domains that have changed size: programs may use them */
   uint64_t waited_cycle; /* last cycle seen by ecat_wait or ecat_sample */
   uint64_t sample_cycle;
 
@@ -97,7 +97,7 @@ struct ecat_client {
   uint64_t *wish;              /* set of signals that the current call claims or releases */
   uint64_t *lease_ns;          /* of each signal in `claims` */
   uint64_t longest_ns;         /* the longest of them, which is the lease of the client */
-  uint64_t *stage, *mask;      /* output image of the next commit, and a mask of the bits that were written */
+  uint64_t *stage, *mask;      /* output image of the next commit, and the bits of it that were written */
   uint32_t first, bytes; /* part of the output image with all claims; multiples of 8 */
   uint32_t request_seq;
   uint32_t request[ECAT_REQUESTS]; /* seq of the running requests, 0: free */
@@ -106,7 +106,7 @@ struct ecat_client {
   uint8_t ended[ECAT_REQUESTS]; /* 1: the request ended with the daemon, and was not polled since */
   enum lost lost;        /* why the claims ended, until outputs are claimed again */
   const char *program;   /* how messages call it; NULL: "this client", which is advised to claim again */
-  char *home;            /* contains 0 in a process that was forked since; mapped together with `out_map` */
+  char *home;            /* contains 0 in a process that was forked since; mapped with `out_map` */
 };
 
 /* Sets the text of ecat_error() and returns `code`. */

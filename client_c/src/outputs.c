@@ -147,8 +147,8 @@ int ecat_commit(ecat_t *bus) {
   seq = bus->doorbell->commit_seq + 1;
   image = (void *)((uint8_t *)bus->out + bus->layout.images_offset +
                    (size_t)(seq % ECAT_IMAGES) * bus->layout.image_stride);
-  /* While the `seq` of this image is unchanged, the engine trusts its old content: the new number must be
-   * stored before any new byte. */
+  /* The engine reads `commit_seq` again after an image, and trusts the image if it is not about to be
+   * overwritten: the number of the last commit must be visible before any byte of this one. */
   __atomic_thread_fence(__ATOMIC_RELEASE);
   image->seq = seq;
   image->first = bus->first;

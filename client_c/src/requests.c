@@ -10,7 +10,7 @@ static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell)
   int free_one = 0;
   if ((*cell = ecat_slot_take(bus)) != 0) return NULL;
   while (free_one < ECAT_REQUESTS && (bus->request[free_one] != 0 || bus->ended[free_one])) free_one++;
-  if (free_one == ECAT_REQUESTS) /* use a cell whose request ended with the daemon: nobody has to poll it */
+  if (free_one == ECAT_REQUESTS) /* a request that ended with the daemon need not be polled */
     for (free_one = 0; free_one < ECAT_REQUESTS && bus->request[free_one] != 0;) free_one++;
   if (free_one == ECAT_REQUESTS) {
     *cell = ecat_fail(bus, ECAT_EFULL, "%d requests are running already; poll one to its end first",
@@ -145,7 +145,7 @@ int ecat_wait_request(ecat_t *bus, int handle, double timeout) {
                        bus->name, timeout);
     code = ecat_wait_until(bus, &bus->header->cycle, ecat_cycle(bus) + 1, ECAT_WAKE_CYCLE,
                            (double)(limit - passed) * 1e-9);
-    if (code == ECAT_ETIMEOUT || bus->ended[cell]) code = 0; /* an ended request is reported by ecat_poll() */
+    if (code == ECAT_ETIMEOUT || bus->ended[cell]) code = 0; /* left to ecat_poll() */
   }
   return code;
 }

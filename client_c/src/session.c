@@ -109,8 +109,9 @@ static void meaning(char *text, size_t size, const ecat_signal_info *entry) {
            number(scale, entry->scale), offset);
 }
 
-/* Checks that an entry is the expected one. The layout is compared only if the fingerprint differs; the
- * meaning of the values is always compared, since it is no part of the fingerprint. */
+/* Checks that an entry is the expected one. Its layout is compared only if the fingerprint differs. What
+ * its values mean is no part of the fingerprint and always compared, unless there is no fingerprint
+ * (product written by hand). */
 static int compare_entry(const ecat_session_entry *entry, const ecat_signal_info *found) {
   const ecat_session_slave *slave = entry->slave;
   const ecat_signal_info *expected = &entry->expected;

@@ -165,7 +165,7 @@ static int wait_cycles(ecat_session *session, unsigned cycles) {
   ecat_t *bus = session->bus;
   uint64_t now = ecat_cycle(bus), goal = (session->in_step ? session->waited_cycle : now) + cycles;
   double timeout = PATIENCE + 10 * ecat_cycle_time(bus);
-  while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) { /* a new daemon counts from 0 */
+  while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) { /* restarted: counts anew */
     int code = ecat_wait(bus, 1, timeout);
     /* A sample keeps the lease alive while the program waits for many cycles. */
     if (code == 0 && ecat_cycle(bus) < goal) code = ecat_sample(bus);

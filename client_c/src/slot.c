@@ -116,7 +116,7 @@ void ecat_slot_begin(ecat_t *bus) {
   bus->first = bus->bytes = 0;
   bus->longest_ns = 0;
   bus->request_seq = bus->doorbell->request_seq;
-  do bus->generation = ++bus->out->generation; /* 0 and the last number are skipped: the slot may be wiped */
+  do bus->generation = ++bus->out->generation; /* skips 0, and the last one in a wiped slot */
   while (bus->generation == 0 || bus->generation == before);
   /* Freed only after the new generation is stored, so that no number is used twice even if this client is
    * killed here, and so that the engine can tell that the previous owner did not release the slot. */
