@@ -4,7 +4,8 @@
 #include <string.h>
 #include <unistd.h>
 
-/* Tells the engine that the claims have changed, and waits until it has carried that out. */
+/* Announces the changed claims to the engine and waits until it has carried them out. Without an answer
+ * within 0.5 s plus 100 cycles it fails with ECAT_ESTALE. */
 static int ring_claims(ecat_t *bus) {
   const ecat_shm_slot_status *status = &bus->slot_status[bus->slot];
   uint32_t seq = bus->doorbell->claim_seq + 1;
@@ -23,7 +24,8 @@ static int ring_claims(ecat_t *bus) {
   return 0;
 }
 
-/* The part of the output image that holds all claims, the engine finds the same one; and their lease. */
+/* Computes the part of the output image that holds all claimed outputs (the engine computes the same part
+ * from the claims), and the longest lease of them. */
 static void measure(ecat_t *bus) {
   uint32_t first = UINT32_MAX, end = 0;
   int i;
@@ -58,7 +60,8 @@ int ecat_check_output(ecat_t *bus, int number) {
                    ecat_shown(bus->slaves[entry->slave].name));
 }
 
-/* What a client calls itself, without what could change a terminal or a log. */
+/* The program name in a slot. The client wrote it, so characters that could change a terminal or a log
+ * are replaced. */
 static void name_of(const ecat_out_slot *slot, char name[33]) {
   size_t i;
   memcpy(name, slot->program, 32);
@@ -89,7 +92,8 @@ static int refused(ecat_t *bus, int conflict) {
                        : "; end it first");
 }
 
-/* Asks for nothing yet; what is asked for then goes into `bus->wish`. */
+/* Prepares a claim: takes a slot and empties `bus->wish`, to which the caller adds the outputs it
+ * wants. */
 static int begin_claim(ecat_t *bus, double lease) {
   int code;
   if (!(lease >= 0)) return ecat_fail(bus, ECAT_EARG, "%g s is no lease", lease);
@@ -99,20 +103,20 @@ static int begin_claim(ecat_t *bus, double lease) {
   return 0;
 }
 
-/* Puts what this client has into its slot, and nothing more. */
+/* Writes the claims that this client has into its slot, without any wish. */
 static void want_claims(ecat_t *bus) {
   memcpy(bus->out_claims, bus->claims, bus->sets * sizeof *bus->claims);
   bus->out->lease_ns = bus->longest_ns;
 }
 
-/* Goes back to what was granted before. Nobody waits for it: it is one cycle later. */
+/* Takes a refused claim back. The call does not wait: the engine sees the change one cycle later. */
 static void withdraw(ecat_t *bus) {
   if (bus->slot < 0) return; /* there is no daemon any more */
   want_claims(bus);
   __atomic_store_n(&bus->doorbell->claim_seq, bus->doorbell->claim_seq + 1, __ATOMIC_RELEASE);
 }
 
-/* Takes over what was granted. To claim once more may lengthen a lease, but not shorten it. */
+/* Adds the granted outputs to the claims. A repeated claim may lengthen a lease, but not shorten it. */
 static void accept(ecat_t *bus, uint64_t lease_ns) {
   int i;
   for (i = 0; i < ecat_signal_count(bus); i++) {
@@ -125,7 +129,7 @@ static void accept(ecat_t *bus, uint64_t lease_ns) {
   bus->lost = LOST_NOTHING;
 }
 
-/* Claims what is in `bus->wish`, whole or not at all. */
+/* Claims all outputs in `bus->wish`, or none of them. */
 static int claim(ecat_t *bus, double lease) {
   uint64_t lease_ns = ecat_ns(lease), more = 0;
   int code, conflict, longer = lease_ns > bus->longest_ns;
@@ -135,7 +139,7 @@ static int claim(ecat_t *bus, double lease) {
     for (i = 0; i < bus->sets; i++) bus->out_claims[i] = bus->claims[i] | bus->wish[i];
     bus->out->lease_ns = longer ? lease_ns : bus->longest_ns;
     if ((code = ring_claims(bus)) != 0) {
-      withdraw(bus); /* it may still be granted, if the engine only was late */
+      withdraw(bus); /* otherwise an engine that was only late could still grant it */
       return code;
     }
     conflict = __atomic_load_n(&bus->slot_status[bus->slot].claim_conflict, __ATOMIC_RELAXED);
@@ -155,7 +159,7 @@ static void disown(ecat_t *bus, uint32_t number) {
   bits_put((uint8_t *)bus->mask, signal->staged, signal->bits, 0);
 }
 
-/* Gives back what is in `bus->wish`. */
+/* Releases the outputs in `bus->wish`. */
 static int release(ecat_t *bus) {
   int i, less = 0, code = ecat_slot_check_home(bus);
   if (code != 0) return code;
@@ -201,7 +205,7 @@ int ecat_claim_entry(ecat_t *bus, int number, double lease) {
 
 int ecat_release_entry(ecat_t *bus, int number) { return ecat_release_entries(bus, &number, 1); }
 
-/* Wishes for all outputs of a slave. */
+/* Adds all outputs of a slave to `bus->wish`. */
 static void wish_slave(ecat_t *bus, int position) {
   const ecat_shm_slave *slave = &bus->slaves[position];
   uint32_t i;
@@ -247,7 +251,7 @@ int ecat_output(ecat_t *bus, int number, ecat_output_info *info) {
   since = __atomic_load_n(&output->since_ns, __ATOMIC_RELAXED);
   info->age = now > since ? (double)(now - since) * 1e-9 : 0;
   slot = ecat_slot_of(bus, info->owner);
-  if (slot == NULL) return 0; /* nobody, or this user may not know */
+  if (slot == NULL) return 0; /* nobody owns it, or this user may not read the slots */
   info->pid = slot->pid;
   name_of(slot, info->program);
   return 0;

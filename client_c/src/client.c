@@ -1,4 +1,4 @@
-/* Opening and closing, errors, and what can be asked about the bus. */
+/* Opening and closing a connection, error texts, and questions about the bus. */
 #include "internal.h"
 
 #include <stdarg.h>
@@ -27,8 +27,7 @@ uint64_t ecat_ns(double seconds) {
 }
 
 int ecat_open(ecat_t **result, const char *name) {
-  /* A handle that is not connected has a bus without anything, so that every call fails with a
-   * sentence. */
+  /* A handle that is not connected has an empty bus, so that every call fails with an error text. */
   static const ecat_shm_header nothing;
   ecat_t *bus = calloc(1, sizeof *bus);
   int code;
@@ -102,7 +101,8 @@ int ecat_check_domain(ecat_t *bus, int number) {
                    ecat_domain_count(bus));
 }
 
-/* Who decides the outputs of a slave, as a whole: what the most advanced of them says. */
+/* Who decides the outputs of a slave as a whole: ACTIVE if one of them is, else the state of the first
+ * one that is not SAFE, else SAFE. */
 static void describe_outputs(const ecat_t *bus, const ecat_shm_slave *slave, ecat_slave_info *info) {
   uint32_t i;
   info->outputs = ECAT_OUTPUTS_SAFE;

@@ -1,6 +1,6 @@
-/* How PDO entries lie in a process image, and what their bits mean; for client and engine. Bit 0 is
- * the lowest of the first byte (ETG.1000.6). Images are padded, so that 9 bytes from the first one
- * of an entry on may be read. */
+/* How PDO entries lie in a process image and how their bits become numbers; client and engine share this
+ * file. Bit 0 is the lowest bit of the first byte (ETG.1000.6). Images are padded, since 9 bytes may be
+ * read from the first byte of an entry on. */
 #ifndef ECAT_ENTRIES_H
 #define ECAT_ENTRIES_H
 
@@ -27,7 +27,8 @@ static inline void bits_put(uint8_t *image, uint32_t bit, uint32_t bits, uint64_
   }
 }
 
-/* CoE data types (ETG.1000.6): INTEGER8/16/32, INTEGER24, INTEGER40 to 64; REAL32, REAL64. */
+/* CoE data types (ETG.1000.6): INTEGER8/16/32 are 0x0002 to 0x0004, INTEGER24 is 0x0010, INTEGER40 to
+ * INTEGER64 are 0x0012 to 0x0015; REAL32 is 0x0008, REAL64 is 0x0011. */
 static inline int type_is_signed(uint32_t type) {
   return (type >= 0x0002 && type <= 0x0004) || type == 0x0010 ||
          (type >= 0x0012 && type <= 0x0015);
@@ -57,7 +58,7 @@ static inline double raw_to_double(uint64_t raw, uint32_t bits, int sign, int re
   return sign ? (double)sign_extended(raw, bits) : (double)raw;
 }
 
-/* Sets of signals, as words of 64. */
+/* Sets of signals: one bit each, in words of 64 bits. */
 static inline int set_has(const uint64_t *set, uint32_t n) { return (int)(set[n / 64] >> (n % 64) & 1); }
 static inline void set_add(uint64_t *set, uint32_t n) { set[n / 64] |= 1ull << (n % 64); }
 static inline void set_drop(uint64_t *set, uint32_t n) { set[n / 64] &= ~(1ull << (n % 64)); }

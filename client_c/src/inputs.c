@@ -1,4 +1,4 @@
-/* Samples, reads and waiting: only loads from the daemon's shared memory. */
+/* Sampling, reading and waiting. All data comes from loads from the daemon's shared memory. */
 #include "internal.h"
 
 #include <errno.h>
@@ -10,7 +10,7 @@
 
 /* Copies the images of domains [first, end). */
 static int sample(ecat_t *bus, int first, int end) {
-  uint64_t newest = 0; /* domains with a divider may be older */
+  uint64_t newest = 0; /* domains with a divider may have been exchanged earlier */
   int i, age, code;
   for (i = first; i < end; i++) bus->snapshot[i].fresh = 0;
   if ((code = ecat_memory_return(bus)) != 0) return code;
@@ -80,17 +80,18 @@ int ecat_validity(ecat_t *bus, int number) {
   if (!snapshot->fresh) return ECAT_STALE;
   if (snapshot->wkc_state != ECAT_WKC_COMPLETE) return ECAT_INCOMPLETE;
   state = __atomic_load_n(&bus->slave_status[signal->slave].al_state, __ATOMIC_RELAXED);
-  /* SAFEOP delivers inputs, only OP takes outputs (ETG.1000.6, 6.4.1); 0x10 is an error. */
+  /* A slave delivers inputs in SAFEOP, but takes outputs only in OP (ETG.1000.6, 6.4.1). 0x10 is the
+   * error flag; with it the comparison fails, so the entry is not valid. */
   return state == 8 || (state == 4 && !signal->output) ? ECAT_VALID : ECAT_NOT_OPERATIONAL;
 }
 
-/* The bits of an entry of the last sample. */
+/* The raw bits of an entry in the last sample. */
 static uint64_t sampled(const struct signal *signal) {
   return bits_get((const uint8_t *)signal->at, signal->bit % 64, signal->bits);
 }
 
-/* Most entries. Whole words are read, as they were copied: a load that needs two stores that are
- * still under way would have to wait for both. */
+/* The fast path, for integers that lie within one word. It loads the whole word, as the sample stored it:
+ * a load that overlaps two stores still in flight would have to wait for both. */
 static inline int64_t integer(const struct signal *signal) {
   uint64_t word = *signal->at << signal->up;
   if (signal->reading == READ_SIGNED) return (int64_t)word >> signal->down;
@@ -108,10 +109,10 @@ int ecat_read(ecat_t *bus, int number, double *value) {
   return 0;
 }
 
-/* A real entry as an integer. */
+/* The value of a REAL entry as an integer. */
 static int rounded(ecat_t *bus, double real, int64_t *value) {
   real = ecat_round(real);
-  if (!(real >= -9223372036854775808.0 && real < 9223372036854775808.0)) /* also not a number */
+  if (!(real >= -9223372036854775808.0 && real < 9223372036854775808.0)) /* true for NaN, too */
     return ecat_fail(bus, ECAT_ERANGE, "%g is no 64-bit integer", real);
   *value = (int64_t)real;
   return 0;
@@ -150,7 +151,8 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
     if (now - start >= limit)
       return ecat_fail(bus, ECAT_ETIMEOUT, "bus '%s': cycle %llu did not come within %g s",
                        bus->name, (unsigned long long)target, timeout);
-    /* In slices, so that a daemon that was killed is noticed: nobody wakes the futex then. */
+    /* Waits in slices of at most 20 ms: nobody wakes the futex after the daemon was killed, so that only
+     * a look at the lock can notice it. */
     if (slice > limit - (now - start)) slice = limit - (now - start);
     now += slice;
     until.tv_sec = (time_t)(now / NS_PER_S);
@@ -159,7 +161,8 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
   }
 }
 
-/* Waits for a daemon that has gone; who waits in a loop is not to keep a processor busy. */
+/* Waits for a daemon that has ended. It sleeps between two attempts, so that a program that waits in a
+ * loop does not keep a processor busy. */
 static int wait_return(ecat_t *bus, double timeout) {
   uint64_t start = ecat_now(), limit = ecat_ns(timeout), passed = 0;
   int code;
@@ -168,7 +171,7 @@ static int wait_return(ecat_t *bus, double timeout) {
     if (limit - passed < RETURN_PAUSE_NS) pause.tv_nsec = (long)(limit - passed);
     nanosleep(&pause, NULL);
     passed = ecat_now() - start;
-    if (code != ECAT_EDOWN) break; /* it is there, but another one: nothing to wait for */
+    if (code != ECAT_EDOWN) break; /* the daemon is back with another bus: waiting would not help */
   }
   return code;
 }
@@ -181,7 +184,7 @@ static int check_timeout(ecat_t *bus, double timeout) {
 int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
   int code = check_timeout(bus, timeout);
   if (code != 0 || (code = wait_return(bus, timeout)) != 0) return code;
-  /* Before the first sample, from the first call on. */
+  /* Without a sample before, the first call counts from the current cycle. */
   if (bus->waited_cycle == 0) bus->waited_cycle = ecat_cycle(bus);
   code = ecat_wait_until(bus, &bus->header->cycle, bus->waited_cycle + cycles, ECAT_WAKE_CYCLE,
                          timeout);
@@ -189,8 +192,8 @@ int ecat_wait(ecat_t *bus, unsigned cycles, double timeout) {
   return code;
 }
 
-/* The cycle of the turn of a domain that is so many turns after the one exchanged in `cycle`. That one
- * may have come late, and does not move those after it. */
+/* The cycle in which a domain has its turn, `turns` turns after the one exchanged in `cycle`. If that
+ * exchange was late, the turns after it stay where they were. */
 static uint64_t turn_after(const ecat_shm_domain *domain, uint64_t cycle, unsigned turns) {
   uint64_t divider = domain->divider;
   uint64_t late = (cycle + divider - domain->phase % divider) % divider;

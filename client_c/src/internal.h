@@ -1,9 +1,9 @@
-/* What the parts of the client share. */
+/* Types and functions that the source files of the client share. */
 #ifndef ECAT_INTERNAL_H
 #define ECAT_INTERNAL_H
 
 #ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* where the sources are compiled without any options, as those in an FMU */
+#define _GNU_SOURCE /* needed where the sources are compiled without options, as in an FMU */
 #endif
 
 #include <ecat/ecat.h>
@@ -13,42 +13,43 @@
 #include "values.h"
 
 #define NS_PER_S 1000000000u
-#define LATE_NS 20000000u         /* since the last cycle, until it is asked whether the daemon lives */
-#define TICK_NS 10000000u         /* that CLOCK_MONOTONIC_COARSE is behind, at most */
-#define RETURN_PAUSE_NS 20000000u /* between two looks whether the daemon is back */
+#define LATE_NS 20000000u         /* age of the last cycle from which on the daemon's lock is checked */
+#define TICK_NS 10000000u         /* how far CLOCK_MONOTONIC_COARSE may be behind */
+#define RETURN_PAUSE_NS 20000000u /* between two attempts to find the daemon again */
 
-/* Kernel file locks say who is alive (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT): they vanish with their
- * holder however it ends, reach across pid namespaces and cannot be confused by a process number
- * used again. */
+/* Kernel file locks (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT) tell whether a process is alive: the kernel drops
+ * them however their holder ends, they work across pid namespaces, and a reused process number cannot
+ * fool them. */
 
-/* How an entry is read: an integer within one word, which a double or int64_t holds, or else. */
+/* How an entry is read: as an integer that lies within one word and that int64_t holds, or by the slow
+ * way. */
 enum reading { READ_UNSIGNED, READ_SIGNED, READ_OTHERWISE };
 
-/* How claims may end without a lapse: with the daemon, or because somebody wrote over the slot. */
+/* Why claims ended other than by a lapse: the daemon ended, or another program wrote over the slot. */
 enum lost { LOST_NOTHING, LOST_DAEMON, LOST_PLACE };
 
-/* How one entry lies in the image of its domain. */
+/* Where one entry lies in the image of its domain, and how it is decoded. */
 struct signal {
-  const uint64_t *at; /* the word of the last sample that it begins in */
-  uint32_t bit;    /* first one, in the domain's image */
-  uint32_t staged; /* outputs: the same in the output image of a slot */
+  const uint64_t *at; /* the word of the last sample in which it begins */
+  uint32_t bit;    /* first bit in the domain's image */
+  uint32_t staged; /* outputs: first bit in the output image of a slot */
   uint16_t slave;
   uint16_t domain;
   uint8_t bits;
   uint8_t reading;   /* enum reading */
-  uint8_t up, down;  /* shifts that leave nothing but the entry of that word */
+  uint8_t up, down;  /* shifts of that word that leave only the entry */
   uint8_t sign, real, output;
 };
 
 /* The last sample of one domain. */
 struct snapshot {
-  const ecat_shm_page *page; /* in the mapping */
+  const ecat_shm_page *page; /* in the daemon's shared memory */
   uint64_t *image;           /* copy; two words longer, so that any entry may be read as a word */
   size_t words;
   uint64_t cycle, time_ns;
   uint32_t wkc, wkc_state;
-  uint64_t waited_cycle; /* last one seen by ecat_wait_domain or a sample */
-  int fresh;             /* when it was taken, the daemon delivered */
+  uint64_t waited_cycle; /* cycle of the last ecat_wait_domain() or sample */
+  int fresh;             /* the daemon was delivering when the sample was taken */
 };
 
 struct ecat_client {
@@ -59,25 +60,25 @@ struct ecat_client {
   int fd;
   const uint8_t *map;
   size_t map_size;
-  int down;              /* code that says why the daemon is not there any more, 0: it is */
-  char why[512];         /* the sentence to it */
-  uint64_t tried_ns;     /* when it was last looked whether it is back */
+  int down;              /* error code if the daemon has gone, 0: it is there */
+  char why[512];         /* the error text that belongs to it */
+  uint64_t tried_ns;     /* time of the last attempt to find the daemon again */
   const ecat_shm_header *header;
   const ecat_shm_slave_status *slave_status;
   const ecat_shm_output *outputs;
   const ecat_shm_slot_status *slot_status;
   const ecat_shm_reply *replies;
 
-  /* Copies of what never changes while the daemon lives. Their place does not change when it comes
-   * back, since programs have pointers to the texts in them. */
+  /* Copies of the tables that never change while a daemon lives. They keep their address when the daemon
+   * comes back, since programs have pointers to the texts in them. */
   uint8_t *tables;
   ecat_shm_slave *slaves;
   ecat_shm_signal *signals;
   ecat_shm_domain *domains;
   struct signal *signal;
-  struct rule *rule;     /* of each signal, what is written to it has to keep to */
+  struct rule *rule;     /* of each signal: the values that may be written */
   struct snapshot *snapshot;
-  uint64_t *retired;     /* images of domains that have another size now, for who has their address */
+  uint64_t *retired;     /* old images of domains that have changed size: programs may use them */
   uint64_t waited_cycle; /* last cycle seen by ecat_wait or ecat_sample */
   uint64_t sample_cycle;
 
@@ -85,30 +86,30 @@ struct ecat_client {
   int out_fd;
   uint8_t *out_map;
   size_t out_size;
-  ecat_out_header layout; /* copy: other clients could change the one in the mapping */
+  ecat_out_header layout; /* a copy, since other clients could change the mapped one */
   int slot;              /* -1: none */
   uint32_t generation;
   ecat_out_doorbell *doorbell;
   ecat_out_slot *out;
-  uint64_t *out_claims;  /* in the mapping: what this client wants */
+  uint64_t *out_claims;  /* in the slot: the outputs that this client wants */
   size_t sets;           /* words of a set of signals */
-  uint64_t *claims, *written;  /* sets of signals: what it has got, and has written since */
-  uint64_t *wish;              /* set of signals that a call claims or releases */
+  uint64_t *claims, *written;  /* sets of signals: owned, and written since they were claimed */
+  uint64_t *wish;              /* set of signals that the current call claims or releases */
   uint64_t *lease_ns;          /* of each signal in `claims` */
-  uint64_t longest_ns;         /* of them: the lease of the client */
-  uint64_t *stage, *mask;      /* output image as it will be committed, and its bits that count */
+  uint64_t longest_ns;         /* the longest of them, which is the lease of the client */
+  uint64_t *stage, *mask;      /* output image of the next commit, and the bits of it that were written */
   uint32_t first, bytes; /* part of the output image with all claims; multiples of 8 */
   uint32_t request_seq;
   uint32_t request[ECAT_REQUESTS]; /* seq of the running requests, 0: free */
-  int handle[ECAT_REQUESTS];       /* of the last request of each cell; never used twice */
+  int handle[ECAT_REQUESTS];       /* of the last request in each cell; reused after 2^24 requests */
   unsigned handles;
-  uint8_t ended[ECAT_REQUESTS]; /* 1: ended with the daemon, which its owner has not asked for yet */
-  enum lost lost;        /* why claims have ended that were not made again */
-  const char *program;   /* sentences speak of it, NULL: of "this client", and tell it to claim again */
-  char *home;            /* 0 in a process that was forked since; with `out_map` */
+  uint8_t ended[ECAT_REQUESTS]; /* 1: the request ended with the daemon, and was not polled since */
+  enum lost lost;        /* why the claims ended, until outputs are claimed again */
+  const char *program;   /* how messages call it; NULL: "this client", which is advised to claim again */
+  char *home;            /* contains 0 in a process that was forked since; mapped with `out_map` */
 };
 
-/* Fills ecat_error() and returns `code`. */
+/* Sets the text of ecat_error() and returns `code`. */
 __attribute__((format(printf, 3, 4))) int ecat_fail(ecat_t *bus, int code, const char *format,
                                                     ...);
 uint64_t ecat_now(void);
@@ -117,12 +118,13 @@ uint64_t ecat_ns(double seconds);
 /* shared_memory.c */
 int ecat_memory_open(ecat_t *bus);
 void ecat_memory_close(ecat_t *bus);
-void ecat_images_free(ecat_t *bus); /* those that nobody may use after ecat_close() */
-/* Is the daemon still delivering, `age_ns` after its last cycle? When it is not there any more,
- * that is the end of the slot. */
+void ecat_images_free(ecat_t *bus); /* the retired ones, valid until ecat_close() */
+/* Checks that the daemon still delivers, `age_ns` after the end of its last cycle. ECAT_EDOWN: it has
+ * gone, and the slot of this client is given up; ECAT_ESTALE: its cycle stands still. */
 int ecat_memory_check(ecat_t *bus, uint64_t age_ns);
-int ecat_memory_age(ecat_t *bus); /* the same for now */
-/* 0 while the daemon is there, or when it is there again: looks for it, but not too often. */
+int ecat_memory_age(ecat_t *bus); /* the same with the current age */
+/* Tries to connect to a daemon that has come back, at most every RETURN_PAUSE_NS. Returns 0 if it is
+ * there, else an error code. */
 int ecat_memory_look(ecat_t *bus);
 static inline int ecat_memory_return(ecat_t *bus) {
   return bus->down == 0 ? 0 : ecat_memory_look(bus);
@@ -130,14 +132,15 @@ static inline int ecat_memory_return(ecat_t *bus) {
 int ecat_page_copy(struct snapshot *snapshot);
 
 /* inputs.c */
-/* Waits until `*cycle` is at least `target`; `wake` says for what, see ECAT_WAKE_CYCLE. */
+/* Waits until `*cycle` is at least `target`. `wake` holds the bits of the futex that wake the caller,
+ * such as ECAT_WAKE_CYCLE. */
 int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_t wake,
                     double timeout);
 
 /* client.c */
 int ecat_check_position(ecat_t *bus, int position);
 int ecat_no_signal(ecat_t *bus, int number);
-/* A name as messages show it in brackets: some slaves and entries have none. */
+/* A name as messages show it in brackets; some slaves and entries have none. */
 static inline const char *ecat_shown(const char *name) {
   return name[0] != '\0' ? name : "no name";
 }
@@ -152,12 +155,12 @@ int ecat_check_output(ecat_t *bus, int number);
 /* slot.c */
 int ecat_slot_take(ecat_t *bus);
 void ecat_slot_free(ecat_t *bus);
-void ecat_slot_forget(ecat_t *bus); /* the end of all claims and requests */
-void ecat_slot_begin(ecat_t *bus); /* a new life in it: the engine forgets the old one */
+void ecat_slot_forget(ecat_t *bus); /* ends all claims and requests */
+void ecat_slot_begin(ecat_t *bus); /* starts a new generation: the engine drops the last one */
 int ecat_slot_lapsed(const ecat_t *bus);
-int ecat_slot_overwritten(const ecat_t *bus); /* by another program: it ends all that was in it */
-int ecat_slot_foreign(const ecat_t *bus);     /* this process was forked from the one that has it */
-int ecat_slot_check_home(ecat_t *bus);        /* an error if so */
-const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot); /* of any client */
+int ecat_slot_overwritten(const ecat_t *bus); /* ended by another program that wrote over it */
+int ecat_slot_foreign(const ecat_t *bus);     /* forked from the process that owns it */
+int ecat_slot_check_home(ecat_t *bus);        /* ECAT_EARG if so */
+const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot); /* of any client; NULL: not readable */
 
 #endif

@@ -1,4 +1,4 @@
-/* The layout as text, for languages that cannot read ecat_shm.def. */
+/* The layout of the shared memory as text, for languages that cannot read ecat_shm.def. */
 #include <ecat/ecat.h>
 #include <ecat/ecat_shm.h>
 #include <sched.h>
@@ -6,7 +6,7 @@
 #include <stdio.h>
 
 static struct {
-  char chars[65536]; /* a test compares what is in it with the definition */
+  char chars[65536]; /* large enough: a test compares the text with the definition */
   size_t used;
 } text;
 
@@ -53,7 +53,7 @@ static void write_structs(void) {
 }
 
 const char *ecat_layout(void) {
-  static int state; /* 1: being made, 2: made */
+  static int state; /* 1: the text is being written, 2: it is complete */
   int none = 0;
   if (__atomic_compare_exchange_n(&state, &none, 1, 0, __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE)) {
     write_constants();

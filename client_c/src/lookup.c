@@ -1,4 +1,4 @@
-/* Entries by name: "slave/entry", as a person writes them. */
+/* Finds entries by name, "slave/entry", as a person writes it. */
 #include "internal.h"
 
 #include <stdio.h>
@@ -9,7 +9,8 @@ static int is_text(const char *part, size_t length, const char *text) {
   return strlen(text) == length && strncmp(part, text, length) == 0;
 }
 
-/* The slave: its position, or its name where only one has it. */
+/* Finds a slave by its position as digits, or by its name if only one slave has it. Returns the
+ * position. */
 static int find_slave(ecat_t *bus, const char *part, size_t length) {
   char *end = NULL;
   long position = strtol(part, &end, 10);
@@ -35,7 +36,7 @@ int ecat_find_name(ecat_t *bus, const char *name) {
   return find_slave(bus, name != NULL ? name : "", name != NULL ? strlen(name) : 0);
 }
 
-/* An address as 0x6060 or 0x6060:00. */
+/* Parses an address, 0x6060 or 0x6060:00; without a subindex it is 0. */
 static int is_address(const char *text, unsigned *index, unsigned *subindex) {
   char rest = 0;
   *subindex = 0;
@@ -43,7 +44,7 @@ static int is_address(const char *text, unsigned *index, unsigned *subindex) {
          sscanf(text, "0x%4x%c", index, &rest) == 1;
 }
 
-/* "entry" or "PDO/entry"; an entry without a name of its own goes by that of its PDO. */
+/* Whether `name` is "entry" or "PDO/entry" of this signal. */
 static int has_name(const ecat_shm_signal *signal, const char *name) {
   size_t length = strlen(signal->pdo_name);
   if (strcmp(signal->name, name) == 0) return 1;

@@ -1,11 +1,12 @@
-/* Staged outputs, and commits. */
+/* Staging outputs and committing them. */
 #include "internal.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-/* A session claims by itself, so who reads its sentence need not be told to. */
+/* Fills in the error text of ECAT_ELEASE. The remedy is left out for a session (`program` is set), which
+ * claims again by itself. */
 static int fail_lease(ecat_t *bus, const char *before, const char *after, const char *remedy) {
   return ecat_fail(bus, ECAT_ELEASE, "bus '%s': %s%s%s%s", bus->name, before,
                    bus->program != NULL ? bus->program : "this client", after,
@@ -41,7 +42,7 @@ static int lapsed(ecat_t *bus) {
   return fail_lease(bus, "", after, "; claim them again with a longer one");
 }
 
-/* The entry if this client may write it, else NULL and a code. */
+/* The entry if this client may write it, else NULL with an error code in `*code`. */
 static const struct signal *writable(ecat_t *bus, int number, int *code) {
   const struct signal *signal;
   if ((*code = ecat_check_output(bus, number)) != 0) return NULL;
@@ -61,7 +62,8 @@ static const struct signal *writable(ecat_t *bus, int number, int *code) {
   return NULL;
 }
 
-/* The values that an output can have, as raw ones or as the program sees them. */
+/* Fails with the allowed range of an output, in the numbers in which the program wrote: raw values, or
+ * physical ones. */
 static int out_of_range(ecat_t *bus, int number, const struct value *value) {
   const ecat_shm_signal *entry = &bus->signals[number];
   const struct rule *rule = &bus->rule[number];
@@ -80,7 +82,7 @@ static int out_of_range(ecat_t *bus, int number, const struct value *value) {
                    ecat_shown(bus->slaves[entry->slave].name), what, fmin(first, last), fmax(first, last), space, unit);
 }
 
-/* Puts the bits of a value where the next commit takes them from. */
+/* Encodes a value into the output image that the next commit copies. */
 static int stage(ecat_t *bus, int number, const struct value *value) {
   const struct signal *signal;
   uint64_t bits;
@@ -145,8 +147,8 @@ int ecat_commit(ecat_t *bus) {
   seq = bus->doorbell->commit_seq + 1;
   image = (void *)((uint8_t *)bus->out + bus->layout.images_offset +
                    (size_t)(seq % ECAT_IMAGES) * bus->layout.image_stride);
-  /* The engine trusts an older image while this number is unchanged: no byte of this one may come
-   * before the number of the last. */
+  /* The engine reads `commit_seq` again after an image, and trusts the image if it is not about to be
+   * overwritten: the number of the last commit must be visible before any byte of this one. */
   __atomic_thread_fence(__ATOMIC_RELEASE);
   image->seq = seq;
   image->first = bus->first;

@@ -1,15 +1,16 @@
-/* Requests through the client's slot: they never block. */
+/* Requests to the daemon through the client's slot. Only ecat_wait_request() blocks. */
 #include "internal.h"
 
 #include <string.h>
 
-/* A free request of our slot, filled but for what it asks, and its number; NULL and a code. */
+/* Takes a free cell for a request and fills in all but its object and data. `*cell` is the number of the
+ * cell. Returns NULL on failure, with the error code in `*cell`. */
 static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell) {
   ecat_out_request *request;
   int free_one = 0;
   if ((*cell = ecat_slot_take(bus)) != 0) return NULL;
   while (free_one < ECAT_REQUESTS && (bus->request[free_one] != 0 || bus->ended[free_one])) free_one++;
-  if (free_one == ECAT_REQUESTS) /* nobody has to ask for what has ended with the daemon */
+  if (free_one == ECAT_REQUESTS) /* a request that ended with the daemon need not be polled */
     for (free_one = 0; free_one < ECAT_REQUESTS && bus->request[free_one] != 0;) free_one++;
   if (free_one == ECAT_REQUESTS) {
     *cell = ecat_fail(bus, ECAT_EFULL, "%d requests are running already; poll one to its end first",
@@ -18,8 +19,8 @@ static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell)
   }
   *cell = free_one;
   request = (ecat_out_request *)(void *)(bus->out + 1) + free_one;
-  /* The daemon may be reading what was here: it looks at the number again before it does anything,
-   * so no byte of this request may come before the number of the last one has gone. */
+  /* The daemon may still read the last request of this cell. It compares the number again before it acts,
+   * so the number is cleared before any byte of the new request is written. */
   __atomic_store_n(&request->seq, 0, __ATOMIC_RELAXED);
   __atomic_thread_fence(__ATOMIC_RELEASE);
   request->op = op;
@@ -74,7 +75,7 @@ int ecat_state_start(ecat_t *bus, int position, unsigned state) {
   return ring(bus, request, cell);
 }
 
-/* The cell of a request, or a code. */
+/* The cell of a running or ended request, or an error code. */
 static int cell_of(ecat_t *bus, int handle) {
   int cell = handle % ECAT_REQUESTS;
   if (handle >= 0 && bus->handle[cell] == handle && (bus->request[cell] != 0 || bus->ended[cell]))
@@ -123,7 +124,7 @@ int ecat_poll(ecat_t *bus, int handle, void *data, size_t size, size_t *length,
   memcpy(copy, reply->data, bytes);
   __atomic_thread_fence(__ATOMIC_ACQUIRE);
   if (__atomic_load_n(&reply->seq, __ATOMIC_RELAXED) != bus->request[cell])
-    return ECAT_EBUSY; /* being written */
+    return ECAT_EBUSY; /* the daemon is writing the reply */
   bus->request[cell] = 0;
   if (length != NULL) *length = 0;
   if (abort_code != NULL) *abort_code = reason;
@@ -144,7 +145,7 @@ int ecat_wait_request(ecat_t *bus, int handle, double timeout) {
                        bus->name, timeout);
     code = ecat_wait_until(bus, &bus->header->cycle, ecat_cycle(bus) + 1, ECAT_WAKE_CYCLE,
                            (double)(limit - passed) * 1e-9);
-    if (code == ECAT_ETIMEOUT || bus->ended[cell]) code = 0; /* the latter is for ecat_poll() to say */
+    if (code == ECAT_ETIMEOUT || bus->ended[cell]) code = 0; /* left to ecat_poll() */
   }
   return code;
 }
@@ -155,7 +156,7 @@ int ecat_cancel(ecat_t *bus, int handle) {
   if (cell < 0 || (code = ecat_slot_check_home(bus)) != 0) return cell < 0 ? cell : code;
   if (!bus->ended[cell]) {
     request = (ecat_out_request *)(void *)(bus->out + 1) + cell;
-    __atomic_store_n(&request->seq, 0, __ATOMIC_RELEASE); /* the daemon may not have seen it yet */
+    __atomic_store_n(&request->seq, 0, __ATOMIC_RELEASE); /* dropped, if not read yet */
   }
   bus->request[cell] = bus->ended[cell] = 0;
   return 0;

@@ -1,4 +1,4 @@
-/* The connection of a session: how it begins, what happens while there is no bus, and how it comes back. */
+/* The connection of a session: how it is made, what happens without a bus, and how the bus comes back. */
 #include "session.h"
 
 #include <stdarg.h>
@@ -12,7 +12,7 @@
 /* --- sentences ------------------------------------------------------------------------------ */
 
 int ecat_session_fail(ecat_session *session, int code, const char *format, ...) {
-  char text[sizeof session->problem]; /* the old sentence may be a part of the new one */
+  char text[sizeof session->problem]; /* the arguments may contain the old text */
   va_list arguments;
   va_start(arguments, format);
   vsnprintf(text, sizeof text, format, arguments);
@@ -38,11 +38,12 @@ void session_tell(ecat_session *session, int warning, const char *format, ...) {
   session->settings.tell(session->settings.context, warning, text);
 }
 
-/* This is not the bus that the product was generated for: what is here, and what it expects. */
+/* Fails because the bus is not the one that the product was generated for: what is found, and what is
+ * expected. */
 static int another(const ecat_session_slave *slave, const char *here, const char *expected) {
   ecat_session *session = slave->session;
   const char *name = ecat_name(session->bus);
-  int usual = strcmp(name, "ecat0") == 0; /* what ecatctl asks where no bus is named */
+  int usual = strcmp(name, "ecat0") == 0; /* the bus that ecatctl takes without --bus */
   return ecat_session_fail(session, ECAT_EBUS, "%s%s, but %s %s; regenerate it with: %s%s%s",
                            session_heading(slave), here, session->settings.product, expected,
                            slave->command, usual ? "" : " --bus ", usual ? "" : name);
@@ -84,7 +85,7 @@ static int find_slave(ecat_session_slave *slave) {
   return 0;
 }
 
-/* A number with as few digits as tell it from all others. */
+/* A number with the fewest digits, at least 6, that strtod() reads back as the same number. */
 static const char *number(char *text, double value) {
   int digits = 6;
   do sprintf(text, "%.*g", digits, value);
@@ -92,7 +93,7 @@ static const char *number(char *text, double value) {
   return text;
 }
 
-/* What the values of an entry are, in words. */
+/* Describes the meaning of the values of an entry, for messages. */
 static void meaning(char *text, size_t size, const ecat_signal_info *entry) {
   char scale[32], offset[32] = "";
   if (!value_is_analog(entry->unit, entry->scale, entry->offset)) {
@@ -108,8 +109,9 @@ static void meaning(char *text, size_t size, const ecat_signal_info *entry) {
            number(scale, entry->scale), offset);
 }
 
-/* Whether an entry is what was expected. Its layout need be compared only where the bus is another one;
- * what its values mean is no part of the fingerprint. */
+/* Checks that an entry is the expected one. Its layout is compared only if the fingerprint differs. What
+ * its values mean is no part of the fingerprint and always compared, unless there is no fingerprint
+ * (product written by hand). */
 static int compare_entry(const ecat_session_entry *entry, const ecat_signal_info *found) {
   const ecat_session_slave *slave = entry->slave;
   const ecat_signal_info *expected = &entry->expected;
@@ -170,7 +172,7 @@ int ecat_session_add_entry(ecat_session_entry *entry) {
 
 /* --- connecting ----------------------------------------------------------------------------- */
 
-/* Checks that this is the bus that was expected, and finds all slaves and entries there. */
+/* Checks that this is the expected bus, and finds all slaves and entries on it. */
 static int resolve(ecat_session *session) {
   ecat_session_slave *slave;
   ecat_session_entry *entry;
@@ -194,7 +196,7 @@ static void disconnect(ecat_session *session) {
   session->bus = NULL;
 }
 
-/* One try to connect, which does not wait. */
+/* Tries once to connect, without waiting; not more often than every RETURN_PAUSE_NS during an outage. */
 static int attach(ecat_session *session) {
   uint64_t now = ecat_now();
   int code;
@@ -214,7 +216,7 @@ int session_refresh(ecat_session *session) {
   int code;
   if (session->bus == NULL && (code = attach(session)) != 0) return code;
   code = ecat_session_client(session, ecat_sample(session->bus));
-  if (code == ECAT_EBUS) { /* it came back with other slaves, which the program may have no need of */
+  if (code == ECAT_EBUS) { /* it came back with other slaves, which may not be those of the program */
     disconnect(session);
     if ((code = attach(session)) != 0) return code;
     return ecat_session_client(session, ecat_sample(session->bus));
@@ -256,7 +258,7 @@ int session_wish(const ecat_session *session, int code) {
   return session->attached ? session->settings.when_failed : session->settings.when_missing;
 }
 
-/* Tells once that, and why, there is no bus. */
+/* Reports the beginning of an outage and its cause, once. */
 static void begin_outage(ecat_session *session, int code, const char *what) {
   if (session->outage == 0) {
     session->outage_ns = ecat_now();
@@ -273,7 +275,8 @@ void session_end_outage(ecat_session *session) {
                (double)(ecat_now() - session->outage_ns) * 1e-9);
 }
 
-/* Waits for the bus, which has failed with `code`. */
+/* Waits until the bus, which has failed with `code`, is there again: at most `patience` seconds, 0: for
+ * ever. */
 static int await(ecat_session *session, int code) {
   double patience = session->settings.patience;
   char what[60] = "waits for it";

@@ -1,22 +1,23 @@
-/* What the parts of a session share. */
+/* Functions that the two source files of a session share. */
 #ifndef ECAT_SESSION_PARTS_H
 #define ECAT_SESSION_PARTS_H
 
 #include <ecat/ecat_session.h>
 
-/* How sentences about a slave begin: never NULL. */
+/* The words with which messages about a slave begin; never NULL. */
 const char *session_heading(const ecat_session_slave *slave);
 /* Whether a failure may end by itself. */
 int session_passes(int code);
-/* What the program wants in this failure: enum ecat_failure. */
+/* What the program has set for this failure (enum ecat_failure); ECAT_FAILURE_ERROR if it cannot end by
+ * itself. */
 int session_wish(const ecat_session *session, int code);
-/* One try to take a new image of the bus as it is now. */
+/* Connects if necessary and takes a sample, without waiting. Returns 0 or a negative code. */
 int session_refresh(ecat_session *session);
-/* Does in a failure what the program wants. 0: the bus is there again, or the program goes on without
- * it (`outage`). */
+/* Handles a failure as the program has set it: ends, waits or goes on. 0: the bus is there again, or the
+ * program goes on without it (`outage` is set then). */
 int session_endure(ecat_session *session, int code);
 void session_end_outage(ecat_session *session);
-void session_observe_nothing(ecat_session *session); /* but the last values */
+void session_observe_nothing(ecat_session *session); /* bus and slaves are not available */
 void session_sleep_until(uint64_t ns); /* CLOCK_MONOTONIC */
 
 __attribute__((format(printf, 3, 4))) void session_tell(ecat_session *session, int warning,

@@ -1,4 +1,4 @@
-/* What a session exchanges with the bus: outputs, and who owns them; samples, and what they are worth. */
+/* What a session exchanges with the bus: outputs and their claims, and samples and their state. */
 #include "session.h"
 
 #include <stdio.h>
@@ -8,10 +8,10 @@
 
 #include "internal.h"
 
-#define RECLAIM_NS 100000000u /* between two tries to own outputs again */
-#define QUIET_NS 1000000000u  /* in which the same is not told twice */
-#define PATIENCE 1.0          /* seconds beside some cycles, after which one that does not come has failed */
-#define BEHIND 0.1            /* seconds that a program without a bus may catch up */
+#define RECLAIM_NS 100000000u /* between two attempts to claim outputs again */
+#define QUIET_NS 1000000000u  /* within which the same message is not repeated */
+#define PATIENCE 1.0          /* seconds, added to 10 cycles, after which a missing cycle is a failure */
+#define BEHIND 0.1            /* seconds that a program without a bus may be behind and catch up */
 
 /* --- who owns the outputs ------------------------------------------------------------------- */
 
@@ -26,7 +26,7 @@ static void forget_claims(ecat_session *session) {
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = 0;
 }
 
-/* The claim was refused: says which of our slaves is concerned, and what may be done about it. */
+/* A claim was refused: names the slave of the session concerned, and what can be done about it. */
 static int owned_by_another(ecat_session *session, const int *signals, size_t count) {
   char text[sizeof session->problem];
   const ecat_session_slave *slave;
@@ -38,7 +38,7 @@ static int owned_by_another(ecat_session *session, const int *signals, size_t co
     if (ecat_output(session->bus, signals[i], &output) == 0 && output.owner >= 0 && !output.owned &&
         ecat_signal(session->bus, signals[i], &info) == 0)
       break;
-  if (i == count) return ecat_session_fail(session, ECAT_EOWNED, "%s", text); /* given back since */
+  if (i == count) return ecat_session_fail(session, ECAT_EOWNED, "%s", text); /* released since */
   slave = session->slaves;
   while (!(slave->writes && slave->position == info.slave)) slave = slave->next;
   return ecat_session_fail(
@@ -46,7 +46,7 @@ static int owned_by_another(ecat_session *session, const int *signals, size_t co
       output.pid == (unsigned)getpid() ? "" : ", or set readOnly where nothing is to be written");
 }
 
-/* Makes this program the owner of all outputs of all slaves that it writes, at once or not at all. */
+/* Claims all outputs of all slaves that the program writes, together: all of them or none. */
 static int claim(ecat_session *session) {
   int i, code, last = -1, wanted = 0, count = ecat_signal_count(session->bus);
   int *signals = malloc(((size_t)count + 1) * sizeof *signals);
@@ -87,7 +87,8 @@ void ecat_session_write_int(ecat_session_entry *entry, int64_t value) {
   entry->pending = 1;
 }
 
-/* An analog quantity is held at its limits; a number beyond them is refused. */
+/* Stages one value: an analog quantity is cut to the limits of the entry, a number beyond them is
+ * refused. */
 static int stage_entry(ecat_t *bus, const ecat_session_entry *entry) {
   const ecat_signal_info *expected = &entry->expected;
   if (entry->is_whole) return ecat_write_int(bus, entry->signal, entry->whole);
@@ -96,7 +97,8 @@ static int stage_entry(ecat_t *bus, const ecat_session_entry *entry) {
   return ecat_write_scaled(bus, entry->signal, entry->real, expected->scale, expected->offset);
 }
 
-/* ECAT_ELEASE, too, where it is too early to claim lost outputs again. */
+/* Stages all pending values of a slave, and claims its outputs first if needed. Returns ECAT_ELEASE also
+ * if it is too early to claim lost outputs again. */
 static int stage(ecat_session_slave *slave) {
   ecat_session *session = slave->session;
   const ecat_session_entry *entry;
@@ -111,8 +113,7 @@ static int stage(ecat_session_slave *slave) {
   return code;
 }
 
-/* After outputs were lost that had been claimed: claims them again and hands all over, but does not try
- * that too often. */
+/* Claims lost outputs again and commits all values, at most every RECLAIM_NS. */
 static int reclaim(ecat_session *session) {
   uint64_t before = session->lost_ns;
   ecat_session_slave *slave;
@@ -129,15 +130,15 @@ static int reclaim(ecat_session *session) {
   return code != 0 ? code : ecat_session_client(session, ecat_commit(session->bus));
 }
 
-/* Deals with a failure to stage or commit. */
+/* Handles a failure of stage() or of a commit. */
 static int not_written(ecat_session *session, int code) {
   int lost = code == ECAT_ELEASE && session->settings.when_failed != ECAT_FAILURE_ERROR;
   if (lost) code = reclaim(session);
-  if (code == 0 || (lost && code == ECAT_ELEASE)) return 0;              /* until the next try */
+  if (code == 0 || (lost && code == ECAT_ELEASE)) return 0;              /* tried again later */
   if (code == ECAT_ELEASE)
     ecat_session_fail(session, code, "%s; with another whenFailed than Error %s claims them again and "
                       "goes on", session->problem, session->settings.program);
-  if (session_wish(session, code) == ECAT_FAILURE_WAIT) return 0; /* the next sample does */
+  if (session_wish(session, code) == ECAT_FAILURE_WAIT) return 0; /* the next sample waits */
   return session_endure(session, code);
 }
 
@@ -164,9 +165,9 @@ static int wait_cycles(ecat_session *session, unsigned cycles) {
   ecat_t *bus = session->bus;
   uint64_t now = ecat_cycle(bus), goal = (session->in_step ? session->waited_cycle : now) + cycles;
   double timeout = PATIENCE + 10 * ecat_cycle_time(bus);
-  while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) { /* else it counts anew */
+  while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) { /* restarted: counts anew */
     int code = ecat_wait(bus, 1, timeout);
-    /* Keeps the lease: who waits is alive, however long that is. */
+    /* A sample keeps the lease alive while the program waits for many cycles. */
     if (code == 0 && ecat_cycle(bus) < goal) code = ecat_sample(bus);
     if (code != 0) return ecat_session_client(session, code);
   }
@@ -182,7 +183,8 @@ int ecat_session_pace(ecat_session *session, unsigned cycles, double time) {
   int code = 0;
   if (session->bus != NULL && session->outage == 0) {
     if (cycles > 0) code = wait_cycles(session, cycles);
-    /* What passes is left to the sample that follows: it finds the same, unless it has passed. */
+    /* A failure that may end by itself is left to the next sample, which finds it too, unless it has
+     * ended. */
     if (code != 0 && session_wish(session, ECAT_EDOWN) == ECAT_FAILURE_ERROR)
       return session_endure(session, code);
     session->origin = (double)ecat_now() * 1e-9 - time;
@@ -197,7 +199,8 @@ int ecat_session_pace(ecat_session *session, unsigned cycles, double time) {
 
 /* --- samples -------------------------------------------------------------------------------- */
 
-/* What the new image is worth. Returns the domains in whose exchange all slaves took part, as bits. */
+/* Evaluates the new sample of every domain. Sets bit i of `*complete` if all slaves took part in the
+ * exchange of domain i. */
 static int observe_domains(ecat_session *session, uint32_t *complete) {
   ecat_domain_info info;
   uint64_t newest = 0;
@@ -229,8 +232,8 @@ static int al_state(unsigned al_status) {
   }
 }
 
-/* Tells, once, that a slave is not in OP. A frame that is lost now and then is no matter of the slave: that
- * says `valid`. */
+/* Reports, once, that a slave is not in OP. A single lost frame is not reported here: `valid` shows
+ * it. */
 static int tell_state(ecat_session_slave *slave) {
   static const char *const names[] = {"", "", "INIT", "PREOP", "BOOT", "SAFEOP", "OP"};
   ecat_session *session = slave->session;
@@ -260,7 +263,7 @@ static int observe_slave(ecat_session_slave *slave, uint32_t complete) {
   ecat_t *bus = slave->session->bus;
   ecat_slave_info info;
   int code;
-  /* An output is valid in OP only, and to ask for that costs a fifth. */
+  /* An output entry is valid only in OP. Asking for the validity costs a fifth of ecat_slave(). */
   if (entry != NULL && entry->expected.output && ecat_validity(bus, entry->signal) == ECAT_VALID) {
     slave->al_state = ECAT_SESSION_OP;
     slave->al_code = 0;

@@ -1,4 +1,5 @@
-/* The daemon's shared memory: opening it, trusting it, and noticing when the daemon is gone. */
+/* The daemon's shared memory: opening it, checking what is in it, and noticing that the daemon has
+ * gone. */
 #include "internal.h"
 
 #include <errno.h>
@@ -15,7 +16,7 @@
 
 static int daemon_holds_lock(int fd) {
   struct flock lock = {.l_type = F_RDLCK, .l_whence = SEEK_SET, .l_start = ECAT_LOCK_DAEMON, .l_len = 1};
-  /* An answer that cannot be had is no proof of death. */
+  /* If the lock cannot be queried, the daemon is assumed to live. */
   return fcntl(fd, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
 }
 
@@ -26,7 +27,7 @@ static int not_running(ecat_t *bus) {
                    bus->name);
 }
 
-/* Every table must lie within the shared memory before a byte of it is used. */
+/* Whether a table lies within the shared memory; checked before its first byte is used. */
 static int table_fits(const ecat_t *bus, uint32_t offset, uint64_t count, uint64_t size) {
   return offset % 8 == 0 && offset <= bus->map_size && count <= (bus->map_size - offset) / size;
 }
@@ -113,7 +114,7 @@ static int copy_tables(ecat_t *bus) {
   return 0;
 }
 
-/* An image, with a word before it that leads to the next one where it is retired. */
+/* Allocates an image. The word before it links it to the next one in the list of retired images. */
 static uint64_t *make_image(size_t words) {
   uint64_t *block = calloc(words + 3, 8);
   return block != NULL ? block + 1 : NULL;
@@ -123,7 +124,7 @@ static void free_image(uint64_t *image) {
   if (image != NULL) free(image - 1);
 }
 
-/* Where entries are in the images, after one of these has another address. */
+/* Computes the addresses of all entries again after an image has moved. */
 static void place_signals(ecat_t *bus) {
   uint32_t i;
   for (i = 0; i < bus->header->signal_count; i++)
@@ -259,7 +260,8 @@ void ecat_memory_close(ecat_t *bus) {
 
 /* --- a daemon that goes and comes back ------------------------------------------------------ */
 
-/* Remembers why the daemon is not there: programs may ask again before it is looked for again. */
+/* Remembers why the daemon is not there: until the next attempt to find it, calls return the same
+ * error. */
 static int down(ecat_t *bus, int code) {
   bus->down = code;
   snprintf(bus->why, sizeof bus->why, "%s", bus->error);
@@ -271,8 +273,8 @@ int ecat_memory_check(ecat_t *bus, uint64_t age_ns) {
   if (bus->map == NULL)
     return ecat_fail(bus, ECAT_EDOWN, "this client is not connected to bus '%s'", bus->name);
   if (bus->down != 0) return ecat_fail(bus, bus->down, "%s", bus->why);
-  /* The lock costs a system call, so it is asked for only when a live daemon would have shown
-   * itself by now. */
+  /* The lock costs a system call, so it is checked only after a live daemon would have finished a
+   * cycle. */
   if (limit < LATE_NS) limit = LATE_NS;
   if (__atomic_load_n(&bus->header->state, __ATOMIC_RELAXED) == ECAT_BUS_STOPPED)
     ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' was stopped", bus->name);
@@ -290,8 +292,8 @@ int ecat_memory_check(ecat_t *bus, uint64_t age_ns) {
   return down(bus, ECAT_EDOWN);
 }
 
-/* Whether the last cycle is so young that nothing more need be asked. The coarse clock tells at a
- * fifth of the price of the exact one, which would cost as much as the rest of a sample. */
+/* Whether the last cycle ended so recently that no more checks are needed. The coarse clock costs a fifth
+ * of the exact one, which would cost as much as the rest of a sample. */
 static int young(const ecat_t *bus, uint64_t end) {
   struct timespec now;
   if (bus->down != 0 || bus->map == NULL ||
@@ -309,7 +311,8 @@ int ecat_memory_age(ecat_t *bus) {
   return ecat_memory_check(bus, now > end ? now - end : 0);
 }
 
-/* Whether what the program knows about the bus, its handles above all, is true of this one, too. */
+/* Whether slaves, entries and domains are the same as before, so that the handles of the program stay
+ * valid. */
 static int check_same(ecat_t *fresh, const ecat_t *bus) {
   const ecat_shm_header *now = fresh->header, *before = bus->header;
   if (now->fingerprint != before->fingerprint || now->slave_count != before->slave_count ||
@@ -326,8 +329,8 @@ static int check_same(ecat_t *fresh, const ecat_t *bus) {
   return 0;
 }
 
-/* Programs may have addresses of the images: an image stays where it is if it still fits, else it is
- * kept beside the new one. */
+/* Programs may have addresses of the images. An image keeps its address if its size is unchanged;
+ * otherwise it is kept, as retired, beside the new one. */
 static void keep_images(ecat_t *bus, ecat_t *fresh) {
   uint32_t i;
   fresh->retired = bus->retired;
@@ -345,7 +348,8 @@ static void keep_images(ecat_t *bus, ecat_t *fresh) {
   }
 }
 
-/* The connection is replaced as a whole; what the program was given stays where it is. */
+/* Replaces the connection by a fresh one. Texts, tables and images that the program may point to keep
+ * their addresses. */
 static void replace(ecat_t *bus, ecat_t *fresh) {
   const ecat_shm_header *h = fresh->header;
   uint32_t i;
@@ -363,11 +367,12 @@ static void replace(ecat_t *bus, ecat_t *fresh) {
   fresh->handles = bus->handles;
   bus->tables = NULL;
   keep_images(bus, fresh);
-  ecat_slot_free(bus); /* ecat_output() may have looked into the old one again */
+  ecat_slot_free(bus); /* ecat_output() may have mapped the old one again */
   ecat_memory_close(bus);
   *bus = *fresh;
   place_signals(bus);
-  /* Old values may lie elsewhere in the image now; reads before the next sample see new ones. */
+  /* The layout of an image may have changed, so old values could be misread: copies the new images, which
+   * reads see until the next sample. */
   for (i = 0; i < bus->header->domain_count; i++) (void)ecat_page_copy(&bus->snapshot[i]);
 }
 
@@ -411,7 +416,8 @@ int ecat_page_copy(struct snapshot *snapshot) {
       __atomic_thread_fence(__ATOMIC_ACQUIRE);
       if (__atomic_load_n(&page->seq, __ATOMIC_RELAXED) == before) return 0;
     }
-    /* The engine writes for well under a microsecond; if it was preempted meanwhile, let it run. */
+    /* The engine writes for well under a microsecond. After 64 tries it was probably preempted: let it
+     * run. */
     if (tries > 64) sched_yield();
   }
   return ECAT_ESTALE;

@@ -1,4 +1,4 @@
-/* The client's slot in the .out shared memory: taking it, living in it, and leaving it. */
+/* The client's slot in the .out shared memory: taking it, using it and leaving it. */
 #include "internal.h"
 
 #include <errno.h>
@@ -11,15 +11,15 @@
 
 static void unmap_out(ecat_t *bus) {
   if (bus->out_map != NULL) munmap(bus->out_map, bus->out_size);
-  if (bus->out_fd >= 0) close(bus->out_fd); /* frees the lock, and so the slot */
+  if (bus->out_fd >= 0) close(bus->out_fd); /* releases the lock, and with it the slot */
   if (bus->home != NULL) munmap(bus->home, 1);
   bus->out_map = NULL;
   bus->out_fd = -1;
   bus->home = NULL;
 }
 
-/* A forked child inherits the descriptor and so the lock of the slot, but the slot belongs to its
- * parent. The child is recognised without a system call: the kernel clears one page in it. */
+/* A forked child inherits the descriptor, and with it the lock of the slot, but the slot belongs to its
+ * parent. To tell a child apart without a system call, the kernel is told to clear one page in it. */
 static int mark_home(ecat_t *bus) {
   bus->home = mmap(NULL, 1, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (bus->home == MAP_FAILED) {
@@ -109,26 +109,26 @@ static void program_name(char name[32]) {
 void ecat_slot_begin(ecat_t *bus) {
   uint32_t before = bus->generation;
   char name[32];
-  program_name(name); /* may take its time: the slot is whole until then */
+  program_name(name); /* slow, so it is read before the slot is changed */
   memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
   memset(bus->mask, 0, bus->header->output_bytes);
   memset(bus->request, 0, sizeof bus->request);
   bus->first = bus->bytes = 0;
   bus->longest_ns = 0;
   bus->request_seq = bus->doorbell->request_seq;
-  do bus->generation = ++bus->out->generation; /* or the slot was wiped */
+  do bus->generation = ++bus->out->generation; /* skips 0, and the last one in a wiped slot */
   while (bus->generation == 0 || bus->generation == before);
-  /* After that number, so that none is used twice wherever this client ends, and so that the engine can
-   * tell that whoever had the slot has not released it. */
+  /* Freed only after the new generation is stored, so that no number is used twice even if this client is
+   * killed here, and so that the engine can tell that the previous owner did not release the slot. */
   __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
   bus->out->lease_ns = 0;
   bus->out->since_ns = ecat_now();
   memcpy(bus->out->program, name, sizeof bus->out->program);
   bus->out->pid = (uint32_t)getpid();
-  /* Requests and claims, and what a later version may have put between them. */
+  /* Clears requests and claims, and whatever a later version may have put between them. */
   memset(bus->out + 1, 0, bus->layout.images_offset - sizeof *bus->out);
-  /* The doorbell's counters go on where the slot's last client left them: a number that comes twice
-   * could be taken for the one before (tests/proof/claim.pml, request.pml). */
+  /* The counters in the doorbell continue where the last client of the slot left them: a repeated number
+   * could be taken for the earlier one (tests/proof/claim.pml, request.pml). */
   bus->doorbell->heartbeat++;
   __atomic_store_n(&bus->doorbell->generation, bus->generation, __ATOMIC_RELEASE);
 }
@@ -142,8 +142,8 @@ int ecat_slot_lapsed(const ecat_t *bus) {
   const ecat_shm_slot_status *status;
   if (bus->slot < 0) return 0;
   status = &bus->slot_status[bus->slot];
-  /* A claim was granted to this generation; if the engine has seen another one since, somebody has
-   * written over the slot. */
+  /* The claims were granted to this generation. If the engine has seen another one since, another program
+   * has written over the slot. */
   if (__atomic_load_n(&status->generation, __ATOMIC_ACQUIRE) != bus->generation)
     return bus->bytes > 0;
   return __atomic_load_n(&status->state, __ATOMIC_RELAXED) == ECAT_SLOT_LAPSED;
@@ -160,7 +160,7 @@ int ecat_slot_take(ecat_t *bus) {
     ecat_slot_begin(bus);
     return 0;
   }
-  if (ecat_slot_foreign(bus)) unmap_out(bus); /* its locks would be its parent's */
+  if (ecat_slot_foreign(bus)) unmap_out(bus); /* the locks would still belong to the parent */
   if ((code = ecat_memory_age(bus)) == ECAT_EDOWN || (code = map_out(bus)) != 0) return code;
   for (i = 0; i < (int)header->slot_count; i++) {
     struct flock lock = {
@@ -183,7 +183,7 @@ void ecat_slot_free(ecat_t *bus) {
     struct flock lock = {.l_type = F_UNLCK, .l_whence = SEEK_SET,
                          .l_start = ECAT_LOCK_SLOT + bus->slot, .l_len = 1};
     __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
-    (void)fcntl(bus->out_fd, F_OFD_SETLK, &lock); /* a forked process may have the descriptor, too */
+    (void)fcntl(bus->out_fd, F_OFD_SETLK, &lock); /* a forked process may keep the descriptor open */
   }
   bus->slot = -1;
   bus->doorbell = NULL;

@@ -1,4 +1,4 @@
-/* From a value to the bits of an entry. */
+/* Encodes a value as the bits of an entry. */
 #include "values.h"
 
 #include <fenv.h>
@@ -10,14 +10,14 @@
 
 #define TWO_63 9223372036854775808.0
 #define TWO_64 18446744073709551616.0
-#define SINGLE_END 340282356779733661637539395458142568448.0 /* from here on the nearest float is infinite */
+#define SINGLE_END 340282356779733661637539395458142568448.0 /* from here on (float) gives infinity */
 
 double ecat_round(double value) {
   int64_t whole;
   double rest;
-  if (!(fabs(value) < 4503599627370496.0)) return value; /* 2^52, beyond it there are no fractions */
+  if (!(fabs(value) < 4503599627370496.0)) return value; /* from 2^52 on, a double has no fraction */
   whole = (int64_t)value;
-  rest = value - (double)whole; /* exact, so the rounding mode does not matter */
+  rest = value - (double)whole; /* exact, so that the rounding mode of the thread does not matter */
   if (rest > 0.5 || (rest == 0.5 && whole % 2 != 0)) whole++;
   if (rest < -0.5 || (rest == -0.5 && whole % 2 != 0)) whole--;
   return (double)whole;
@@ -29,7 +29,7 @@ static int below(uint64_t a, uint64_t b, int sign) {
   return sign ? (int64_t)a < (int64_t)b : a < b;
 }
 
-/* A whole number, or the one of 64 bits that comes nearest to it. */
+/* A whole number as 64 bits, cut to the range of int64_t or uint64_t. */
 static uint64_t nearest_bits(double whole, int sign) {
   if (!sign) return whole >= TWO_64 ? UINT64_MAX : whole > 0 ? (uint64_t)whole : 0;
   return (uint64_t)(whole >= TWO_63 ? INT64_MAX : whole >= -TWO_63 ? (int64_t)whole : INT64_MIN);
@@ -71,7 +71,7 @@ static int real(const struct rule *rule, const struct value *value, double raw, 
 
 /* --- both ----------------------------------------------------------------------------------- */
 
-/* Not inline: what it computes must stay between the calls of fesetenv(). */
+/* Not inlined, so that the compiler cannot move its arithmetic out of the two calls of fesetenv(). */
 __attribute__((noinline)) static int encode(const struct rule *rule, const struct value *value,
                                             uint64_t *bits) {
   double raw = value->is_whole ? (double)value->whole : value->real;
@@ -80,8 +80,8 @@ __attribute__((noinline)) static int encode(const struct rule *rule, const struc
   return rule->real ? real(rule, value, raw, bits) : integer(rule, value, raw, bits);
 }
 
-/* Whether this thread rounds to the nearest. To look is cheaper than to ask, and sees what was set past
- * the C library, too. */
+/* Whether this thread rounds to nearest. The addition is cheaper than fegetround(), and also sees a mode
+ * that was set without the C library. */
 static int rounds_to_nearest(void) {
   volatile double one = 1, little = DBL_EPSILON / 8;
   return one + little == one - little;

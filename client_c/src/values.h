@@ -1,36 +1,36 @@
-/* What an entry makes of the values that are written to it: the one rule for rounding, for limits and
- * for what is refused (docs/process-image.md, "What is written"). */
+/* How a value becomes the bits of an entry: the one rule for rounding, for limits and for what is refused
+ * (docs/process-image.md, "What is written"). */
 #ifndef ECAT_VALUES_H
 #define ECAT_VALUES_H
 
 #include <ecat/ecat.h>
 
-/* What a value of an entry has to keep to. */
+/* The values that may be written to an entry. */
 struct rule {
-  uint64_t low, high;      /* whole numbers that an integer entry may have, as int64_t if it has a sign */
-  double minimum, maximum; /* the same of a real one */
+  uint64_t low, high;      /* limits of an integer entry; int64_t if `sign` */
+  double minimum, maximum; /* limits of a floating-point entry */
   uint8_t bits, sign, real;
 };
 
-/* A value that somebody wants to write. */
+/* A value that a program writes. */
 struct value {
   double real;         /* unless `is_whole` */
-  int64_t whole;       /* 64 bits without a sign keep their bits */
-  double scale, offset; /* it stands for the raw value (real - offset) / scale */
+  int64_t whole;       /* an unsigned 64-bit value is kept bit by bit */
+  double scale, offset; /* the raw value is (real - offset) / scale */
   int is_whole;
-  int analog; /* it is held at the limits, and not refused beyond them */
+  int analog; /* beyond the limits it is cut to them instead of being refused */
 };
 
 struct rule value_rule(uint32_t type, uint32_t bits, double minimum, double maximum);
 
-/* The bits that an entry gets from a value; ECAT_ERANGE: it is refused. The rounding mode of the thread
- * does not matter. */
+/* Encodes a value as the bits of an entry. ECAT_ERANGE: the value is refused. The rounding mode of the
+ * thread has no effect. */
 int value_encode(const struct rule *rule, const struct value *value, uint64_t *bits);
 
-/* The smallest and the largest value, for messages. */
+/* The smallest and the largest raw value, for messages. */
 void value_limits(const struct rule *rule, double *low, double *high);
 
-/* Whether it means something physical, which has limits where a number has an end. */
+/* Whether a value is an analog quantity, which is cut to its limits instead of being refused. */
 static inline int value_is_analog(const char *unit, double scale, double offset) {
   return unit[0] != '\0' || scale != 1 || offset != 0;
 }

@@ -4,15 +4,16 @@
 bus description -> build -> ir -> render (templates) -> output (files)
 ```
 
-- `origin`: what of the bus counts, and is kept beside the result
-- `names`, `words`: identifiers from the names of slaves, PDOs and entries
-- `connectors`, `blocks`: from entries and slaves to connectors and blocks; `drives`,
-  `drive_units`: blocks of drives in SI units around them; `channels`: blocks with vectors
-- `placement`, `labels`, `symbols`, `font`: how blocks look; `examples`, `diagram`: models of them
-- `build`: all of it together, as the `ir`, which templates write down (`render`, `text`);
-  `generate`: from the description to the folder
-- `static_library`: the library EtherCAT; `output`: puts both into a folder; `differences`: and says
-  what is another than before
+- `origin`: the part of a bus description that a library or FMU is made from and carries in it
+- `names`, `words`: Modelica identifiers from the names of slaves, PDOs and entries
+- `connectors`, `blocks`: a connector for each entry and a block for each slave; `drives`,
+  `drive_units`: blocks in SI units around those of drives; `channels`: blocks with vectors
+- `placement`, `labels`, `symbols`, `font`: the layout of icons and diagrams; `examples`, `diagram`:
+  example models
+- `build`: puts all parts together in the `ir`, which the templates write down (`render`, `text`);
+  `generate`: goes all the way from the bus description to the folder
+- `static_library`: the library EtherCAT; `output`: writes both libraries into a folder;
+  `differences`: what has changed since an earlier run
 - `fmu`: the same bus as an FMU
 """
 

@@ -1,4 +1,4 @@
-"""From a slave of the bus description to its block."""
+"""Builds the block of each slave of the bus description."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from .ir import Block, Skipped
 from .labels import label
 from .symbols import slave_kind, symbol
 
-_MAX_BITS = 64  # of one entry in the shared memory
+_MAX_BITS = 64  # most bits of one entry in the shared memory
 
 EXAMPLE_COMPONENTS = (
     *("etherCATMaster", "enable", "reference", "angle", "off", "zero", "zeroReal"),
     *("w_ref", "w_m", "i_m", "phi_ref", "phi_m"),
 )
-"""Names that the example models use beside those of the blocks."""
+"""Names that the example models use themselves, so no block instance can have them."""
 
-# What a generated library has beside its blocks.
+# What a generated library contains beside its blocks.
 _PACKAGES = ("UsersGuide", "Examples", "Drives", "Channels", "fingerprint", "generateCommand")
 
-# Names that the blocks and their base class use, and so no connector can have.
+# Names that the blocks and their base class use, so no connector can have them.
 _RESERVED = (
     *("domainID", "slaveData", "hwName", "fingerprint", "generateCommand", "etherCATMaster"),
     *("domain", "slave", "slaveConfiguration", "committed", "Modelica", "EtherCAT"),
@@ -34,10 +34,10 @@ _RESERVED = (
 
 
 def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
-    """The blocks of all slaves, in their order on the bus.
+    """Builds the blocks of all slaves, in their order on the bus.
 
-    A class is named after the type of its slave. Only slaves of the same type are counted, from
-    the second one on, so that other slaves that are added do not change the name.
+    A class is named after the type of its slave. Slaves of one type are numbered from the second
+    one on, so that adding slaves of other types does not change the names.
     """
     namespace = names.Namespace(
         {*names.FOREIGN_LIBRARIES, *names.FILES, *_PACKAGES, library},

@@ -1,4 +1,4 @@
-"""From the bus description to the library: the one place where all parts come together."""
+"""Builds the intermediate representation of a library: all parts of it come together here."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from .ir import Library
 
 
 def build_library(bus: Bus, name: str) -> Library:
-    """The generated library for a bus.
+    """Builds the library for a bus.
 
     Raises:
-        UsageError: The name cannot be that of a Modelica library.
+        UsageError: `name` cannot be the name of a Modelica library.
     """
     name = names.library_name(name)
     blocks = build_blocks(bus.slaves, name)

@@ -1,4 +1,4 @@
-"""Slaves with channels that are alike: a block around that of the slave, with vectors."""
+"""Builds blocks with vectors around the blocks of slaves that have several equal channels."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _NUMBER = re.compile(r"\d+")
 _COLORS = {"Boolean": "{255, 0, 255}", "Integer": "{255, 127, 0}", "Real": "{0, 0, 127}"}
 _RESERVED = ("domainID", "slave", "valid", "Modelica", "EtherCAT")
 _START = ("start = ", "fixed = ")
-_CENTRE = Point(0, 0)  # of the slave in the diagram
-_REACH = 40  # from the slave to the vectors
-_LANE = 6  # from the slave to the vertical parts of lines
-_HALF = 2  # of a connector in the diagram
+_CENTRE = Point(0, 0)  # centre of the slave in the diagram
+_REACH = 40  # distance from the slave to the vectors
+_LANE = 6  # distance from the slave to the vertical parts of lines
+_HALF = 2  # half the size of a connector in the diagram
 
 
 def build_channels(blocks: Iterable[Block]) -> tuple[Channels, ...]:
-    """A block with vectors for each slave that has at least two channels that are alike."""
+    """Builds a block with vectors for each slave that has at least two equal channels."""
     return tuple(made for block in blocks if (made := _channels(block)) is not None)
 
 
@@ -79,7 +79,7 @@ def _channels(block: Block) -> Channels | None:
 
 
 def _groups(connectors: Sequence[Connector]) -> Iterator[list[Connector]]:
-    """Connectors that are alike and numbered from 1 on, as lists; all others one by one."""
+    """Groups equal connectors that are numbered from 1 on; any other one is alone."""
     alike: dict[tuple[object, ...], list[Connector]] = {}
     for connector in connectors:
         alike.setdefault(_likeness(connector), []).append(connector)
@@ -146,7 +146,7 @@ def _vector(
 
 
 def _ports(block: Block, *, left: bool) -> dict[str, Point]:
-    """Where lines end at the connectors of the slave."""
+    """The points at which lines end at the connectors of the slave, by connector name."""
     return {
         connector.name: placement.port_point(block.icon, row, _CENTRE, left=left)
         for row, connector in enumerate(block.left if left else block.right)
@@ -154,7 +154,7 @@ def _ports(block: Block, *, left: bool) -> dict[str, Point]:
 
 
 def _point(block: Block, group: Sequence[Connector], *, left: bool) -> Point:
-    """The place of a vector in the diagram: at the height of its middle member."""
+    """The place of a vector in the diagram, at the height of its middle member."""
     middle = _ports(block, left=left)[group[(len(group) - 1) // 2].name]
     slave = placement.in_diagram(block.icon, _CENTRE)
     return Point(slave.a.x - _REACH if left else slave.b.x + _REACH, middle.y)
@@ -165,7 +165,7 @@ def _around(centre: Point) -> Extent:
 
 
 def _lines(block: Block, vectors: Sequence[Vector], *, at_left: bool) -> Iterator[Connection]:
-    """Lines between the vectors and the slave; those of each vector have a lane of their own."""
+    """Draws lines between the vectors and the slave, with one vertical lane for each vector."""
     ports = _ports(block, left=at_left)
     for number, vector in enumerate(vectors):
         place = vector.diagram_place

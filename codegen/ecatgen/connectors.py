@@ -1,4 +1,4 @@
-"""From a PDO entry to the connector of a block, or to a variable."""
+"""Builds a connector of a block, or a variable, for each PDO entry."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
 
 
 def kind_of(entry: Entry) -> Kind:
-    """The Modelica type of an entry: a Modelica Integer has 32 bits and a sign."""
+    """The Modelica type of an entry: Real for a physical value, else that of the raw value."""
     return "Real" if entry.is_physical else raw_kind_of(entry)
 
 
 def raw_kind_of(entry: Entry) -> Kind:
-    """The Modelica type of the raw value of an entry."""
+    """The Modelica type of a raw value; an integer that needs more than 32 signed bits is Real."""
     if entry.data_type == DataType.BOOLEAN or entry.bit_length == 1:
         return "Boolean"
     if is_real(entry.data_type):
@@ -36,12 +36,12 @@ def connectors(
     *,
     outputs: bool,
 ) -> tuple[Connector, ...]:
-    """The connectors for the entries of one direction.
+    """Builds the connectors for the entries of one direction.
 
     Args:
         entries: The entries, each with its PDO.
-        names: Their names.
-        labels: Their names in the icon, empty for variables.
+        names: Names of the connectors.
+        labels: Their names in the icon; empty for variables.
         icon: Extent of the icon.
         outputs: Whether the model writes them.
     """
@@ -92,7 +92,7 @@ def connectors(
 
 
 def is_drawn(entry: Entry, *, outputs: bool) -> bool:
-    """Whether an entry has a connector: what the model writes, cannot be left to nobody."""
+    """Whether an entry has a connector: all outputs do, since a model must write each of them."""
     return outputs or entry.connector
 
 
@@ -118,13 +118,13 @@ def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[str]:
         yield f'unit = "{unit}"'
     if display_unit:
         yield f'displayUnit = "{display_unit}"'
-    if not outputs:  # what the model writes has no start value: it follows from the equations
+    if not outputs:  # an output has no start value: the equations of the model give it
         yield f"start = {_START[kind]}"
         yield "fixed = true"
 
 
 def _scaling(entry: Entry) -> str:
-    """Arguments in the syntax of Modelica and of C, whose numbers are alike."""
+    """Further arguments, scale and offset; Modelica and C write numbers alike."""
     if not entry.is_physical:
         return ""
     return f", {entry.scale!r}, {entry.offset!r}"

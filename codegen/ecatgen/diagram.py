@@ -13,14 +13,15 @@ _COLORS: dict[Kind, str] = {
     "Real": "{0, 0, 127}",
 }
 _SOURCE_PORTS = {"y": Point(11, 0)}
-# A drive (EtherCAT.Interfaces.PartialDrive) is drawn larger, so that all is on the grid.
+# A drive (EtherCAT.Interfaces.PartialDrive) is drawn larger, so that its connectors lie on the
+# grid.
 _DRIVE_HALF = 25
 _DRIVE_PORTS = {
     "enable": Point(-28, 15),
     "phi_ref": Point(-28, -6),
     "w_ref": Point(-28, -13),
 }
-# Where the connectors of the library blocks are, from the centre, in units of a diagram.
+# Positions of the connectors of library blocks, from the centre, in units of the diagram.
 _PORTS = {
     "EtherCAT.Sources.PointToPoint": _SOURCE_PORTS,
     "Modelica.Blocks.Continuous.Integrator": {"u": Point(-12, 0), "y": Point(11, 0)},
@@ -33,7 +34,7 @@ _PORTS = {
 
 @dataclass
 class Diagram:
-    """An example model in the making."""
+    """An example model that is being built."""
 
     components: list[Component] = field(default_factory=list)
     connections: list[Connection] = field(default_factory=list)
@@ -49,7 +50,7 @@ class Diagram:
         *modifiers: str,
         prefix: str = "",
     ) -> str:
-        """Adds a component of a library, and returns its name."""
+        """Adds a component of a library class and returns its name."""
         for port, offset in _PORTS[class_name].items():
             self._ports[f"{name}.{port}"] = Point(centre.x + offset.x, centre.y + offset.y)
         place = placement.extent(centre.x - 10, centre.y - 10, centre.x + 10, centre.y + 10)
@@ -57,7 +58,7 @@ class Diagram:
         return name
 
     def add_block(self, library: str, block: Block, centre: Point) -> str:
-        """Adds the block of a slave, and returns the name of the component."""
+        """Adds the block of a slave and returns the name of the component."""
         for left, connectors in ((True, block.left), (False, block.right)):
             for row, connector in enumerate(connectors):
                 self._ports[f"{block.instance}.{connector.name}"] = placement.port_point(
@@ -75,7 +76,7 @@ class Diagram:
         return block.instance
 
     def add_drive(self, library: str, drive: Drive, centre: Point, *modifiers: str) -> str:
-        """Adds the block of a drive in SI units, and returns the name of the component."""
+        """Adds the block of a drive in SI units and returns the name of the component."""
         for port, offset in _DRIVE_PORTS.items():
             self._ports[f"{drive.instance}.{port}"] = Point(
                 centre.x + offset.x, centre.y + offset.y
@@ -105,16 +106,16 @@ class Diagram:
         self.connections.append(Connection(source, target, points, _COLORS[kind]))
 
     def place(self, connector: str) -> Point:
-        """Where lines to a connector end."""
+        """The point at which lines to a connector end."""
         return self._ports[connector]
 
     def result(self, name: str, unit: str, description: str, expression: str) -> None:
-        """Gives a result a name of its own."""
+        """Adds a variable that gives a result a name of its own."""
         self.variables.append(Variable(name, unit, description, expression))
 
     @property
     def box(self) -> Extent:
-        """The extent of everything."""
+        """The extent of all components and lines, with a margin of 20 units."""
         corners = [p for c in self.components for p in (c.extent.a, c.extent.b)]
         corners += [p for c in self.connections for p in c.points]
         return placement.extent(

@@ -1,4 +1,4 @@
-"""What is different between two buses, as their libraries show it: by slave and connector."""
+"""Compares two buses by what their libraries show: slaves and connectors."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ _ASPECTS = (
     ("pdo_name", "PDO"),
     ("entry_name", "name on the slave"),
 )
-"""Attributes of a connector, and how they are called."""
+"""Attributes of a connector that are compared, and how messages call them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One thing that is different.
+    """One difference between two buses.
 
     Attributes:
-        slave: Position of the slave on the new bus, or on the old one if it is gone; None where
-            it is about the whole bus.
+        slave: Position of the slave on the new bus, or on the old one if it is gone; None if the
+            difference concerns the whole bus.
         block: Class of its block.
-        connector: The connector, or empty.
+        connector: Name of the connector, or empty.
         kind: `new`, `gone`, `renamed`, `moved` or `changed`.
-        text: What it is, without the slave.
-        before: What it was, or empty.
-        after: What it is now, or empty.
+        text: The difference in words, without the slave.
+        before: The old value, or empty.
+        after: The new value, or empty.
     """
 
     slave: int | None
@@ -64,7 +64,7 @@ class Difference:
 
 
 def lines(differences: Iterable[Difference]) -> list[str]:
-    """The differences as text; slaves in a row that were moved by the same way share a line."""
+    """The differences as lines; consecutive slaves moved by the same distance share one."""
 
     def row(numbered: tuple[int, Difference]) -> tuple[int, int] | None:
         number, item = numbered
@@ -87,11 +87,11 @@ def lines(differences: Iterable[Difference]) -> list[str]:
 
 
 def compare(old: tuple[Bus, Library], new: tuple[Bus, Library]) -> tuple[Difference, ...]:
-    """The differences between two buses.
+    """Finds the differences between two buses.
 
     Args:
-        old: The bus before, and its library as this generator makes it.
-        new: The same of now.
+        old: The old bus, and its library as this generator builds it.
+        new: The new bus and its library.
     """
     pairs = _pairs(old[0].slaves, new[0].slaves)
     found = list(_of_bus(old[0], new[0]))
@@ -133,7 +133,11 @@ def _alike(one: Slave, other: Slave) -> bool:
 
 
 def _pairs(old: Sequence[Slave], new: Sequence[Slave]) -> list[tuple[int, int]]:
-    """Positions of the same slave before and now: in a row as long as possible, else by type."""
+    """Pairs the old and new positions of the same slaves.
+
+    Slaves are the same if vendor and product are. Pairs come from the equal beginning of both
+    buses, then from the longest equal runs, and at last from any slave of the same type.
+    """
     one, other = ([(slave.vendor, slave.product) for slave in slaves] for slaves in (old, new))
     start = 0
     while start < min(len(one), len(other)) and one[start] == other[start]:

@@ -1,8 +1,8 @@
 """Parameters of a CiA 402 drive that follow from the units of its process data.
 
-`EtherCAT.Drives.CiA402` converts between raw values and SI units by parameters: increments a
-revolution, raw speed at one revolution a second, rated torque and current. Where the bus
-description has a unit for an object, the parameter follows from it, and is not asked for twice.
+`EtherCAT.Drives.CiA402` converts between raw values and SI units by parameters: increments per
+revolution, raw speed at one revolution per second, rated torque and current. If the bus description
+has a unit for an object, the parameter is computed from it and the user need not set it.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ class _Quantity:
     """A quantity of a drive.
 
     Attributes:
-        objects: Objects that have it, all of them with the same raw unit.
+        objects: Indices of the objects that have this quantity, all of them in the same raw unit.
         unit: SI unit of its physical value.
         parameter: Parameter of EtherCAT.Interfaces.DriveParameters.
-        member: The same in `ecatm_drive_settings`.
-        inverse: Whether the parameter is the raw value of one revolution (a second), and not the
-            physical value of 1000 digits (CiA 402 counts in 1/1000 of rated values).
+        member: The same parameter in `ecatm_drive_settings`.
+        inverse: True if the parameter is the raw value of one revolution (per second); False if it
+            is the physical value of 1000 digits (CiA 402 counts in 1/1000 of rated values).
     """
 
     objects: frozenset[int]
@@ -36,7 +36,7 @@ class _Quantity:
     inverse: bool
 
     def value(self, scale: float) -> float:
-        """The parameter at a scale in SI units: of one revolution, or of 1000 digits."""
+        """The parameter for a scale in SI units per digit."""
         return 2 * math.pi / scale if self.inverse else 1000 * scale
 
 
@@ -47,21 +47,22 @@ _QUANTITIES = (
     _Quantity(frozenset({0x6078}), "A", "ratedCurrent", "rated_current", False),
 )
 _CLOSE = 1e-9
-"""Scales that differ by less than this are the same: people round them."""
+"""Relative difference up to which two scales are the same: people round them."""
 
 
 class UnsuitableError(Exception):
-    """What entries mean cannot be had in a block in SI units; the text says which and why."""
+    """An entry has a meaning that a block in SI units cannot have; the text names both."""
 
 
 def parameters(connectors: Iterable[Connector]) -> Iterator[DriveParameter]:
-    """The parameters that follow from the meaning of the connectors of one axis.
+    """Computes the parameters that follow from the meaning of the connectors of one axis.
 
     Args:
-        connectors: Those that the state machine is connected with.
+        connectors: The connectors that the state machine is connected with.
 
     Raises:
-        UnsuitableError: Meanings contradict each other, or the state machine has no room for one.
+        UnsuitableError: Two meanings contradict each other, or an entry has an offset or a negative
+            scale.
     """
     connectors = list(connectors)
     for quantity in _QUANTITIES:
@@ -83,7 +84,7 @@ def parameters(connectors: Iterable[Connector]) -> Iterator[DriveParameter]:
 
 
 def _si_scale(quantity: _Quantity, connector: Connector) -> float | None:
-    """SI units a digit; None where the connector has no such quantity."""
+    """SI units per digit; None if the connector does not have this quantity."""
     unit, wanted = si_unit(connector.unit_name), si_unit(quantity.unit)
     if connector.index not in quantity.objects or unit is None or wanted is None:
         return None

@@ -1,4 +1,4 @@
-"""Drives with the device profile CiA 402: a block with SI units around the block of the slave."""
+"""Builds blocks in SI units around the blocks of drives with the device profile CiA 402."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from .drive_units import UnsuitableError, parameters
 from .ir import Block, Connection, Connector, Drive, DriveLine, Point
 from .labels import label
 
-# The connectors of EtherCAT.Drives.CiA402 by object, and where they are in the diagram: from left
-# to right those that lead to the slave, then those that come from it. See PartialDrive.
+# The connectors of EtherCAT.Drives.CiA402 by object, with their x positions in the diagram: first
+# those that lead to the slave, then those that come from it. See PartialDrive.
 _PINS_Y = -35
 _TO_SLAVE = {
     0x6060: ("modeOfOperation", -140),
@@ -41,19 +41,19 @@ _CONTROL_WORD, _STATUS_WORD, _MODE = 0x6040, 0x6041, 0x6060
 _TYPES = "EtherCAT.Types.DriveMode"
 _BOOLEAN, _INTEGER, _REAL = "{255, 0, 255}", "{255, 127, 0}", "{0, 0, 127}"
 _UTILITIES = "EtherCAT.Drives.Utilities"
-_CONVERSION_Y, _HALF, _PORT = -51, 5, 6  # of the blocks between pins and slave
-_TOP = -72  # of the slave in the diagram
+_CONVERSION_Y, _HALF, _PORT = -51, 5, 6  # position and size of the blocks between pins and slave
+_TOP = -72  # upper edge of the slave in the diagram
 _NARROW = 640  # icons up to this width are drawn twice as large as usual
 
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """A quantity that a drive can be asked for.
+    """A quantity that a drive can control.
 
     Attributes:
         modes: Elements of EtherCAT.Types.DriveMode.
-        target: Object of the target.
-        actual: Objects one of which is needed.
+        target: Index of the object with the target value.
+        actual: Indices of the objects with the actual value; one of them is needed.
         what: How a message names the target.
     """
 
@@ -73,10 +73,10 @@ _KINDS = (
 
 
 def build_drives(blocks: Iterable[Block]) -> tuple[tuple[Drive, ...], tuple[str, ...]]:
-    """The drives among the slaves, those that map what one of the modes needs.
+    """Builds the drives among the slaves: those that map all objects that one of the modes needs.
 
     Returns:
-        The drives, and a sentence for each that cannot be had in SI units.
+        The drives, and a sentence for each drive whose units do not fit a block in SI units.
     """
     drives, notes = [], []
     for block in blocks:
@@ -137,7 +137,7 @@ def _drive(block: Block) -> Drive | None:
 
 
 def _by_object(connectors: Sequence[Connector]) -> dict[int, Connector]:
-    """What CiA402 can be connected with: values of the first axis, raw or scaled."""
+    """The connectors that CiA402 can use, by object: integers of the first axis, raw or scaled."""
     known = _TO_SLAVE.keys() | _FROM_SLAVE.keys()
     return {
         c.index: c
@@ -162,7 +162,7 @@ def _line(connector: Connector, pin: str, x: int, conversion: str, rotation: int
 
 
 def _lines(block: Block, centre: Point, scale: int) -> Iterator[Connection]:
-    """The lines between the state machine and the slave below it."""
+    """Draws the lines between the state machine and the slave below it."""
     writes, reads = _by_object(block.left), _by_object(block.right)
     for row, c in enumerate(block.left):
         if writes.get(c.index) == c:

@@ -1,4 +1,4 @@
-"""The example models of a generated library."""
+"""Builds the example models of a generated library."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .diagram import Diagram
 from .ir import Block, Connector, Drive, Example, Kind, Point
 from .text import modelica_string
 
-# The movement of the example: 75 revolutions of the motor, at most 10 in a second, reached in half
-# a second. The motor is that of the simulated rig `troll`.
+# The movement of the examples: 75 revolutions of the motor at up to 10 revolutions per second,
+# reached within half a second. The motor is that of the simulated rig `troll`.
 DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 471.24, 62.832, 125.66, 1
 _MOTOR = {"encoderResolution": "65536", "ratedTorque": "0.4", "ratedCurrent": "5"}
-_BETWEEN = 16  # between blocks that stand below each other
+_BETWEEN = 16  # vertical distance between blocks of one column
 _CAUTION = (
     "Before you simulate with real hardware, set encoderResolution, ratedTorque and ratedCurrent "
     "of the drive to what the motor has, and distance, maxSpeed and maxAcceleration of the "
@@ -28,7 +28,7 @@ _CAUTION = (
 def build_examples(
     bus: Bus, library: str, blocks: Sequence[Block], drives: Sequence[Drive]
 ) -> tuple[Example, ...]:
-    """The example models that make sense for the bus."""
+    """Builds the example models that suit the bus; those of drives need a drive with their mode."""
     examples = [_all_slaves(bus, library, blocks)]
     for mode, example in (
         ("CyclicVelocity", _point_to_point),
@@ -54,7 +54,7 @@ def _master(diagram: Diagram, bus: Bus, centre: Point) -> None:
 
 
 class _Constants:
-    """Sources for outputs that an example leaves at zero; only those that are needed."""
+    """Constant sources for the outputs that an example leaves at zero; added only if needed."""
 
     _CLASSES: ClassVar[dict[Kind, tuple[str, str, str]]] = {
         "Boolean": ("Modelica.Blocks.Sources.BooleanConstant", "off", "k = false"),
@@ -67,13 +67,13 @@ class _Constants:
         self._names: dict[tuple[Kind, str], str] = {}
 
     def feed(self, target: str, connector: Connector) -> None:
-        """Connects a constant to an input; one constant cannot have several units."""
+        """Connects a constant to an input; each type and unit has a source of its own."""
         key = (connector.kind, connector.unit)
         if key not in self._names:
             y = min(self._y - 40 * len(self._names), self._diagram.place(target).y)
             self._y = y + 40 * len(self._names)
             self._names[key] = self._add(connector.kind, Point(self._x, y))
-        # Each source has an upright line of its own.
+        # Each source has a vertical lane of its own.
         lane = self._lane - 4 * list(self._names).index(key)
         self._diagram.connect(f"{self._names[key]}.y", target, connector.kind, lane)
 
@@ -91,7 +91,7 @@ class _Constants:
 
 
 def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) -> None:
-    """Puts blocks below each other, from the height of the master on."""
+    """Puts blocks below each other, beginning at the height of the master."""
     top = 90
     for block in blocks:
         half = placement.half_height(block.icon)
@@ -101,7 +101,7 @@ def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) 
 
 
 def _columns(diagram: Diagram, library: str, blocks: Sequence[Block]) -> None:
-    """Puts blocks right of all others, in columns that are not higher than what is there."""
+    """Puts blocks to the right of all others, in columns no higher than the diagram is so far."""
     box = diagram.box
     most = max(box.b.y - box.a.y, 150)
     column: list[Block] = []
@@ -142,7 +142,7 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
 
 
 def _drive_parts(bus: Bus, library: str, drive: Drive, mode: str) -> Diagram:
-    """A drive that is enabled, and a speed from which its reference follows."""
+    """A diagram with master, enabled drive and reference speed, which is not connected yet."""
     diagram = Diagram()
     _master(diagram, bus, Point(-80, 70))
     known = {parameter.name for parameter in drive.parameters}

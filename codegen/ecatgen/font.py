@@ -1,14 +1,14 @@
-"""Widths of texts in Helvetica and the fonts that are as wide: Arial, Liberation Sans."""
+"""Widths of texts in Helvetica and fonts of the same widths: Arial, Liberation Sans."""
 
 from __future__ import annotations
 
 FAMILY = "Arial, 'Liberation Sans', Helvetica, sans-serif"
 LINE = 1.15
-"""Height of a line, in sizes of the font."""
+"""Height of a line, in units of the font size."""
 MIDDLE = 0.358
-"""Height of the middle of capital letters above the base line, in sizes of the font."""
+"""Height of the middle of capital letters above the base line, in units of the font size."""
 
-# In 1/1000 of the size, from the space to the tilde.
+# Widths in 1/1000 of the font size, from the space to the tilde.
 _REGULAR = """
 278 278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556
 556 556 278 278 584 584 584 556 1015 667 667 722 722 667 611 778 722 278 500 667 556 833 722 778
@@ -22,11 +22,11 @@ _BOLD = """
 611 278 278 556 278 889 611 611 611 611 389 556 333 611 556 778 556 556 500 389 280 389 584
 """
 _WIDTHS = {False: tuple(map(int, _REGULAR.split())), True: tuple(map(int, _BOLD.split()))}
-_LATIN, _WIDE = 556, 1000  # letters with accents; letters of East Asia
+_LATIN, _WIDE = 556, 1000  # widths of letters with accents, and of letters of East Asia
 
 
 def width(text: str, *, bold: bool = False) -> float:
-    """The width of one line of text, in sizes of the font."""
+    """The width of one line of text, in units of the font size."""
     widths = _WIDTHS[bold]
     return (
         sum(
@@ -38,7 +38,7 @@ def width(text: str, *, bold: bool = False) -> float:
 
 
 def fitted(text: str, box_width: float, box_height: float, *, bold: bool = False) -> float:
-    """The size of the font at which a text just fits into a box; no width means any width."""
+    """The largest font size at which a text fits into a box; width 0: any width."""
     lines = text.split("\n")
     size = box_height / (LINE * len(lines))
     widest = max(width(line, bold=bold) for line in lines)

@@ -1,4 +1,4 @@
-"""The generator as one function."""
+"""Generates a Modelica library: the generator as one function."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .output import Report, Tree, install
 from .render import render
 
 _ORIGIN = "Resources/bus.json"
-"""What a library is made from."""
+"""The file in the library that holds the bus it was made from."""
 
 
 def generate(
@@ -39,15 +39,15 @@ def generate(
         bus: Description of the bus.
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
-        templates: Folders with templates of the user; an earlier one wins.
+        templates: Folders with templates of the user; those of an earlier folder come first.
         check: Write nothing, only report what would change.
-        force: Replace generated files that the user has changed, and keep those under another
-            name; without it they are an error.
+        force: Replace generated files that the user has changed, and keep these under another name.
+            Without it they are an error.
 
     Raises:
         ConfigError: A template is wrong.
-        UsageError: The name cannot be that of a Modelica library.
-        StateError: Files of the user stand in the way of generated ones.
+        UsageError: `name` cannot be the name of a Modelica library.
+        StateError: Files of the user are in the places of generated ones.
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
@@ -68,7 +68,7 @@ def generate(
 
 
 class _Generator:
-    """What a library depends on beside its origin."""
+    """Builds libraries from different buses with the same name and templates."""
 
     def __init__(self, name: str, templates: Iterable[Path]) -> None:
         self._name = name
@@ -82,19 +82,19 @@ class _Generator:
 
 
 def _before(folder: Path) -> Bus | None:
-    """What an earlier run has made a library of; None where that is not known."""
+    """The bus from which an earlier run made the library; None if it is not known."""
     with suppress(OSError):
         return read_origin((folder / _ORIGIN).read_bytes())
     return None
 
 
 def _otherwise(report: Report, files: Tree, again: Tree) -> tuple[str, ...]:
-    """Files that are generated otherwise than before, though the bus has no part in it.
+    """The files that have changed for another reason than the bus: a new ecatd or template.
 
     Args:
-        report: What was written.
-        files: The library.
-        again: The library of the bus before, as it is generated now.
+        report: The report of this run.
+        files: The files of the library.
+        again: The files of the library for the old bus, as this version generates them.
     """
     prefix = f"{report.library.name}/"
     return tuple(

@@ -1,4 +1,4 @@
-"""Names in icons: no longer than what makes a block of sensible width."""
+"""Shortens names for icons, so that blocks get a sensible width."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from functools import lru_cache
 from .font import width
 
 WIDEST = 15.0
-"""Widest label, in sizes of the font."""
+"""Widest label, in units of the font size."""
 
 ELLIPSIS = "…"
-_SHORTEST = 3  # letters that stay of a word
+_SHORTEST = 3  # letters of a word that are always kept
 _WORD = re.compile(r"[A-Z]+(?![a-z])[0-9_]*|[A-Za-z][a-z]*[0-9_]*|[0-9_]+")
 
 
 @lru_cache(maxsize=4096)  # equal slaves have equal names
 def label(name: str) -> str:
-    """The name, with its longest words cut where it is too long for a label.
+    """The name, with its longest words cut if it is too long for a label.
 
-    Numbers stay, for they tell channels apart: `aiStandardChannel12StatusUnderrange`
-    becomes `aiStandardChannel12StatusUnd…`.
+    Numbers stay, since they tell channels apart: `aiStandardChannel12StatusUnderrange` becomes
+    `aiStandardChannel12StatusUnd…`.
 
     Args:
         name: A name in camel case.

@@ -1,4 +1,4 @@
-"""Modelica identifiers from the texts that vendors write into their slaves.
+"""Makes Modelica identifiers from the texts that vendors write into their slaves.
 
 Conventions of the Modelica Standard Library: classes begin with a capital letter, components with
 a small one, words are joined in camel case. An underscore occurs only before a number: between two
@@ -18,16 +18,17 @@ from ecatd.model.errors import UsageError
 from .words import WORDS
 
 MAX_LENGTH = 48
-"""Longest name made of a text, before a counter is added."""
+"""Longest name made from a text, without the counter that may follow."""
 
 FOREIGN_LIBRARIES = frozenset({"EtherCAT", "Modelica", "ModelicaServices", "Complex"})
-"""Libraries that a generated one uses, and so cannot be called like."""
+"""Libraries that a generated library uses, and whose names it therefore cannot have."""
 
 FILES = frozenset(
     {"package", "Resources", "con", "prn", "aux", "nul"}
     | {f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10)}
 )
-"""Names that no class can have because of its file: they are taken, or Windows has no such file."""
+"""Names that no class can have because of its file: they are taken, or Windows forbids such files.
+"""
 
 _LETTERS = str.maketrans(
     {"µ": "u", "μ": "u", "Ω": "Ohm", "°": " deg ", "%": " percent ", "ß": "ss"}
@@ -36,10 +37,10 @@ _LETTERS = str.maketrans(
 
 
 def library_name(name: str) -> str:
-    """The name itself, if a Modelica library can have it.
+    """Returns the name after checking that a Modelica library can have it.
 
     Raises:
-        UsageError: It is no Modelica identifier, or means something else already.
+        UsageError: The name is no Modelica identifier, is too long, or has another meaning already.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or len(name) > MAX_LENGTH:
         raise UsageError(
@@ -56,7 +57,7 @@ def library_name(name: str) -> str:
 def class_name(text: str, fallback: str) -> str:
     """A class name for a slave: its order number if the text begins with one, else all words.
 
-    The word EtherCAT is left out, since it says nothing in a library of EtherCAT slaves.
+    The word EtherCAT is left out, since all slaves are EtherCAT slaves.
 
     Args:
         text: Name of the slave.
@@ -90,14 +91,14 @@ def instance_name(class_: str) -> str:
 def connector_names(
     entries: Sequence[tuple[str, str, str]], reserved: Iterable[str] = ()
 ) -> list[str]:
-    """Names for the entries of one slave, which depend on nothing but the entries.
+    """Makes names for the entries of one slave, which depend only on these entries.
 
     Args:
         entries: Name of the PDO, name of the entry, and a text for entries without any name.
-        reserved: Names that the block uses otherwise.
+        reserved: Names that the block uses for other things.
 
-    The name of the entry alone is taken where it is unique in the slave and no reserved word,
-    with the name of the PDO before it otherwise: "Channel 1", "Input" gives `channel1Input`.
+    The name of the entry is enough if it is unique in the slave and not reserved. Otherwise the
+    name of the PDO comes before it: "Channel 1", "Input" gives `channel1Input`.
     """
     namespace = Namespace(reserved)
     short = [component_name(entry) for _, entry, _ in entries]
@@ -113,12 +114,12 @@ def connector_names(
 
 
 class Namespace:
-    """Names of one scope; case does not make a difference, as in many file systems.
+    """The names of one scope. Upper and lower case are the same, as in many file systems.
 
     Args:
-        reserved: Names that have another meaning in the scope, beside the words of Modelica and
-            of C: the same names are used in both.
-        suffix: What is added to a name that is reserved.
+        reserved: Names that have another meaning in the scope, beside the words of Modelica and C:
+            the same names are used in both languages.
+        suffix: The text that is added to a reserved name.
     """
 
     def __init__(self, reserved: Iterable[str] = (), suffix: str = "Entry") -> None:
@@ -127,11 +128,11 @@ class Namespace:
         self._taken: set[str] = set()
 
     def is_free(self, name: str) -> bool:
-        """Whether the name can be taken as it is."""
+        """Whether the name is neither reserved nor taken."""
         return name.casefold() not in self._reserved | self._taken
 
     def take(self, name: str) -> str:
-        """The name, made free by the suffix, by a counter from 2, or by both."""
+        """Takes the name, with the suffix or a counter from 2 on added if it is not free."""
         if name.casefold() in self._reserved:
             name += self._suffix
         free, count = name, 1
@@ -149,14 +150,14 @@ def _words(text: str) -> list[str]:
 
 
 def _even_case(words: list[str]) -> list[str]:
-    """Words of a text without small letters are acronyms only if there is just one of them."""
+    """Capitalizes the words of a text in capitals, unless only one of them has letters alone."""
     if sum(word.isalpha() for word in words) > 1 and all(word.upper() == word for word in words):
         return [word.capitalize() for word in words]
     return words
 
 
 def _small(word: str) -> str:
-    """The word with its leading capitals made small, up to the one that begins the next word."""
+    """Makes the leading capitals of a word small, except one that begins the next word."""
     acronym = re.match(r"[A-Z]+(?![a-z])|[A-Z]", word)
     return word[: acronym.end()].lower() + word[acronym.end() :] if acronym else word
 

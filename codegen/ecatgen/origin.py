@@ -1,4 +1,4 @@
-"""What a library or an FMU is made from, and carries in itself: the bus and what it means."""
+"""The bus that a library or an FMU is made from, and that it carries as a file."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ecatd.model.errors import UsageError
 
 
 def essence(bus: Bus) -> Bus:
-    """The bus without what another bus of the same slaves would have otherwise.
+    """The bus without everything that may differ on another bus of the same slaves.
 
-    A library must not change when a slave is replaced by another one of its type, or when the
-    clocks are measured again: serial numbers, addresses, delays and places in the process image
-    are left out.
+    A library must not change when a slave is replaced by one of the same type, or when the clocks
+    are measured again. Serial numbers, addresses, delays and places in the process image are
+    therefore left out.
     """
     return replace(bus, slaves=[_essence(slave) for slave in bus.slaves])
 
 
 def dump_origin(bus: Bus) -> bytes:
-    """The file that a library or an FMU carries."""
+    """The content of the file that a library or an FMU carries."""
     return bus_file.dump(bus).encode()
 
 
 def read_origin(data: bytes | None) -> Bus | None:
-    """The bus in that file; None where it is not there, or makes no sense any more."""
+    """The bus in such a file; None if `data` is None or cannot be read as a bus description."""
     if data is None:
         return None
     with suppress(UsageError, UnicodeDecodeError):

@@ -1,9 +1,9 @@
-"""Where things are in icons and diagrams.
+"""The layout of icons and diagrams.
 
-A block is a box with a title and one connector per row: outputs of the bus (what the model writes)
-on the left, inputs of the bus (what it reads) on the right. Ten units of an icon are one of a
-diagram, as for the blocks of the standard library. The top right corner is at (100, 100), as in
-every icon, whatever the size: PartialSlave has its connector `valid` there, beside the title.
+A block is a box with a title and one connector per row: outputs of the bus (which the model writes)
+on the left, inputs of the bus (which it reads) on the right. Ten units of an icon are one unit of a
+diagram, as for the blocks of the standard library. The top right corner is always at (100, 100):
+PartialSlave has its connector `valid` there, beside the title.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ _PORT = 20
 _RIGHT = _TOP = 100
 _HEADER = 40
 _LABEL, _TITLE = 28, 32  # heights of texts
-_MARGIN, _GAP = 10, 40  # beside texts, and between those of both sides
+_MARGIN, _GAP = 10, 40  # space beside texts, and between the texts of both sides
 _SCALE = 10  # units of an icon in a unit of a diagram
-_GRID = 40  # sizes are multiples, so that halves of them lie on the grid of a diagram
-_SMALLEST = 120  # height
+_GRID = 40  # sizes are multiples of this, so that half sizes are on the grid of a diagram
+_SMALLEST = 120  # smallest height
 _SYMBOL = 32  # width and height
-_VALID = "valid"  # the connector of PartialSlave
+_VALID = "valid"  # name of the connector of PartialSlave
 
 
 def icon(title: str, left: Iterable[str], right: Iterable[str]) -> Extent:
-    """The icon of a block with this title and these connectors on its sides: the box."""
+    """The box of an icon with this title and these connectors on its sides."""
     left, right = list(left), list(right)
     rows = max(len(left), len(right))
     names = _widest(left) + _widest(right) + _GAP
@@ -42,7 +42,7 @@ def _widest(names: Iterable[str]) -> float:
 
 
 def _width(text: str, height: int, *, bold: bool = False) -> float:
-    # Fonts differ from tool to tool.
+    # 5 % more, since tools use different fonts.
     return 1.05 * font.width(text, bold=bold) * height / font.LINE
 
 
@@ -61,7 +61,7 @@ def above(icon: Extent) -> Extent:
 
 
 def symbol_corner(icon: Extent) -> Point:
-    """The lower left corner of the symbol, which is before the title."""
+    """The lower left corner of the symbol, which is left of the title."""
     return Point(icon.a.x + _MARGIN, _TOP - (_HEADER + _SYMBOL) // 2)
 
 
@@ -108,7 +108,7 @@ def port_label(icon: Extent, row: int, name: str, *, left: bool) -> Extent:
 
 
 def port_point(icon: Extent, row: int, centre: Point, *, left: bool, scale: int = _SCALE) -> Point:
-    """Where a line ends at a connector of a block that is drawn around `centre` in a diagram.
+    """The point at which a line ends at a connector of a block drawn around `centre` in a diagram.
 
     Args:
         icon: The icon of the block.
@@ -148,7 +148,7 @@ def in_diagram(icon: Extent, centre: Point, scale: int = _SCALE) -> Extent:
 
 
 def route(start: Point, end: Point, x: int | None = None) -> tuple[Point, ...]:
-    """A line in right angles, whose vertical part is at `x`."""
+    """A line with right angles whose vertical part is at `x`, by default in the middle."""
     if start.y == end.y:
         return (start, end)
     middle = (start.x + end.x) // 2 if x is None else x

@@ -1,4 +1,4 @@
-"""Writes the intermediate representation down, with one short template for each kind of file."""
+"""Renders the intermediate representation, with one short template for each kind of file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from . import text
 from .ir import Library
 
 OURS = "ecatgen"
-"""What a template of the user writes before the name of one of ours, to include it."""
+"""The folder name by which a template of the user includes one of ours."""
 
 FILTERS = {
     "string": text.modelica_string,
@@ -57,7 +57,7 @@ def _environment(folders: tuple[Path, ...] = ()) -> Environment:
 
 
 def _check(folders: Iterable[Path], known: Sequence[str]) -> None:
-    """Refuses files that are no text, and templates that nothing asks for: mistakes of a name."""
+    """Refuses unreadable files and misspelt names: templates that have no counterpart in ours."""
     for folder in folders:
         if not folder.is_dir():
             raise ConfigError(f"{folder}: is no folder; templates are *.j2 files in one")
@@ -71,10 +71,10 @@ def _check(folders: Iterable[Path], known: Sequence[str]) -> None:
 
 
 def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]:
-    """The files of the package, by their path in it.
+    """Renders the files of the package, by their path in it.
 
     Args:
-        library: What to write.
+        library: The intermediate representation.
         templates: Folders of the user; a file there replaces our template of the same name.
 
     Raises:
@@ -120,7 +120,7 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
 
 
 def _told(template: str, error: Exception) -> str:
-    """What is wrong with a template of the user: file, line, reason."""
+    """Describes an error in a template of the user: file, line and reason."""
     reason = str(error) or type(error).__name__
     if isinstance(error, TemplateSyntaxError):
         return f"{error.filename or template}:{error.lineno}: {error.message}"

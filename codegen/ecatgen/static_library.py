@@ -14,7 +14,7 @@ from .output import Report, install
 NAME = "EtherCAT"
 VERSION = "0.1.0"
 
-# Folders that Modelica tools search: the standard names, and what OpenModelica derives on ARM.
+# Folders that Modelica tools search: the standard name, and the one that OpenModelica uses on ARM.
 _PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux"}
 
 
@@ -34,18 +34,18 @@ def static_files() -> dict[str, bytes]:
 
 
 def install_library(out: Path, *, check: bool = False, force: bool = False) -> Report:
-    """Puts the library alone into a directory, in a folder with its version.
+    """Installs the library alone into a directory, in a folder named after its version.
 
-    A tool that looks for libraries in the directory finds it by this name (Modelica 3.6, 13.2.4),
-    and so when it loads a generated library that uses this version.
+    A tool that searches the directory finds the library by this name (Modelica 3.6, 13.2.4), also
+    when it loads a generated library that uses this version.
 
     Args:
-        out: The directory, made if it does not exist.
+        out: The directory, which is made if it does not exist.
         check: As `install`.
         force: As `install`.
 
     Raises:
-        StateError: Files of the user stand in the way.
+        StateError: Files of the user are in the way.
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed, or there is none for this platform.
     """
@@ -64,12 +64,12 @@ def _platform() -> str:
 
 
 def built_folder(name: str, what: str) -> Path:
-    """A folder of the package, which may be one that the build has made.
+    """A folder of the package that holds data or files made by the build.
 
     Raises:
-        EcatError: It is not there.
+        EcatError: The folder does not exist.
     """
-    # A development install keeps Python files and built files in two folders of the package.
+    # A development install has the Python files and the built files in two different folders.
     for folder in import_module("ecatgen").__path__:
         path = Path(folder) / name
         if path.is_dir():

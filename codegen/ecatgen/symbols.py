@@ -1,4 +1,4 @@
-"""What kind of device a slave is, and the symbol in the icon of its block: 32 by 32 units."""
+"""The kind of a device, and the symbol in the icon of its block: 32 by 32 units."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DARK, _FILL = "{64, 64, 64}", "{95, 158, 160}"
 
 
 def slave_kind(slave: Slave, writes: Collection[Kind], reads: Collection[Kind]) -> SlaveKind:
-    """The kind of a slave, as far as its process data tell it.
+    """The kind of a slave, by its process data; a slave without any is a coupler by its name.
 
     Args:
         slave: The slave.
@@ -43,7 +43,12 @@ def _has(slave: Slave, address: tuple[int, int], *, outputs: bool) -> bool:
 
 
 def symbol(kind: SlaveKind, corner: Point) -> tuple[str, ...]:
-    """Graphical primitives of the symbol, whose lower left corner is given."""
+    """The Modelica graphics of the symbol for a kind of slave.
+
+    Args:
+        kind: Kind of the slave.
+        corner: Lower left corner of the symbol in the icon.
+    """
     pen = _Pen(corner)
     if kind == "drive":
         return tuple(_drive(pen))
@@ -55,7 +60,7 @@ def symbol(kind: SlaveKind, corner: Point) -> tuple[str, ...]:
 
 
 class _Pen:
-    """Writes primitives in coordinates from the corner of the symbol."""
+    """Writes graphical primitives in coordinates relative to the corner of the symbol."""
 
     def __init__(self, corner: Point) -> None:
         self._corner = corner
@@ -80,7 +85,7 @@ class _Pen:
 
 
 def _drive(pen: _Pen) -> Iterator[str]:
-    """A motor, seen from its side."""
+    """A motor, seen from the side."""
     yield pen.rectangle((2, 8), (22, 26))
     for y in (12, 17, 22):
         yield pen.line((5, y), (19, y))
@@ -89,7 +94,7 @@ def _drive(pen: _Pen) -> Iterator[str]:
 
 
 def _coupler(pen: _Pen) -> Iterator[str]:
-    """A bus that goes on."""
+    """A bus that continues on both sides."""
     yield pen.line((0, 8), (32, 8))
     for x in (2, 12, 22):
         yield pen.line((x + 4, 8), (x + 4, 16))
@@ -104,7 +109,7 @@ def _chip(pen: _Pen) -> Iterator[str]:
 
 
 def _signal(pen: _Pen, kind: SlaveKind) -> Iterator[str]:
-    """A signal that comes from the model on the left, or goes to it on the right."""
+    """A signal: an output comes from the model on the left, an input goes to it on the right."""
     if kind.startswith("digital"):
         points = ((7, 6), (11, 6), (11, 26), (18, 26), (18, 6), (25, 6), (25, 26))
         yield pen.line(*points)

@@ -1,4 +1,4 @@
-"""Texts of others inside Modelica strings, HTML and C strings."""
+"""Quotes foreign texts for Modelica strings, HTML, C strings and C comments."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
 
 
 def one_line(text: str) -> str:
-    """The text without control characters and without half characters (lone surrogates)."""
+    """The text with each run of control characters as a space; lone surrogates become `?`."""
     return _CONTROL.sub(" ", text).encode("utf-8", "replace").decode().strip()
 
 
 def modelica_string(text: str) -> str:
     """A Modelica string literal with its quotes."""
     body = one_line(text).replace("\\", "\\\\").replace('"', '\\"')
-    # Not every parser sees the end of a string after an escaped backslash.
+    # Some parsers miss the end of a string after an escaped backslash.
     return f'"{body} "' if body.endswith("\\") else f'"{body}"'
 
 

@@ -1,7 +1,7 @@
 """An EtherCAT segment in software.
 
-What a rig file needs is here: `Device` and what it is described with, and `Rig`. Nothing is loaded
-before it is asked for.
+This package has the names that a rig file needs: `Device` with everything that describes it, and
+`Rig`. Each name is imported on first use.
 """
 
 from importlib import import_module

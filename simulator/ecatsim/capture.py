@@ -1,6 +1,6 @@
-"""Captures a real segment: everything a rig file needs to simulate it.
+"""Captures a real segment: reads everything that a rig file needs to simulate it.
 
-The only module of ecatsim that is a master: it uses the project's own.
+This is the only module of ecatsim that acts as a master; it uses the master of ecatd.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from ecatd.model.sii_check import check_sii
 from .slave.pdo_objects import ASSIGNMENTS
 
 Progress = Callable[[str], None]
-"""Takes a line that says what is being done."""
+"""A function that gets a line of text about the current step."""
 
 PORTS_IN_ORDER = (3, 1, 2)
-"""The ports behind the processing unit, in the order in which a frame leaves by them."""
+"""The ports behind the processing unit, in the order in which a frame leaves through them."""
 
 _TIMEOUT = 5.0
 _CHIP, _DL_STATUS = 0x0000, 0x0110
 _CHIP_SIZE = 10
 _COE = 0x04
-_STATE = 0x0F  # of the AL status
+_STATE = 0x0F  # the state bits of the AL status
 _SIZE_WORD, _FIRST_CATEGORY, _END = 0x3E, 0x40, 0xFFFF
 _MAX_WORDS = 0x40000  # 4 MBit, the largest EEPROM of ETG.1000.6
 _MAX_CATEGORIES = 256
@@ -42,12 +42,12 @@ _PROGRESS_OBJECTS = 25
 
 @dataclass(frozen=True, slots=True)
 class Upload:
-    """What a slave answered to an upload.
+    """The answer of a slave to an upload.
 
     Attributes:
         data: The data, or None.
-        abort: The abort code if it refused.
-        problem: What went wrong, if it neither sent data nor refused.
+        abort: The SDO abort code if the slave refused, else 0.
+        problem: What went wrong if the slave neither sent data nor refused.
     """
 
     data: bytes | None = None
@@ -57,17 +57,17 @@ class Upload:
 
 @dataclass(slots=True)
 class CapturedSlave:
-    """One slave.
+    """A slave as it was captured.
 
     Attributes:
-        position: Its position.
-        name: Its name.
+        position: Position on the wire.
+        name: Name of the slave.
         sii: The whole content of its EEPROM.
         chip: Registers 0x0000 to 0x0009.
         dl_status: Register 0x0110.
-        clock: Whether register 0x0910 answers, the system time.
+        clock: Whether register 0x0910 (system time) answers.
         coe: Whether it answers SDO requests.
-        objects: Its dictionary, or None if it does not describe it.
+        objects: Its object dictionary; None if the slave does not describe it or it was not read.
         values: The answers to uploads by index and subindex.
         notes: What could not be captured.
     """
@@ -85,18 +85,18 @@ class CapturedSlave:
 
     @property
     def assignments(self) -> list[int]:
-        """Objects that assign PDOs to its sync managers: 0x1C10 for the first one, and so on."""
+        """Indices of the objects that assign PDOs: 0x1C10 plus the number of the sync manager."""
         sii = check_sii(self.sii)
         numbers = {*sii.channels(USAGE_OUTPUTS), *sii.channels(USAGE_INPUTS)}
         return [ASSIGNMENTS + number for number in sorted(numbers)]
 
 
 def capture(interface: str, progress: Progress, *, objects: bool = True) -> list[CapturedSlave]:
-    """Reads all slaves of a segment, which is left in the state it was found in.
+    """Reads all slaves of a segment; leaves it in PREOP if it was there, else in INIT.
 
     Args:
         interface: Network interface.
-        progress: Told what is being done.
+        progress: Called with a line of text before each step.
         objects: Whether to read the object dictionaries.
 
     Raises:
@@ -149,13 +149,13 @@ def _slave(
         coe = master.coe(position)
         try:
             converse(master.registers, [coe.talk(lambda: _read_objects(slave, coe, tell))])
-        except EcatError as error:  # the rest can be simulated
+        except EcatError as error:  # the rest of the slave can be simulated
             slave.notes.append(str(error))
     return slave
 
 
 def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> Talk[None]:
-    """Reads the PDOs, and with `progress` all other objects before them."""
+    """Reads the PDOs; with `progress`, reads all objects of the dictionary first."""
     if progress is not None:
         progress("object dictionary")
         try:
@@ -172,12 +172,12 @@ def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> 
 
 
 def _whole_eeprom(words: Callable[[int, int], bytes]) -> bytes:
-    """The whole EEPROM: as many bytes as word 0x3E says, and at least all categories."""
+    """Reads the whole EEPROM: the size in word 0x3E, or more if the categories need it."""
 
     def word(address: int) -> int:
         return int.from_bytes(words(address, 1), "little")
 
-    size = 64 * (word(_SIZE_WORD) + 1)  # word 0x3E: KiBit - 1
+    size = 64 * (word(_SIZE_WORD) + 1)  # word 0x3E has the size in KiBit, less 1
     at = _FIRST_CATEGORY
     for _ in range(_MAX_CATEGORIES):
         if at >= _MAX_WORDS - 1 or word(at) == _END:
@@ -199,7 +199,7 @@ def _upload(coe: Coe, index: int, subindex: int) -> Talk[Upload]:
 
 
 def _read_pdos(slave: CapturedSlave, coe: Coe) -> Talk[None]:
-    """Uploads assignment and mapping of the PDOs, where the dictionary has not had them."""
+    """Uploads assignment and mapping of the PDOs, except values that were read before."""
 
     def value(index: int, subindex: int) -> Talk[int]:
         key = (index, subindex)
@@ -215,18 +215,20 @@ def _read_pdos(slave: CapturedSlave, coe: Coe) -> Talk[None]:
 
 
 def number(upload: Upload | None) -> int:
-    """The unsigned integer of an upload, 0 if there is none."""
+    """The upload as an unsigned integer; 0 if there is no data."""
     return int.from_bytes(upload.data or b"", "little") if upload else 0
 
 
 def topology(dl_status: list[int]) -> list[tuple[int, int]]:
-    """Where each slave is plugged in, from the DL status of all in the order of processing.
+    """Finds out where each slave is plugged in, by the DL status of all in processing order.
 
     Args:
-        dl_status: Register 0x0110: bits 9, 11, 13, 15 say at which ports there is communication.
+        dl_status: Register 0x0110 of each slave: bits 9, 11, 13 and 15 show at which ports there is
+            communication.
 
     Returns:
-        For each slave the slave before it and the port there; (-1, 0) for the first one.
+        For each slave the position of the slave before it and the port there; (-1, 0) for the
+        first.
     """
     free = [[p for p in PORTS_IN_ORDER if status >> 9 + 2 * p & 1] for status in dl_status]
     places: list[tuple[int, int]] = []

@@ -1,4 +1,4 @@
-"""The slave controller of a device: which one it is."""
+"""Describes the slave controller (ESC) of a device."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ class Chip:
 
     Attributes:
         type: Type of the controller (0x11 = ET1100).
-        revision: Its revision.
-        build: Its build.
+        revision: Revision of the controller.
+        build: Build number of the controller.
         fmmus: Number of FMMUs, at most 16.
         sync_managers: Number of sync managers, at most 16.
         ram_kib: Process data RAM in KiB.
-        ports: Port descriptor, two bits a port from port 0: 0 none, 2 EBUS, 3 MII.
-        dc: Whether it has a distributed clock (register 0x0008, bits 2 and 3). Without one there
-            are only the receive times of the ports.
+        ports: Port descriptor, two bits per port from port 0 on: 0 none, 2 EBUS, 3 MII.
+        dc: Whether it has a distributed clock (register 0x0008, bits 2 and 3). Without one it only
+            has the receive times of the ports.
         dc_bits: Width of its clock: 64 or 32.
-        dc_by_sii: Whether it has its SYNC unit, its latch unit, and with both of them the system
-            time only where SII word 0 switches them on (bits 10 and 11). An ET1200 does so, to save
-            power; other chips have all of them whatever the SII says.
-        lrw: Whether it can do LRW (register 0x0008, bit 9); some cannot, and need LRD and LWR.
-        read_write: Whether it can do BRW, APRW and FPRW (bit 10).
-        map_bits: Whether FMMUs map single bits (bit 0); else they ignore the registers for that,
-            and map whole bytes.
-        features: Bits 4 to 8 of register 0x0008, which change nothing here; without a clock, bits 4
-            and 8 are 0.
-        eeprom_bytes: Bytes that one read of the EEPROM brings: 8 or 4.
+        dc_by_sii: Whether bits 10 and 11 of SII word 0 switch on its SYNC unit and its latch unit;
+            with both off it also has no system time. An ET1200 saves power in this way; other chips
+            always have all of them.
+        lrw: Whether it supports LRW (register 0x0008, bit 9); a chip that does not needs LRD and
+            LWR.
+        read_write: Whether it supports BRW, APRW and FPRW (bit 10).
+        map_bits: Whether FMMUs map single bits (bit 0); otherwise they ignore the registers for
+            bits and map whole bytes.
+        features: Bits 4 to 8 of register 0x0008, which have no effect in the simulation; without a
+            clock, bits 4 and 8 are 0.
+        eeprom_bytes: Bytes that one read of the EEPROM returns: 8 or 4.
         eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs.
         eeprom_write_us: How long it is busy writing a word, in µs.
     """
@@ -65,9 +66,9 @@ MODELS = {
         0xC0, 2, 2, fmmus=3, sync_managers=4, ram_kib=4, features=0x01C0, eeprom_bytes=4
     ),
 }
-"""Usual controllers by name, as data sheets and recordings of real slaves show them.
+"""Common controllers by name, as data sheets and recordings of real slaves show them.
 
-An IP Core is built with as much as its buyer wants; this one has the most of everything.
+The size of an IP Core is chosen by its buyer; this one has the maximum of everything.
 """
 
 _NEEDS_CLOCK = 0x0110
@@ -76,7 +77,7 @@ _BYTES_ONLY, _NO_LRW, _NO_READ_WRITE = 0x0001, 0x0200, 0x0400
 
 
 class Config(ctypes.Structure):
-    """A controller for C (struct esc_config)."""
+    """A controller as the C code takes it (struct esc_config)."""
 
     _fields_ = (
         ("type", ctypes.c_uint8),
@@ -96,10 +97,10 @@ class Config(ctypes.Structure):
 
 
 def config(chip: Chip) -> Config:
-    """A controller for C.
+    """Converts a controller for the C code.
 
     Raises:
-        UsageError: There is no such controller.
+        UsageError: A property is outside of its allowed range.
     """
     _check(chip)
     return Config(
@@ -120,7 +121,7 @@ def config(chip: Chip) -> Config:
 
 
 def _features(chip: Chip) -> int:
-    """Register 0x0008."""
+    """The value of register 0x0008."""
     features = chip.features if chip.dc else chip.features & ~_NEEDS_CLOCK
     if chip.dc:
         features |= _DC | (_DC_64_BITS if chip.dc_bits == 64 else 0)
@@ -134,11 +135,11 @@ def _features(chip: Chip) -> int:
 
 
 def from_registers(registers: bytes, *, clock: bool) -> Chip:
-    """The controller that a master has found.
+    """The controller that a master has found on a real segment.
 
     Args:
         registers: Registers 0x0000 to 0x0009.
-        clock: Whether register 0x0910, the system time, answers.
+        clock: Whether register 0x0910 (system time) answers.
     """
     *first, features = struct.unpack("<BBHBBBBH", registers)
     dc = bool(features & _DC)

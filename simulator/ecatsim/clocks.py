@@ -13,13 +13,13 @@ class Clock:
     """The distributed clock of a slave at one moment.
 
     Attributes:
-        local_ns: Local time, since power-on.
-        system_ns: Local copy of the system time: local time plus offset.
+        local_ns: Local time in ns since power-on.
+        system_ns: Local copy of the system time in ns: local time plus offset.
         offset_ns: System time offset, register 0x0920.
         delay_ns: System time delay, register 0x0928.
-        difference_ns: How far it was ahead of the reference clock, mean value (0x092C).
+        difference_ns: Mean lead over the reference clock, register 0x092C.
         drift_ppm: Error of its oscillator; positive is fast.
-        trim_ppm: What its time control loop adds to the rate.
+        trim_ppm: Correction of the rate by its time control loop.
     """
 
     local_ns: int
@@ -44,7 +44,7 @@ class _Clock(ctypes.Structure):
 
 
 def signatures() -> dict[str, tuple[type | None, list[type]]]:
-    """The C functions of this file: result and arguments."""
+    """Result and argument types of the C functions that this module calls."""
     segment, number = ctypes.c_void_p, ctypes.c_int
     return {
         "esc_set_clock": (number, [segment, number, ctypes.c_void_p, ctypes.c_void_p]),
@@ -55,28 +55,28 @@ def signatures() -> dict[str, tuple[type | None, list[type]]]:
 
 
 class Clocks(Handle):
-    """The part of `Segment` that has to do with distributed clocks."""
+    """The methods of `Segment` for distributed clocks."""
 
     def set_clock(
         self, position: int, *, drift_ppm: float | None = None, offset_ns: int | None = None
     ) -> None:
-        """Sets properties of the oscillator of a slave; None leaves one as it is.
+        """Sets properties of the oscillator of a slave; None keeps one as it is.
 
         Args:
             position: Position of the slave.
-            drift_ppm: Its error from now on; positive is fast.
-            offset_ns: The local time that it has at power-on; the clock jumps accordingly.
+            drift_ppm: Error of the oscillator from now on; positive is fast.
+            offset_ns: Local time that the clock has at power-on; the clock jumps by the change.
         """
         drift = None if drift_ppm is None else ctypes.byref(ctypes.c_double(drift_ppm))
         offset = None if offset_ns is None else ctypes.byref(ctypes.c_int64(offset_ns))
         checked(self._lib.esc_set_clock(self._handle, position, drift, offset))
 
     def step_clock(self, position: int, ns: int) -> None:
-        """Sets the local time of a slave forward, or back, by some nanoseconds, as a fault."""
+        """Steps the local time of a slave by `ns` nanoseconds, forward or back, as a fault."""
         checked(self._lib.esc_step_clock(self._handle, position, ns))
 
     def clocks(self) -> list[Clock]:
-        """The distributed clocks of all slaves, at one moment."""
+        """The distributed clocks of all slaves, all read at the same moment."""
         clocks = (_Clock * MAX_SLAVES)()
         count = checked(self._lib.esc_clocks(self._handle, clocks, MAX_SLAVES))
         names = [name for name, _ in _Clock._fields_]
@@ -87,5 +87,5 @@ class Clocks(Handle):
         return self.clocks()[position]
 
     def latch(self, position: int, unit: int, rising: bool) -> None:
-        """An edge at the latch input 0 or 1 of a slave, now (registers 0x09A8 to 0x09CF)."""
+        """Makes an edge at latch input 0 or 1 of a slave, now (registers 0x09A8 to 0x09CF)."""
         checked(self._lib.esc_latch(self._handle, position, unit, rising))

@@ -1,4 +1,4 @@
-"""The C library of slave controllers (simulator/esc/esc.h), as one Python class."""
+"""The C library of slave controllers (simulator/esc/esc.h), wrapped in one Python class."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _MAX_EVENTS = 256
 
 
 class Event(IntFlag):
-    """What happened to a slave (enum esc_event_bits)."""
+    """Events of a slave (enum esc_event_bits)."""
 
     AL_CONTROL = 0x01
     MAILBOX_IN = 0x02
@@ -69,13 +69,13 @@ class Event(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """Where the process data of a sync manager lie.
+    """The place of the process data of one sync manager.
 
     Attributes:
-        output: Whether they are outputs; else inputs.
+        output: Whether they are outputs rather than inputs.
         address: First byte in the memory of the slave.
-        size: Bytes.
-        offset: First byte in the image of the outputs, or of the inputs, of the segment.
+        size: Size in bytes.
+        offset: First byte in the image of all outputs, or of all inputs, of the segment.
     """
 
     output: bool
@@ -86,13 +86,14 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """What the segment did since it was made.
+    """Counters of a segment since it was made.
 
     Attributes:
         frames: Frames answered.
         malformed: Frames whose lengths contradict each other.
-        dropped: Frames that did not come back: faults, open or broken links, no slaves.
-        cycles: Cycles of process data begun; see `FrameFault`.
+        dropped: Frames that did not come back: because of faults, open or broken links, or no
+            slaves.
+        cycles: Cycles of process data that have begun; see `FrameFault`.
     """
 
     frames: int
@@ -164,10 +165,10 @@ def _library() -> ctypes.CDLL:
 
 
 class Segment(Wire, Clocks):
-    """Slave controllers behind one interface, or in a ring between two.
+    """The slave controllers behind one interface, or in a ring between two interfaces.
 
-    The controllers run in C; this class is their process data interface (PDI). Its methods may be
-    called from any thread except that `close` must be the last call.
+    The controllers run in C; this class is their process data interface (PDI). All methods are
+    thread-safe, except that `close` must be the last call.
     """
 
     def __init__(self) -> None:
@@ -192,13 +193,13 @@ class Segment(Wire, Clocks):
             self._pointer = None
 
     def add(self, chip: Chip, sii: bytes) -> int:
-        """Appends a slave; returns its number.
+        """Appends a slave and returns its position.
 
-        The first slave is at the first interface. Port 0 of every other one is plugged into port
-        1 of the slave added before, where that port exists and is free; `connect` moves it.
+        The first slave is at the first interface. Port 0 of each other slave is plugged into port 1
+        of the slave added before, if that port exists and is free; `connect` moves it.
 
         Raises:
-            UsageError: There is no such controller, or no room for another slave.
+            UsageError: A property of the chip is not allowed, or the segment is full.
         """
         result: int = self._lib.esc_add_slave(self._handle, config(chip), sii, len(sii))
         if result == -errno.ENOSPC:
@@ -206,23 +207,23 @@ class Segment(Wire, Clocks):
         return checked(result)
 
     def replace(self, slave: int, chip: Chip, sii: bytes) -> None:
-        """Puts another slave into the links of one; it powers on.
+        """Replaces a slave by another one at the same links; the new one powers on.
 
-        Links at ports that the new chip does not have stay down.
+        Links at ports that the new chip lacks stay down.
 
         Raises:
-            UsageError: There is no such slave or no such controller.
+            UsageError: There is no such slave, or a property of the chip is not allowed.
         """
         result = self._lib.esc_replace(self._handle, slave, config(chip), sii, len(sii))
         self.check_slave(result, slave)
 
     def start(self, interface: str, second: str | None = None) -> None:
-        """Begins to serve an Ethernet interface, or both of a ring, in a thread of its own.
+        """Starts to serve an Ethernet interface, or the two of a ring, in a thread of its own.
 
         Raises:
             UnreachableError: There is no such interface.
-            NotPermittedError: The process may not open raw sockets.
-            StateError: It serves an interface already.
+            NotPermittedError: The process is not permitted to open raw sockets.
+            StateError: The segment serves an interface already.
         """
         other = None if second is None else second.encode()
         interfaces = (interface,) if second is None else (interface, second)
@@ -244,16 +245,17 @@ class Segment(Wire, Clocks):
         checked(result)
 
     def follow_carriers(self) -> None:
-        """Has links to interfaces come and go with their carriers, as loops of real slaves do.
+        """Opens and closes the links to the interfaces as their carriers come and go.
 
-        An interface that was made again is served again: to the slaves it is the same socket.
+        An interface that was deleted and made again is served again; the slaves see the same link.
         """
         if self._interfaces is None:
             return
         for number, (interface, before) in enumerate(list(self._carriers.items())):
             index = self._interfaces.index(interface)
             made_again = index not in (0, self._indices[interface])
-            # One that has gone again already will be seen when it is back.
+            # If reopening fails, the interface has gone again; the next call tries again when it is
+            # back.
             if made_again and self._lib.esc_reopen(self._handle, number, interface.encode()) == 0:
                 self._indices[interface] = index
             now = self._interfaces.has_carrier(interface)
@@ -272,7 +274,7 @@ class Segment(Wire, Clocks):
             self._interfaces = None
 
     def wait(self, seconds: float) -> list[tuple[int, Event]]:
-        """Waits for events; returns pairs of position and events, none after the timeout."""
+        """Waits for events at most `seconds`; returns pairs of position and events, or none."""
         count = self._lib.esc_wait(
             self._handle, max(0, int(seconds * 1e9)), self._events, _MAX_EVENTS
         )
@@ -281,13 +283,13 @@ class Segment(Wire, Clocks):
         return [(event.position, Event(event.bits)) for event in self._events[: checked(count)]]
 
     def read(self, position: int, address: int, size: int) -> bytes:
-        """Reads memory of a slave as its device does, which acknowledges events."""
+        """Reads memory of a slave as its device does; this acknowledges events."""
         buffer = ctypes.create_string_buffer(size)
         checked(self._lib.esc_read(self._handle, position, address, buffer, size))
         return buffer.raw
 
     def peek(self, position: int, address: int, size: int) -> bytes:
-        """Reads memory of a slave without any effect, for an observer."""
+        """Reads memory of a slave as an observer, without side effects."""
         buffer = ctypes.create_string_buffer(size)
         checked(self._lib.esc_peek(self._handle, position, address, buffer, size))
         return buffer.raw
@@ -308,55 +310,55 @@ class Segment(Wire, Clocks):
         checked(result)
 
     def set_al_status(self, position: int, status: int, code: int) -> None:
-        """Sets AL status and AL status code."""
+        """Sets AL status (register 0x0130) and AL status code (0x0134)."""
         checked(self._lib.esc_set_al_status(self._handle, position, status, code))
 
     def lock_sync_manager(self, position: int, channel: int, locked: bool) -> None:
-        """Deactivates a sync manager (the master's accesses fail), or releases it."""
+        """Deactivates a sync manager, so that the master cannot access it, or releases it."""
         checked(self._lib.esc_lock_sync_manager(self._handle, position, channel, locked))
 
     def take_mail(self, position: int) -> bytes:
-        """The mail that the master wrote; empty if there is none."""
+        """Takes the mail that the master has written; empty if there is none."""
         size = checked(self._lib.esc_mailbox_take(self._handle, position, self._mail, _MAX_MAIL))
         return self._mail.raw[:size]
 
     def put_mail(self, position: int, mail: bytes, *, again: bool = False) -> bool:
-        """Offers a mail to the master.
+        """Puts a mail into the mailbox that the master reads.
 
         Args:
             position: Position of the slave.
-            mail: The mail, no longer than the sync manager.
-            again: Overwrite an unread mail and acknowledge the master's repeat request.
+            mail: The mail, not longer than the sync manager.
+            again: Overwrite an unread mail, and acknowledge the repeat request of the master.
 
         Returns:
-            False while the last mail is unread.
+            False if the last mail is still unread.
         """
         return bool(
             checked(self._lib.esc_mailbox_put(self._handle, position, mail, len(mail), again))
         )
 
     def make_images(self, output_size: int, input_size: int) -> None:
-        """Makes the images through which all slaves exchange process data at once (bytes)."""
+        """Creates the output and input images of all slaves; sizes are in bytes."""
         buffers = tuple(ctypes.create_string_buffer(max(1, n)) for n in (output_size, input_size))
         self._images = (buffers[0], buffers[1])
         self.outputs = memoryview(buffers[0]).cast("B")[:output_size]
         self.inputs = memoryview(buffers[1]).cast("B")[:input_size]
 
     def map(self, position: int, areas: Sequence[Area] = ()) -> None:
-        """Connects the process data of a slave with the images; none disconnects it."""
+        """Connects the process data of a slave to the images; no areas disconnect it."""
         rows = [_Area(area.address, area.size, area.offset, area.output) for area in areas]
         array = (_Area * len(rows))(*rows)
         checked(self._lib.esc_map(self._handle, position, array, len(rows)))
 
     def await_outputs(self, position: int) -> None:
-        """Asks for `Event.OUTPUTS` when the master has written complete output data.
+        """Requests `Event.OUTPUTS` as soon as the master has written complete output data.
 
-        Those count that came since `map`, or since the slave left OP.
+        Outputs count from the last `map` on, or since the slave left OP.
         """
         checked(self._lib.esc_await_outputs(self._handle, position))
 
     def get_outputs(self, now_ns: int) -> None:
-        """Copies the outputs of all slaves to `outputs`; runs the watchdogs to `now_ns`.
+        """Copies the outputs of all slaves to `outputs` and runs the watchdogs up to `now_ns`.
 
         The outputs of a slave are zero unless it is in OP and its watchdog has not expired.
         """
@@ -367,12 +369,12 @@ class Segment(Wire, Clocks):
         checked(self._lib.esc_put_inputs(self._handle, self._images[1], len(self.inputs)))
 
     def refused_fmmus(self, position: int) -> list[int]:
-        """FMMUs of a slave that take no part: real controllers do not allow them (fmmu.c)."""
+        """FMMUs of a slave that take no part because real controllers forbid them (fmmu.c)."""
         bits = checked(self._lib.esc_refused_fmmus(self._handle, position))
         return [number for number in range(bits.bit_length()) if bits >> number & 1]
 
     def sii(self, position: int) -> bytes:
-        """The SII image of a slave, with what the master wrote into it."""
+        """The SII image of a slave, including what the master has written into it."""
         size = checked(self._lib.esc_sii(self._handle, position, None, 0))
         buffer = ctypes.create_string_buffer(size)
         checked(self._lib.esc_sii(self._handle, position, buffer, size))
@@ -381,8 +383,8 @@ class Segment(Wire, Clocks):
     def set_eeprom(self, position: int, image: bytes) -> None:
         """Replaces the SII image of a slave, as a programming tool would.
 
-        Reads through the EEPROM interface (registers 0x0502 to 0x050F) see it at once; what the
-        controller takes from it changes with the next reload, reset or power-on.
+        The EEPROM interface (registers 0x0502 to 0x050F) returns the new image at once. The values
+        that the controller loads from it change with the next reload, reset or power-on.
         """
         checked(self._lib.esc_set_sii(self._handle, position, image, len(image)))
 

@@ -1,11 +1,12 @@
-"""Parameters of faults: described once, as annotated types, and read from everywhere.
+"""Parameters of faults and requests: described once, as annotated types, and used everywhere.
 
-A parameter is a field of a dataclass whose type says what is allowed:
+A parameter is a field of a dataclass. Its type says which values are allowed:
 
     port: Annotated[int, Is("port of the slave", minimum=0, maximum=3)] = 0
 
-Python, the command line, rig files and the control socket all end in `Parameter.convert` and
-`Parameter.check`, so a value that one of them refuses is refused by all, with the same sentence.
+Python, the command line, rig files and the control socket all use `Parameter.convert` and
+`Parameter.check`. A value that one of them refuses is therefore refused by all, with the same
+message.
 """
 
 from __future__ import annotations
@@ -23,21 +24,21 @@ from ecatd.model.errors import UsageError
 _LARGE = 2**31
 
 Plain = int | float | str | bool
-"""A value as TOML and JSON know it."""
+"""A value in TOML or JSON."""
 
 
 @dataclass(frozen=True, slots=True)
 class Is:
-    """What a parameter is.
+    """The description of a parameter.
 
     Attributes:
-        help: One line.
+        help: Help text in one line.
         unit: Unit of the value; empty for a plain number.
-        minimum: Smallest value that is allowed.
-        maximum: Largest value that is allowed; of bytes and text, the largest length.
-        hexadecimal: Whether it is shown in base 16, as codes and addresses are.
-        positional: On the command line without its name, though it may be left out.
-        file: A path, relative to the file or directory that names it, or another text.
+        minimum: Smallest allowed value, or None.
+        maximum: Largest allowed value, or None; for bytes and text the largest length.
+        hexadecimal: Whether it is shown in base 16, like codes and addresses.
+        positional: Whether an optional parameter is given without its name on the command line.
+        file: Whether it may be a path, which is relative to the file or directory that names it.
     """
 
     help: str
@@ -51,14 +52,14 @@ class Is:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a fault.
+    """One parameter of a fault or request.
 
     Attributes:
         name: Name in Python, rig files and JSON; on the command line `_` becomes `-`.
         type: int, float, str, bool or bytes.
-        about: What it is.
-        choices: The texts that are allowed; empty for any.
-        default: Value when it is left out.
+        about: Description of the parameter.
+        choices: The allowed texts; empty for any.
+        default: Value if it is not given.
         required: Whether it must be given.
     """
 
@@ -71,7 +72,7 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """The values that are allowed, in words."""
+        """The allowed values, in words."""
         low, high, unit = self.about.minimum, self.about.maximum, self.about.unit
         if self.choices:
             return ", ".join(self.choices[:-1]) + " or " + self.choices[-1]
@@ -89,7 +90,7 @@ class Parameter:
         return f"{text} {unit}".rstrip()
 
     def show(self, value: Any) -> str:
-        """A value as people read it."""
+        """Formats a value for messages."""
         if self.about.hexadecimal and isinstance(value, int | float) and value == value // 1:
             return f"0x{int(value):04X}"
         if isinstance(value, bytes):
@@ -97,10 +98,10 @@ class Parameter:
         return f"{value:.15g}" if isinstance(value, float) else str(value)
 
     def convert(self, value: object) -> Any:
-        """The value that TOML, JSON or a text of the command line means.
+        """Converts a value from TOML, JSON or the command line to the type of the parameter.
 
         Raises:
-            UsageError: It is of another type.
+            UsageError: The text cannot be converted.
         """
         try:
             if self.type is bytes and isinstance(value, str):
@@ -119,7 +120,7 @@ class Parameter:
         """Checks type and range.
 
         Raises:
-            UsageError: The value is not allowed; the message says what is.
+            UsageError: The value is not allowed; the message says which are.
         """
         if value is None and self.default is None and not self.required:
             return
@@ -140,7 +141,7 @@ class Parameter:
 
 
 def parameters(cls: type) -> tuple[Parameter, ...]:
-    """The parameters of a dataclass: required ones first, those of every fault last."""
+    """The parameters of a dataclass, the required ones first and those of every fault last."""
     key: Any = cls
     return _parameters(key)
 
@@ -168,7 +169,7 @@ def _parameter(field: dataclasses.Field[Any], hint: Any) -> Parameter:
 
 @dataclass(frozen=True)
 class Described:
-    """A request with parameters that are checked when it is made.
+    """A request or fault, whose parameters are checked when it is made.
 
     Raises:
         UsageError: A parameter is not allowed.
@@ -186,16 +187,16 @@ class Described:
         self._validate()
 
     def _validate(self) -> None:
-        """Checks what one parameter demands of another."""
+        """Checks conditions between parameters."""
 
     @classmethod
     def summary(cls) -> str:
-        """What it does, in one line."""
+        """The first line of the docstring, which is the help text."""
         return (cls.__doc__ or "").strip().splitlines()[0].rstrip(".")
 
     @classmethod
     def from_values(cls, values: Mapping[str, object]) -> Self:
-        """The fault that a table of TOML or JSON, or texts of the command line describe.
+        """Makes an object from a table of TOML or JSON, or from texts of the command line.
 
         Raises:
             UsageError: A parameter is unknown, missing or not allowed.
@@ -218,7 +219,7 @@ class Described:
         return cls(**converted)
 
     def to_values(self) -> dict[str, Plain]:
-        """The parameters that differ from their defaults, for TOML or JSON."""
+        """The required parameters and those that differ from their defaults, for TOML or JSON."""
         result: dict[str, Plain] = {}
         for parameter in parameters(type(self)):
             value: Any = getattr(self, parameter.name)

@@ -1,4 +1,4 @@
-"""A rig: the devices of a segment and what connects them outside the bus."""
+"""A rig: the devices of a segment and their connections outside the bus."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .slave.device import Device
 from .topology import Topology, Wiring
 
 Plant = Callable[[float], None]
-"""Called before each step of the devices, with CLOCK_MONOTONIC in seconds."""
+"""A function that is called before each step of the devices, with CLOCK_MONOTONIC in seconds."""
 
 
 @dataclass(slots=True)
@@ -35,15 +35,15 @@ class Rig:
     """A segment to simulate.
 
     Attributes:
-        name: Name.
-        devices: Devices in wire order, which is that of auto-increment addresses: a line, each at
-            the first port of the one before that fits (E-bus or Ethernet, else port 1), but for
-            those that `connect` plugs in elsewhere.
-        plants: What connects the devices outside the bus: wires, waveforms, mechanics.
-        trace: What to record, or None.
-        faults: Faults on demand that it begins with.
+        name: Name of the rig.
+        devices: Devices in wire order, which is the order of auto-increment addresses. They are a
+            line: each is plugged into the first port of the device before that fits (E-bus or
+            Ethernet, else port 1), except those that `connect` plugs in elsewhere.
+        plants: Functions that connect the devices outside the bus: wires, waveforms, mechanics.
+        trace: Values to record, or None.
+        faults: Faults that the simulation begins with.
         ring: Whether a second interface closes a ring (cable redundancy): at the first free port of
-            the last device, or where `close_ring` puts it.
+            the last device, or where `close_ring` plugs it in.
     """
 
     name: str
@@ -57,21 +57,22 @@ class Rig:
     def connect(self, device: Device, parent: Device, port: int) -> None:
         """Plugs port 0 of a device into a port of another one: a branch at a coupler or junction.
 
-        `devices` is put into wire order: behind each device come those at its port 3, then 1,
-        then 2. The other devices keep their links, and what is behind `device` comes with it.
+        `devices` is sorted into wire order: behind each device come those at its port 3, then port
+        1, then port 2. The other devices keep their links, and the devices behind `device` move
+        with it.
 
             coupler, inputs, drive = EK1100(), EL1008(), Drive()
             rig = Rig("branch", [coupler, inputs, drive])
             rig.connect(drive, coupler, port=2)
 
         Args:
-            device: A device of the rig, but not the first one.
+            device: A device of the rig, but not the first.
             parent: The device nearer to the master.
             port: Port of the parent: 1, 2 or 3.
 
         Raises:
-            UsageError: One of them is not in the rig, the parent does not have that port
-                (`Chip.ports`), something else is plugged in there, or it would be a loop.
+            UsageError: A device is not in the rig, the parent does not have that port
+                (`Chip.ports`), the port is taken, or the links would be a loop.
         """
         self.devices[:] = self._topology.connect(self.devices, device, parent, port)
 
@@ -79,7 +80,7 @@ class Rig:
         """Plugs the second interface of a ring into a port of a device.
 
         Raises:
-            UsageError: It has no such port, or something else is plugged in there.
+            UsageError: The device does not have that port, or the port is taken.
         """
         self._topology.close_ring(self.devices, device, port)
         self.ring = True
@@ -93,8 +94,8 @@ class Rig:
         """The links of the devices.
 
         Raises:
-            UsageError: A port that is needed is taken or does not exist, or `devices` holds
-                something else or a device twice.
+            UsageError: A needed port is taken or does not exist, or `devices` has a device twice or
+                an item that is no device.
         """
         first: dict[int, int] = {}
         for position, device in enumerate(self.devices):
@@ -135,7 +136,7 @@ class Rig:
         self.plants.append(carry)
 
     def drive(self, target: Terminal, waveform: Callable[[float], float]) -> None:
-        """Drives an input by a waveform, in the unit of its entry.
+        """Drives an input with a waveform, in the unit of the entry.
 
         Raises:
             UsageError: The device has no such entry.
@@ -144,15 +145,15 @@ class Rig:
         self.plants.append(lambda now: entry.set(waveform(now)))
 
     def add_plant(self, plant: Plant, period: float = 0.001, catch_up: float = 0.1) -> None:
-        """Adds a callable that is to be called at a fixed rate.
+        """Adds a callable that is called at a fixed rate.
 
-        It gets the time of each step, `period` apart, also where the simulation is late; after a
-        longer pause than `catch_up` the steps before that are left out.
+        It gets the time of each step, `period` apart, even if the simulation is late. After a pause
+        longer than `catch_up`, the steps before that time are left out.
 
         Args:
             plant: The callable.
             period: Seconds between two calls.
-            catch_up: Seconds that are made up for at most.
+            catch_up: Largest time in seconds that is caught up.
 
         Raises:
             UsageError: `period` is not positive.

@@ -1,4 +1,4 @@
-"""Runs a rig on an interface: one loop for events of the bus and for the steps of the devices."""
+"""Runs a rig on an interface: one loop for the events of the bus and the steps of the devices."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ _CARRIER_PERIOD = 0.02
 
 @dataclass(slots=True)
 class _Place:
-    """A place on the wire.
+    """The state of one position on the wire.
 
     Attributes:
         original: The device that the rig has there.
-        at: Where its process data are in the output and input images of the segment.
-        room: Bytes that it has there.
-        due: When its device is next stepped.
+        at: Offsets of its process data in the output and input images of the segment.
+        room: Bytes reserved there for outputs and inputs.
+        due: Time of the next step of its device, CLOCK_MONOTONIC in seconds.
         on: Whether it has power.
-        eeprom: The first SII image, once a fault has changed it.
-        next_eeprom: The SII image that it finds at power-on.
+        eeprom: The original SII image, once a fault has changed it.
+        next_eeprom: The SII image for the next power-on, or None.
     """
 
     original: Device
@@ -46,25 +46,25 @@ class _Place:
 
 
 class Simulation:
-    """A rig on a segment.
+    """The simulation of a rig on a segment.
 
-    Frames are answered by a thread in C. Everything else happens in the thread that calls `run`:
-    whatever the master asks for as soon as it comes, and one step of plants and devices every
-    millisecond. A loop that is late leaves steps out; devices and plants get the time and make
-    up for it themselves.
+    A thread in C answers frames. Everything else happens in the thread that calls `run`: it handles
+    requests of the master as soon as they come, and makes one step of plants and devices every
+    millisecond. A loop that is late leaves steps out; devices and plants get the time and
+    compensate for it themselves.
 
-    Another thread that deals with devices must hold `lock`; the methods of `faults` do.
+    Another thread that uses devices must hold `lock`; the methods of `faults` do so.
 
     Args:
-        rig: What to simulate.
+        rig: The rig to simulate.
         trace: A CSV file to record to, or None.
 
     Attributes:
         rig: The rig.
-        segment: Its slave controllers.
-        lock: Held while devices and plants are dealt with.
-        after_step: Called after each step of plants and devices.
-        faults: Faults on demand, one method for each.
+        segment: The slave controllers.
+        lock: Held while devices and plants are used.
+        after_step: Functions that are called after each step of plants and devices.
+        faults: Adds and lists faults, with one method for each kind.
     """
 
     def __init__(self, rig: Rig, trace: Path | None = None) -> None:
@@ -98,7 +98,7 @@ class Simulation:
         self._trace_file.write(",".join(("time_ns", *self.rig.trace.columns)) + "\n")
 
     def close(self) -> None:
-        """Stops everything."""
+        """Stops the segment, closes plants and the trace file."""
         self.segment.close()
         for plant in self.rig.plants:
             close = getattr(plant, "close", None)
@@ -108,7 +108,7 @@ class Simulation:
             self._trace_file.close()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Simulates until `stop` returns true; it is asked every millisecond."""
+        """Simulates until `stop` returns true, which is called about every millisecond."""
         due = look = time.monotonic()
         while not stop():
             events = self.segment.wait(max(0.0, due - time.monotonic()))
@@ -130,7 +130,7 @@ class Simulation:
                     due = now
 
     def step(self) -> None:
-        """One step of faults, plants and devices."""
+        """Makes one step of faults, plants and devices."""
         with self.lock:
             self.faults.run()
             self._step()
@@ -157,7 +157,7 @@ class Simulation:
 
     @property
     def devices(self) -> list[Device]:
-        """All devices, by position; also those that were put in the place of others."""
+        """All devices by position, including those that have replaced others."""
         return self.rig.devices
 
     def is_on(self, position: int) -> bool:
@@ -168,14 +168,14 @@ class Simulation:
         """The device of a slave that has power.
 
         Raises:
-            StateError: It has none.
+            StateError: The slave has no power.
         """
         if not self.is_on(position):
             raise StateError(f"slave {position} has no power: `power-on` comes first")
         return self.rig.devices[position]
 
     def conditions(self, position: int) -> list[str]:
-        """What is not as it should be with a slave, in words."""
+        """The conditions of a slave that faults have caused, in words."""
         place, device = self._places[position], self.rig.devices[position]
         mode = device.mailbox_fault.mode
         refused = self.segment.refused_fmmus(position)
@@ -190,7 +190,7 @@ class Simulation:
         return [text for text, applies in found.items() if applies]
 
     def power(self, position: int, on: bool) -> None:
-        """Switches the power of a slave off or on; nothing happens if it is so already."""
+        """Switches the power of a slave on or off; does nothing if it is so already."""
         place, device = self._places[position], self.rig.devices[position]
         with self.lock:
             if place.on == on:
@@ -199,23 +199,23 @@ class Simulation:
                 self.segment.set_eeprom(position, place.next_eeprom)
                 place.next_eeprom = None
             if not on:
-                device.reset()  # what hangs on its outputs stops now
+                device.reset()  # stops whatever its outputs drive
             self.segment.power(position, on)
             if on:
                 device.reset()
             place.on = on
 
     def swap(self, position: int, device: Device | None) -> None:
-        """Puts another device in the place of a slave, or (None) the first one again.
+        """Replaces a slave by another device, or (None) by the first one again.
 
-        It starts as at power-on. Wires, waveforms and plants stay with the first one.
+        The device starts as at power-on. Wires, waveforms and plants stay with the first one.
         """
         place = self._places[position]
         with self.lock:
             old = self.rig.devices[position]
             new = place.original if device is None else device
             self._make_room(place, new)
-            new.attach(self.segment, *place.at, place=position)  # if that fails, the old one stays
+            new.attach(self.segment, *place.at, place=position)  # if this fails, the old one stays
             self.rig.devices[position] = new
             if old is not new:
                 old.detach()
@@ -230,11 +230,11 @@ class Simulation:
         return place.eeprom
 
     def eeprom_at_power_on(self, position: int, image: bytes) -> None:
-        """Gives a slave another SII image, to be found when its power is next switched on."""
+        """Gives a slave another SII image, which it gets at its next power-on."""
         self._places[position].next_eeprom = image
 
     def _make_room(self, place: _Place, device: Device) -> None:
-        """Finds a place in the process images of the segment for those of a device."""
+        """Reserves a place in the process images of the segment for a device."""
         room = max(device.room[0], place.room[0]), max(device.room[1], place.room[1])
         if room == place.room:
             return

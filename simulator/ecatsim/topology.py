@@ -1,4 +1,4 @@
-"""Which device of a rig is plugged in where, and the order on the wire that follows from it."""
+"""The topology of a rig: the links of its devices, and the resulting order on the wire."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from ecatd.model.errors import UsageError
 from .slave.device import Device
 
 _PORTS = 4
-_DOWNSTREAM = (3, 1, 2)  # as frames pass them
-_EBUS = 2  # port descriptor: lower values say that there is no port
+_DOWNSTREAM = (3, 1, 2)  # in the order in which frames pass them
+_EBUS = 2  # port descriptor; lower values mean that there is no port
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,9 +20,9 @@ class Wiring:
     """The links of a segment, by positions.
 
     Attributes:
-        parents: For each slave the slave and the port that its port 0 is plugged into; None for the
-            first one, which is at the interface.
-        ring_end: The slave and the port at the second interface, or None.
+        parents: For each slave the position and the port that its port 0 is plugged into; None for
+            the first one, which is at the interface.
+        ring_end: Position and port at the second interface, or None.
     """
 
     parents: list[tuple[int, int] | None]
@@ -30,7 +30,7 @@ class Wiring:
 
 
 class Topology:
-    """The links of the devices of a rig. Those that nobody connected are a line."""
+    """The links of the devices of a rig. Devices that nobody has connected form a line."""
 
     def __init__(self) -> None:
         self._parents: dict[Device, tuple[Device, int]] = {}
@@ -39,7 +39,7 @@ class Topology:
     def connect(
         self, devices: Sequence[Device], device: Device, parent: Device, port: int
     ) -> list[Device]:
-        """Plugs a device into a port of another one; returns the devices in wire order."""
+        """Plugs a device into a port of another one and returns the devices in wire order."""
         for item in (device, parent):
             if item not in devices:
                 raise UsageError(f"{item.order or 'a device'} is not a device of this rig")
@@ -75,10 +75,10 @@ class Topology:
         self._ring_end = (device, port)
 
     def wiring(self, devices: Sequence[Device], ring: bool) -> Wiring:
-        """The links of all devices, which are in wire order.
+        """The links of all devices, which must be in wire order.
 
         Raises:
-            UsageError: A port that is needed is taken or does not exist.
+            UsageError: A needed port is taken or does not exist, or the order is wrong.
         """
         self._complete(devices)
         place = {device: position for position, device in enumerate(devices)}
@@ -101,7 +101,7 @@ class Topology:
         return Wiring(parents, (place[end], port))
 
     def _complete(self, devices: Sequence[Device]) -> None:
-        """A device that nobody connected is behind the one before it."""
+        """Connects each device without a link to the one before it."""
         for before, device in itertools.pairwise(devices):
             self._parents.setdefault(device, (before, _next_port(before, device)))
 
@@ -156,7 +156,7 @@ def _has_port(device: Device, port: int) -> bool:
 
 
 def _next_port(before: Device, device: Device) -> int:
-    """The first port that fits to port 0 of the next device, E-bus or Ethernet; else port 1."""
+    """The first port of the kind of the next device's port 0 (E-bus or Ethernet), else port 1."""
     kind = device.chip.ports & 3
     fitting = [port for port in range(1, _PORTS) if before.chip.ports >> 2 * port & 3 == kind]
     return fitting[0] if fitting else 1

@@ -1,4 +1,4 @@
-"""The wire of a segment: links, power, the way of frames and their faults (see `Segment`)."""
+"""The wire of a segment: links, power, the path of frames, and frame faults (see `Segment`)."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ MAX_SLAVES = 1024
 
 
 class FaultKind(IntEnum):
-    """What happens to a frame (enum esc_fault_kind); `value` is that of the `FrameFault`.
+    """The effect of a fault on a frame (enum esc_fault_kind); `value` is that of the `FrameFault`.
 
     Attributes:
-        DROP: It gets lost, on the way to the first slave (value 0) or on the way back (1).
-        DELAY: It comes back `value` ns late. Other frames may overtake it. At most 64 frames are
-            on their way at a time; more are lost.
-        DUPLICATE: It comes back twice.
-        CORRUPT: It comes back with `value` adjacent bits inverted (0 counts as 1).
-        NOISE: It is damaged on its way to `slave`, which counts an invalid frame and an RX error
-            (0x0300); the ports behind it count forwarded errors (0x0308), the processing units
-            that it still passes count it at 0x030C, and the master does not get it. A frame that
-            does not come to that slave is spared.
-        WKC: It comes back with `value` added to the working counter of each logical datagram.
+        DROP: The frame is lost, on the way to the first slave (value 0) or on the way back (1).
+        DELAY: The frame comes back `value` ns late, and other frames may overtake it. At most 64
+            frames can be under way at a time; further ones are lost.
+        DUPLICATE: The frame comes back twice.
+        CORRUPT: The frame comes back with `value` adjacent bits inverted (0 counts as 1).
+        NOISE: The frame is damaged on its way to `slave`, which counts an invalid frame and an RX
+            error (0x0300). The ports behind it count forwarded errors (0x0308), and the processing
+            units that the frame still passes count it at 0x030C. The master does not get the frame.
+            A frame that does not reach that slave is not damaged.
+        WKC: The frame comes back with `value` added to the working counter of each logical
+            datagram.
     """
 
     DROP = 0
@@ -40,23 +41,23 @@ class FaultKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class FrameFault:
-    """A fault that frames suffer, the same in every run.
+    """A fault of frames, which strikes the same frames in every run.
 
-    It looks at the frames of the cycles `first`, `first + every`, and so on. A cycle begins with a
-    frame at the first interface whose first logical datagram has an address not above that of
-    the process data frame before. Cycles are numbered from 1, as in `Counters.cycles`; frames
-    before the first one belong to cycle 0.
+    It can strike frames in the cycles `first`, `first + every`, and so on. A cycle begins with a
+    frame at the first interface whose first logical datagram has an address not above that of the
+    previous process data frame. Cycles are numbered from 1, as in `Counters.cycles`; frames before
+    the first cycle belong to cycle 0.
 
     Attributes:
-        kind: What happens.
+        kind: Effect on the frames.
         first: The first cycle in which it may strike.
-        count: It strikes at most so many frames; 0 = no limit.
-        every: It may strike in each such cycle from `first` on.
-        probability: With which it strikes a frame, 0 to 1.
-        seed: Together with cycle and place of the frame in the cycle it decides about chance.
-        slave: The slave in front of which noise is.
-        value: See `FaultKind`; ns, bits or counts.
-        process_data_only: Frames without logical datagrams are spared.
+        count: Largest number of frames that it strikes; 0 = no limit.
+        every: Number of cycles from one in which it may strike to the next.
+        probability: Probability with which it strikes a frame, 0 to 1.
+        seed: Seed of chance, which also depends on the cycle and the place of the frame in it.
+        slave: The slave in front of which noise damages frames.
+        value: Parameter in ns, bits or counts; see `FaultKind`.
+        process_data_only: Whether frames without logical datagrams are left alone.
     """
 
     kind: FaultKind
@@ -72,12 +73,12 @@ class FrameFault:
 
 @dataclass(frozen=True, slots=True)
 class InjectedFault:
-    """A fault of the segment.
+    """A fault that was added to the segment.
 
     Attributes:
-        id: What `inject` returned.
+        id: Number that `inject` returned.
         fault: The fault.
-        struck: How many frames it has struck.
+        struck: Number of frames that it has struck.
     """
 
     id: int
@@ -87,13 +88,13 @@ class InjectedFault:
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """How a frame came through the segment.
+    """The result of passing a frame through the segment.
 
     Attributes:
         frame: The frame as it leaves.
-        exit: The interface by which it leaves, or None if it is lost.
-        copies: How often it leaves.
-        delay_ns: How late it is, by a fault.
+        exit: The interface through which it leaves, or None if it is lost.
+        copies: How many times it leaves.
+        delay_ns: Delay in ns by a fault.
     """
 
     frame: bytes
@@ -127,7 +128,7 @@ class _Fault(ctypes.Structure):
 
 
 def signatures() -> dict[str, tuple[type | None, list[type]]]:
-    """The C functions of this file: result and arguments."""
+    """Result and argument types of the C functions that this module calls."""
     segment, number, buffer = ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
     size, time = ctypes.c_size_t, ctypes.c_int64
     return {
@@ -144,7 +145,7 @@ def signatures() -> dict[str, tuple[type | None, list[type]]]:
 
 
 def checked(result: int) -> int:
-    """The result of a C function, or the error that it means."""
+    """Returns the result of a C function, or raises the error for a negative one."""
     if result < 0:
         raise EcatError(f"the slave controllers refused a call: {os.strerror(-result)}")
     return result
@@ -173,7 +174,7 @@ def _check_fault(fault: FrameFault) -> None:
 
 
 class Handle:
-    """The C library and the segment in it: what all parts of `Segment` share."""
+    """The C library and its segment, which all parts of `Segment` share."""
 
     _lib: ctypes.CDLL
     _pointer: int | None  # None once it is closed
@@ -186,24 +187,24 @@ class Handle:
 
 
 class Wire(Handle):
-    """The part of `Segment` that has to do with cables, power and frames."""
+    """The methods of `Segment` for cables, power and frames."""
 
     # --- slaves and links ----------------------------------------------------------------------
 
     def connect(self, slave: int, parent: int, port: int) -> None:
         """Plugs port 0 of a slave into a port of another one.
 
-        A frame passes port 0, the processing unit, then what is at ports 3, 1 and 2. Slave numbers
-        are auto-increment positions only if slaves are added in that order.
+        A frame passes port 0, the processing unit, and then the slaves at ports 3, 1 and 2.
+        Positions are those of auto-increment addresses only if slaves are added in that order.
 
         Args:
-            slave: The slave.
-            parent: The slave that is nearer to the interface.
+            slave: Position of the slave.
+            parent: Position of the slave nearer to the interface.
             port: Port of the parent, 1 to 3.
 
         Raises:
-            UsageError: There is no such slave or port, something else is plugged in there, or
-                the parent is behind the slave.
+            UsageError: There is no such slave or port, the port is taken, or the parent is behind
+                the slave.
         """
         result = self._lib.esc_connect(self._handle, slave, parent, port)
         if result == -errno.ELOOP:
@@ -214,7 +215,7 @@ class Wire(Handle):
         """Plugs the second interface into a port of a slave.
 
         Raises:
-            UsageError: There is no such slave or port, or something else is plugged in there.
+            UsageError: There is no such slave or port, or the port is taken.
         """
         self._check_plug(self._lib.esc_close_ring(self._handle, slave, port), slave, slave, port)
 
@@ -222,9 +223,9 @@ class Wire(Handle):
         """Breaks or heals a link.
 
         Args:
-            slave: A slave at either end.
-            port: Its port, 0 to 3.
-            broken: False heals it.
+            slave: Position of the slave at one end.
+            port: Port of this slave, 0 to 3.
+            broken: True breaks the link, False heals it.
 
         Raises:
             UsageError: There is no such slave, or nothing is plugged in there.
@@ -243,11 +244,11 @@ class Wire(Handle):
     # --- power ---------------------------------------------------------------------------------
 
     def power(self, slave: int, on: bool) -> None:
-        """Switches a slave off, or on again as after its first power-on.
+        """Switches a slave off, or on again as at its first power-on.
 
         Off: the links at all its ports go down, and station address, AL state, FMMUs, sync
-        managers, memory and pending events are lost. On: the SII image is loaded again. Its device
-        is told nothing.
+        managers, memory and pending events are lost. On: the SII image is loaded again. The device
+        is not notified.
 
         Raises:
             UsageError: There is no such slave.
@@ -259,7 +260,7 @@ class Wire(Handle):
     def process(self, frame: bytes) -> bytes | None:
         """Passes an Ethernet frame from the first interface; None if it does not come back there.
 
-        A delay by a fault is not waited for; see `enter`.
+        The call does not wait for a delay by a fault; see `enter`.
         """
         passage = self.enter(frame)
         return passage.frame if passage.exit == 0 else None
@@ -269,8 +270,8 @@ class Wire(Handle):
 
         Args:
             frame: The frame, without check sequence.
-            interface: By which it enters, 0 or 1.
-            now_ns: When it does (CLOCK_MONOTONIC); 0 = now.
+            interface: The interface through which it enters, 0 or 1.
+            now_ns: Time at which it enters (CLOCK_MONOTONIC); 0 = now.
         """
         buffer = ctypes.create_string_buffer(frame, len(frame))
         passage = _Passage()
@@ -281,14 +282,13 @@ class Wire(Handle):
     # --- faults --------------------------------------------------------------------------------
 
     def inject(self, fault: FrameFault) -> int:
-        """Adds a fault; returns its number for `clear`.
+        """Adds a fault and returns its number for `clear`.
 
-        Faults that have struck as often as they may are kept for `faults` until their place is
-        needed.
+        Finished faults stay in the list of `faults` until their place is needed.
 
         Raises:
             UsageError: A value is out of its range.
-            StateError: 32 faults may strike already.
+            StateError: There are 32 faults already that are not finished.
         """
         _check_fault(fault)
         entry = _Fault(
@@ -321,7 +321,7 @@ class Wire(Handle):
         checked(result)
 
     def faults(self) -> list[InjectedFault]:
-        """The faults, oldest first, and how often each has struck."""
+        """The faults, oldest first, each with the number of frames that it has struck."""
         entries = (_Fault * MAX_FAULTS)()
         count = checked(self._lib.esc_get_faults(self._handle, entries, MAX_FAULTS))
         return [
@@ -344,7 +344,7 @@ class Wire(Handle):
         ]
 
     def drop(self, count: int) -> None:
-        """Loses the next `count` frames, whatever they carry."""
+        """Drops the next `count` frames, including those without process data."""
         if count > 0:
             self.inject(FrameFault(FaultKind.DROP, count=count, process_data_only=False))
 
@@ -352,7 +352,7 @@ class Wire(Handle):
 
     @staticmethod
     def check_slave(result: int, slave: int) -> int:
-        """The result of a C function that concerns a slave, or the error that it means."""
+        """Returns the result of a C function for a slave, or raises the error that it means."""
         if result == -errno.ENODEV:
             raise UsageError(f"there is no slave {slave}")
         return checked(result)

@@ -18,22 +18,22 @@
  *
  * Build with: eval gcc program.c "$(ecatctl client-flags)", with pkg-config or with CMake.
  *
- * Functions return 0 or a handle (>= 0), or a negative ECAT_E... code; ecat_error() then has the
- * sentence. Times are in seconds as double, time stamps in nanoseconds of CLOCK_MONOTONIC. One
- * ecat_t belongs to one thread at a time; open one in each. After fork() the child may read with it and
- * close it; what it owns stays with the parent, and calls that would change that are ECAT_EARG.
+ * Functions return 0 or a handle (>= 0), or a negative ECAT_E... code; ecat_error() then has the error
+ * text. Times are in seconds as double, time stamps in nanoseconds of CLOCK_MONOTONIC. One ecat_t belongs
+ * to one thread at a time; open one in each. After fork() the child may read with it and close it.
+ * Outputs and requests stay with the parent: calls in the child that would change them return ECAT_EARG.
  *
- * Slaves, entries ("signals") and domains are numbered from 0 on without gaps: a slave by its position
- * on the wire, an entry by its handle. So all of them can be asked for in a loop.
+ * Slaves, entries ("signals") and domains are numbered from 0 without gaps: a slave by its position on
+ * the wire, an entry by its handle. A loop can therefore visit all of them.
  *
- * The path sample - read - write - commit does not enter the kernel (but for a sched_yield when a
- * sample finds the daemon interrupted in the middle of writing), and allocates nothing.
+ * Sampling, reading, writing and committing do not enter the kernel and allocate nothing. The exception
+ * is a sched_yield(), when a sample finds that the daemon was interrupted in the middle of writing.
  *
  * When the daemon ends, sampling and waiting return ECAT_EDOWN within 100 ms, and claims and running
- * requests are gone. The handle stays: later calls of ecat_sample(), ecat_wait() and ecat_claim() look
- * for the daemon, at most every 20 ms, and go on with it when it is back. All slaves and entries have
- * their old numbers then; if the bus is another one, these calls return ECAT_EBUS. Cycle numbers begin
- * anew, and ecat_instance() differs.
+ * requests are lost. The ecat_t stays usable: later calls of ecat_sample(), ecat_wait() and ecat_claim()
+ * look for the daemon, at most every 20 ms, and continue when it is back. Slaves and entries then have
+ * their old numbers; if the bus has changed, these calls return ECAT_EBUS. Cycle numbers start again, and
+ * ecat_instance() differs.
  *
  * C89-clean; usable from C++.
  */
@@ -106,8 +106,8 @@ typedef struct ecat_output_info {
   int reason;           /* enum ecat_reason: why it is, or was last, at its safe value */
   uint64_t since_cycle; /* of the last change of owner or state */
   double age;           /* seconds since then */
-  unsigned pid;         /* of the owner, as it says itself; 0 if this user may not know */
-  char program[33];     /* its name, as it says itself, in ASCII */
+  unsigned pid;         /* of the owner, as it wrote it; 0 if this user may not know */
+  char program[33];     /* its name, as it wrote it, in ASCII */
 } ecat_output_info;
 
 typedef struct ecat_domain_info {
@@ -123,13 +123,13 @@ typedef struct ecat_domain_info {
 
 /* --- Connecting ------------------------------------------------------------------------------- */
 
-/* Connects to the bus `name` (NULL: "ecat0"). On failure *bus is still set, so that ecat_error()
- * can be asked, and must be closed; it is NULL only when memory is exhausted. */
+/* Connects to the bus `name` (NULL: "ecat0"). After a failure *bus is still set, for ecat_error(), and
+ * must be closed. It is NULL only if memory is exhausted. */
 ECAT_API int ecat_open(ecat_t **bus, const char *name);
-/* Releases all claims and forgets the bus. NULL is allowed. */
+/* Releases all claims and closes the connection. NULL is allowed. */
 ECAT_API void ecat_close(ecat_t *bus);
 
-/* The sentence that explains the last failed call of this handle. Never NULL. */
+/* The text that explains the last failed call of this handle. Never NULL. */
 ECAT_API const char *ecat_error(const ecat_t *bus);
 /* The general meaning of a code. Never NULL. */
 ECAT_API const char *ecat_strerror(int code);
@@ -140,20 +140,20 @@ ECAT_API int ecat_slave_count(const ecat_t *bus);
 ECAT_API int ecat_signal_count(const ecat_t *bus);
 ECAT_API int ecat_domain_count(const ecat_t *bus);
 ECAT_API const char *ecat_name(const ecat_t *bus);
-/* A number for identity and mapping of all slaves: it differs if the bus is another one. */
+/* A number for identity and mapping of all slaves: another bus has another one. */
 ECAT_API uint64_t ecat_fingerprint(const ecat_t *bus);
-/* Differs after every start of the daemon. */
+/* A number for one start of the daemon: it differs after every start. */
 ECAT_API uint64_t ecat_instance(const ecat_t *bus);
 /* Base cycle in seconds. */
 ECAT_API double ecat_cycle_time(const ecat_t *bus);
-/* One slave: who it is, and how it is now. */
+/* One slave: its identity, and its state now. */
 ECAT_API int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info);
 /* One entry: where it is, and what its value means. */
 ECAT_API int ecat_signal(ecat_t *bus, int signal, ecat_signal_info *info);
 
 /* The position of the `nth` slave (0 first) with this identity, or ECAT_EBUS. */
 ECAT_API int ecat_find(ecat_t *bus, uint32_t vendor, uint32_t product, unsigned nth);
-/* The position of the only slave with this name. A position as text is taken, too. */
+/* The position of the only slave with this name. A position written as text is accepted, too. */
 ECAT_API int ecat_find_name(ecat_t *bus, const char *name);
 /* Checks that the slave at `position` is the expected one. `revision` 0 accepts any. Returns the
  * position or ECAT_EBUS; the error text names expected and found. */
@@ -162,21 +162,22 @@ ECAT_API int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t pr
 /* The handle of a PDO entry; `direction`: enum ecat_direction. */
 ECAT_API int ecat_bind(ecat_t *bus, int position, unsigned index, unsigned subindex,
                        int direction);
-/* The handle of an entry by name: "slave/entry". The slave is its position, or its name where only
- * one has it; the entry is its name, "PDO/entry" where several have it, or 0x6041:00. */
+/* The handle of an entry by name: "slave/entry". The slave is given by its position, or by its name if
+ * only one slave has it. The entry is given by its name, by "PDO/entry" if several have that name, or by
+ * its address, as 0x6041:00. */
 ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
 
 /* --- Owning outputs --------------------------------------------------------------------------- */
 
-/* Makes this client the owner of all outputs of a slave, or of none if another client has one of
- * them. `lease` is the time without ecat_sample() or ecat_commit() after which they fall to their
- * safe values; 0 takes the daemon's default, which is also the shortest lease, and a lease above the
- * daemon's maximum is cut to it. The longest lease of all claims counts for all outputs, until its
- * claim is released. An output stays safe until the first ecat_commit() after it was written. After
- * ECAT_ELEASE all claims and running requests are gone; claim again. Claiming an output again does
+/* Makes this client the owner of all outputs of a slave, or of none if another client owns one of them.
+ * `lease` is the time in seconds without ecat_sample() or ecat_commit() after which they go to their safe
+ * values. 0 takes the daemon's default, which is also the shortest lease; a lease above the daemon's
+ * maximum is cut to it. The longest lease of all claims applies to all outputs, until its claim is
+ * released. An output keeps its safe value until the first ecat_commit() after it was written. After
+ * ECAT_ELEASE all claims and running requests are lost; claim again. Claiming an output again does
  * nothing, unless the lease is longer. */
 ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
-/* Gives the outputs of a slave back; they go to their safe values. */
+/* Releases the outputs of a slave; they go to their safe values. */
 ECAT_API int ecat_release(ecat_t *bus, int position);
 /* The same for one output. */
 ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
@@ -186,27 +187,26 @@ ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
  * the list twice; an empty list does nothing. */
 ECAT_API int ecat_claim_entries(ecat_t *bus, const int *signals, size_t count, double lease);
 ECAT_API int ecat_release_entries(ecat_t *bus, const int *signals, size_t count);
-/* Gives all outputs back, drops all requests, and leaves the client's slot to others. Reading goes
- * on. */
+/* Releases all outputs, drops all requests, and frees the client's slot. Reading is still possible. */
 ECAT_API void ecat_release_all(ecat_t *bus);
 /* Who decides an output now, and since when. */
 ECAT_API int ecat_output(ecat_t *bus, int signal, ecat_output_info *info);
 
 /* --- Reading ---------------------------------------------------------------------------------- */
 
-/* Takes one consistent image of every domain; all reads until the next call see it. Returns
- * ECAT_ESTALE or ECAT_EDOWN (the values stay readable) when the daemon no longer delivers; if it was
- * killed while it wrote and this call read, ECAT_ESTALE, and the values may then be of two cycles. */
+/* Takes one consistent image of every domain; all reads until the next call see it. Returns ECAT_ESTALE
+ * or ECAT_EDOWN if the daemon no longer delivers; the values stay readable. If the daemon was killed
+ * while it wrote the image, the call returns ECAT_ESTALE, and the values may be of two cycles. */
 ECAT_API int ecat_sample(ecat_t *bus);
 /* The same for one domain. */
 ECAT_API int ecat_sample_domain(ecat_t *bus, int domain);
-/* What is known about the last sample of a domain. */
+/* Age, cycle and working counter of the last sample of a domain. */
 ECAT_API int ecat_domain(ecat_t *bus, int domain, ecat_domain_info *info);
 
-/* The last sample of a domain as bytes: outputs first, then inputs. The next sample changes what is
- * there. Behind the `*size` bytes are 8 more that may be read, so that any entry can be loaded as a
- * word. The address is valid until ecat_close(); when ecat_instance() differs, ask again. NULL if there
- * is no such domain. */
+/* The last sample of a domain as bytes: outputs first, then inputs. The next sample overwrites them. 8
+ * more bytes after the `*size` bytes may be read, so that any entry can be loaded as a word. The address
+ * is valid until ecat_close(); ask again when ecat_instance() differs. NULL if there is no such
+ * domain. */
 ECAT_API const void *ecat_image(ecat_t *bus, int domain, size_t *size);
 
 /* enum ecat_validity of an entry of the last sample, or a negative code. */
@@ -214,49 +214,51 @@ ECAT_API int ecat_validity(ecat_t *bus, int signal);
 
 /* Raw value of an entry of the last sample: exact for up to 53 bits. */
 ECAT_API int ecat_read(ecat_t *bus, int signal, double *value);
-/* Raw value as integer; unsigned 64-bit values keep their bits, and floating-point numbers are rounded
- * as those that are written, or ECAT_ERANGE. */
+/* Raw value as integer. Unsigned 64-bit values keep their bits. Floating-point numbers are rounded by
+ * ecat_round(); ECAT_ERANGE if the result is no 64-bit integer. */
 ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
 /* Raw value * scale + offset. */
 ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 
 /* --- Writing ---------------------------------------------------------------------------------- */
 
-/* Nothing leaves the process before ecat_commit(). Values are rounded to the nearest that the entry can
- * have, of two equally near ones to the even one, whatever the rounding mode of the thread is. Infinity
- * and NaN are ECAT_ERANGE, and so is a number that the entry cannot hold, or beyond its declared range:
- * then nothing is staged. ECAT_ELEASE when the claim has ended with the daemon: claim again. */
+/* No value leaves the process before ecat_commit(). A value is rounded to the nearest one that the entry
+ * can have, halfway cases to the even one; the rounding mode of the thread has no effect. Infinity and
+ * NaN are refused with ECAT_ERANGE, and so is a number that the entry cannot hold or that is beyond its
+ * declared range; nothing is staged then. ECAT_ELEASE: the claim has ended with the daemon; claim
+ * again. */
 
 /* Stages a raw value of an output. */
 ECAT_API int ecat_write(ecat_t *bus, int signal, double value);
-/* The same of an integer; unsigned 64-bit values keep their bits. */
+/* The same for an integer; unsigned 64-bit values keep their bits. */
 ECAT_API int ecat_write_int(ecat_t *bus, int signal, int64_t value);
-/* Stages the raw value (value - offset) / scale. An analog quantity, whose entry has a unit, a scale
- * or an offset, is held at the limits of its entry and not refused beyond them. */
+/* Stages the raw value (value - offset) / scale. An analog quantity, whose entry has a unit, a scale or
+ * an offset, is cut to the limits of the entry instead of being refused. */
 ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
-/* The same with a meaning of the program's own, always as an analog quantity. */
+/* The same with scale and offset of the program, always as an analog quantity. */
 ECAT_API int ecat_write_scaled(ecat_t *bus, int signal, double value, double scale, double offset);
-/* Publishes all staged outputs at once; they go out with the next cycle. ECAT_ELEASE, until something
- * is claimed again, when they are no longer owned: the lease is over, or the daemon has ended. */
+/* Publishes all staged outputs at once; they go out with the next cycle. ECAT_ELEASE: the outputs are no
+ * longer owned, because the lease is over or the daemon has ended; returned until something is claimed
+ * again. */
 ECAT_API int ecat_commit(ecat_t *bus);
 
-/* What the calls above make of a value, without a bus: the bits of an entry with this type, length,
- * range and, for ecat_encode_physical(), this unit, scale and offset. 0 or ECAT_ERANGE. */
+/* The bits that the calls above would make of a value, without a bus. Type, length and range are those of
+ * `entry`; ecat_encode_physical() also uses its unit, scale and offset. Returns 0 or ECAT_ERANGE. */
 ECAT_API int ecat_encode(const ecat_signal_info *entry, double value, uint64_t *bits);
 ECAT_API int ecat_encode_int(const ecat_signal_info *entry, int64_t value, uint64_t *bits);
 ECAT_API int ecat_encode_physical(const ecat_signal_info *entry, double value, uint64_t *bits);
-/* The smallest and the largest raw value of such an entry, by its type and its range; those of 64 bits
- * are rounded. */
+/* The smallest and the largest raw value of an entry, by its type and its range. Those of 64 bits are
+ * rounded. */
 ECAT_API void ecat_limits(const ecat_signal_info *entry, double *low, double *high);
-/* The nearest whole number, of two equally near ones the even one. */
+/* The nearest whole number; halfway cases go to the even one. */
 ECAT_API double ecat_round(double value);
 
 /* --- Waiting ---------------------------------------------------------------------------------- */
 
-/* Waits until `cycles` more cycles than at the last sample or wait have ended. 0 checks only. Returns
- * ECAT_EDOWN at once when the daemon ends; the calls after that wait for its return. */
+/* Waits until `cycles` cycles have ended since the last sample or wait. 0 only checks whether the daemon
+ * delivers. Returns ECAT_EDOWN at once when the daemon ends; later calls wait for its return. */
 ECAT_API int ecat_wait(ecat_t *bus, unsigned cycles, double timeout);
-/* Waits until a domain was exchanged `exchanges` more times than at its last sample or wait. */
+/* Waits until a domain was exchanged `exchanges` times since its last sample or wait. */
 ECAT_API int ecat_wait_domain(ecat_t *bus, int domain, unsigned exchanges, double timeout);
 /* Number of the last finished cycle. */
 ECAT_API uint64_t ecat_cycle(const ecat_t *bus);
@@ -269,16 +271,16 @@ ECAT_API int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned 
                             const void *data, size_t length);
 /* Asks for an AL state of a slave (enum ecat_al_state), and returns the handle of the request. */
 ECAT_API int ecat_state_start(ecat_t *bus, int position, unsigned state);
-/* ECAT_EBUSY while the request runs; else it is finished, its handle is free again, and
- * `data` (up to `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT,
- * `*abort_code` tells why. All three pointers may be NULL. Requests of a client that ends are
- * dropped, unless they have begun. If the daemon ends, requests return ECAT_EDOWN. */
+/* ECAT_EBUSY while the request runs. Any other result ends it and frees its handle; then `data` (up to
+ * `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT, `*abort_code` is the SDO abort
+ * code. All three pointers may be NULL. If a client ends, its requests are dropped, unless they have
+ * begun. If the daemon ends, requests return ECAT_EDOWN. */
 ECAT_API int ecat_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
                        uint32_t *abort_code);
-/* Waits until ecat_poll() has an answer, or returns ECAT_ETIMEOUT. Takes no samples meanwhile: the
- * lease of a claim goes on running. */
+/* Waits until ecat_poll() has an answer, or returns ECAT_ETIMEOUT. It takes no samples, so the lease of a
+ * claim may end meanwhile. */
 ECAT_API int ecat_wait_request(ecat_t *bus, int request, double timeout);
-/* Gives the handle back without an answer. The slave may have been asked already. */
+/* Gives up a request and frees its handle. The slave may have carried it out already. */
 ECAT_API int ecat_cancel(ecat_t *bus, int request);
 
 #ifdef __cplusplus

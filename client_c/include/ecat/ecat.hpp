@@ -11,12 +11,12 @@
 //       bus.commit();
 //     }
 //
-// What fails throws ecat::Error, with the sentence and the code of ecat.h. Reading, writing,
-// sampling and committing are the calls of C and one comparison, without allocation.
+// Calls that fail throw ecat::Error, with the text and the code of ecat.h. Reading, writing, sampling and
+// committing cost the call of C and one comparison, and allocate nothing.
 //
-// A Client belongs to one thread at a time; open one in each. Signals, outputs, claims and requests
-// are of use as long as their Client lives, also when it was moved, and must end before it: declare
-// them after it.
+// A Client belongs to one thread at a time; open one in each. Signals, outputs, claims and requests work
+// as long as their Client lives, even if it was moved, and must be destroyed before it: declare them
+// after it.
 #ifndef ECAT_HPP
 #define ECAT_HPP
 
@@ -38,13 +38,13 @@ namespace ecat {
 
 using Seconds = std::chrono::duration<double>;
 
-// What went wrong: what() is the sentence, code() tells the kinds apart.
+// A failed call: what() is the text, code() the kind.
 class Error : public std::runtime_error {
  public:
   Error(int code, const std::string& sentence, std::uint32_t abort_code = 0)
       : std::runtime_error(sentence), code_(code), abort_code_(abort_code) {}
   int code() const noexcept { return code_; }  // enum ecat_errno
-  // Of the SDO (ETG.1000.6), with ECAT_EABORT.
+  // SDO abort code (ETG.1000.6), with ECAT_EABORT.
   std::uint32_t abort_code() const noexcept { return abort_code_; }
 
  private:
@@ -54,7 +54,7 @@ class Error : public std::runtime_error {
 
 namespace detail {
 
-// Apart from the path that succeeds, so that this one stays small enough to be inlined.
+// Kept out of line, so that check() stays small enough to be inlined.
 #if defined(__GNUC__)
 [[gnu::cold, gnu::noinline]]
 #endif
@@ -67,7 +67,7 @@ inline int check(const ecat_t* bus, int code) {
   return code;
 }
 
-// By CoE data type (ETG.1000.6), as in the library.
+// By CoE data type (ETG.1000.6), as type_is_real() and type_is_signed() of the library.
 constexpr bool is_real(const ecat_signal_info& entry) {
   return (entry.type == 0x0008 && entry.bit_length == 32) ||
          (entry.type == 0x0011 && entry.bit_length == 64);
@@ -99,14 +99,14 @@ void check_type(const ecat_signal_info& entry) {
 
 }  // namespace detail
 
-// An entry of the process image, to be read as T: bool, an integer or a floating-point type that
-// holds all its values. A handle that is small and may be copied.
+// An entry of the process image, read as T: bool, an integer or a floating-point type that holds all its
+// values. A small handle that may be copied.
 template <class T>
 class Signal {
   static_assert(std::is_arithmetic_v<T>, "an entry is read as bool, integer or floating point");
 
  public:
-  // Client::input() and Client::output() are shorter.
+  // Use Client::input() and Client::output() instead.
   Signal(ecat_t* bus, int number) : bus_(bus), number_(number) { detail::check_type<T>(info()); }
 
   // Raw value of the last sample.
@@ -144,15 +144,15 @@ class Signal {
   int number_;
 };
 
-// An output: read() gives what the last sample says is on the wire, write() what shall be there.
+// An output: read() returns the value in the last sample, write() stages a new one.
 template <class T>
 class Output : public Signal<T> {
  public:
   using Signal<T>::Signal;
 
-  // Stages a raw value; Client::commit() sends it. It must be claimed before. A value of another type
-  // than T is not converted before it comes to the rule of ecat_write(): 3.5 becomes 4 in an integer,
-  // and 300 is refused by one of 8 bits.
+  // Stages a raw value; Client::commit() publishes it. The output must be claimed before. The value is
+  // not converted to T first, but follows the rule of ecat_write(): an integer entry makes 4 of 3.5, and
+  // an entry of 8 bits refuses 300.
   template <class V>
   void write(V value) {
     static_assert(std::is_arithmetic_v<V>, "a raw value is bool, integer or floating point");
@@ -165,7 +165,7 @@ class Output : public Signal<T> {
   void write_physical(double value) {
     detail::check(this->bus_, ecat_write_physical(this->bus_, this->number_, value));
   }
-  // Who decides it now, and since when.
+  // Who decides this output now, and since when.
   ecat_output_info owner() const {
     ecat_output_info info{};
     detail::check(this->bus_, ecat_output(this->bus_, this->number_, &info));
@@ -173,7 +173,7 @@ class Output : public Signal<T> {
   }
 
  private:
-  // Whether ecat_write_int() takes it for what it is: without a sign it has 64 bits, else 63.
+  // Whether ecat_write_int() keeps the value: it passes 64 bits to an unsigned entry, else 63 and a sign.
   template <class V>
   static constexpr bool is_integer(V value) {
     if constexpr (std::is_floating_point_v<V>)
@@ -185,18 +185,18 @@ class Output : public Signal<T> {
   }
 };
 
-// The outputs of a slave, or one output, as long as this lives and samples are taken.
+// Ownership of the outputs of a slave, or of one output, while this object lives and samples are taken.
 class [[nodiscard]] Claim {
  public:
   enum class What { slave, entry };
 
-  // Client::claim() is shorter.
+  // Use Client::claim() instead.
   Claim(ecat_t* bus, What what, int number, Seconds lease)
       : bus_(bus), what_(what), number_(number), lease_(lease) {
     renew();
   }
   Claim(Claim&& other) noexcept { *this = std::move(other); }
-  Claim& operator=(Claim&& other) noexcept {  // what this one had ends with the other one
+  Claim& operator=(Claim&& other) noexcept {  // the outputs of this one are released with the other one
     std::swap(bus_, other.bus_);
     std::swap(what_, other.what_);
     std::swap(number_, other.number_);
@@ -208,13 +208,13 @@ class [[nodiscard]] Claim {
     if (held_) give_back();
   }
 
-  // Claims again, after ECAT_ELEASE or a restart of the daemon; else it does nothing.
+  // Claims again after ECAT_ELEASE or a restart of the daemon; otherwise it does nothing.
   void renew() {
     auto claim = what_ == What::slave ? ecat_claim : ecat_claim_entry;
     detail::check(bus_, claim(bus_, number_, lease_.count()));
     held_ = true;
   }
-  // Before the end of its life, which then does nothing; the outputs go to their safe values.
+  // Releases the outputs before the destructor would; they go to their safe values.
   void release() {
     if (held_) detail::check(bus_, give_back());
   }
@@ -232,10 +232,10 @@ class [[nodiscard]] Claim {
   bool held_ = false;
 };
 
-// A question to the slave's mailbox, or for an AL state. It never blocks the program, but for wait().
+// An SDO request, or a request for an AL state. Only wait() blocks the program.
 class [[nodiscard]] Request {
  public:
-  // Client::upload(), download() and state() make them.
+  // Use Client::upload(), download() and state() instead.
   Request(ecat_t* bus, int request) : bus_(bus), request_(detail::check(bus, request)) {}
   Request(Request&& other) noexcept { *this = std::move(other); }
   Request& operator=(Request&& other) noexcept {
@@ -249,7 +249,7 @@ class [[nodiscard]] Request {
     if (request_ >= 0) ecat_cancel(bus_, request_);
   }
 
-  // Whether the answer is there; throws when it is an error.
+  // Whether the answer has come; throws if it is an error.
   bool done() {
     if (request_ < 0) return true;
     std::uint32_t abort_code = 0;
@@ -259,16 +259,16 @@ class [[nodiscard]] Request {
     if (code < 0) detail::fail(bus_, code, abort_code);
     return true;
   }
-  // Waits for the answer. Samples are not taken meanwhile: a claim may lapse.
+  // Waits for the answer. No samples are taken meanwhile, so a claim may lapse.
   void wait(Seconds timeout = Seconds(1)) {
     if (request_ >= 0) detail::check(bus_, ecat_wait_request(bus_, request_, timeout.count()));
     done();
   }
 
-  // What was uploaded.
+  // The uploaded bytes.
   const unsigned char* data() const noexcept { return data_.data(); }
   std::size_t size() const noexcept { return length_; }
-  // The same as a number, which must have its size.
+  // The same as a number. T must have the size of the object.
   template <class T>
   T value() const {
     static_assert(std::is_arithmetic_v<T>, "an object is read as a number, or as bytes by data()");
@@ -282,7 +282,7 @@ class [[nodiscard]] Request {
 
  private:
   ecat_t* bus_ = nullptr;
-  int request_ = -1;  // of C; -1: answered
+  int request_ = -1;  // handle in C; -1: answered
   std::size_t length_ = 0;
   std::array<unsigned char, ECAT_REQUEST_BYTES> data_{};
 };
@@ -302,7 +302,7 @@ class Client {
   void sample(int domain) { detail::check(handle(), ecat_sample_domain(handle(), domain)); }
   // Publishes all written outputs at once; they go out with the next cycle.
   void commit() { detail::check(handle(), ecat_commit(handle())); }
-  // Waits for the end of so many more cycles, or exchanges of a domain, than at the last call.
+  // Waits until so many cycles, or exchanges of a domain, have ended since the last sample or wait.
   void wait(unsigned cycles = 1, Seconds timeout = Seconds(1)) {
     detail::check(handle(), ecat_wait(handle(), cycles, timeout.count()));
   }
@@ -336,10 +336,10 @@ class Client {
   Claim claim(const Output<T>& output, Seconds lease = Seconds(0)) {
     return {handle(), Claim::What::entry, output.number(), lease};
   }
-  // Gives all outputs back, and drops all requests.
+  // Releases all outputs and drops all requests.
   void release_all() { ecat_release_all(handle()); }
 
-  // Requests to the mailbox of a slave; at most ECAT_REQUESTS at a time.
+  // SDO requests to a slave; at most ECAT_REQUESTS requests at a time.
   Request upload(int position, unsigned index, unsigned subindex = 0) {
     return {handle(), ecat_sdo_start(handle(), position, index, subindex, nullptr, 0)};
   }
@@ -364,7 +364,7 @@ class Client {
   int find(const std::string& name) {
     return detail::check(handle(), ecat_find_name(handle(), name.c_str()));
   }
-  // Throws unless the slave at a position is this one; revision 0 accepts any.
+  // Throws unless the slave at this position has this identity; revision 0 accepts any.
   void expect(int position, std::uint32_t vendor, std::uint32_t product,
               std::uint32_t revision = 0) {
     detail::check(handle(), ecat_expect(handle(), position, vendor, product, revision));
@@ -383,7 +383,7 @@ class Client {
     detail::check(handle(), ecat_signal(handle(), number, &info));
     return info;
   }
-  // What is known about the last sample of a domain.
+  // Age, cycle and working counter of the last sample of a domain.
   ecat_domain_info domain(int number = 0) const {
     ecat_domain_info info{};
     detail::check(handle(), ecat_domain(handle(), number, &info));
@@ -402,7 +402,7 @@ class Client {
   std::uint64_t cycle() const noexcept { return ecat_cycle(handle()); }  // the last finished one
   Seconds cycle_time() const noexcept { return Seconds(ecat_cycle_time(handle())); }
 
-  // For calls of C.
+  // For calls of ecat.h.
   ecat_t* handle() const noexcept { return bus_.get(); }
 
  private:

@@ -1,24 +1,23 @@
-/* The shared memory of a bus: constants, enumerations and structs, out of ecat_shm.def, which says
- * what each of them means and who writes it. docs/shared-memory.md has the same as tables, and how
- * readers and writers go together.
+/* The shared memory of a bus: constants, enumerations and structs. They come from ecat_shm.def, which
+ * says what each of them means and who writes it. docs/shared-memory.md has the same as tables, and
+ * explains how readers and writers work together.
  *
- * C89-clean. Programs use ecat.h; this header is for the daemon, for tools and for those who
- * write a client in another language.
+ * C89-clean. Programs use ecat.h; this header is for the daemon, for tools, and for clients in other
+ * languages.
  *
  * Versions. A new minor version may
  *   - append fields to ecat_shm_header and ecat_shm_health,
  *   - add tables, whose offsets are appended to the header,
  *   - add enumerators, and entries to the ecat_shm_setting table,
- *   - give a meaning to a field `pad...`, where 0 means what was so before.
- * It never changes the size of an entry of a table, of a part of a slot or of a page, nor the
- * meaning of a field. Everything else is a new major version; but magic number, layout and the byte of
- * the lock stay where they are for ever, so that every client can tell every daemon what is wrong.
+ *   - give a meaning to a field `pad...`, where 0 means the old behaviour.
+ * It never changes the size of a table entry, of a part of a slot or of a page, nor the meaning of a
+ * field. Any other change needs a new major version. Magic number, layout number and the byte of the
+ * lock keep their places in all versions, so that every client can tell what is wrong with any daemon.
  *
- * A client accepts a daemon of its own major and of its own or a later minor version. So it finds
- * tables by their offsets and never by what lies before them, takes a value that its enumeration
- * lacks for "something else", and looks at no `pad...`. An earlier minor version lacks what the
- * client has been built for, and another major one may be anything: both are refused, with a
- * sentence that says which side to update.
+ * A client accepts a daemon of its own major version and of its own or a later minor version. It
+ * therefore finds tables only by their offsets, treats an unknown enumerator as "something else", and
+ * ignores every `pad...`. An earlier minor version lacks what the client needs, and another major version
+ * may be anything: both are refused, with an error text that says which side to update.
  */
 #ifndef ECAT_SHM_H
 #define ECAT_SHM_H
@@ -52,8 +51,9 @@
 extern "C" {
 #endif
 
-/* The layout and the enumerations of ecat.h as text, from which other languages build their view of
- * the memory. Each line has seven words, "-" where there is nothing to say, and then a comment:
+/* The layout of the shared memory and the enumerations of ecat.h as text, from which other languages
+ * build their view of the memory. Each line has seven words, "-" where there is nothing to say, and then
+ * a comment:
  *
  *     const  -       name  -     value   -     -
  *     enum   name    -     -     -       -     -
@@ -63,11 +63,11 @@ extern "C" {
  */
 ECAT_SHM_API const char *ecat_layout(void);
 
-/* The bucket that a time belongs to, and the smallest time that belongs to a bucket. Times of
- * 2^33 ns (8.6 s) and more share the last bucket. */
+/* The bucket of a time in ns, and the smallest time of a bucket. Times of 2^33 ns (8.6 s) and more share
+ * the last bucket. */
 ECAT_SHM_API unsigned ecat_histogram_bucket(uint64_t ns);
 ECAT_SHM_API uint64_t ecat_histogram_bound(unsigned bucket);
-/* The time that the share `q` (0 to 1) of all samples does not exceed, in ns; 0 while empty. */
+/* The time in ns that the share `q` (0 to 1) of all samples does not exceed; 0 if there are none. */
 ECAT_SHM_API uint64_t ecat_histogram_quantile(const ecat_shm_histogram *histogram, double q);
 
 #ifdef __cplusplus

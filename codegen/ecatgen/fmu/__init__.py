@@ -5,8 +5,8 @@ bus description -> build (variables) -> ir -> render (templates) -> archive
                                   binary, C sources -> files ---------^
 ```
 
-The binary is the same for all buses: what the FMU has, it reads from `resources/plant.txt`. So
-making one needs no compiler, and what runs is what was tested.
+The binary is the same for all buses: it reads the contents of the FMU from `resources/plant.txt`.
+Making an FMU therefore needs no compiler, and the binary that runs is the one that was tested.
 """
 
 from .generate import FmuReport, generate_fmu

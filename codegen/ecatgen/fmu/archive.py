@@ -1,4 +1,4 @@
-"""Writes an FMU as one file: always the same bytes, and never over a file of somebody else."""
+"""Writes an FMU as one file: reproducible byte by byte, and never over a file of somebody else."""
 
 from __future__ import annotations
 
@@ -15,19 +15,23 @@ from ecatd.model.errors import StateError
 
 from ..output.failures import TEMPORARY, failures_in_words
 
-_TIME = (1980, 1, 1, 0, 0, 0)  # the first one that a ZIP file can have
+_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest time that a ZIP file can have
 _MARK = b"ecatgen "
 _DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError)
 
 
 def pack(files: Mapping[str, bytes]) -> bytes:
-    """The archive. Its comment tells that it is ours, and unchanged as long as the digest fits."""
+    """Packs files into an archive.
+
+    The comment of the archive marks it as ours. It has a digest, which shows whether the archive
+    was changed since.
+    """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         for path in sorted(files, key=lambda path: (path != "modelDescription.xml", path)):
             info = zipfile.ZipInfo(path, _TIME)
             info.compress_type = zipfile.ZIP_DEFLATED
-            info.create_system = 3  # Unix, whatever runs this
+            info.create_system = 3  # Unix, on every platform
             info.external_attr = (0o755 if path.endswith(".so") else 0o644) << 16
             archive.writestr(info, files[path])
         archive.comment = _MARK + _digest(files).encode()
@@ -35,16 +39,19 @@ def pack(files: Mapping[str, bytes]) -> bytes:
 
 
 def write(path: Path, data: bytes, *, check: bool = False) -> bool:
-    """Puts an archive into its place; returns whether it was another one, or none, before.
+    """Writes an archive to its place.
 
     Args:
-        path: Its place.
-        data: The archive.
-        check: Write nothing.
+        path: Path of the archive.
+        data: Content of the archive.
+        check: Write nothing, only compare.
+
+    Returns:
+        Whether there was no archive before, or a different one.
 
     Raises:
-        StateError: There is a file that this program has not written, or that was changed since;
-            or the disk is full.
+        StateError: There is a file that this program has not written, or that was changed since; or
+            the disk is full.
         NotPermittedError: The directory cannot be written.
     """
     with failures_in_words(path):
@@ -59,7 +66,7 @@ def write(path: Path, data: bytes, *, check: bool = False) -> bool:
 
 
 def member(path: Path, name: str) -> bytes | None:
-    """One file in an archive; None where there is none."""
+    """The content of one file in an archive; None if the archive or the file cannot be read."""
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(name)
@@ -76,13 +83,14 @@ def _digest(files: Mapping[str, bytes]) -> str:
 
 
 def _check_ours(path: Path) -> None:
-    """Raises an error unless the file is one that `pack` has made."""
+    """Checks that the file was made by `pack` and is unchanged."""
     try:
         if path.is_symlink() or not path.is_file():
             raise ValueError
         with zipfile.ZipFile(path) as archive:
             files = {info.filename: archive.read(info) for info in archive.infolist()}
-        # The comment is the end of the file; an archive is one with anything around it, too.
+        # The comment must be the end of the file: a ZIP archive stays readable with other data
+        # around it.
         data = path.read_bytes()
         ours = data.startswith(b"PK") and data.endswith(_MARK + _digest(files).encode())
     except (ValueError, *_DAMAGED):

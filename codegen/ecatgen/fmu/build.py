@@ -1,4 +1,4 @@
-"""From the bus description to the FMU: every decision about its variables."""
+"""Builds the intermediate representation of an FMU: every decision about its variables."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _COUNTER = {2: "Integer", 3: "UInt32"}
 _ENUMERATION_ACCESS = {2: "Integer", 3: "Int64"}
 _REAL_LIMIT = {32: float(2**128 - 2**104), 64: float(2**1023) * (2 - 2.0**-52)}
 _KNOWN_AT_START = ("bus", "whenMissing", "patience")
-"""Parameters that decide which values there are at the start."""
+"""Parameters on which the initial values of the outputs depend."""
 
 
 def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> Fmu:
-    """The FMU for a bus, without its token.
+    """Builds the FMU for a bus, without its token.
 
     Args:
         bus: Description of the bus.
-        library: Its library, whose names the variables have.
+        library: Library for the bus, whose names the variables have.
         fmi: Major version of FMI: 2 or 3.
         sources: C files to compile.
     """
@@ -65,7 +65,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
 
 
 def _instances(blocks: Sequence[Block]) -> list[str]:
-    """What the names of each slave's variables begin with: the usual name of its block."""
+    """The prefix of each slave's variables: the usual name of its block, made unique."""
     own = [item.name for item in fixed.PARAMETERS + fixed.DIAGNOSTICS]
     namespace = names.Namespace([*own, "time"], suffix="Slave")
     return [namespace.take(block.instance) for block in blocks]
@@ -93,16 +93,16 @@ def _slaves(
 
 @dataclass(frozen=True, slots=True)
 class _Value:
-    """What a variable holds.
+    """Type, limits and start value of a variable.
 
     Attributes:
         element: XML element.
-        access: Type by which it is got and set.
+        access: Type of the FMI functions that get and set it.
         start: Start value, or None.
         minimum: Smallest value, or None.
-        maximum: Largest one.
-        unit: Unit.
-        declared: Name of the enumeration.
+        maximum: Largest value, or None.
+        unit: Unit, or empty.
+        declared: Name of the enumeration, or empty.
     """
 
     element: str
@@ -128,7 +128,7 @@ class _Value:
 
 
 class _Builder:
-    """Makes variables one after the other."""
+    """Builds variables one after the other and counts their value references."""
 
     def __init__(self, fmi: int, bus: Bus) -> None:
         self._fmi = fmi
@@ -136,7 +136,7 @@ class _Builder:
         self._count = 0
 
     def all(self, blocks: Sequence[Block], instances: Sequence[str]) -> Iterator[Variable]:
-        """All variables in the order of their value references."""
+        """Builds all variables in the order of their value references."""
         if self._fmi == 3:
             yield self._variable(
                 ("time", "Simulation time"), "independent", "time", _Value("Float64", "Float64")
@@ -191,7 +191,7 @@ class _Builder:
         )
 
     def _value(self, connector: Connector, entry: Entry, *, start: bool) -> _Value:
-        """The type that an entry has in FMI."""
+        """The FMI type, limits and start value of an entry."""
         zero = 0 if start else None
         low, high = _raw_limits(entry)
         physical = connector.scale != 1 or connector.offset != 0 or connector.unit_name
@@ -234,7 +234,7 @@ class _Builder:
         return _Value("Enumeration", access, item.start, declared=item.kind)
 
     def _start_of_text(self) -> Attributes:
-        """FMI 3.0 has an element for it."""
+        """The start attribute of a text; empty for FMI 3.0, which has an element for it."""
         return (("start", self._bus.name),) if self._fmi == 2 else ()
 
     def _variable(
@@ -270,13 +270,13 @@ class _Builder:
 
 
 def _sized(entry: Entry) -> str:
-    """The integer type of FMI 3.0 that holds the entry."""
+    """The smallest integer type of FMI 3.0 that holds the entry."""
     bits = next(size for size in (8, 16, 32, 64) if entry.bit_length <= size)
     return f"{'' if is_signed(entry.data_type) else 'U'}Int{bits}"
 
 
 def _raw_limits(entry: Entry) -> tuple[float | int, float | int]:
-    """Raw values that an entry may have, by its type and as it is declared."""
+    """The smallest and largest raw value of an entry, by its type and its declared range."""
     low: float | int
     high: float | int
     if is_real(entry.data_type):
@@ -291,7 +291,7 @@ def _raw_limits(entry: Entry) -> tuple[float | int, float | int]:
 
 
 def _below(value: float | int) -> float:
-    """The nearest floating-point number that is not larger: 2^63 - 1 is none."""
+    """The largest floating-point number up to a value: 2^63 - 1, for example, is none."""
     nearest = float(value)
     return math.nextafter(nearest, -math.inf) if nearest > value else nearest
 

@@ -1,4 +1,4 @@
-"""What is the same in every FMU: the binary for this platform, and its sources."""
+"""The files that are the same in every FMU: binary, sources, icons and license."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ecatd.model.errors import EcatError
 
 from ..static_library import built_folder
 
-# FMI 2.0 has no name for ARM: importers look in one of these.
+# FMI 2.0 defines no name for ARM: importers search one of these.
 _PLATFORMS: dict[int, dict[str, tuple[str, ...]]] = {
     2: {"x86_64": ("linux64",), "aarch64": ("aarch64-linux", "linux64")},
     3: {"x86_64": ("x86_64-linux",), "aarch64": ("aarch64-linux",)},
@@ -19,11 +19,11 @@ _ICONS = {
     3: {f"terminalsAndIcons/{name}": name for name in ("icon.png", "icon.svg")},
 }
 _SOURCES = Path(__file__).parent / "source"
-_CLIENT_ONLY = ("layout.c",)  # for Python
+_CLIENT_ONLY = ("layout.c",)  # only Python needs it
 
 
 def fixed_files(fmi: int, name: str) -> dict[str, bytes]:
-    """Binary, sources and headers, by their path in the FMU.
+    """Binary, sources, headers, icons and license, by their path in the FMU.
 
     Raises:
         EcatError: The binary is not built, or there is none for this platform.

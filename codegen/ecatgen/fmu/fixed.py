@@ -1,4 +1,4 @@
-"""The variables that every FMU has, whatever is on the bus: parameters and diagnostics."""
+"""The variables that every FMU has, independent of the bus: parameters and diagnostics."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ AL_STATE = Enumeration(
     ),
 )
 ENUMERATIONS = (BUS_FAILURE, BUS_STATE, AL_STATE)
-"""Those of `EtherCAT.Types`, with the same numbers."""
+"""The enumerations of `EtherCAT.Types`, with the same numbers."""
 
 CATEGORIES = (
     Category("logEvents", "The bus comes and goes"),
@@ -55,10 +55,10 @@ class Fixed:
     """A variable of every FMU.
 
     Attributes:
-        name: Name, which is also its role in the table of the binary.
+        name: Name, which is also its role in `resources/plant.txt`.
         kind: `Real`, `Boolean`, `String`, `Counter`, or the name of an enumeration.
         description: What it is.
-        start: Start value of a parameter; None: an output.
+        start: Start value of a parameter; None for an output.
         unit: Unit of a Real.
     """
 
@@ -105,4 +105,4 @@ OF_SLAVES = (
     Fixed("alState", "ALState", "its state"),
     Fixed("alStatusCode", "Counter", "why it has left a state (AL status code), 0: no error"),
 )
-"""What there is of each slave."""
+"""The diagnostics of each slave."""

@@ -1,4 +1,4 @@
-"""Makes an FMU of a bus, as one function."""
+"""Generates an FMU for a bus: the generator as one function."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ORIGIN = "resources/bus.json"
 
 @dataclass(frozen=True, slots=True)
 class FmuReport:
-    """What `generate_fmu` has done, or would do.
+    """The result of `generate_fmu`: what it has done, or would do.
 
     Attributes:
         fmu: The file.
@@ -30,9 +30,9 @@ class FmuReport:
         slaves: Number of slaves.
         inputs: Number of inputs of the FMU, which it writes to the bus.
         outputs: Number of outputs of the FMU.
-        is_change: Whether the file is new or another one than before.
-        differences: What is different on the bus since the file was made, by slave and connector.
-        otherwise: Whether the file is another one though nothing of that is different.
+        is_change: Whether the file is new or differs from the one before.
+        differences: What has changed on the bus since the file was made, by slave and connector.
+        otherwise: Whether the file differs although nothing has changed on the bus.
     """
 
     fmu: Path
@@ -58,7 +58,7 @@ class FmuReport:
         }
 
     def details(self) -> list[str]:
-        """What is different, a sentence a line."""
+        """The differences, one sentence per line."""
         if self.otherwise:
             return ["the bus is the same, but the version of ecatd or FMI is not"]
         return lines(self.differences)
@@ -96,8 +96,8 @@ def generate_fmu(
         check: Write nothing, only report what would change.
 
     Raises:
-        UsageError: The name cannot be that of a model.
-        StateError: The file is there and was not generated, or was changed since.
+        UsageError: `name` cannot be the name of a model.
+        StateError: The file exists and was not generated, or was changed since.
         NotPermittedError: The directory cannot be written.
         EcatError: The binary is not built, or there is none for this platform.
     """
@@ -128,7 +128,7 @@ def generate_fmu(
 
 
 def _token(files: dict[str, bytes]) -> str:
-    """A GUID that differs when anything in the FMU does."""
+    """A GUID that changes with anything in the FMU."""
     digest = hashlib.sha256()
     for path in sorted(files):
         digest.update(path.encode() + b"\0" + files[path] + b"\0")

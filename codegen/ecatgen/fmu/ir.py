@@ -1,4 +1,4 @@
-"""What an FMU contains, with every decision made; templates only write it down.
+"""The contents of an FMU, with every decision made; templates only write it down.
 
 Texts are plain here: the templates escape them for XML and HTML.
 """
@@ -17,7 +17,7 @@ class Unit:
 
     Attributes:
         name: Name of the unit.
-        base: Attributes of the element BaseUnit, empty where nothing is known.
+        base: Attributes of the element BaseUnit; empty if the unit is unknown.
     """
 
     name: str
@@ -62,11 +62,11 @@ class Variable:
         element: Name of the XML element of its type.
         attributes: Attributes of the variable.
         type_attributes: Attributes that belong to its type.
-        start_texts: Start value of a text that is an element of its own.
+        start_texts: Start value of a text, for FMI 3.0, where it is an element of its own.
         unit: Unit, or empty.
-        kind: Type for the documentation: as FMI calls it.
+        kind: Type for the documentation, as FMI calls it.
         limits: Smallest and largest value for the documentation, or empty.
-        row: What the table of the binary says of it.
+        row: The line of the variable in `resources/plant.txt`.
     """
 
     reference: int
@@ -88,13 +88,13 @@ class Slave:
     """A slave that the bus must have.
 
     Attributes:
-        instance: What the names of its variables begin with.
+        instance: Prefix of the names of its variables.
         position: Position on the bus.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
         label: How messages name it.
-        variables: Names of its variables, and of the same without the instance.
+        variables: Names of its variables, each with and without the prefix.
     """
 
     instance: str
@@ -112,7 +112,7 @@ class Unknown:
 
     Attributes:
         number: Index (FMI 2.0, 1 first) or value reference (FMI 3.0) of the variable.
-        dependencies: Those that its value depends on in the initialization.
+        dependencies: The variables on which its initial value depends, in the same form.
     """
 
     number: int
@@ -127,18 +127,19 @@ class Fmu:
         fmi: Major version of FMI: 2 or 3.
         name: Name of the model and its identifier.
         description: Description of the model.
-        token: GUID (FMI 2.0) or instantiation token (FMI 3.0); empty until all else is known.
+        token: GUID (FMI 2.0) or instantiation token (FMI 3.0); empty until everything else is
+            known.
         tool: Program that made it, with its version.
         bus: Name of the bus.
         fingerprint: Fingerprint of the bus, 16 hex digits.
         command: Command that makes the FMU again.
         step_size: Bus cycle in seconds.
-        unit_groups: The units that variables have, as one group; none where no variable has one.
+        unit_groups: The units of the variables as one group; empty if no variable has a unit.
         enumerations: Enumerations that variables have.
         categories: Categories of messages.
         variables: Variables by value reference.
         slaves: Slaves by position.
-        unknowns: Outputs.
+        unknowns: The outputs, as elements of the model structure.
         sources: C files to compile, relative to `sources`.
     """
 

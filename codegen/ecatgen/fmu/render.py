@@ -1,4 +1,4 @@
-"""Writes the description of an FMU down, with one template for each file."""
+"""Renders the files of an FMU that depend on the bus, with one template for each file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Definitions of units as FMI wants them: a factor and exponents of the base units."""
+"""Unit definitions of FMI: a factor, an offset and exponents of the base units."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .ir import Unit
 
 
 def units(names: Iterable[str]) -> tuple[Unit, ...]:
-    """Definitions of the units in these names, each once, sorted."""
+    """The definitions of the units with these names, each once, sorted by name."""
     return tuple(Unit(name, _attributes(name)) for name in sorted(set(names) - {""}))
 
 
 def _attributes(name: str) -> tuple[tuple[str, str], ...]:
-    """Attributes of a BaseUnit; none for a unit that is not known."""
+    """Attributes of the element BaseUnit; empty for an unknown unit."""
     unit = si_unit(name)
     if unit is None:
         return ()

@@ -1,4 +1,4 @@
-"""Puts generated packages into a directory: whole, and without losing a file of the user.
+"""Writes generated packages into a directory, all or nothing, and never loses a file of the user.
 
 ```
 folder   what is in the folder of a package now, and which of it is ours (the manifest)

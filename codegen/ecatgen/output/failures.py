@@ -1,4 +1,4 @@
-"""What is said when a file or a folder cannot be written."""
+"""Turns errors of the file system into messages for users."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from pathlib import Path
 from ecatd.model.errors import NotPermittedError, StateError
 
 TEMPORARY = ".ecatgen-"
-"""What the names begin with under which something is written, before it takes its place."""
+"""The beginning of the names under which something is written before it takes its place."""
 
 
 @contextmanager
 def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
-    """Errors of the system as those of ours, which name what is in the way.
+    """Converts errors of the system into errors of ecatd, which name the file in question.
 
     Args:
-        place: What is worked on, where the system does not say.
-        verb: What is done to it.
+        place: The file or folder that is named if the system does not name one.
+        verb: What is done to it, for the message.
 
     Raises:
-        NotPermittedError: There is no right to do it.
-        StateError: It cannot be done: a file is in the way, the disk is full, a mount point.
+        NotPermittedError: A permission is missing.
+        StateError: Any other error: a file in the place of a folder, a full disk, a mount point.
     """
     try:
         yield
@@ -43,6 +43,6 @@ def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
 
 
 def _named(error: OSError, place: Path) -> str:
-    """What the system complains about, unless nobody knows that name."""
+    """The name in the error of the system, or `place` if it is a temporary name."""
     name = str(error.filename or place)
     return str(place) if any(part.startswith(TEMPORARY) for part in Path(name).parts) else name

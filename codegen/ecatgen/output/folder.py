@@ -1,4 +1,4 @@
-"""What is in the folder of a package, and which of it an earlier run has written."""
+"""Reads the folder of a package: what is in it, and which files an earlier run has written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Tree = Mapping[str, bytes]
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """How a file is recognised as the one that was seen before: it changes with every write."""
+    """Identifies the state of a file: at least one of these numbers changes with every write."""
 
     mode: int
     inode: int
@@ -30,21 +30,21 @@ class Mark:
 
     @property
     def is_regular(self) -> bool:
-        """Whether it is a file, and no link or pipe."""
+        """Whether it is a regular file, and not a link or pipe."""
         return stat.S_ISREG(self.mode)
 
 
 @dataclass(slots=True)
 class Folder:
-    """A folder, or the place where there is none yet.
+    """A folder that may not exist yet.
 
     Attributes:
         path: The folder.
-        exists: Whether it is there.
-        manifest: Hashes of the files that an earlier run has written.
-        problem: Why nobody knows what is ours, or empty.
-        files: Everything in it that is no folder; links are not followed.
-        folders: The folders in it, with their rights.
+        exists: Whether it exists.
+        manifest: Hashes of the files that an earlier run has written, by path.
+        problem: Why it is not known which files are generated, or empty.
+        files: Everything in it except folders, by path; links are not followed.
+        folders: The folders in it, with their permission bits; its own path is "".
     """
 
     path: Path
@@ -55,17 +55,17 @@ class Folder:
     folders: dict[str, int] = field(default_factory=dict)
 
     def data(self, path: str) -> bytes | None:
-        """The content of a regular file, None for others."""
+        """The content of a regular file, None for anything else."""
         mark = self.files.get(path)
         return (self.path / path).read_bytes() if mark is not None and mark.is_regular else None
 
 
 def read_folder(path: Path) -> Folder:
-    """Looks at everything in a folder.
+    """Reads the names and marks of everything in a folder, and its manifest.
 
     Raises:
-        StateError: There is something else in its place.
-        OSError: It cannot be read.
+        StateError: The path is a link, or no directory.
+        OSError: The folder cannot be read.
     """
     folder = Folder(path)
     try:
@@ -115,13 +115,13 @@ def _read_manifest(folder: Folder) -> None:
 
 
 def manifest_of(tree: Tree) -> bytes:
-    """The manifest of files that are about to be written."""
+    """The manifest for the generated files, as JSON."""
     files = {path: digest(tree[path]) for path in sorted(tree)}
     return (json.dumps({"schema": _SCHEMA, "files": files}, indent=1) + "\n").encode()
 
 
 def digest(data: bytes) -> str:
-    """The hash by which a manifest knows a file."""
+    """The hash of a file in the manifest (SHA-256, hexadecimal)."""
     return hashlib.sha256(data).hexdigest()
 
 

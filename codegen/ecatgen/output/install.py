@@ -1,4 +1,4 @@
-"""Packages into a directory, all of it or nothing."""
+"""Writes packages into a directory, all of them or none."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ def install(
 ) -> Report:
     """Writes packages into a directory, each of them in one step.
 
-    Files that were not generated stay where they are, and `package.order` names them.
+    Files that were not generated stay in place, and `package.order` names them.
 
     Args:
-        out: The directory, made if it does not exist.
-        packages: Files of each package by name, in the order in which a tool loads them.
+        out: The directory, which is made if it does not exist.
+        packages: Files of each package by its name, in the order in which a tool loads the
+            packages.
         library: Name of the package that the report is about.
         check: Write nothing, only say what would change.
-        force: Where the user has changed generated files, or has files in the places of new ones,
-            keep them under another name; without it, this is an error.
+        force: If the user has changed generated files, or has files in the places of new ones, keep
+            these under another name. Without it this is an error.
 
     Raises:
-        StateError: Files of the user stand in the way, or the disk is full; what was there is
-            still there.
+        StateError: Files of the user are in the way, or the disk is full; nothing that was there is
+            lost.
         NotPermittedError: The directory cannot be written.
     """
     with failures_in_words(out, "read" if check else "written"), ExitStack() as stack:
@@ -51,7 +52,7 @@ def install(
 
 
 def _carry_out(plans: Mapping[str, Plan], *, force: bool) -> dict[str, str]:
-    """Replaces the folders; returns what the user's files in the way are called now."""
+    """Replaces the folders. Returns the new names of the user's files that had to make room."""
     if not force:
         for plan in plans.values():
             refuse(plan)

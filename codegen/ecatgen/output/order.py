@@ -1,7 +1,7 @@
-"""`package.order`: generated classes first, then those that the user has put into the folder.
+"""Completes `package.order`: generated classes first, then the classes of the user in the folder.
 
-The file must name exactly what is in its folder. Modelica tools write it, too, so a changed one
-is no conflict: its order of the user's classes is taken over.
+The file must name exactly the classes in its folder. Modelica tools write it, too, so a changed
+file is no conflict: its order of the user's classes is kept.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 def merge(tree: Tree, folder: Folder, foreign: Iterable[str]) -> tuple[dict[str, bytes], list[str]]:
-    """The files with every `package.order` completed.
+    """Adds the classes of the user to every `package.order`.
 
     Args:
         tree: The generated files.
-        folder: What is there now.
-        foreign: Files of the user in it.
+        folder: The folder as it is now.
+        foreign: Paths of the user's files in it.
 
     Returns:
-        The files, and what in the folder has the name of a generated class.
+        The files, and the paths of the user's items that have the name of a generated class.
     """
     classes: dict[str, dict[str, str]] = {}
     for path in sorted(foreign):
@@ -48,7 +48,7 @@ def merge(tree: Tree, folder: Folder, foreign: Iterable[str]) -> tuple[dict[str,
 
 
 def _class(path: str) -> tuple[str, str, str]:
-    """Folder, name and place of the class that a file makes there; no name if it makes none."""
+    """The parent folder, the name and the path of the class of a file; no name if it makes none."""
     folder, _, file = path.rpartition("/")
     if file == _PACKAGE:
         parent, _, name = folder.rpartition("/")

@@ -1,4 +1,4 @@
-"""What has to be done to a folder so that it holds the generated files and those of the user."""
+"""Plans how a folder must change to hold the generated files and those of the user."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from . import order
 from .folder import MANIFEST, Folder, Tree, digest, manifest_of, parents
 
 _COPY = ".orig"
-_NAMED = 8  # files that a message names
+_NAMED = 8  # most files that a message names
 
 
 @dataclass(slots=True)
 class Plan:
-    """What is about to be done; paths are relative to the folder.
+    """The changes to a folder; paths are relative to it.
 
     Attributes:
-        folder: What is there now.
-        tree: What was generated, by path.
+        folder: The folder as it is now.
+        tree: The generated files, by path.
         files: The same with the manifest, and with the user's classes in every `package.order`.
         written: Generated files that are new or differ.
-        unchanged: Generated files that are there already.
-        removed: Files of an earlier run that are not generated any more.
-        kept: Places of the user's files in the new folder, with those in the old one.
-        conflicts: What of the user stands in the way, and why.
-        copies: Names under which these are kept, if they have to be.
+        unchanged: Generated files that are in the folder already.
+        removed: Files of an earlier run that are no longer generated.
+        kept: Paths of the user's files: the new path, and the old one.
+        conflicts: Paths of the user's files that are in the way, and why.
+        copies: The names under which these files are kept if `force` is given.
         empty: Empty folders of the user.
     """
 
@@ -44,9 +44,11 @@ class Plan:
 
     @property
     def regenerated(self) -> list[str]:
-        """Files that are generated otherwise than in the run before, or by one of both only.
+        """Files whose generated content differs from that of the run before.
 
-        None where nothing is known of such a run.
+        A file that only one of the two runs has generated counts, too.
+
+        Empty if the manifest of such a run is missing.
         """
         before = self.folder.manifest
         if not before:
@@ -61,18 +63,18 @@ class Plan:
 
     @property
     def is_needed(self) -> bool:
-        """Whether the folder will be another one."""
+        """Whether the folder will change."""
         return bool(self.written or self.removed or self.conflicts)
 
     def place(self, path: str) -> str:
-        """Where a file of the user is in the new folder."""
+        """The path of a user's file in the new folder."""
         for item in (path, *parents(path)):
             if item in self.copies:
                 return self.copies[item] + path[len(item) :]
         return path
 
     def copy_name(self, path: str) -> str:
-        """A free name for a file that has to make room."""
+        """A free name for a file that has to make room: with `.orig`, `.orig2` and so on."""
         name, number = path + _COPY, 1
         taken = {*self.folder.files, *self.folder.folders, *self.files, *self.copies.values()}
         while name in taken:
@@ -82,7 +84,7 @@ class Plan:
 
 
 def make_plan(folder: Folder, tree: Tree) -> Plan:
-    """Compares what is there with what was generated."""
+    """Compares the folder with the generated files."""
     plan = Plan(folder, tree)
     ours = folder.manifest
     foreign = [
@@ -109,7 +111,7 @@ def make_plan(folder: Folder, tree: Tree) -> Plan:
 
 
 def _compare(plan: Plan, path: str) -> None:
-    """Whether a generated file is there already, and whether it may be overwritten."""
+    """Notes whether a generated file is unchanged or written, and any conflict it causes."""
     folder = plan.folder
     data = folder.data(path)
     if data == plan.files[path]:
@@ -125,13 +127,13 @@ def _compare(plan: Plan, path: str) -> None:
 
 
 def _is_ours(folder: Folder, path: str) -> bool:
-    """Whether a file is as an earlier run has written it."""
+    """Whether a file is still as an earlier run has written it."""
     data = folder.data(path)
     return data is not None and digest(data) == folder.manifest[path]
 
 
 def _find_blocked(plan: Plan, foreign: Iterable[str]) -> None:
-    """Files where folders have to be, and folders where files have to be."""
+    """Finds files in the places of new folders, and folders in the places of new files."""
     for path in plan.files:
         for parent in parents(path):
             if parent in plan.folder.files and parent not in plan.removed:
@@ -143,10 +145,11 @@ def _find_blocked(plan: Plan, foreign: Iterable[str]) -> None:
 
 
 def refuse(plan: Plan) -> None:
-    """Ends the run if it needed `force`.
+    """Refuses the plan if it needs `force`.
 
     Raises:
-        StateError: Files of the user would have to make room.
+        StateError: Files of the user would have to make room, or the manifest is missing or
+            damaged.
     """
     path = plan.folder.path
     if plan.folder.problem:

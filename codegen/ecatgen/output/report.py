@@ -1,4 +1,4 @@
-"""What a run has done, or would do."""
+"""The report of a run: what it has done, or would do."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from typing import Any
 
 from ..differences import Difference, lines
 
-_NAMED = 3  # files that a line names
+_NAMED = 3  # most files that a line names
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What `generate` has done, or would do; paths are relative to the output directory.
+    """The result of `generate`; paths are relative to the output directory.
 
     Attributes:
         library: Folder of the generated library.
         packages: Names of all packages that were written, in the order in which a tool loads them.
         written: Files that are new or have changed.
-        unchanged: Files that were there already.
-        removed: Files of an earlier run that are not needed any more.
+        unchanged: Files that are as they were.
+        removed: Files of an earlier run that are no longer generated.
         kept: Files of the user.
-        copies: Files that the user has changed or that were in the way, with their new names.
-        conflicts: The same where they were not moved, with the reason.
-        regenerated: Files that are generated otherwise than in the run before.
+        copies: Files of the user that had to make room, with their new names.
+        conflicts: Files of the user that are in the way, with the reason.
+        regenerated: Files whose generated content differs from that of the run before.
         differences: What is different on the bus, by slave and connector.
-        otherwise: Those of `regenerated` that would be so for the same bus, too.
-        notes: What of the bus the library has no block for, and why; a sentence each.
+        otherwise: The files of `regenerated` that would differ for the same bus, too.
+        notes: A sentence for each part of the bus that has no block, and why.
     """
 
     library: Path
@@ -46,7 +46,7 @@ class Report:
 
     @property
     def is_change(self) -> bool:
-        """Whether anything is, or would be, another."""
+        """Whether anything has changed, or would change."""
         return bool(self.written or self.removed or self.conflicts)
 
     def to_dict(self) -> dict[str, Any]:
@@ -66,7 +66,7 @@ class Report:
         }
 
     def details(self) -> list[str]:
-        """What is different, a sentence a line."""
+        """Notes, differences and renamed files, one sentence per line."""
         text = [*self.notes, *lines(self.differences)]
         if self.otherwise:
             text.append(

@@ -1,7 +1,7 @@
-"""Changes a folder as a whole: the new one is made beside it, and then takes its place.
+"""Replaces a folder as a whole: the new one is built beside it and then takes its place.
 
-What is not written anew is linked from the old folder, so a file that the user saves meanwhile
-is the same one in both. Whatever came into the old folder as another file is moved to the new one.
+Files that stay are hard links to those in the old folder, so what a user saves into them meanwhile
+is in both. New files that came into the old folder meanwhile are moved to the new one.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 @contextmanager
 def locked(out: Path, *, shared: bool = False) -> Iterator[None]:
-    """Keeps other runs out of a directory meanwhile; the lock is on the directory itself.
+    """Locks a directory against other runs; the lock is on the directory itself.
 
     Args:
         out: The directory.
-        shared: Only those that write.
+        shared: Lock out only runs that write.
 
     Raises:
-        StateError: Another run does not end.
+        StateError: Another run still holds the lock after 30 s.
     """
     fd = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
@@ -61,7 +61,7 @@ def locked(out: Path, *, shared: bool = False) -> Iterator[None]:
                     ) from None
                 time.sleep(_LOOK)
             except OSError as error:
-                if error.errno not in _NO_LOCK:  # of network file systems
+                if error.errno not in _NO_LOCK:  # network file systems may have no locks
                     raise
                 break
         yield
@@ -70,10 +70,10 @@ def locked(out: Path, *, shared: bool = False) -> Iterator[None]:
 
 
 def clean_up(out: Path) -> None:
-    """Removes what runs that were killed have left; call it with the lock.
+    """Removes the temporary folders of killed runs; the caller holds the lock.
 
-    Where folders cannot be exchanged in one step, such a run may have moved one away: it comes
-    back.
+    If folders cannot be exchanged in one step, a killed run may have moved a folder away: it is
+    moved back.
     """
     for stage in sorted(out.glob(f"{TEMPORARY}*")):
         if not stage.is_dir() or not {path.name for path in stage.iterdir()} <= {_NEW, _OLD}:
@@ -85,13 +85,13 @@ def clean_up(out: Path) -> None:
 
 
 def replace(plan: Plan) -> dict[str, str]:
-    """Carries a plan out.
+    """Carries out a plan.
 
     Returns:
-        Generated files that were changed at this moment, and the names of their copies.
+        Generated files that were changed in the meantime, and the names of their copies.
 
     Raises:
-        OSError: It does not work; the folder is as it was.
+        OSError: An operation failed; the folder is as it was before.
     """
     folder = plan.folder.path
     stage = Path(tempfile.mkdtemp(prefix=TEMPORARY, dir=folder.parent))
@@ -132,7 +132,7 @@ def _build(plan: Plan, new: Path) -> None:
 
 
 def _link(source: Path, target: Path) -> None:
-    """The same file in another place; a copy where the file system or its owner forbids that."""
+    """Links a file to another place, or copies it if a link is not possible or permitted."""
     try:
         os.link(source, target, follow_symlinks=False)
     except OSError:
@@ -154,7 +154,7 @@ def _exchange(folder: Path, new: Path, old: Path) -> None:
 
 
 def _exchange_at_once(one: Path, other: Path) -> bool:
-    """Exchanges two folders in one step (renameat2); False where that is impossible."""
+    """Exchanges two folders in one step (renameat2); returns False if that is impossible."""
     try:
         renameat2 = _LIBC.renameat2
     except AttributeError:
@@ -169,7 +169,7 @@ def _exchange_at_once(one: Path, other: Path) -> bool:
 
 
 def _rescue(plan: Plan, old: Path) -> dict[str, str]:
-    """Takes what has come into the old folder since it was looked at over into the new one."""
+    """Moves files that were added or changed after the plan was made to the new folder."""
     new, copies = plan.folder.path, {}
     for path, mark in read_folder(old).files.items():
         if plan.folder.files.get(path) == mark:
@@ -180,14 +180,14 @@ def _rescue(plan: Plan, old: Path) -> dict[str, str]:
         target = new / place
         with contextlib.suppress(FileNotFoundError):
             if target.lstat().st_ino == mark.inode:
-                continue  # written to in place: it is the same file
+                continue  # changed in place: both names are the same file
         target.parent.mkdir(parents=True, exist_ok=True)
         (old / path).replace(target)
     return copies
 
 
 def _remove(folder: Path) -> None:
-    """Removes a folder, also where it has folders that may not be written to."""
+    """Removes a folder, even if it contains folders without write permission."""
     for parent, _, _ in os.walk(folder):
         Path(parent).chmod(0o700)
     shutil.rmtree(folder)

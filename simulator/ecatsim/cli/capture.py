@@ -19,7 +19,7 @@ _INTERRUPTED = 130
 
 
 def add_arguments(parser: Parser, command: str) -> None:
-    """Declares the arguments."""
+    """Adds the arguments of the command to its parser."""
     del command
     parser.description = (
         "Scans a real segment and writes a rig file that simulates it: EEPROM images, slave "
@@ -63,7 +63,7 @@ def _progress(line: str) -> None:
 
 
 def _check(output: Path, force: bool) -> None:
-    """Finds out before the scan what would stop the file from being written after it."""
+    """Checks before the scan whether the file can be written after it."""
     if output.suffix != ".toml":
         raise UsageError(f"'{output}' must end in .toml, by which a rig file is known")
     if output.exists() and not force:
@@ -75,7 +75,7 @@ def _check(output: Path, force: bool) -> None:
 
 
 def _write(output: Path, text: str, force: bool) -> None:
-    """Writes the file as a whole or not at all."""
+    """Writes the whole file, or nothing."""
     try:
         with tempfile.NamedTemporaryFile(
             "w", encoding="utf-8", dir=output.parent, prefix=f".{output.name}.", delete=False

@@ -1,4 +1,4 @@
-"""`ecatsim check`: whether a rig can be simulated, and what is in it."""
+"""`ecatsim check`: checks whether a rig can be simulated, and lists its slaves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .options import Parser
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """What is shown of a slave; it is plugged into a port of its parent."""
+    """One row of the table: a slave and the port of the slave that it is plugged into."""
 
     position: int
     name: str
@@ -31,7 +31,7 @@ class _Row:
 
 
 def add_arguments(parser: Parser, command: str) -> None:
-    """Declares the arguments."""
+    """Adds the arguments of the command to its parser."""
     del command
     parser.description = "Makes everything that `ecatsim run` would simulate, and lists it."
     parser.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file")

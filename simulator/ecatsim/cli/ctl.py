@@ -1,4 +1,4 @@
-"""`ecatsim ctl`: faults and values of a running simulator."""
+"""`ecatsim ctl`: controls faults and values of a running simulator."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DIGITS_A_LINE = 32
 
 
 def add_arguments(parser: Parser, command: str) -> None:
-    """Declares the arguments."""
+    """Adds the arguments of the command to its parser."""
     del command
     parser.description = "Controls a simulator that runs, `ecatsim run`, of the same user."
     _add_common(parser, name=None, json=False)
@@ -37,7 +37,7 @@ def add_arguments(parser: Parser, command: str) -> None:
 
 
 def _add_common(parser: Parser, **defaults: Any) -> None:
-    """Adds what is allowed in front of a command and behind it."""
+    """Adds the options that are allowed before a command and after it."""
     about = "which simulator; not needed for the only one that runs"
     parser.add_argument("--name", metavar="NAME", default=defaults["name"], help=about)
     about = "print JSON for programs"
@@ -75,7 +75,7 @@ def _add_parameter(parser: Parser, parameter: Parameter) -> None:
 
 
 def _execute(options: argparse.Namespace, run: Callable[[argparse.Namespace], None]) -> int:
-    """Runs a command; with --json its error is a document, too."""
+    """Runs a command. With --json, an error is printed as a JSON document, too."""
     if not options.json:
         run(options)
         return 0
@@ -128,7 +128,7 @@ def _print_json(document: dict[str, Any]) -> None:
 
 
 def _print_table(head: list[str], rows: list[list[Any]]) -> None:
-    """Columns under their heads; those of numbers are aligned right."""
+    """Prints a table; columns of integers are aligned to the right."""
     table = [head, *([str(cell) for cell in row] for row in rows)]
     widths = [max(len(row[i]) for row in table) for i in range(len(head))]
     numbers = [all(isinstance(row[i], int) for row in rows) for i in range(len(head))]

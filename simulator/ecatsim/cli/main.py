@@ -1,8 +1,7 @@
-"""The command `ecatsim`: its commands, and errors as exit statuses.
+"""The command `ecatsim`: dispatches to its commands and turns errors into exit statuses.
 
-What a command does not need is not loaded. So each module declares the arguments of its commands
-itself (`add_arguments`), when one of them is asked for, and sets `execute`: from its options to
-the exit status.
+The module of a command is loaded only when the command is used. Its `add_arguments` adds the
+arguments to the parser and sets `execute`, a function from the options to the exit status.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _COMMANDS = (
     ("rigs", "show", "list the rigs that come with ecatsim"),
     ("devices", "show", "list the devices that come with ecatsim"),
 )
-"""Name, module and summary of each."""
+"""Name, module and summary of each command."""
 
 _BROKEN_PIPE = 128 + signal.SIGPIPE
 _INTERRUPTED = 128 + signal.SIGINT
@@ -47,7 +46,7 @@ def _parser() -> Parser:
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Separates our arguments from the command behind `--`."""
+    """Splits the arguments at `--` into those of ecatsim and the command to run."""
     ours = list(arguments)
     if "--" in ours:
         at = ours.index("--")
@@ -56,7 +55,7 @@ def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
+    """Runs the command line and returns the exit status."""
     try:
         ours, child = _split(sys.argv[1:] if arguments is None else arguments)
         options = _parser().parse_args(ours)
@@ -70,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     except KeyboardInterrupt:
         return _INTERRUPTED
-    except BrokenPipeError:  # whoever read our output has enough of it
+    except BrokenPipeError:  # the reader of our output has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _BROKEN_PIPE
     except Exception as error:

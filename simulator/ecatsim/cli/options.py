@@ -1,4 +1,4 @@
-"""Command line parsing that all commands share."""
+"""Command line parsers that all commands share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ecatd.model.errors import UsageError
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports wrong arguments as every other error, in one line."""
+    """A parser that reports wrong arguments in one line, like all other errors."""
 
     def error(self, message: str) -> NoReturn:
         """Raises `UsageError`."""
@@ -22,4 +22,4 @@ class Command(LazyCommand, Parser):
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
-"""Where commands are added."""
+"""The type of the object to which commands are added."""

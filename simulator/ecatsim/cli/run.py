@@ -1,4 +1,4 @@
-"""`ecatsim run`: simulates a rig, by itself or beside a command."""
+"""`ecatsim run`: simulates a rig, alone or together with a command."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from .options import Parser
 
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
-SECOND = "2"  # behind both names: the other end of a ring
+SECOND = "2"  # suffix of both names at the other end of a ring
 _CHILD_GRACE = 2.0
 _MAX_DESCRIPTOR = 2**31 - 1
 
 
 def add_arguments(parser: Parser, command: str) -> None:
-    """Declares the arguments."""
+    """Adds the arguments of the command to its parser."""
     del command
     parser.description = "Simulates a rig until it is interrupted, or until COMMAND ends."
     parser.epilog = (
@@ -63,7 +63,7 @@ def add_arguments(parser: Parser, command: str) -> None:
 
 
 class _Runner:
-    """One `ecatsim run`."""
+    """One run of `ecatsim run`."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
@@ -74,7 +74,7 @@ class _Runner:
         self._server: Server | None = None
 
     def run(self) -> int:
-        """Simulates; returns the exit status."""
+        """Simulates the rig and returns the exit status."""
         arguments = self._arguments
         if arguments.ready_fd is not None and not 0 <= arguments.ready_fd <= _MAX_DESCRIPTOR:
             raise UsageError(f"--ready-fd {arguments.ready_fd}: is no file descriptor")
@@ -109,15 +109,15 @@ class _Runner:
     def _enter_namespace(self) -> None:
         """Enters a network namespace of its own.
 
-        It comes before the rig is made: a process with threads, which numerical libraries start,
-        cannot enter a user namespace. The directory of the sockets comes first, as in a user
-        namespace everybody is root.
+        This happens before the rig is made, since numerical libraries start threads, and a process
+        with threads cannot enter a user namespace. The directory of the sockets is determined
+        before that, since every user is root in a user namespace.
         """
         os.environ[FOLDER_VARIABLE] = str(folder().absolute())
         self._user_namespace = namespace.enter_new()
 
     def _listen(self, simulation: Simulation) -> None:
-        """Opens the control socket; without a name, a simulator also runs if that is impossible."""
+        """Opens the control socket. Without a name, the simulator also runs if that is refused."""
         name = self._arguments.name
         try:
             self._server = Server(
@@ -143,7 +143,7 @@ class _Runner:
             raise UsageError("--interface and --second are the same: a ring has two ends")
 
     def _open_interfaces(self, ring: bool) -> list[str]:
-        """Makes the private interfaces, or checks those that were given."""
+        """Creates the private interfaces, or checks the given ones."""
         given = [self._arguments.interface, self._arguments.second]
         interfaces = [name for name in given if name is not None]
         for name in interfaces:
@@ -160,7 +160,7 @@ class _Runner:
         self._signal = number
 
     def _finished(self) -> bool:
-        """Whether to stop: at once, or with a command when that has ended."""
+        """Whether to stop: without a command after a signal, with one as soon as it has ended."""
         child = self._child
         if child is None or child.poll() is not None:
             return child is not None or self._signal != 0
@@ -169,7 +169,7 @@ class _Runner:
         now = time.monotonic()
         if self._deadline is None:
             self._deadline = now + _CHILD_GRACE
-            if self._signal != signal.SIGINT:  # Ctrl-C has reached the command already
+            if self._signal != signal.SIGINT:  # Ctrl-C has reached the command, too
                 child.terminate()
         return now > self._deadline
 

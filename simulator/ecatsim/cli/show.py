@@ -1,4 +1,4 @@
-"""`ecatsim rigs` and `ecatsim devices`: what comes with ecatsim."""
+"""`ecatsim rigs` and `ecatsim devices`: list what comes with ecatsim."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .options import Parser
 
 
 def add_arguments(parser: Parser, command: str) -> None:
-    """Declares the arguments of one of the two."""
+    """Adds the arguments of one of the two commands to its parser."""
     parser.add_argument("--json", action="store_true", help="print JSON for programs")
     parser.set_defaults(execute=_rigs if command == "rigs" else _devices)
 
@@ -49,7 +49,7 @@ def _row(device: LibraryDevice) -> Sequence[str]:
 
 
 def _table(rows: Iterable[Sequence[str]]) -> None:
-    """Prints columns; the last one is as long as it is."""
+    """Prints columns; the last one is not padded."""
     lines = list(rows)
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:

@@ -1,7 +1,7 @@
-"""Control of running simulations: from another process, over a Unix socket.
+"""Controls running simulators from another process, over a Unix socket.
 
-A simulator listens on a socket of its user; whoever connects sends one JSON document a line and
-gets one back:
+A simulator listens on a socket of its user. A client sends one JSON document per line and gets one
+back for each:
 
     {"schema": 1, "command": "break-link", "arguments": {"slave": 3, "at_cycle": 1000}}
     {"schema": 1, "result": {"id": 1}}

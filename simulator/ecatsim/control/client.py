@@ -31,24 +31,24 @@ _CHUNK = 1 << 16
 
 
 class Simulator:
-    """A simulator that runs in another process, `ecatsim run`, of the same user.
+    """A connection to a simulator in another process, `ecatsim run`, of the same user.
 
         with Simulator() as simulator:
             simulator.faults.al_error(2, code=0x001D, at_cycle=1000)
             print(simulator.status().slaves[2].state)
 
     Args:
-        name: Its name; None for `$ECATSIM_NAME`, or for the only one that runs.
+        name: Name of the simulator; None takes `$ECATSIM_NAME`, or else the only one that runs.
 
     Attributes:
-        name: Its name.
-        faults: Faults on demand, one method for each.
+        name: Name of the simulator.
+        faults: Adds and lists faults, with one method for each kind.
 
     Raises:
-        UnreachableError: There is none (of that name).
-        UsageError: Several are running, and no name tells them apart.
-        NotPermittedError: It belongs to somebody else.
-        NoAnswerError: It does not answer.
+        UnreachableError: No simulator (with that name) is running.
+        UsageError: Several simulators are running and no name was given.
+        NotPermittedError: The simulator belongs to another user.
+        NoAnswerError: The simulator does not answer.
     """
 
     def __init__(self, name: str | None = None) -> None:
@@ -70,19 +70,19 @@ class Simulator:
         self.close()
 
     def close(self) -> None:
-        """Ends the connection; the simulator goes on."""
+        """Closes the connection; the simulator keeps running."""
         self._socket.close()
 
     def request(self, command: str, **arguments: object) -> dict[str, Any]:
-        """Asks for something; the methods below are easier.
+        """Sends a request and returns its result; the methods below are more convenient.
 
         Raises:
-            EcatError: The simulator refused it; the class says why.
-            UnreachableError: It has ended.
-            NoAnswerError: It does not answer.
+            EcatError: The simulator refused the request; the class tells why.
+            UnreachableError: The simulator has ended.
+            NoAnswerError: The simulator does not answer in time.
         """
         message = {"schema": SCHEMA, "command": command, "arguments": arguments}
-        if self._late:  # its answer to another request may still come there
+        if self._late:  # the late answer to an earlier request may still arrive
             self._socket.close()
             self._socket = _connect(self.name)
             self._received.clear()
@@ -101,21 +101,21 @@ class Simulator:
         return result
 
     def status(self) -> Status:
-        """The rig, its counters and its slaves."""
+        """The status of the rig, its counters and its slaves."""
         return Status.from_reply(self.request("status"))
 
     def get(self, slave: int, index: int, subindex: int = 0) -> Value:
-        """Value of an entry of the object dictionary of a slave; of bytes, hexadecimal digits.
+        """Reads an entry of the object dictionary of a slave; bytes are hexadecimal digits.
 
         Raises:
-            StateError: There is no such entry.
+            StateError: There is no such object or entry.
         """
         reply = self.request("get", slave=slave, object=f"0x{index:04X}:{subindex:02X}")
         value: Value = reply["value"]
         return value
 
     def set(self, slave: int, index: int, subindex: int, value: Value) -> None:
-        """Sets an entry of the object dictionary of a slave, also one a master only reads.
+        """Writes an entry of the object dictionary of a slave, even one read-only for a master.
 
         Raises:
             StateError: There is no such entry.
@@ -125,12 +125,12 @@ class Simulator:
         self.request("set", slave=slave, object=f"0x{index:04X}:{subindex:02X}", value=text)
 
     def registers(self, slave: int, address: int, count: int) -> bytes:
-        """Registers of a slave controller, as its device sees them."""
+        """Reads registers of a slave controller as its device sees them, without side effects."""
         reply = self.request("registers", slave=slave, address=address, count=count)
         return bytes.fromhex(reply["data"])
 
     def clocks(self) -> list[Clock]:
-        """The distributed clocks of all slaves, at one moment; see `ecatsim.clocks.Clock`."""
+        """The distributed clocks of all slaves at one moment; see `ecatsim.clocks.Clock`."""
         return [Clock(**clock) for clock in self.request("clocks")["clocks"]]
 
     def stop(self) -> None:
@@ -155,16 +155,16 @@ class RemoteFaults(FaultMethods):
         self._simulator = simulator
 
     def add(self, fault: Fault) -> int:
-        """Adds a fault; one without a cycle strikes at once. Returns its number."""
-        values = fault.relative_to(Path.cwd()).to_values()  # the simulator may be elsewhere
+        """Adds a fault and returns its number; a fault without a cycle strikes at once."""
+        values = fault.relative_to(Path.cwd()).to_values()  # the simulator may run elsewhere
         return int(self._simulator.request(fault.kind, **values)["id"])
 
     def clear(self, identifier: int | None = None) -> int:
-        """Forgets a fault, or all: what was to strike does not. Returns how many there were."""
+        """Removes one fault, or all, so that they no longer strike; returns how many there were."""
         return int(self._simulator.request("clear", id=identifier or 0)["cleared"])
 
     def list(self) -> list[FaultState]:
-        """All faults that strike or will strike, and the last ones that have, oldest first."""
+        """All faults that strike or will strike, and the last that have struck, oldest first."""
         return [
             FaultState(
                 id=item["id"],
@@ -179,13 +179,13 @@ class RemoteFaults(FaultMethods):
 
 
 def running() -> list[str]:
-    """Names of this user's running simulators."""
+    """The names of this user's running simulators."""
     found = []
     for name in sockets.names():
         try:
             _connect(name).close()
         except NoAnswerError:
-            pass  # too busy to say so
+            pass  # it runs, but is too busy to answer
         except EcatError:
             continue  # killed, or somebody else's
         found.append(name)
@@ -204,7 +204,8 @@ def _only_one() -> str:
 def _connect(name: str) -> socket.socket:
     path = sockets.path_of(name)
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    # With a timeout, `connect` would not wait at all while many others want to be accepted.
+    # The limit is set by SO_SNDTIMEO: with a timeout of Python, `connect` would fail at once while
+    # many clients wait to be accepted.
     seconds = int(_TIMEOUT)
     wait = struct.pack("@ll", seconds, int((_TIMEOUT - seconds) * 1e6))
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, wait)

@@ -1,4 +1,4 @@
-"""What one may ask of a running simulator, besides faults."""
+"""The requests to a running simulator, besides faults."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ Object = Annotated[str, Is("object as INDEX:SUBINDEX in hexadecimal, 0x6000:01")
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """What requests are about.
+    """The simulator that a request is carried out in.
 
     Attributes:
         simulation: The simulation.
         name: Name of the simulator.
-        interface: Where a master reaches it.
-        stop: Ends the simulation.
+        interface: Interface on which a master reaches it.
+        stop: Function that ends the simulation.
     """
 
     simulation: Simulation
@@ -50,10 +50,10 @@ class Request(Described):
     """A command that is not a fault."""
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """Carries it out.
+        """Carries out the request and returns the result for the reply.
 
         Raises:
-            EcatError: That failed.
+            EcatError: The request failed.
         """
         raise NotImplementedError
 
@@ -113,7 +113,7 @@ class Clear(Request):
     id: Annotated[int, Is("number of the fault; 0 = all", minimum=0, positional=True)] = 0
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """How many there were."""
+        """The number of removed faults."""
         return {"cleared": session.simulation.faults.clear(self.id or None)}
 
 
@@ -126,7 +126,7 @@ class Get(Request):
     object: Object
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """Value, type and name."""
+        """Value, type and name of the entry."""
         entry = _entry(session.simulation, self.slave, self.object)
         value = entry.on_read() if entry.on_read else entry.value
         return {
@@ -150,7 +150,7 @@ class Set(Request):
     value: Annotated[str, Is("new value: a number, a text, or bytes as hexadecimal digits")]
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """Nothing."""
+        """An empty result."""
         entry = _entry(session.simulation, self.slave, self.object)
         if is_description(entry.index):
             raise UsageError(
@@ -198,7 +198,7 @@ class Stop(Request):
     kind: ClassVar[str] = "stop"
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """Nothing."""
+        """An empty result."""
         session.stop()
         return {}
 
@@ -212,7 +212,7 @@ def carry_out(session: Session, kind: str, arguments: dict[str, object]) -> dict
     """Carries out a request or adds a fault.
 
     Raises:
-        EcatError: There is none of that name, an argument is wrong, or it failed.
+        EcatError: There is no such request or fault, an argument is wrong, or it failed.
     """
     simulation = session.simulation
     if kind in REQUESTS:
@@ -251,7 +251,7 @@ def _entry(simulation: Simulation, position: int, text: str) -> Variable:
 
 
 def _value(entry: Variable, text: str) -> Value:
-    """The value of a text, checked against the type of an entry."""
+    """Converts a text to a value and checks it against the type of the entry."""
     try:
         if entry.type in STRINGS:
             return text if isinstance(entry.value, str) else bytes.fromhex(text)
@@ -262,7 +262,7 @@ def _value(entry: Variable, text: str) -> Value:
             entry.pack(number)
             return number
         value = int(text, 0)
-    except (ValueError, OverflowError):  # the latter: a REAL32 cannot hold it
+    except (ValueError, OverflowError):  # OverflowError: a REAL32 cannot hold it
         raise UsageError(f"'{text[:40]}' is no value of type {entry.type.name}") from None
     low = -(1 << entry.bits - 1) if is_signed(entry.type) else 0
     high = low + (1 << entry.bits) - 1

@@ -1,4 +1,4 @@
-"""The control server of a simulator: a few lines of JSON between two steps of the simulation."""
+"""The control server of a simulator: answers requests between two steps of the simulation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _KEYS = {"schema", "command", "arguments"}
 
 @dataclass(slots=True)
 class _Connection:
-    """A client; its unread bytes and those that it has not taken yet."""
+    """A client, with received bytes that are not handled yet and bytes still to be sent."""
 
     socket: socket.socket
     heard: float
@@ -40,20 +40,20 @@ class _Connection:
 class Server:
     """Serves the clients of one simulation, in the thread of its loop.
 
-    Nothing here waits: `serve` looks at every connection once and carries out at most one request
-    of each. Who sends too long a request is dropped; when there are too many, the one whose last
-    request is oldest makes room.
+    Nothing here blocks: `serve` looks at every connection once and carries out at most one request
+    of each. A client whose request is too long is dropped. If there are too many clients, the one
+    with the oldest last request is dropped.
 
     Args:
         simulation: The simulation.
-        name: Name of the simulator; its process number if None.
-        interface: Where a master reaches it, for the status.
-        stop: Called when a client ends the simulation.
+        name: Name of the simulator; the process number if None.
+        interface: Interface on which a master reaches it, for the status.
+        stop: Called when a client asks for the end of the simulation.
 
     Raises:
-        UsageError: The name is none.
-        StateError: A running simulator has the name.
-        NotPermittedError: The socket cannot be made.
+        UsageError: The name is not allowed.
+        StateError: A running simulator has this name.
+        NotPermittedError: The socket cannot be created.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Server:
         sockets.remove(self.path)
 
     def serve(self) -> None:
-        """Takes what has come and answers it; returns at once."""
+        """Handles the requests that have arrived, and returns without waiting."""
         for descriptor, _ in self._poll.poll(0):
             if descriptor == self._socket.fileno():
                 self._accept()
@@ -108,7 +108,7 @@ class Server:
             self._drop(connection)
 
     def _receive(self, connection: _Connection) -> None:
-        """Reads a piece, and answers the first request that is complete."""
+        """Reads some bytes and answers the first complete request."""
         if b"\n" not in connection.received:
             piece = connection.socket.recv(_CHUNK)
             connection.closing = not piece
@@ -127,7 +127,7 @@ class Server:
         if connection.pending:
             sent = connection.socket.send(connection.pending)
             connection.pending = connection.pending[sent:]
-        # With a whole request at hand it is always our turn: a writable socket says so.
+        # While a complete request is left over, wait for writability, which epoll reports at once.
         ours = connection.pending or b"\n" in connection.received
         self._poll.modify(connection.socket, select.EPOLLOUT if ours else select.EPOLLIN)
 
@@ -142,7 +142,7 @@ class Server:
             return {"result": carry_out(self._session, command, arguments)}
         except EcatError as error:
             return {"error": error.to_reply()}
-        except Exception as error:  # of a device, for example: it shall not end the simulation
+        except Exception as error:  # of a device, for example: it must not end the simulation
             traceback.print_exc()
             defect = EcatError(f"defect: {type(error).__name__}: {error}; see stderr of ecatsim")
             return {"error": defect.to_reply()}
@@ -153,10 +153,10 @@ def _encode(document: dict[str, Any]) -> bytes:
 
 
 def _decode(line: bytes) -> tuple[str, dict[str, object]]:
-    """Command and arguments of a request.
+    """The command and the arguments of a request.
 
     Raises:
-        UsageError: It is no request.
+        UsageError: The line is not a valid request.
     """
     try:
         request = json.loads(line)

@@ -1,8 +1,9 @@
-"""Where the control sockets of simulators are.
+"""Finds and creates the control sockets of simulators.
 
-They are in `$ECATSIM_RUNTIME_DIR`, else in `$XDG_RUNTIME_DIR/ecatsim` where that directory is the
-user's own, else in `/run/ecatsim` for root and in `/tmp/ecatsim-UID` for others. Network and user
-namespaces do not separate them. A lock on the directory keeps starting and ending simulators apart.
+They are in `$ECATSIM_RUNTIME_DIR`; else in `$XDG_RUNTIME_DIR/ecatsim` if that directory belongs to
+the user; else in `/run/ecatsim` for root and in `/tmp/ecatsim-UID` for others. They are reachable
+from all network and user namespaces. A lock on the directory protects against races of simulators
+that start and end.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ NAME_VARIABLE = "ECATSIM_NAME"
 
 _SUFFIX = ".sock"
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,47}")
-_MAX_PATH = 107  # of sun_path, with its end
+_MAX_PATH = 107  # bytes of sun_path, without its NUL
 _BACKLOG = 8
 _ATTEMPTS = 10
 
 
 def folder() -> Path:
-    """The directory of this user's sockets; it need not exist."""
+    """The directory of this user's sockets; it may not exist yet."""
     if override := os.environ.get(FOLDER_VARIABLE):
         return Path(override)
     if session := os.environ.get("XDG_RUNTIME_DIR"):
@@ -42,10 +43,10 @@ def folder() -> Path:
 
 
 def check_name(name: str) -> str:
-    """Returns the name of a simulator, if it is one.
+    """Checks the name of a simulator and returns it.
 
     Raises:
-        UsageError: It is not.
+        UsageError: The name is not allowed.
     """
     if not _NAME.fullmatch(name):
         raise UsageError(
@@ -56,10 +57,10 @@ def check_name(name: str) -> str:
 
 
 def path_of(name: str) -> Path:
-    """The socket of a simulator.
+    """The path of the socket of a simulator.
 
     Raises:
-        UsageError: The name is none, or the path is too long for a socket.
+        UsageError: The name is not allowed, or the path is too long for a socket.
     """
     path = folder() / (check_name(name) + _SUFFIX)
     if len(os.fsencode(path)) > _MAX_PATH:
@@ -71,17 +72,20 @@ def path_of(name: str) -> Path:
 
 
 def names() -> list[str]:
-    """Names of all sockets, also of those that a killed simulator left behind."""
+    """The names of all sockets, including those that killed simulators have left behind."""
     found = (path.name.removesuffix(_SUFFIX) for path in folder().glob("*" + _SUFFIX))
     return sorted(name for name in found if _NAME.fullmatch(name))
 
 
 def listen(name: str) -> tuple[socket.socket, Path]:
-    """A listening socket of this name, and its path. Removes sockets on which nobody listens.
+    """Creates a listening socket with this name, and removes sockets on which nobody listens.
+
+    Returns:
+        The socket and its path.
 
     Raises:
-        UsageError: The name is none.
-        StateError: A running simulator has it.
+        UsageError: The name is not allowed.
+        StateError: A running simulator has this name.
         NotPermittedError: The directory cannot be used.
     """
     path = path_of(name)
@@ -115,7 +119,7 @@ def _bound(path: Path) -> socket.socket:
 
 
 def remove(path: Path) -> None:
-    """Removes a socket, and its directory if that is empty now."""
+    """Removes a socket, and its directory if it is empty then."""
     with contextlib.suppress(OSError, NotPermittedError), _locked(path.parent):
         path.unlink(missing_ok=True)
         if FOLDER_VARIABLE not in os.environ:
@@ -124,8 +128,8 @@ def remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def _locked(directory: Path) -> Iterator[None]:
-    """Makes the directory if need be and holds a lock on it."""
-    for _ in range(_ATTEMPTS):  # another simulator may remove it as it ends
+    """Creates the directory if necessary and holds a lock on it."""
+    for _ in range(_ATTEMPTS):  # another simulator may remove the directory as it ends
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         try:
@@ -147,12 +151,12 @@ def _locked(directory: Path) -> Iterator[None]:
 def _answers(path: Path) -> bool:
     with contextlib.suppress(OSError):
         if not stat.S_ISSOCK(path.lstat().st_mode):
-            return True  # not ours to remove
+            return True  # not a socket: never remove it
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK) as probe:
         try:
             probe.connect(str(path))
         except (ConnectionRefusedError, FileNotFoundError):
             return False
-        except OSError:  # for example: many are waiting
+        except OSError:  # for example, many clients are waiting
             return True
     return True

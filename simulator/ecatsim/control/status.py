@@ -1,4 +1,4 @@
-"""What a simulator says about itself."""
+"""The status of a simulator."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _REGISTERS = struct.Struct("<H30xH2xH")  # DL status, AL status 0x0130, AL statu
 
 @dataclass(frozen=True, slots=True)
 class SlaveStatus:
-    """A slave, as its device knows it.
+    """The state of a slave.
 
     Attributes:
-        position: Place on the wire.
+        position: Position on the wire.
         name: Order code, or name.
-        state: AL status in words: `OP`, `SAFEOP+ERROR`; `-` without power.
+        state: AL status in words: `OP`, `SAFEOP+ERROR`; `-` if the slave has no power.
         code: AL status code, register 0x0134.
         power: Whether it has power.
-        links: Its ports that have a link, register 0x0110.
-        faults: What is not as it should be, in words: `no power`, `mailbox stuck`.
+        links: The ports with a link, from register 0x0110.
+        faults: The conditions that faults have caused, in words: `no power`, `mailbox stuck`.
     """
 
     position: int
@@ -41,17 +41,18 @@ class SlaveStatus:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """A simulation.
+    """The state of a simulation.
 
     Attributes:
         name: Name of the simulator.
-        pid: Its process number.
+        pid: Process number of the simulator.
         rig: Name of the rig.
-        interface: Where a master reaches it; inside its network namespace unless it was given.
-        cycles: Cycles of process data begun.
+        interface: Interface on which a master reaches it; in the network namespace of the simulator
+            unless `--interface` was given.
+        cycles: Cycles of process data that have begun.
         frames: Frames answered.
         malformed: Frames whose lengths contradict each other.
-        dropped: Frames that did not come back: faults, open links, no slaves.
+        dropped: Frames that did not come back: because of faults, open links or no slaves.
         slaves: The slaves in wire order.
     """
 
@@ -67,7 +68,7 @@ class Status:
 
     @staticmethod
     def from_reply(reply: dict[str, Any]) -> Status:
-        """The status in a reply; what a newer simulator adds is left out."""
+        """Reads the status from a reply; fields that a newer simulator has added are ignored."""
         slaves = tuple(
             SlaveStatus(
                 **_known(SlaveStatus, item)
@@ -79,7 +80,7 @@ class Status:
 
 
 def to_map(item: Any) -> dict[str, Any]:
-    """A status as a map; `dataclasses.asdict` takes much longer, and it is the loop that waits."""
+    """Converts a status to a map, much faster than `dataclasses.asdict`: the loop waits for it."""
     return {field: getattr(item, field) for field in item.__slots__}
 
 
@@ -88,7 +89,7 @@ def _known(cls: Any, values: dict[str, Any]) -> dict[str, Any]:
 
 
 def of_slave(simulation: Simulation, position: int) -> SlaveStatus:
-    """The state of one slave."""
+    """Reads the state of one slave."""
     device = simulation.rig.devices[position]
     registers = simulation.segment.peek(position, _DL_STATUS, _REGISTERS.size)
     dl_status, al_status, code = _REGISTERS.unpack(registers)

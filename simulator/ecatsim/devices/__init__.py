@@ -1,1 +1,1 @@
-"""Devices people know."""
+"""Simulated devices: terminals, drives and generic slaves."""

@@ -1,4 +1,4 @@
-"""An axis: the motor as the drive sees it, in counts of its encoder, with its switches."""
+"""An axis: the motor as the drive sees it, in encoder counts, with its switches."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME = 0x1, 0x2, 0x4
 
 @dataclass(frozen=True, slots=True)
 class Switches:
-    """Where the switches of an axis are, in revolutions of the motor from its start.
+    """Positions of the switches of an axis, in revolutions of the motor from its start.
 
     Attributes:
-        negative: The negative limit switch is active below this; None: there is none.
-        positive: The positive limit switch is active above this.
-        home: The home switch is active within half a revolution around this.
+        negative: The negative limit switch is active at this position and below; None: no switch.
+        positive: The positive limit switch is active at this position and above; None: no switch.
+        home: The home switch is active within half a revolution around this position; None: no
+            switch.
     """
 
     negative: float | None = None
@@ -26,18 +27,18 @@ class Switches:
 
 
 class Axis:
-    """What the modes of operation command and observe.
+    """The interface between the modes of operation and the motor.
 
-    Positions are counts, speeds counts/s, torque is 1/1000 of the rated torque.
+    Positions are in counts, speeds in counts/s, torques in 1/1000 of the rated torque.
 
     Args:
         motor: The motor.
         switches: Its switches.
 
     Attributes:
-        shift: Position of the machine's zero in the coordinates of the drive; homing sets it.
-        demand: What is asked of the motor now: position, speed or torque.
-        held: The axis is held at a limit, or a target was cut to one.
+        shift: Position of the machine's zero in the coordinates of the drive, which homing sets.
+        demand: The demand on the motor now: position, speed or torque.
+        held: Whether the axis is held at a limit or its target was cut to one.
     """
 
     def __init__(self, motor: Motor, switches: Switches) -> None:
@@ -52,7 +53,7 @@ class Axis:
 
     @property
     def machine(self) -> float:
-        """Position in the coordinates of the machine: whole revolutions are index pulses."""
+        """Position in the coordinates of the machine; its whole revolutions are index pulses."""
         return self.motor.position * self.scale
 
     @property
@@ -62,12 +63,12 @@ class Axis:
 
     @property
     def speed(self) -> float:
-        """Speed."""
+        """Speed in counts/s."""
         return self.motor.speed * self.scale
 
     @property
     def inputs(self) -> int:
-        """Bits 0 to 2 of the digital inputs 0x60FD."""
+        """Bits 0 to 2 of the digital inputs 0x60FD: negative limit, positive limit, home switch."""
         turns, at = self.machine / self.encoder, self.switches
         bits = NEGATIVE_LIMIT if at.negative is not None and turns <= at.negative else 0
         bits |= POSITIVE_LIMIT if at.positive is not None and turns >= at.positive else 0
@@ -75,11 +76,11 @@ class Axis:
         return bits
 
     def limit(self, low: int, high: int) -> None:
-        """Sets the software position limits 0x607D; no limits where `low` is not below `high`."""
+        """Sets the software position limits 0x607D; there are none if `low` is not below `high`."""
         self._limits = (float(low), float(high)) if low < high else None
 
     def within(self, position: float) -> float:
-        """A position cut to the software limits."""
+        """The position, cut to the software limits."""
         if self._limits is None:
             return position
         low, high = self._limits
@@ -88,29 +89,29 @@ class Axis:
         return inside
 
     def off(self) -> None:
-        """No current."""
+        """Switches the current off."""
         self.motor.control, self.motor.target, self.motor.feedforward = Control.OFF, 0.0, 0.0
         self.demand = 0.0
 
     def command_torque(self, torque: float) -> None:
-        """Asks for a torque."""
+        """Commands a torque."""
         self.demand = self._inward(torque)
         self.motor.control = Control.CURRENT
         self.motor.target = self.demand / 1000 * self.motor.data.rated_torque
 
     def command_speed(self, speed: float, *, guarded: bool = True) -> None:
-        """Asks for a speed.
+        """Commands a speed.
 
         Args:
             speed: The speed.
-            guarded: Limit switches and software limits hold the axis.
+            guarded: Whether limit switches and software limits hold the axis.
         """
         self.demand = self._inward(speed) if guarded else speed
         self.motor.control = Control.VELOCITY
         self.motor.target = self.demand / self.scale
 
     def command_position(self, position: float, speed: float) -> None:
-        """Asks for a position, with a speed that is fed forward."""
+        """Commands a position, with a speed as feedforward."""
         direction = position - self.position
         if direction and self._at_switch(direction):
             self.held = True
@@ -121,7 +122,7 @@ class Axis:
         self.motor.feedforward = speed / self.scale
 
     def brake(self, deceleration: float | None, elapsed: float) -> None:
-        """Brakes to standstill, with a deceleration in counts/s² or at the current limit."""
+        """Brakes with a deceleration in counts/s², or at the current limit if it is None."""
         if self.motor.control is not Control.VELOCITY:
             self.demand = self.speed
         step = math.inf if deceleration is None else deceleration * elapsed
@@ -132,7 +133,7 @@ class Axis:
         return bool(self.inputs & (POSITIVE_LIMIT if direction > 0 else NEGATIVE_LIMIT))
 
     def _inward(self, value: float) -> float:
-        """A speed or torque; 0 where it would lead further out than a limit."""
+        """The speed or torque, or 0 if it leads further out at a limit."""
         if value == 0:
             return value
         beyond = self._at_switch(value)

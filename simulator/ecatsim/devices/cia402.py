@@ -11,7 +11,7 @@ _VOLTAGE_ENABLED = 0x0010
 
 
 class PowerState(IntEnum):
-    """States; the value is bits 0 to 3, 5 and 6 of the status word."""
+    """States; the value is that of bits 0 to 3, 5 and 6 of the status word."""
 
     NOT_READY = 0x00
     SWITCH_ON_DISABLED = 0x40
@@ -28,7 +28,7 @@ class Options:
     """Option codes: how the drive stops before it leaves OPERATION ENABLED.
 
     0 switches off at once, 1 is the slow down ramp (0x6084), 2 the quick stop ramp (0x6085), 3 the
-    current limit. 5, 6 and 7 are like 1, 2 and 3 and stay in QUICK STOP ACTIVE.
+    current limit. 5, 6 and 7 brake like 1, 2 and 3, and the drive stays in QUICK STOP ACTIVE.
 
     Attributes:
         quick_stop: 0x605A: 0 to 3, 5 to 7.
@@ -44,28 +44,28 @@ class Options:
 
 
 class PowerStateMachine:
-    """Follows the control word.
+    """The power state machine, which follows the control word.
 
     Attributes:
         state: The state.
         options: The option codes.
-        stopping: How the motor is to be stopped now (1 slow down ramp, 2 quick stop ramp,
-            3 current limit), or 0.
+        stopping: How the motor is being stopped now (1 slow down ramp, 2 quick stop ramp, 3 current
+            limit), or 0.
     """
 
     def __init__(self) -> None:
         self.state = PowerState.SWITCH_ON_DISABLED
         self.options = Options()
         self.stopping = 0
-        self._after: PowerState | None = None  # where a ramp leads to
+        self._after: PowerState | None = None  # state after the ramp
         self._last = 0
 
     def command(self, word: int, *, faulty: bool = False) -> None:
-        """Makes the transition that a control word asks for, if there is one.
+        """Makes the transition that a control word commands, if there is one.
 
         Args:
             word: The control word.
-            faulty: The cause of a fault is still there, so that it cannot be reset.
+            faulty: Whether the cause of a fault remains, so that the fault cannot be reset.
         """
         reset = word & _FAULT_RESET and not self._last & _FAULT_RESET
         self._last = word
@@ -76,10 +76,10 @@ class PowerStateMachine:
             self._follow(word)
 
     def fault(self, *, coast: bool = False) -> None:
-        """The drive detected a fault; it stops the motor first if that is enabled.
+        """Enters the fault state, after stopping the motor if it is moving and the option says so.
 
         Args:
-            coast: The drive cannot stop the motor any more and switches off at once.
+            coast: Whether the drive can no longer stop the motor, and switches off at once.
         """
         moving = (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE)
         reaction = 0 if coast else self.options.fault_reaction
@@ -93,13 +93,13 @@ class PowerStateMachine:
             self._enter(PowerState.FAULT)
 
     def standstill(self) -> None:
-        """The motor stands still after it was to be stopped."""
+        """Tells the state machine that the motor has come to a standstill; ends a ramp."""
         if self._after is not None:
             self._enter(self._after)
 
     @property
     def status(self) -> int:
-        """The bits of the status word that the state decides."""
+        """The bits of the status word that depend on the state."""
         voltage = 0 if self.state == PowerState.NOT_READY else _VOLTAGE_ENABLED
         return self.state | voltage
 
@@ -128,7 +128,7 @@ class PowerStateMachine:
                 self._leave(s.SWITCHED_ON, self.options.disable)
 
     def _leave(self, target: PowerState, option: int) -> None:
-        """Shutdown or disable operation: with a ramp, the state changes after it."""
+        """Carries out shutdown or disable operation; with a ramp, the state changes after it."""
         if self.state == PowerState.OPERATION_ENABLED and option:
             self._stop(option, PowerState.OPERATION_ENABLED, target)
         else:

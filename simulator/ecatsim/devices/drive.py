@@ -1,7 +1,7 @@
-"""A servo drive: CiA 402 over CoE, with the motor behind it.
+"""A servo drive: CiA 402 over CoE, with a motor.
 
-Units are counts, counts/s and counts/s² of the motor's encoder, and 1/1000 of the rated torque and
-current.
+Units are counts, counts/s and counts/s² of the motor's encoder, and 1/1000 of rated torque and
+rated current.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from .modes import (
 from .positioning import CyclicPosition, ProfilePosition
 
 FOLLOWING_ERROR, ENCODER_FAULT = 0x8611, 0x7305
-"""Error codes 0x603F that the drive can have."""
+"""Error codes in object 0x603F that the drive can report."""
 
 _REMOTE, _LIMIT = 0x0200, 0x0800
 _GENERIC_ERROR, _PROFILE_ERROR = 0x01, 0x20  # error register 0x1001
 _QUICK_STOP_OPTIONS = (0, 1, 2, 3, 5, 6, 7)
 _QUICK_RAMP, _CURRENT_LIMIT = 2, 3
-_STANDSTILL, _STANDSTILL_MS = 0.5, 5  # rad/s, for as long as this
+_STANDSTILL, _STANDSTILL_MS = 0.5, 5  # below this speed in rad/s, for this time
 _MAX_ELAPSED = 0.1  # seconds
 _OPERATIONS: dict[Mode, type[Operation]] = {
     Mode.NONE: Operation,
@@ -51,23 +51,23 @@ _OPERATIONS: dict[Mode, type[Operation]] = {
 
 
 def _wrapped(value: float) -> int:
-    """A value as a 32-bit counter has it."""
+    """The value as a signed 32-bit counter shows it."""
     return (round(value) + (1 << 31)) % (1 << 32) - (1 << 31)
 
 
 def _held(value: float, bits: int) -> int:
-    """A value held within a signed type."""
+    """The value, rounded and cut to a signed type."""
     return max(-(1 << bits - 1), min((1 << bits - 1) - 1, round(value)))
 
 
 class Drive(Device):
-    """What all drives have in common; a drive of its own adds identity and PDOs.
+    """The base class of all drives; a subclass adds identity and PDOs.
 
-    A mode of operation of 0 means no change, so that a mode set by SDO stays while the process
-    data carries 0.
+    A mode of operation of 0 means no change, so that a mode set by SDO stays while the process data
+    has 0.
 
     Args:
-        motor: The motor behind it.
+        motor: The motor.
         switches: Its limit and home switches.
     """
 
@@ -87,10 +87,10 @@ class Drive(Device):
         self._time: float | None = None
         self._halted = False
         self._still = Window()
-        self._outside = 0.0  # seconds outside of the following error window
+        self._outside = 0.0  # seconds outside the following error window
 
     def reset(self) -> None:
-        """Returns to the state after power-on: switched off, not homed. The motor turns on."""
+        """Returns to the state after power-on: switched off, not homed. The motor keeps turning."""
         super().reset()
         self._power_on()
 
@@ -110,17 +110,17 @@ class Drive(Device):
 
     @property
     def reference(self) -> float:
-        """The speed that the velocity loop is asked for, in counts/s; 0 in other modes."""
+        """The demanded speed of the velocity loop in counts/s; 0 in other modes."""
         return self.axis.demand if self.motor.control is Control.VELOCITY else 0.0
 
     # --- faults --------------------------------------------------------------------------------
 
     def fault(self, code: int, *, coast: bool = False) -> None:
-        """Detects a fault: error code, error register, emergency, and the fault reaction.
+        """Raises a fault: sets error code and register, sends an emergency, starts the reaction.
 
         Args:
             code: Error code 0x603F (CiA 402-2 "Error codes").
-            coast: The motor cannot be stopped any more: switch off at once.
+            coast: Whether the motor can no longer be stopped, so that it is switched off at once.
         """
         if self[0x603F, 0] == code:
             return
@@ -130,11 +130,11 @@ class Drive(Device):
         self.emergency(code, _GENERIC_ERROR | _PROFILE_ERROR)
 
     def break_encoder(self, broken: bool = True) -> None:
-        """Breaks the encoder cable, or mends it: position and speed are not known any more."""
+        """Breaks the encoder cable, so that position and speed are unknown, or mends it."""
         self._encoder_broken = broken
 
     def _watch(self, elapsed: float) -> None:
-        """Looks for the causes of faults."""
+        """Checks for the causes of faults."""
         if self._encoder_broken:
             self.fault(ENCODER_FAULT, coast=True)
         window = self[0x6065, 0]
@@ -145,7 +145,7 @@ class Drive(Device):
 
     @property
     def _lag(self) -> float:
-        """The following error in counts; 0 where the position is not controlled."""
+        """The following error in counts; 0 if the position is not controlled."""
         if self.motor.control is not Control.POSITION:
             return 0.0
         return self.axis.demand - self.axis.position
@@ -157,7 +157,7 @@ class Drive(Device):
     # --- behaviour -----------------------------------------------------------------------------
 
     def step(self, now: float) -> None:
-        """Follows the control word, runs the motor up to `now`, and reports."""
+        """Follows the control word, runs the motor up to `now`, and updates the actual values."""
         elapsed = min(now - self._time, _MAX_ELAPSED) if self._time is not None else 0.0
         self._time = now
         before, word = self.power.state, self[0x6040, 0]
@@ -176,11 +176,11 @@ class Drive(Device):
         self._report(operation, word, elapsed)
 
     def outputs_stopped(self) -> None:
-        """The control word is now 0, which switches the power stage off."""
+        """Treats the control word as 0, which switches the power stage off."""
         self.power.command(0)
 
     def _follow(self, word: int) -> None:
-        """Power state; a reset clears the error."""
+        """Updates the power state; a fault reset clears the error code."""
         before = self.power.state
         self.power.command(word, faulty=self._encoder_broken)
         if before == PowerState.FAULT and self.power.state != PowerState.FAULT:
@@ -195,19 +195,19 @@ class Drive(Device):
         self.axis.limit(self[0x607D, 1], self[0x607D, 2])
 
     def _mode(self) -> Mode:
-        """The mode asked for; one that the drive does not know changes nothing."""
+        """The commanded mode; an unknown one leaves the mode as it is."""
         try:
             return Mode(self[0x6060, 0])
         except ValueError:
             return Mode(self[0x6061, 0])
 
     def _command(self, operation: Operation, word: int, elapsed: float) -> None:
-        """Lets the motor do what power state and mode say."""
+        """Controls the motor as power state and mode require."""
         motor = self.motor
         limit = self[0x6072, 0] / 1000 * motor.data.rated_current
         motor.current_limit = min(motor.data.peak_current, limit)
         if self.power.stopping:
-            self._halted = True  # if the master changes its mind, the mode resumes
+            self._halted = True  # the mode resumes if the stop is cancelled
             self._brake(self.power.stopping, elapsed)
             still = self.axis.demand == 0.0 and abs(motor.speed) < _STANDSTILL
             if self._still.reached(still, elapsed, _STANDSTILL_MS):
@@ -257,7 +257,7 @@ class Drive(Device):
 
 
 class _OneOf:
-    """Refuses what the drive does not know."""
+    """Refuses values that the drive does not know."""
 
     def __init__(self, allowed: tuple[int, ...]) -> None:
         self._allowed = allowed

@@ -1,4 +1,4 @@
-"""The objects of a CiA 402 drive, with their defaults."""
+"""The objects of a CiA 402 drive, with their default values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
 _U8, _U16, _U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 _RW, _RO = Access.RW, Access.RO
 NO_WINDOW = 0xFFFFFFFF
-"""Following error window 0x6065 that is never left."""
+"""Value of the following error window 0x6065 that switches it off."""
 
 _CONSTANTS = (0x6075, 0x6076, 0x6502)
 _TARGETS = (
@@ -21,11 +21,11 @@ _TARGETS = (
     *(0x60B0, 0x60B1, 0x60B2, 0x60FF),
 )
 FOLLOWING_ERROR_OPTION = 0x2000
-"""Manufacturer object: what follows a following error."""
+"""Manufacturer object: the reaction to a following error."""
 
 
 def add(objects: Dictionary, motor: MotorData) -> None:
-    """Adds what the PDOs have not brought; positions in counts, speeds in counts/s."""
+    """Adds the objects that the PDOs have not added; positions in counts, speeds in counts/s."""
     turn = motor.encoder
     acceleration = round(400 / 6.283185307 * turn)
     rows: tuple[tuple[int, str, DataType, int, Access], ...] = (
@@ -92,7 +92,7 @@ def add(objects: Dictionary, motor: MotorData) -> None:
 
 
 def _mappable(index: int, access: Access) -> Access:
-    """Actual values may be mapped to TxPDOs, targets and limits of the motion to RxPDOs."""
+    """Access bits for PDO mapping: actual values in TxPDOs, targets and motion limits in RxPDOs."""
     if access == _RO:
         return Access.TX_PDO if index not in _CONSTANTS else Access(0)
     return Access.RX_PDO if index in _TARGETS else Access(0)
@@ -129,7 +129,7 @@ def _add_records(objects: Dictionary, turn: int) -> None:
 
 
 def _limit(objects: Dictionary) -> None:
-    """What a master may write."""
+    """Sets the limits of the values that a master may write."""
     for index in (0x6083, 0x6084, 0x6085, 0x6087, 0x609A):
         objects[index, 0].minimum = 1
     for subindex in (1, 2):

@@ -1,4 +1,4 @@
-"""Elmo Gold servo drive: identity, PDOs and defaults of the drive of the reference plant."""
+"""Elmo Gold servo drive: identity, PDOs and defaults as in the drive of the reference plant."""
 
 from __future__ import annotations
 
@@ -35,12 +35,13 @@ class ElmoGold(Drive):
     """Elmo Gold servo drive, CiA 402, with the wheel of the reference plant.
 
     RPDO6 and the TPDOs 3, 0x1A11 and 0x1A1F are assigned.
-    Two entries of the process data follow a rule of CiA 402 or of common sense, so that a master
-    that leaves them 0 does not do harm: mode of operation 0 means no change, so that a mode set by
-    SDO stays; maximum torque 0 leaves the object as it is.
+
+    Two entries of the process data have no effect while they are 0, so that a master that leaves
+    them 0 does no harm. Mode of operation 0 means no change, so that a mode set by SDO stays;
+    maximum torque 0 leaves the object as it is.
 
     Args:
-        motor: The motor behind it.
+        motor: The motor.
     """
 
     vendor = 0x0000009A

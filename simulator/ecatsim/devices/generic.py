@@ -1,4 +1,4 @@
-"""Generic slaves: bytes that come back, digital and analog inputs and outputs."""
+"""Generic slaves: a loopback of bytes, and digital and analog inputs and outputs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .parameters import Parameter
 
 _VENDOR = 0x0000FFFF
 _BYTES = 32
-_MAX_BITS = 120  # more would not find room for their names in the SII
+_MAX_BITS = 120  # the names of more entries would not fit into the SII
 _MAX_CHANNELS = 32
 
 
@@ -35,7 +35,7 @@ class Loopback(Device):
     _data = bytes(_BYTES)
 
     def receive(self, data: bytes) -> None:
-        """Keeps the outputs as they are: a long line must not cost time."""
+        """Keeps the outputs as bytes: long lines must be fast."""
         self._data = data
 
     def give(self) -> bytes:
@@ -46,7 +46,7 @@ class Loopback(Device):
 class DigitalIO(Device):
     """Generic digital inputs and outputs, one bit each.
 
-    Inputs are 0x6000:01 and on, outputs 0x7000:01 and on.
+    Inputs are 0x6000:01 and following, outputs 0x7000:01 and following.
 
     Args:
         inputs: Number of inputs.
@@ -79,13 +79,13 @@ def _bits(mapping: int, index: int, word: str, count: int, manager: int) -> tupl
 class AnalogIO(Device):
     """Generic analog inputs and outputs, with CoE.
 
-    Inputs are 0x6000:01 and on, outputs 0x7000:01 and on: signed, plus and minus full scale at
-    the ends of the range.
+    Inputs are 0x6000:01 and following, outputs 0x7000:01 and following. They are signed, with plus
+    and minus full scale at the ends of the range.
 
     Args:
         inputs: Number of inputs.
         outputs: Number of outputs.
-        bits: Bits a channel, 16 or 32.
+        bits: Bits per channel, 16 or 32.
         range: Full scale, in `unit`.
         unit: Unit of the scaled value.
     """

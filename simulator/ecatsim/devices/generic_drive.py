@@ -1,4 +1,4 @@
-"""A generic CiA 402 drive, with the PDOs that masters expect and any mapping they ask for."""
+"""A generic CiA 402 drive, with the PDOs that masters expect and free PDO mapping."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class CiA402Drive(Drive):
 
     Args:
         travel: Revolutions between each limit switch and the start position; 0: no switches.
-        home: Where the home switch is, in revolutions from the start position.
+        home: Position of the home switch, in revolutions from the start position.
         encoder: Counts per revolution.
         inertia: Inertia of motor and load in kg m².
-        seed: Seed of the noise of the measured current.
+        seed: Seed of the noise in the measured current.
     """
 
     vendor = 0x0000FFFF

@@ -23,7 +23,7 @@ _HERE = (35, 37)
 
 
 class _Phase(Enum):
-    """Where homing is."""
+    """The phase of homing."""
 
     IDLE = auto()  # not started, or interrupted
     TO_SWITCH = auto()
@@ -45,16 +45,16 @@ class Homing(Operation):
         self._last = 0.0
 
     def start(self) -> None:
-        """Comes to rest and waits for the start."""
+        """Brakes to standstill and waits for the start by bit 4."""
         super().start()
         self._phase, self._started = _Phase.IDLE, False
 
     def resume(self) -> None:
-        """After a halt homing must be started again."""
+        """Begins anew: after a halt, homing must be started again."""
         self.start()
 
     def command(self, word: int, elapsed: float) -> None:
-        """Moves as phase and method say."""
+        """Moves as the phase and the method require."""
         wanted = bool(word & NEW_SET_POINT)
         if wanted and not self._started:
             self._begin()
@@ -63,12 +63,12 @@ class Homing(Operation):
         self._started = wanted
         self._advance()
         self._ramp(self._speed(), self._objects[0x609A, 0], elapsed)
-        # Limit switches are what it looks for.
+        # Limit switches do not hold the axis here: homing searches for them.
         self._axis.command_speed(self._reference, guarded=False)
         self._last = self._axis.machine
 
     def status(self, word: int, elapsed: float) -> int:
-        """Bits 13, 12, 10: error, attained, target reached (speed 0 after an end)."""
+        """Bits 13, 12 and 10 of the status word: error, attained, target reached."""
         still = TARGET_REACHED * self._stands
         if word & HALT or self._phase is _Phase.IDLE:
             return still
@@ -96,16 +96,16 @@ class Homing(Operation):
         elif self._method in _ON_SWITCH and self._edge is not None:
             self._phase = _Phase.OFF_SWITCH if self._on_switch else _Phase.TO_SWITCH
         else:
-            self._phase = _Phase.FAILED  # no method, or no such switch
+            self._phase = _Phase.FAILED  # the method is unknown, or the axis has no such switch
 
     @property
     def _direction(self) -> int:
-        """Direction of the search; off a switch it is the other one."""
+        """Direction of the search; the axis leaves a switch in the other direction."""
         return -1 if self._method in (1, 17, 33) else 1
 
     @property
     def _edge(self) -> float | None:
-        """Position of the edge of the limit switch, on the machine."""
+        """Position of the edge of the limit switch, in machine coordinates."""
         switches = self._axis.switches
         turns = switches.negative if self._direction < 0 else switches.positive
         return None if turns is None else turns * self._axis.encoder
@@ -132,7 +132,7 @@ class Homing(Operation):
             self._phase = _Phase.DONE
 
     def _index_passed(self) -> float | None:
-        """The first index pulse between the last position and this one, as latched."""
+        """The first index pulse between the last position and this one; None if there is none."""
         turn, here, last = self._axis.encoder, self._axis.machine, self._last
         pulse = (math.floor(last / turn) + 1 if here > last else math.ceil(last / turn) - 1) * turn
         return pulse if min(last, here) <= pulse <= max(last, here) else None
@@ -142,7 +142,7 @@ class Homing(Operation):
         self._phase = _Phase.STOPPING
 
     def _speed(self) -> float:
-        """The speed that the phase asks for."""
+        """The target speed of the phase."""
         search, zero = self._objects[0x6099, 1], self._objects[0x6099, 2]
         if self._phase is _Phase.TO_SWITCH:
             return self._direction * search

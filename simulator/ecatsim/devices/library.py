@@ -1,6 +1,6 @@
 """The devices that come with ecatsim, by name.
 
-A rig file, a program and `ecatsim devices` find them here:
+Rig files, programs and `ecatsim devices` find them here:
 
     from ecatsim.devices.library import make
 
@@ -41,13 +41,13 @@ class LibraryDevice:
 
     Attributes:
         name: The name that `make` takes.
-        summary: What it is, in a line.
+        summary: What the device is, in one line.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
         output_size: Bytes of outputs with default parameters and default assignment.
-        input_size: Bytes of inputs.
-        parameters: What may be chosen.
+        input_size: Bytes of inputs, in the same way.
+        parameters: Parameters that can be chosen.
     """
 
     name: str
@@ -71,11 +71,12 @@ def library() -> list[LibraryDevice]:
 
 
 def make(name: str, **parameters: object) -> Device:
-    """A new device.
+    """Makes a new device.
 
     Args:
-        name: Its name in the library; upper and lower case are alike.
-        **parameters: What `LibraryDevice.parameters` lists; the rest keeps its default.
+        name: Name in the library; upper and lower case are the same.
+        **parameters: Values of parameters in `LibraryDevice.parameters`; the others have their
+            defaults.
 
     Raises:
         UsageError: There is no such device or parameter, or a value is not allowed.
@@ -119,6 +120,6 @@ def _describe(name: str, kind: type[Device]) -> LibraryDevice:
 
 
 def _first_sentence(kind: type[Device]) -> str:
-    """What the device is, from its docstring."""
+    """The first sentence of the docstring of a device class."""
     line = (kind.__doc__ or "").split("\n", 1)[0]
     return re.split(r"[.:] ", line + " ", maxsplit=1)[0]

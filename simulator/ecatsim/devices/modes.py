@@ -1,4 +1,4 @@
-"""Modes of operation of a drive (CiA 402-2): velocity and torque, and what all modes share."""
+"""Modes of operation of a drive (CiA 402-2): velocity and torque, and the base of all modes."""
 
 from __future__ import annotations
 
@@ -25,47 +25,47 @@ class Mode(IntEnum):
 
 
 SUPPORTED = sum(1 << (mode - 1) for mode in Mode if mode)
-"""Object 0x6502."""
+"""Value of object 0x6502."""
 
 
 class Values(Protocol):
     """The objects of a drive by index and subindex."""
 
     def __getitem__(self, key: tuple[int, int]) -> int:
-        """The value of an object."""
+        """Returns the value of an object."""
 
     def __setitem__(self, key: tuple[int, int], value: int) -> None:
         """Sets the value of an object."""
 
 
 class Window:
-    """Whether something has been within a window for long enough."""
+    """Tells whether a value has been within a window for long enough."""
 
     def __init__(self) -> None:
         self._since = 0.0
 
     def reached(self, inside: bool, elapsed: float, milliseconds: int) -> bool:
-        """Whether it has, after a further step.
+        """Whether the value has been inside long enough, after a further step.
 
         Args:
-            inside: Whether it is inside now.
+            inside: Whether the value is inside now.
             elapsed: Seconds since the last call.
-            milliseconds: How long it has to be.
+            milliseconds: How long it must be inside.
         """
         self._since = self._since + elapsed if inside else 0.0
         return inside and self._since * 1000 >= milliseconds
 
 
 class Operation:
-    """A mode of operation. The base class is mode 0: come to rest and hold still.
+    """A mode of operation. The base class is mode 0: brake to standstill and hold speed 0.
 
     Args:
         objects: The objects of the drive.
-        axis: What it commands.
+        axis: The axis that it commands.
     """
 
     positioning = False
-    """Whether the mode controls the position, so that there is a following error."""
+    """Whether the mode controls the position and so has a following error."""
 
     def __init__(self, objects: Values, axis: Axis) -> None:
         self._objects = objects
@@ -73,15 +73,15 @@ class Operation:
         self._reference = 0.0
 
     def start(self) -> None:
-        """The mode begins, from what the motor does now."""
+        """Starts the mode from the present motion."""
         self._reference = self._axis.speed
 
     def resume(self) -> None:
-        """A halt is over."""
+        """Resumes after a halt."""
         self.start()
 
     def command(self, word: int, elapsed: float) -> None:
-        """Follows the targets.
+        """Commands the axis for the next step.
 
         Args:
             word: Control word.
@@ -102,7 +102,7 @@ class Operation:
 
 
 class ProfileVelocity(Operation):
-    """Profile velocity (3): ramps 0x6083 and 0x6084 to 0x60FF, at most 0x607F."""
+    """Profile velocity (3): moves along the ramps 0x6083 and 0x6084 to 0x60FF, at most 0x607F."""
 
     def __init__(self, objects: Values, axis: Axis) -> None:
         super().__init__(objects, axis)
@@ -130,7 +130,7 @@ class ProfileVelocity(Operation):
 
 
 class Cyclic(Operation):
-    """What the cyclic synchronous modes have in common."""
+    """The base class of the cyclic synchronous modes."""
 
     def status(self, word: int, elapsed: float) -> int:
         """Bit 12: the drive follows the target."""
@@ -138,7 +138,7 @@ class Cyclic(Operation):
 
 
 class CyclicVelocity(Cyclic):
-    """Cyclic synchronous velocity (9): 0x60FF + 0x60B1 as they come."""
+    """Cyclic synchronous velocity (9): 0x60FF + 0x60B1, without a ramp."""
 
     def command(self, word: int, elapsed: float) -> None:
         """Follows the target."""
@@ -147,10 +147,10 @@ class CyclicVelocity(Cyclic):
 
 
 class ProfileTorque(Operation):
-    """Profile torque (4): along the torque slope 0x6087 to 0x6071."""
+    """Profile torque (4): moves along the torque slope 0x6087 to 0x6071."""
 
     def start(self) -> None:
-        """Begins without torque."""
+        """Starts without torque."""
         self._reference = 0.0
 
     def command(self, word: int, elapsed: float) -> None:
@@ -159,14 +159,14 @@ class ProfileTorque(Operation):
         self._axis.command_torque(self._reference)
 
     def status(self, word: int, elapsed: float) -> int:
-        """Bit 10: the demanded torque is the target; with halt: the motor stands still."""
+        """Bit 10: the demanded torque is the target; during a halt: the motor stands still."""
         if word & HALT:
             return TARGET_REACHED * (self._axis.motor.speed == 0.0)
         return TARGET_REACHED * (self._reference == self._objects[0x6071, 0])
 
 
 class CyclicTorque(Cyclic):
-    """Cyclic synchronous torque (10): 0x6071 + 0x60B2 as they come."""
+    """Cyclic synchronous torque (10): 0x6071 + 0x60B2, without a slope."""
 
     def command(self, word: int, elapsed: float) -> None:
         """Follows the target."""

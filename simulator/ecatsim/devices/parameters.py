@@ -1,4 +1,4 @@
-"""What may be chosen about a device of the library, and what is allowed."""
+"""Parameters of the devices in the library, and their allowed values."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ class Parameter:
     """A parameter of a device: a keyword argument of its class.
 
     Attributes:
-        name: Name.
-        summary: What it means, with its unit.
-        default: Its default; a value must be of the same type (a whole number counts as float).
+        name: Name of the parameter.
+        summary: Meaning of the parameter, with its unit.
+        default: Default value. Other values must be of the same type; an integer is also accepted
+            as a float.
         minimum: Smallest value, or None.
         maximum: Largest value, or None.
-        choices: All values that are allowed, or none if others than these are.
+        choices: All allowed values; empty if the limits decide.
     """
 
     name: str
@@ -32,7 +33,7 @@ class Parameter:
         """Checks a value.
 
         Raises:
-            UsageError: It is not allowed; says what is.
+            UsageError: The value is not allowed; the message says which are.
         """
         wrong = not self._right_type(value) or bool(self.choices and value not in self.choices)
         if not wrong and isinstance(value, int | float) and not isinstance(value, bool):
@@ -44,7 +45,7 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """Which values are allowed, in words."""
+        """The allowed values, in words."""
         if self.choices:
             return " or ".join(str(choice) for choice in self.choices)
         if isinstance(self.default, bool):

@@ -19,15 +19,15 @@ from .modes import (
     Window,
 )
 
-_MIN_PERIOD = 0.001  # the drive's own cycle in seconds
+_MIN_PERIOD = 0.001  # cycle of the drive in seconds
 
 
 class Trapezoid:
-    """A motion along ramps to a target that may change at any time.
+    """A motion with limited acceleration towards a target that may change at any time.
 
     Attributes:
-        position: Where the motion is.
-        speed: Its speed.
+        position: Current position of the motion.
+        speed: Current speed of the motion.
     """
 
     def __init__(self, position: float, speed: float) -> None:
@@ -43,7 +43,7 @@ class Trapezoid:
         if abs(rest) <= deceleration * dt**2 and abs(self.speed) <= deceleration * dt:
             self.position, self.speed = target, 0.0
             return
-        # The speed after this step from which the deceleration ends at the target.
+        # The speed after this step from which braking ends exactly at the target.
         after = abs(rest) - math.copysign(self.speed, self.speed * rest) * dt / 2
         braking = deceleration * (
             math.sqrt(dt**2 / 4 + 2 * max(after, 0.0) / deceleration) - dt / 2
@@ -57,7 +57,7 @@ class Trapezoid:
 
 
 class ProfilePosition(Operation):
-    """Profile position (1): set-points with a handshake, one of them may wait."""
+    """Profile position (1): takes set-points with a handshake; one of them may wait."""
 
     positioning = True
 
@@ -70,7 +70,7 @@ class ProfilePosition(Operation):
         self._reached = Window()
 
     def start(self) -> None:
-        """Holds the position at which it begins."""
+        """Makes the point where the axis can stop, with the deceleration 0x6084, its target."""
         self._acknowledged = False
         self._waiting.clear()
         self._target = self._axis.position
@@ -80,7 +80,7 @@ class ProfilePosition(Operation):
             self._target += math.copysign(braking, self._motion.speed)
 
     def resume(self) -> None:
-        """Goes on to the set-point from where the axis is."""
+        """Continues to the set-point from where the axis is."""
         self._motion = Trapezoid(self._axis.position, self._axis.speed)
 
     def command(self, word: int, elapsed: float) -> None:
@@ -111,7 +111,7 @@ class ProfilePosition(Operation):
         return TARGET_REACHED * reached | BIT_12 * (self._acknowledged or bool(self._waiting))
 
     def _take(self, word: int) -> None:
-        """A new set-point comes with the rising edge of bit 4."""
+        """Takes a new set-point at the rising edge of bit 4 of the control word."""
         new, immediately = bool(word & NEW_SET_POINT), bool(word & IMMEDIATELY)
         if new and not self._acknowledged and (immediately or not self._waiting):
             target = float(self._objects[0x607A, 0])
@@ -138,12 +138,12 @@ class CyclicPosition(Cyclic):
         self._remaining = 0.0
 
     def start(self) -> None:
-        """Begins at the target, which a master sets to the actual position first."""
+        """Starts at the target, which a master first sets to the actual position."""
         self._reference = self._target = self._wanted()
         self._speed = self._remaining = 0.0
 
     def command(self, word: int, elapsed: float) -> None:
-        """Follows the target; between two of them in a straight line."""
+        """Follows the target, in a straight line from one to the next."""
         wanted = self._wanted()
         if wanted != self._target:
             self._target = wanted

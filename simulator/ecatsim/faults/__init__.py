@@ -1,8 +1,8 @@
 """Faults on demand: what can go wrong on a segment, when, and how often.
 
-Each fault is a class with its parameters, defined once: from it follow the methods of
-`Simulation.faults` and `Simulator.faults`, the commands of `ecatsim ctl`, the tables `[[fault]]`
-of rig files and the messages of the control socket.
+Each fault is one class with its parameters. The methods of `Simulation.faults` and
+`Simulator.faults`, the commands of `ecatsim ctl`, the tables `[[fault]]` of rig files and the
+messages of the control socket are all derived from these classes.
 """
 
 from .fault import Fault, SlaveFault

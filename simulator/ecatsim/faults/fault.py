@@ -1,4 +1,4 @@
-"""What all faults have in common: when they strike, and how they are written down."""
+"""The base classes of faults: their schedule, and how they are written down."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ class Fault(Described):
     seed: Annotated[int, Is("of the random numbers", minimum=0, maximum=_MAX_32)] = 1
 
     def check_slave(self, count: int) -> None:
-        """Checks that its slave, if it has one, is among so many.
+        """Checks that the slave of the fault, if it has one, exists in a rig of `count` slaves.
 
         Raises:
-            UsageError: There is none.
+            UsageError: The rig has no such slave.
         """
         position = getattr(self, "slave", None)
         if position is not None and position >= count:
@@ -52,7 +52,7 @@ class Fault(Described):
             raise UsageError(f"{self.kind}: there is no slave {position}; the rig has {there}")
 
     def relative_to(self, folder: Path) -> Self:
-        """The same fault with the paths of its files taken relative to a folder."""
+        """The same fault, with its file paths taken relative to a folder."""
         paths: dict[str, Any] = {
             p.name: named_devices.absolute(getattr(self, p.name), folder)
             for p in parameters(type(self))
@@ -68,16 +68,16 @@ class SlaveFault(Fault):
     slave: Slave = field(kw_only=False)
 
     def check(self, target: Target) -> None:
-        """Checks that the simulation can carry it out.
+        """Checks before the strike that the simulation can carry out the fault.
 
         Raises:
-            UsageError: It cannot.
+            UsageError: The simulation cannot carry it out.
         """
 
     def strike(self, target: Target) -> None:
-        """Carries it out.
+        """Carries out the fault.
 
         Raises:
-            EcatError: That failed.
+            EcatError: The fault could not be carried out.
         """
         raise NotImplementedError

@@ -27,7 +27,7 @@ class FrameFault(Fault):
     )
 
     def on_segment(self, now: int) -> SegmentFault:
-        """The same fault as the segment takes it, when the bus is in cycle `now`."""
+        """The same fault in the form for the segment, if the bus is in cycle `now`."""
         return SegmentFault(
             self.on_wire,
             first=self.at_cycle if self.at_cycle or self.every == 1 else now + 1,

@@ -1,4 +1,4 @@
-"""One method for every fault, with the parameters of the fault, for whoever can add faults."""
+"""A method for each fault, with the fault's parameters, for all classes that can add faults."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _P = ParamSpec("_P")
 
 
 class Method(Generic[_P]):
-    """A method that adds a fault: its signature and documentation are those of the fault's class.
+    """A method that adds a fault; signature and documentation are those of the fault's class.
 
     Attributes:
-        fault: The class.
+        fault: The class of the fault.
     """
 
     def __init__(self, fault: Callable[_P, Fault]) -> None:
@@ -39,7 +39,7 @@ class Method(Generic[_P]):
 
 
 class FaultMethods:
-    """Adds faults, to a simulation of this process or to one that runs elsewhere."""
+    """Adds faults to a simulation in this process or in another one."""
 
     drop = Method(frames.Drop)
     delay = Method(frames.Delay)

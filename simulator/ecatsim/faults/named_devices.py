@@ -1,4 +1,4 @@
-"""The devices that a fault names: of the library, or in files."""
+"""Makes the devices that faults name: from the library or from files."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _IMAGES = (".bin", ".sii", ".eeprom")
 
 
 def absolute(device: str, folder: Path) -> str:
-    """The same device; if it is in a file, with the path from the root."""
+    """The same device name; a file gets an absolute path."""
     return str((folder / device).absolute()) if _is_file(device) else device
 
 
 def make(device: str) -> Device:
-    """A new device.
+    """Makes a new device.
 
     Args:
         device: A name of the library (`ecatsim devices`), or a file: a device file `x.toml`, a
@@ -27,7 +27,7 @@ def make(device: str) -> Device:
     Raises:
         UsageError: There is no such device, or its file cannot be used.
     """
-    # Rig files bring faults along: what reads them must not be needed to read this.
+    # Imported here, since the modules that read rig files import the faults.
     from ..devices import library
     from ..files import device_file, python_file, sii_image
 
@@ -52,7 +52,7 @@ def make(device: str) -> Device:
 
 
 def read_image(path: Path) -> bytes:
-    """An SII image.
+    """Reads an SII image.
 
     Raises:
         UsageError: The file cannot be read, or is too large.

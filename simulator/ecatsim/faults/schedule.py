@@ -1,4 +1,4 @@
-"""The faults of a simulation: which there are, when they strike, and how often they did."""
+"""The faults of a simulation: when they strike, and how often they have."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _FINISHED_KEPT = 64
 
 @dataclass(frozen=True, slots=True)
 class FaultState:
-    """A fault and what became of it.
+    """A fault and its state.
 
     Attributes:
-        id: Its number.
+        id: Number of the fault.
         fault: The fault.
-        struck: How often it struck.
-        last_cycle: The cycle of its schedule in which it struck last, 0 if it did not or if the
-            slave controllers carry it out.
+        struck: How often it has struck.
+        last_cycle: The scheduled cycle of its last strike; 0 if it has not struck, or if the slave
+            controllers carry it out.
         done: Whether it will not strike again.
-        error: Why its last strike failed; empty if it did not.
+        error: Why its last strike failed, or empty.
     """
 
     id: int
@@ -55,12 +55,12 @@ class _Entry:
 class Faults(FaultMethods):
     """The faults of a simulation.
 
-    There is a method for every fault, which adds it and returns its number:
-    `faults.drop(count=3, at_cycle=1000)`, `faults.al_error(2, code=0x001D)`. All of them may be
-    called from any thread while the simulation runs.
+    Each fault has a method that adds it and returns its number: `faults.drop(count=3,
+    at_cycle=1000)`, `faults.al_error(2, code=0x001D)`. All methods are thread-safe while the
+    simulation runs, but for `run`.
 
     Args:
-        target: The simulation they happen in.
+        target: The simulation in which they strike.
     """
 
     def __init__(self, target: Target) -> None:
@@ -70,11 +70,11 @@ class Faults(FaultMethods):
         self._last_id = 0
 
     def add(self, fault: Fault) -> int:
-        """Adds a fault; one without a cycle strikes at once. Returns its number.
+        """Adds a fault and returns its number; a fault without a cycle strikes at once.
 
         Raises:
-            UsageError: The simulation has no such slave, or its cycle is over.
-            StateError: There are too many.
+            UsageError: The simulation has no such slave, or the cycle of the fault is over.
+            StateError: There are too many faults.
         """
         with self._target.lock:
             now = self._cycle()
@@ -94,9 +94,9 @@ class Faults(FaultMethods):
             return entry.id
 
     def clear(self, identifier: int | None = None) -> int:
-        """Forgets a fault, or all: what was to strike does not. Returns how many there were.
+        """Removes one fault, or all, so that they no longer strike; returns how many there were.
 
-        What has struck stays as it is: a broken link wants `heal_link`, a slave without power
+        Effects of earlier strikes stay: a broken link needs `heal_link`, a slave without power
         `power_on`.
 
         Raises:
@@ -113,7 +113,7 @@ class Faults(FaultMethods):
             return len(gone)
 
     def list(self) -> list[FaultState]:
-        """All faults that strike or will strike, and the last ones that have, oldest first."""
+        """All faults that strike or will strike, and the last that have struck, oldest first."""
         with self._target.lock:
             self._look_at_segment()
             return [
@@ -122,7 +122,7 @@ class Faults(FaultMethods):
             ]
 
     def run(self) -> None:
-        """Carries out what is due; the simulation calls it at every step."""
+        """Carries out the faults that are due; the simulation calls it at every step."""
         if not self._due:
             return
         now = self._cycle()
@@ -137,15 +137,15 @@ class Faults(FaultMethods):
 
     def _withdraw(self, entry: _Entry) -> None:
         if entry.on_segment is not None:
-            with contextlib.suppress(UsageError):  # the segment has forgotten it: it is done
+            with contextlib.suppress(UsageError):  # the segment has forgotten it, since it is done
                 self._target.segment.clear(entry.on_segment)
 
     def _look_at_segment(self) -> None:
-        """Takes over how often faults of frames have struck."""
+        """Updates the counts of frame faults from the segment."""
         known = {state.id: state for state in self._target.segment.faults()}
         for entry in self._entries.values():
             if entry.on_segment is not None:
-                # The segment forgets only what has struck as often as it should.
+                # The segment forgets only faults that have struck as often as they should.
                 state = known.get(entry.on_segment)
                 entry.struck = entry.fault.count if state is None else state.struck
                 entry.done = 0 < entry.fault.count <= entry.struck
@@ -164,7 +164,7 @@ class Faults(FaultMethods):
             fault.check(self._target)
 
     def _strike(self, entry: _Entry, cycle: int, *, at_once: bool = False) -> None:
-        """One cycle of a schedule. Added faults report errors, scheduled ones keep them."""
+        """Strikes once. Only a strike at the time of adding raises its error; others keep it."""
         fault = entry.fault
         assert isinstance(fault, SlaveFault)
         if fault.probability < 1.0 and entry.random.random() >= fault.probability:

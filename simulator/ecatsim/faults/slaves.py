@@ -16,7 +16,7 @@ from .fault import SlaveFault
 from .target import Target
 
 _MAX_16 = 0xFFFF
-_CHECKSUM = 14  # byte of the SII image
+_CHECKSUM = 14  # its byte in the SII image
 _HEADER = 128  # bytes of an SII image before its categories
 
 Port = Annotated[
@@ -90,12 +90,12 @@ class Swap(SlaveFault):
     ]
 
     def check(self, target: Target) -> None:
-        """Checks that there is such a device."""
+        """Checks that the device exists."""
         if self.device != "original":
             named_devices.make(self.device)
 
     def strike(self, target: Target) -> None:
-        """Puts the other device in."""
+        """Puts the other device in place of the slave."""
         other = None if self.device == "original" else named_devices.make(self.device)
         target.swap(self.slave, other)
 
@@ -168,7 +168,7 @@ class Mailbox(SlaveFault):
         _check_mailbox(self, target)
 
     def strike(self, target: Target) -> None:
-        """Sets what is wrong with the mailbox."""
+        """Sets the fault of the mailbox."""
         fault = MailboxFault(MailboxMode(self.mode), self.delay_s if self.mode == "slow" else 0.0)
         target.devices[self.slave].mailbox_fault = fault
 

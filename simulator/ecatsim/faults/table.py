@@ -1,4 +1,4 @@
-"""All faults by name, and how a rig file says them."""
+"""All faults by name, and how to read them from a rig file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FAULTS: dict[str, type[Fault]] = {
         *(AlError, Emergency, Mailbox, Eeprom, Clock),
     )
 }
-"""Every fault by its name."""
+"""The class of each fault, by the fault's name."""
 
 
 def parse(
@@ -39,16 +39,16 @@ def parse(
     folder: Path | None = None,
     slaves: int | None = None,
 ) -> Fault:
-    """The fault that a table `[[fault]]` of a rig file describes.
+    """Reads a fault from a table `[[fault]]` of a rig file.
 
     Args:
         table: The table; `kind` is the name of the fault, its other keys are parameters.
-        where: What errors begin with: file and table.
-        folder: What paths of files are relative to; None leaves them as they are.
+        where: File and table, with which errors begin.
+        folder: Folder to which file paths are relative; None leaves them unchanged.
         slaves: Number of slaves of the rig, or None if it is not known yet.
 
     Raises:
-        ConfigError: It describes none.
+        ConfigError: The table does not describe a valid fault.
     """
     values = dict(table)
     kind = values.pop("kind", None)

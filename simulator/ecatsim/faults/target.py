@@ -1,4 +1,4 @@
-"""What faults happen to: a running simulation, as far as they need to know it."""
+"""The interface of a running simulation that faults use."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..slave.device import Device
 
 
 class Target(Protocol):
-    """A running simulation; `Simulation` says what its methods do.
+    """A running simulation; its methods are documented at `Simulation`.
 
     Attributes:
         segment: The slave controllers.
@@ -20,7 +20,7 @@ class Target(Protocol):
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
-        """Held while devices are dealt with."""
+        """The lock that is held while devices are used."""
         ...
 
     @property
@@ -29,7 +29,7 @@ class Target(Protocol):
         ...
 
     def powered(self, position: int) -> Device:
-        """The device of a slave that has power; raises StateError if it has none."""
+        """The device of a slave; raises StateError if the slave has no power."""
         ...
 
     def power(self, position: int, on: bool) -> None:
@@ -45,5 +45,5 @@ class Target(Protocol):
         ...
 
     def eeprom_at_power_on(self, position: int, image: bytes) -> None:
-        """Gives a slave another SII image from its next power-on."""
+        """Gives a slave another SII image at its next power-on."""
         ...

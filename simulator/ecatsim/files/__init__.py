@@ -1,1 +1,1 @@
-"""Devices and rigs from files: SII images, ESI, TOML, Python."""
+"""Reads devices and rigs from files: SII images, ESI, TOML, Python."""

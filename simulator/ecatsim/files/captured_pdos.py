@@ -1,4 +1,4 @@
-"""The PDOs of a captured slave, as its object dictionary says."""
+"""Finds the PDOs of a captured slave from its object dictionary."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _DIRECTIONS = ((OUTPUTS, USAGE_OUTPUTS), (INPUTS, USAGE_INPUTS))
 
 
 def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
-    """The PDOs of a slave, or None if they are those of its SII or it does not say.
+    """The PDOs of a slave; None if they are those of its SII.
 
     Args:
-        slave: The slave.
+        slave: The captured slave.
         base: The device that its SII describes.
     """
     result: list[Pdo] = []
@@ -45,14 +45,14 @@ def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
         for index in (*(i for i in places if i in mapped), *others):
             place = places.get(index, UNASSIGNED)
             result.append(_pdo(slave, index, place, known.get(index)))
-        if slave.objects is None:  # there may be more of them than are assigned
+        if slave.objects is None:  # PDOs that are not assigned may exist, too
             result += [pdo for pdo in from_sii if pdo.index not in mapped]
     same = _facts(result) == _facts([*base.rx_pdos, *base.tx_pdos])
     return None if same else result
 
 
 def _facts(pdos: list[Pdo]) -> tuple[list[object], dict[int, object]]:
-    """What makes process data different: the assigned PDOs in order, and what each one maps."""
+    """What defines the process data: the assigned PDOs in order, and the mapping of each PDO."""
     return (
         [(pdo.sync_manager, pdo.index) for pdo in pdos if pdo.sync_manager != UNASSIGNED],
         {pdo.index: [(e.index, e.subindex, e.bit_length) for e in pdo.entries] for pdo in pdos},
@@ -60,7 +60,7 @@ def _facts(pdos: list[Pdo]) -> tuple[list[object], dict[int, object]]:
 
 
 def _uploads(slave: CapturedSlave, index: int) -> list[int]:
-    """The numbers in an array of the dictionary."""
+    """The values in an array of the dictionary; 0 for each that was not read."""
     count = number(slave.values.get((index, 0)))
     return [number(slave.values.get((index, i))) for i in range(1, count + 1)]
 

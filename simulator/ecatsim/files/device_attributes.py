@@ -1,4 +1,4 @@
-"""What a device file says of a slave itself: identity, texts, chip, mailboxes, files."""
+"""Reads the attributes of a slave from a device file: identity, texts, chip, mailboxes, files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _COE_DETAILS = {
     "complete-access": 32,
 }
 WORDS = {kind: kind.name.lower().replace("_", "-") for kind in SmType}
-"""The types of sync managers as a file says them."""
+"""The types of sync managers as they are written in a file."""
 
 _SM_TYPES = {word: kind for kind, word in WORDS.items()}
 _FMMU_TYPES = {kind.name.lower().replace("_", "-"): kind for kind in FmmuType}
@@ -58,7 +58,7 @@ _CHIP: Bounds = {
     "eeprom_write_us": (0, 10_000_000),
 }
 _FEATURES = 0x01F0
-_WORDED = ("protocols", "coe_details")  # read by `_bits`
+_WORDED = ("protocols", "coe_details")  # `_bits` reads these
 _EITHER = {"dc_bits": (32, 64), "eeprom_bytes": (4, 8)}
 _MAILBOX: Bounds = {
     "receive": (0x1000, _U16),
@@ -87,7 +87,7 @@ _MAX_MAPPED = 1486
 
 
 def attributes() -> dict[str, str]:
-    """The attributes that describe a device, and their types as they are written."""
+    """The attributes of `Device` and its bases, with their annotated types as text."""
     found: dict[str, str] = {}
     for kind in reversed(Device.__mro__):
         found |= vars(kind).get("__annotations__", {})
@@ -95,14 +95,14 @@ def attributes() -> dict[str, str]:
 
 
 def _scalars() -> dict[str, str]:
-    """Attributes that are numbers, texts or truth values, and which."""
+    """The attributes that are numbers, texts or truth values, with their types as text."""
     simple = ("int", "str", "bool", "float")
     plain = {name: kind.removesuffix(" | None") for name, kind in attributes().items()}
     return {name: kind for name, kind in plain.items() if kind in simple}
 
 
 def keys() -> tuple[str, ...]:
-    """The keys that are read here."""
+    """The keys that this module reads."""
     return (*_scalars(), *_READERS)
 
 
@@ -110,11 +110,11 @@ def read(table: Table, known: dict[str, Any]) -> None:
     """Reads attributes of a device.
 
     Args:
-        table: Its table.
-        known: The attributes so far, to which those of the table are added.
+        table: Table of the device.
+        known: The attributes so far; those of the table are added.
 
     Raises:
-        ConfigError: Something in it is wrong.
+        ConfigError: A key or value in the table is wrong.
     """
     for key, kind in _scalars().items():
         if key in table:
@@ -137,9 +137,9 @@ def _scalar(table: Table, key: str, kind: str) -> int | float | str | bool:
 def _numbers(
     table: Table, kind: type[T], bounds: Bounds, old: T, more: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """The fields of a dataclass of numbers and truth values, some changed by a table.
+    """The fields of a dataclass of numbers and truth values, with the changes of a table.
 
-    `more` are keys of the table that are none of them.
+    `more` are further keys that the table may have.
     """
     values = {field.name: getattr(old, field.name) for field in fields(kind)}  # type: ignore[arg-type]
     table.only((*values, *more))
@@ -154,7 +154,7 @@ def _numbers(
 def _chip(table: Table, key: str, known: dict[str, Any]) -> None:
     old = known.get("chip", Device.chip)
     inner = table.table(key)
-    if "model" in inner:  # ports are a matter of the board
+    if "model" in inner:  # the ports depend on the board, not on the model
         old = replace(inner.choice("model", MODELS), ports=old.ports)
     values = _numbers(inner, Chip, _CHIP, old, ("model",))
     if values["features"] & ~_FEATURES:
@@ -166,7 +166,7 @@ def _chip(table: Table, key: str, known: dict[str, Any]) -> None:
 
 
 def _ports(table: Table, key: str, known: dict[str, Any]) -> None:
-    """The types of the ports, for register 0x0007 and for the SII."""
+    """Reads the types of the ports, for register 0x0007 and for the SII."""
     ports = table.choices(key, _PORTS)
     if len(ports) > _MAX_PORTS:
         table.fail(key, f"has {len(ports)} ports, but a slave has at most {_MAX_PORTS}")
@@ -181,7 +181,7 @@ def _ports(table: Table, key: str, known: dict[str, Any]) -> None:
 
 
 def _mailbox(table: Table, key: str, known: dict[str, Any]) -> None:
-    """`mailbox`, or `bootstrap`."""
+    """Reads `mailbox` or `bootstrap`."""
     inner = table.table(key)
     old = known.get(key) or Mailbox()
     values = _numbers(inner, Mailbox, _MAILBOX, old)
@@ -244,13 +244,13 @@ def _files(table: Table, key: str, known: dict[str, Any]) -> None:
 
 
 def _bits(table: Table, key: str, words: dict[str, int], old: int) -> int:
-    """Bits by their names, or as a number."""
+    """Reads bits, written as names or as a number."""
     if type(table.data.get(key)) is int:
         return table.integer(key, 0, _U8)
     return sum(set(table.choices(key, words))) if key in table else old
 
 
-# In this order: some need what others have read.
+# The order matters: some readers need attributes that others have read.
 _READERS = {
     "chip": _chip,
     "ports": _ports,

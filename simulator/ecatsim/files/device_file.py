@@ -1,7 +1,7 @@
 """Device files: a slave described in TOML (`docs/simulator-rigs.md`, "Rig and device files").
 
-Every attribute of `Device` has a key of the same name; what is left out follows from the rest. A
-description may also begin with an SII image or an ESI file and change or add to what that says.
+Every attribute of `Device` has a key of the same name; a missing one is derived from the others or
+has its default. A description may also begin with an SII image, and then change it and add to it.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _OTHERS = ("pdo", "object", "sii", "strict", "complete_dictionary")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 _RAM = 0x1000
 _LATE_OBJECTS = (0x1C00,)
-"""Objects that follow from all the others."""
+"""Objects that are made last, from all the others."""
 
 
 def keys() -> tuple[str, ...]:
-    """The keys of a device file."""
+    """All keys that a device file may have."""
     return (*device_attributes.keys(), *_OTHERS)
 
 
 def load(path: Path) -> Device:
-    """The device that a file describes.
+    """Reads a device from a file.
 
     Raises:
         ConfigError: The file cannot be used; the message names file, line and key.
@@ -44,14 +44,14 @@ def load(path: Path) -> Device:
 
 
 def read(table: Table, name: str) -> Device:
-    """The device that a table describes; its keys have been checked against `keys`.
+    """Reads a device from a table, whose keys have been checked against `keys`.
 
     Args:
         table: The table.
-        name: Order code and name if it says none.
+        name: Order code and name if the table has none.
 
     Raises:
-        ConfigError: As `load`.
+        ConfigError: As for `load`.
     """
     strict = table.boolean("strict", True)
     if "strict" in table and "sii" not in table:
@@ -65,8 +65,8 @@ class DescribedDevice(Device):
 
     Args:
         attributes: Attributes of `Device`.
-        describe: Adds objects to its dictionary.
-        image: Its SII image, or None to make it from the attributes.
+        describe: Function that adds the objects to the dictionary.
+        image: Its SII image, or None to build it from the attributes.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class DescribedDevice(Device):
         self._describe(self.dictionary)
 
     def keep(self, listed: set[tuple[int, int]]) -> None:
-        """Removes all objects but those that are listed, or may be mapped to process data."""
+        """Removes all entries that are neither listed nor in PDOs, and objects left without any."""
         for pdo in (*self.rx_pdos, *self.tx_pdos):
             listed = listed | {(entry.index, entry.subindex) for entry in pdo.entries}
         for item in list(self.dictionary):
@@ -98,20 +98,20 @@ class DescribedDevice(Device):
                 self.dictionary.remove(item.index)
 
     def sii_image(self) -> bytes:
-        """The image that the description began with, if it did."""
+        """The SII image that the description began with, or one built from the attributes."""
         if self._image is None:
             return super().sii_image()
         return sources.patched(self._image, self.alias, self.serial)
 
     def step(self, now: float) -> None:
-        """Inputs follow the outputs that they are connected with."""
+        """Copies outputs to the inputs that follow them (`loopback`)."""
         del now
         for output, entry in self.loops:
             entry.value = output.value
 
 
 class _Reader:
-    """Makes one device."""
+    """Reads one device."""
 
     def __init__(self, table: Table, base: Device | None, name: str) -> None:
         self._table = table
@@ -126,13 +126,13 @@ class _Reader:
         table = self._table
         if self._base is None:
             for key in ("vendor", "product"):
-                table.integer(key, 0, _U32)  # these must be there
+                table.integer(key, 0, _U32)  # required keys
         device_attributes.read(table, self._attributes)
         self._read_name()
         pdos = table.tables("pdo")
         if "pdo" in table:
             self._read_pdos(pdos)
-        if self._base is None:  # a real image may say what it wants
+        if self._base is None:  # a real image is not checked
             self._check_memory()
         device = self._make()
         self._apply_objects(device.dictionary, late=True)
@@ -176,7 +176,7 @@ class _Reader:
             self._attributes[key] = tuple(pdo for pdo in pdos.values() if pdo.index in indices)
 
     def _channel(self, table: Table, output: bool, any_outputs: bool) -> int:
-        """The sync manager that carries a PDO."""
+        """The number of the sync manager that carries a PDO."""
         managers = self._attributes.get("sync_managers")
         if managers is not None:
             wanted = SmType.OUTPUTS if output else SmType.INPUTS
@@ -191,7 +191,7 @@ class _Reader:
         return 0 if output else int(any_outputs)
 
     def _check_memory(self) -> None:
-        """Whether mailboxes and process data fit into the memory of the chip."""
+        """Checks that mailboxes and process data fit into the memory of the chip."""
         known = self._attributes
         managers = known.get("sync_managers")
         if managers is None:
@@ -217,7 +217,7 @@ class _Reader:
         self._apply_objects(dictionary, late=False)
 
     def _apply_objects(self, dictionary: Dictionary, *, late: bool) -> None:
-        """Adds or changes objects; late those that the device makes last."""
+        """Adds or changes objects; with `late`, those that the device makes last."""
         for row in self._table.tables("object"):
             if (row.data.get("index") in _LATE_OBJECTS) == late:
                 found = device_objects.apply_object(dictionary, row)

@@ -1,4 +1,4 @@
-"""`[[pdo]]` and `[[object]]` of a device file: process data and object dictionary."""
+"""Reads `[[pdo]]` and `[[object]]` of a device file: process data and object dictionary."""
 
 from __future__ import annotations
 
@@ -53,14 +53,15 @@ CODES = {"variable": ObjectCode.VAR, "array": ObjectCode.ARRAY, "record": Object
 
 
 def read_pdo(table: Table, channel: Callable[[Table, bool], int]) -> Pdo:
-    """A PDO.
+    """Reads a PDO.
 
     Args:
-        table: Its table.
-        channel: Returns the sync manager of outputs (true) or inputs.
+        table: Table of the PDO.
+        channel: Function from a table and a direction (True: outputs) to the number of the sync
+            manager.
 
     Raises:
-        ConfigError: Something in it is wrong.
+        ConfigError: A key or value in the table is wrong.
     """
     table.only(PDO_KEYS)
     index = table.integer("index", 0x1600, 0x1BFF)
@@ -122,7 +123,7 @@ def _name(table: Table, default: str) -> str:
 
 
 def latin1(table: Table, key: Key, text: str) -> str:
-    """A text of the slave, all of which is Latin-1 and not longer than a byte can count."""
+    """Checks that a text of the slave is Latin-1 and has at most 255 bytes; returns it."""
     try:
         size = len(text.encode("latin-1"))
     except UnicodeEncodeError as error:
@@ -134,7 +135,7 @@ def latin1(table: Table, key: Key, text: str) -> str:
 
 
 def read_latin1(table: Table, key: Key) -> str:
-    """A text of the slave."""
+    """Reads a text of the slave, which must be Latin-1."""
     return latin1(table, key, table.text(key))
 
 
@@ -142,16 +143,16 @@ def read_latin1(table: Table, key: Key) -> str:
 
 
 def apply_object(objects: Dictionary, table: Table) -> dict[int, set[int]]:
-    """Adds an object to a dictionary, or changes one that follows from PDOs or the standard.
+    """Adds an object to a dictionary, or changes one that PDOs or the standard define.
 
-    An entry that exists stays the same `Variable`, since process data and PDO assignment refer
-    to it; only what the table says of it changes.
+    An existing entry stays the same `Variable`, since process data and PDO assignment refer to it;
+    only the attributes in the table change.
 
     Returns:
         The index and the subindices that the table describes.
 
     Raises:
-        ConfigError: Something in it is wrong.
+        ConfigError: A key or value in the table is wrong.
     """
     table.only(OBJECT_KEYS)
     index = table.integer("index", 1, 0xFFFF)
@@ -248,16 +249,16 @@ def _variable(
     type_default: object = REQUIRED,
     element: tuple[Table, int] | None = None,
 ) -> Variable:
-    """An entry; the old one, changed, if there is one.
+    """Reads an entry; changes the old one if there is one.
 
     Args:
-        table: Its table; for a member of an array, what all members have in common.
+        table: Table of the entry; for a member of an array, the keys that all members share.
         index: Index of its object.
         subindex: Subindex.
         old: The entry so far, or None.
-        name: Its name, if the table says none.
-        type_default: Its type, if the table says none.
-        element: Where the value of a member of an array stands.
+        name: Default of the name.
+        type_default: Default of the type.
+        element: Table and key of the value, for a member of an array.
     """
     if old is None and "type" not in table and type_default is not REQUIRED:
         table.data["type"] = type_default
@@ -300,7 +301,7 @@ def _variable(
 
 
 def _read_limits(table: Table, entry: Variable) -> None:
-    """`min` and `max`: what a master may write."""
+    """Reads `min` and `max`, the limits for a master."""
     for key, name in (("min", "minimum"), ("max", "maximum")):
         if key not in table:
             continue
@@ -320,11 +321,11 @@ def _refuse(code: int) -> Callable[[], Value]:
 
 
 def read_type(table: Table) -> DataType:
-    """The data type `type`: a name, or the index of a type without one."""
+    """Reads the data type `type`: a name, or the index of a type without a name."""
     value = table.data.get("type")
     if type(value) is int:
         number = table.integer("type", 0, 0xFFFF)
-        # Types without a name are carried as they are; their values are bytes.
+        # Types without a name keep their number; values are bytes.
         return DataType(number) if number in tuple(DataType) else number  # type: ignore[return-value]
     if type(value) is not str:
         text = f"not {table.show('type')}" if value is not None else "which is missing"
@@ -356,7 +357,7 @@ def _zero(kind: int) -> Value:
 
 
 def _value(table: Table, kind: int, bits: int, key: Key = "value") -> Value | None:
-    """The value of `value` (or `default`), or the bytes in `data`; None if there is neither."""
+    """Reads `value` (or `default`), or the bytes in `data`; None if there is neither."""
     if key == "value" and "data" in table:
         if "value" in table:
             table.fail("data", "does not belong beside `value`: both say what a master reads")
@@ -396,7 +397,7 @@ def _bytes(table: Table, key: Key) -> bytes:
 
 
 def initial_values(table: Table, dictionary: Dictionary) -> None:
-    """Sets the values that the entries of a PDO begin with."""
+    """Sets the initial values of the entries of a PDO."""
     for row in table.tables("entry"):
         if "value" in row:
             entry = dictionary[row.integer("index", 1, 0xFFFF), row.integer("subindex", 0, 255, 0)]

@@ -1,4 +1,4 @@
-"""A device from an ESI file (ETG.2000): its SII image (ETG.2010) and its object dictionary."""
+"""Makes a device from an ESI file (ETG.2000): its SII image (ETG.2010) and object dictionary."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def device_from_esi(
     product: int | None = None,
     revision: int | None = None,
 ) -> Device:
-    """A device described by an ESI file.
+    """Makes a device from its description in an ESI file.
 
     Args:
         path: The file.
@@ -52,7 +52,7 @@ def device_from_esi(
         revision: Revision number, or None for any.
 
     Raises:
-        ConfigError: The file makes no sense, or not exactly one of its devices fits.
+        ConfigError: The file cannot be used, or not exactly one of its devices fits.
     """
     path = Path(path)
     state = _state(path)
@@ -74,15 +74,15 @@ def device_from_esi(
 
 
 def _state(path: Path) -> tuple[int, int]:
-    """What changes with every write to a file."""
+    """Time and size of a file, which change when it is written."""
     try:
         info = path.stat()
-    except (OSError, ValueError):  # the reader says what is wrong
+    except (OSError, ValueError):  # the reader reports the error
         return 0, 0
     return info.st_mtime_ns, info.st_size
 
 
-# Files have tens of megabytes, and a rig has many devices of each.
+# Cached: files can have tens of megabytes, and a rig may have many devices from each.
 @lru_cache(maxsize=16)
 def _devices(path: Path, _state: tuple[int, int]) -> list[EsiChoice]:
     return list_devices(path)
@@ -94,7 +94,7 @@ def _device(path: Path, _state: tuple[int, int], choice: EsiChoice) -> EsiDevice
 
 
 def image_from_esi(esi: EsiDevice) -> bytes:
-    """The SII image that belongs to a device: what a configuration tool writes to its EEPROM.
+    """Builds the SII image of a device, as a configuration tool would write it to the EEPROM.
 
     Raises:
         ConfigError: The description contradicts itself.
@@ -173,7 +173,7 @@ def _bootstrap(esi: EsiDevice) -> sii.Mailbox | None:
 
 
 class DeviceFromEsi(DeviceFromSii):
-    """A device that is what its ESI file says.
+    """A device that behaves as its ESI file says.
 
     Args:
         esi: The description.
@@ -191,7 +191,7 @@ class DeviceFromEsi(DeviceFromSii):
         super().__init__(image, content)
 
     def describe(self) -> None:
-        """Takes the object dictionary over, and the rules for PDOs."""
+        """Adds the object dictionary and the rules for PDO assignment."""
         if self.mailbox and self.mailbox.protocols & 0x04:
             for item in self._esi.objects:
                 self._add_object(item)
@@ -270,7 +270,7 @@ def _with_rules(
     check: Callable[[Value], None],
     members: dict[int, Variable],
 ) -> Callable[[Value], None]:
-    """Adds to the check of a PDO assignment which PDOs must be in it and which exclude others."""
+    """Extends the check of a PDO assignment by mandatory PDOs and PDOs that exclude others."""
     excludes = {pdo.index: set(pdo.excludes) for pdo in pdos}
 
     def write_count(count: Value) -> None:

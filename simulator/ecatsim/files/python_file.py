@@ -1,4 +1,4 @@
-"""Python files that a user names: loaded, and their mistakes reported with file and line."""
+"""Loads Python files of users and reports their errors with file and line."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ T = TypeVar("T")
 
 _loaded: dict[Path, ModuleType] = {}
 _names: dict[str, Path] = {}
-"""By the file name that code objects have: the path as the user wrote it."""
+"""The path as the user wrote it, by the file name in code objects."""
 
 
 def load(path: Path) -> ModuleType:
-    """The module of a file, which may import files beside it; loaded once.
+    """Loads a file as a module, once; it may import files beside it.
 
     Raises:
-        ConfigError: There is no such file, or it fails.
+        ConfigError: There is no such file, or an error occurs in it.
     """
     try:
         found = path.is_file()
-    except OSError as error:  # a name that is too long, for example
+    except OSError as error:  # for example, a name that is too long
         raise ConfigError(f"'{path}' cannot be read: {error.strerror}") from error
     if not found:
         raise ConfigError(f"there is no file '{path}'")
@@ -48,10 +48,10 @@ def load(path: Path) -> ModuleType:
 
 
 def get(path: Path, name: str) -> Any:
-    """What a file calls by a name.
+    """Returns the object that a file defines by a name.
 
     Raises:
-        ConfigError: As `load`, or it has no such name.
+        ConfigError: As for `load`, or the file does not define the name.
     """
     module = load(path)
     if not hasattr(module, name):
@@ -60,10 +60,10 @@ def get(path: Path, name: str) -> Any:
 
 
 def explained(path: Path, call: Callable[[], T]) -> T:
-    """Calls what a file defines; its failure names the line.
+    """Calls a function that a file defines; an error names the line.
 
     Raises:
-        ConfigError: It fails.
+        ConfigError: The call fails.
     """
     try:
         return call()
@@ -74,7 +74,7 @@ def explained(path: Path, call: Callable[[], T]) -> T:
 
 
 def place(error: BaseException) -> str:
-    """File and line, of those that a user wrote, where an error came up last; "" if in none."""
+    """The last place in a user's file that an error passed, `file:line`; "" if there is none."""
     found = ""
     trace = error.__traceback__
     while trace is not None:
@@ -88,10 +88,10 @@ def place(error: BaseException) -> str:
 
 
 def report(error: Exception) -> str:
-    """An error in one line, with its place if it came up in a file that a user wrote.
+    """Describes an error in one line, with its place if that is in a file of the user.
 
     Returns:
-        The line, or "" for an error of ours, which is a defect.
+        The line, or "" for an unexpected error elsewhere, which is a defect.
     """
     where = place(error)
     if isinstance(error, EcatError):

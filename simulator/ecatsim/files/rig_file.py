@@ -1,4 +1,4 @@
-"""Rig files: slaves, and what connects them outside the bus, in TOML.
+"""Reads rig files (TOML): the slaves, and their connections outside the bus.
 
 See `docs/simulator-rigs.md`, "Rig and device files". Paths are relative to the folder of the file.
 """
@@ -29,10 +29,10 @@ _SHOWN = 8
 
 
 def load(path: Path) -> Rig:
-    """The rig that a file describes.
+    """Reads a rig from a file.
 
     Raises:
-        ConfigError: The file, or one that it names, cannot be used.
+        ConfigError: The file, or a file that it names, cannot be used.
     """
     table = read_toml(path)
     if "product" in table and "slave" not in table:
@@ -87,7 +87,7 @@ def _slave(table: Table, number: int) -> Device:
 
 
 def _identify(table: Table, device: Device) -> None:
-    """`alias` and `serial`, also of a device whose SII image is that of a file."""
+    """Sets `alias` and `serial`, also for a device whose SII image comes from a file."""
     if "alias" not in table and "serial" not in table:
         return
     device.alias = table.integer("alias", 0, _U16, device.alias)
@@ -103,7 +103,7 @@ def _identify(table: Table, device: Device) -> None:
 
 
 def _named_device(table: Table) -> Device:
-    """A device of the library, of a device file, or of a class in a Python file."""
+    """Makes a device of the library, of a device file, or of a class in a Python file."""
     table.only(("device", "parameters", *_PLACE))
     text = table.text("device")
     name, colon, class_name = text.rpartition(":")
@@ -132,7 +132,7 @@ def _existing(table: Table, key: str, text: str) -> Path:
     path = table.document.folder / text
     try:
         found = path.is_file()
-    except ValueError:  # a name with a NUL
+    except ValueError:  # a path with a NUL character
         found = False
     if not found:
         table.fail(key, f"there is no file '{path}'")
@@ -162,7 +162,7 @@ def _esi_device(table: Table) -> Device:
 
 
 def _terminal(table: Table, key: str, rig: Rig) -> Terminal:
-    """What `from` (an output) or `to` (an input) means."""
+    """The terminal that `from` (an output) or `to` (an input) names."""
     where = table.table(key)
     where.only(("slave", "entry"))
     count = len(rig.devices)
@@ -190,7 +190,7 @@ def _terminal(table: Table, key: str, rig: Rig) -> Terminal:
 
 
 def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
-    """What `to` means, which only one wire or waveform may drive."""
+    """The terminal that `to` names; only one wire, waveform or `loopback` may drive it."""
     target = _terminal(table, "to", rig)
     device, index, subindex = target
     loops = device.loops if isinstance(device, device_file.DescribedDevice) else ()
@@ -203,7 +203,7 @@ def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
 
 
 def _add_plant(table: Table, rig: Rig) -> None:
-    """Adds an FMU, or what a function or class of a Python file makes of the rig."""
+    """Adds an FMU, or the plant that a function or class of a Python file makes for the rig."""
     if "fmu" in table:
         rig_fmu.add(table, rig)
         return

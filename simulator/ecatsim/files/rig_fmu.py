@@ -1,4 +1,4 @@
-"""FMUs in rig files: `[[plant]]` with `fmu`, and what its variables are connected with."""
+"""Reads FMUs from rig files: `[[plant]]` with `fmu`, and the connections of its variables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _KEYS = ("fmu", "period", "start", "connect")
 
 
 def add(table: Table, rig: Rig) -> None:
-    """Adds the FMU that a `[[plant]]` names.
+    """Adds the FMU of a table `[[plant]]`.
 
     Raises:
         ConfigError: The table or the FMU cannot be used.

@@ -1,4 +1,4 @@
-"""`at` and `ring` of a rig file: which slave is plugged in where."""
+"""Reads `at` and `ring` of a rig file, which say where slaves are plugged in."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from ..rig import Rig
 
 
 def connect(table: Table, rows: list[Table], rig: Rig) -> None:
-    """Plugs slaves in elsewhere than behind the one before.
+    """Plugs in the slaves with `at`, and closes the ring.
 
     Args:
         table: The outermost table.
-        rows: The tables of the slaves.
-        rig: The rig with its devices.
+        rows: Tables of the slaves.
+        rig: The rig, which has its devices already.
 
     Raises:
-        ConfigError: There is no such port, or it is taken.
+        ConfigError: There is no such port, it is taken, or the slaves are not in wire order.
     """
     slaves = list(rig.devices)
     for number, row in enumerate(rows):
@@ -43,7 +43,7 @@ def connect(table: Table, rows: list[Table], rig: Rig) -> None:
 
 
 def _close_ring(table: Table, rig: Rig) -> None:
-    """`ring`: true, or the slave and the port at the second interface."""
+    """Reads `ring`: true or false, or the slave and the port at the second interface."""
     if isinstance(table.data.get("ring"), dict):
         place = table.table("ring")
         place.only(("slave", "port"))

@@ -1,4 +1,4 @@
-"""`[[waveform]]` of a rig file: a source that drives an input."""
+"""Reads `[[waveform]]` of a rig file: a source that drives an input."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _table(
 
 
 def _column(table: Table, key: Key) -> str | int:
-    """The name of a column, or its number."""
+    """Reads the name of a column, or its number."""
     if isinstance(table.data[key], str):
         return table.text(key)
     return table.integer(key, 0, 0xFFFF)
@@ -48,14 +48,14 @@ _SHAPES: dict[str, tuple[Callable[..., Waveform], Rules, tuple[str, ...]]] = {
     "noise": (waveforms.noise, _NOISE, ("deviation",)),
     "table": (_table, _FILE, ("file",)),
 }
-"""For each shape what makes the waveform, its keys, and those that must be there."""
+"""The function that makes each shape, its keys, and the required keys."""
 
 
 def read(table: Table) -> Waveform:
-    """The waveform of a table, in the unit of the entry that it drives.
+    """Reads a waveform, in the unit of the entry that it drives.
 
     Raises:
-        ConfigError: Something in it is wrong.
+        ConfigError: A key or value in the table is wrong.
     """
     make, rules, required = table.choice("shape", _SHAPES)
     values = table.read({"to": Table.table, "shape": Table.text, **rules}, required)

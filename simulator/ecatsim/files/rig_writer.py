@@ -1,4 +1,4 @@
-"""Writes what was captured of a segment as a rig file."""
+"""Writes a captured segment as a rig file."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from .sii_image import device_from_sii
 
 _BASE64_LINE = 76
 _PORT_DESCRIPTOR = 7
-_EBUS = 2  # lower values say that there is no port
+_EBUS = 2  # lower values mean that there is no port
 _CHIP_KEYS = ("type", "revision", "build", "fmmus", "sync_managers", "ram_kib", "ports", "dc")
 
 
 def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
-    """The rig file of a captured segment.
+    """The text of the rig file for a captured segment.
 
     Args:
         name: Name of the rig.
-        slaves: Its slaves.
+        slaves: The captured slaves.
     """
     places = topology([slave.dl_status for slave in slaves])
     lines = ["# Written by `ecatsim capture`.", f"name = {_text(name)}"]
@@ -74,7 +74,7 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
 
 
 def _chip(slave: CapturedSlave) -> Iterator[str]:
-    """Registers 0x0000 to 0x0009, and what is not as usual."""
+    """The chip: registers 0x0000 to 0x0009, and other properties that are not the default."""
     chip, usual = from_registers(slave.chip, clock=slave.clock), Chip()
     keys = [field.name for field in fields(Chip)]
     values = {key: getattr(chip, key) for key in keys}
@@ -84,7 +84,7 @@ def _chip(slave: CapturedSlave) -> Iterator[str]:
 
 
 def _rights(slave: CapturedSlave, base: Device) -> Iterator[str]:
-    """What a master may change of the PDOs, where the dictionary says otherwise than the SII."""
+    """The write access to PDOs, if the dictionary says otherwise than the SII."""
     rights = {item.index: item.entries for item in slave.objects or ()}
 
     def writable(index: int) -> bool:
@@ -151,7 +151,7 @@ def _object(item: DictionaryObject, slave: CapturedSlave) -> Iterator[str]:
 def _unreadable(
     item: DictionaryObject, subindex: int, entry: DictionaryEntry, slave: CapturedSlave
 ) -> Iterator[str]:
-    """A comment on an entry without a value."""
+    """A comment for an entry whose value could not be read."""
     upload = slave.values.get((item.index, subindex), Upload())
     reason = upload.problem
     if upload.abort and not (upload.abort == WRITE_ONLY and not entry.access & Access.READ):
@@ -161,7 +161,7 @@ def _unreadable(
 
 
 def _members(entry: DictionaryEntry, upload: Upload) -> list[str]:
-    """What is said of an entry beside its subindex and its name."""
+    """The keys of an entry, without subindex and name."""
     row = [f"type = {_type(entry.data_type)}"]
     if entry.bit_length != bit_length(entry.data_type):
         row.append(f"bits = {entry.bit_length}")
@@ -174,7 +174,7 @@ def _members(entry: DictionaryEntry, upload: Upload) -> list[str]:
 
 
 def _value(entry: DictionaryEntry, data: bytes) -> str:
-    """`value`, or `data` where no value of the type makes just these bytes."""
+    """`value`, or `data` if no value of the type gives exactly these bytes."""
     kind, bits = entry.data_type, entry.bit_length
     raw = f'data = "{data.hex(" ")}"'
     if kind not in tuple(DataType):
@@ -184,7 +184,7 @@ def _value(entry: DictionaryEntry, data: bytes) -> str:
         value = variable.decode(data)
         variable.value = value
         same = variable.encode() == data
-    except Exception:  # a length that does not fit the type
+    except Exception:  # the length does not fit the type
         return raw
     if kind == DataType.VISIBLE_STRING and 8 * len(data) <= bits:
         return f"value = {_text(data.decode('latin-1'))}"
@@ -193,7 +193,7 @@ def _value(entry: DictionaryEntry, data: bytes) -> str:
     if not same or not bit_length(kind):
         return raw
     if is_real(kind):
-        fits = 8 * len(data) == bit_length(kind)  # else REAL32 may come as a number of 64 bits
+        fits = 8 * len(data) == bit_length(kind)  # else a REAL32 may have 64 bits
         return f"value = {value!r}" if fits and math.isfinite(float(value)) else raw
     low, high = value_range(kind, bits)
     if not isinstance(value, int) or not low <= value <= high:
@@ -210,7 +210,7 @@ _NAMED = tuple(kind for kind in DataType if kind != DataType.PADDING)
 
 
 def _access(rights: int) -> str:
-    """Access rights in words if there are words for all of them."""
+    """Access rights in words, or as a number if there are no words for all of them."""
     mapping = {Access.RX_PDO: "rxpdo", Access.TX_PDO: "txpdo"}
     words = {int(bits): word for word, bits in ACCESS_WORDS.items() if bits not in mapping}
     plain = rights & 0x3F
@@ -226,7 +226,7 @@ def _list(key: str, rows: Iterable[str]) -> Iterator[str]:
 
 
 def _text(text: str) -> str:
-    """A TOML string."""
+    """The text as a TOML string."""
     quoted = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04X}" for c in quoted) + '"'
 

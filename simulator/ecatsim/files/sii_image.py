@@ -1,4 +1,4 @@
-"""A device from the EEPROM image of a real one (ETG.2010)."""
+"""Makes a device from the EEPROM image of a real one (ETG.2010)."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from ..slave.sii import Mailbox, SmType, SyncManager
 
 _RAM = 0x1000
 _RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
-_DEVICE_EMULATION = 0x0100  # of SII word 0
-_PDO_ASSIGN, _PDO_CONFIGURATION = 0x04, 0x08  # of the CoE details
-_PORT_0 = 0x03  # without it nothing would reach the slave
+_DEVICE_EMULATION = 0x0100  # bit of SII word 0
+_PDO_ASSIGN, _PDO_CONFIGURATION = 0x04, 0x08  # bits of the CoE details
+_PORT_0 = 0x03  # without port 0 no frame would reach the slave
 _PORT_KINDS = {0: 0, 1: 3, 3: 2}  # SII: 1 MII, 3 EBUS; register 0x0007: 3 MII, 2 EBUS
 _LAST_DUMMY = 0x001F  # CiA 301: mapping a data type leaves a gap of its size
 
 
 class DeviceFromSii(Device):
-    """A device that is what its SII image says.
+    """A device that behaves as its SII image says.
 
-    The image is served byte for byte. Inputs keep the values they are given (0 at first), outputs
-    can be read from the dictionary.
+    The master reads the image byte for byte. Inputs keep the values that they are given (0 at
+    first); outputs can be read from the dictionary.
 
     Args:
-        image: The content of its EEPROM.
-        sii: What the image says.
-        chip: The slave controller; None takes the smallest usual one that has all it needs.
+        image: The whole content of the EEPROM.
+        sii: The parsed image.
+        chip: The slave controller; None chooses the smallest common one that has all it needs.
     """
 
     def __init__(self, image: bytes, sii: Sii, chip: Chip | None = None) -> None:
@@ -59,25 +59,25 @@ class DeviceFromSii(Device):
         super().__init__()
 
     def sii_image(self) -> bytes:
-        """The content of the EEPROM, as it came."""
+        """The content of the EEPROM, unchanged."""
         return self._image
 
 
 def device_from_sii(
     image: bytes, source: str, *, strict: bool = True, chip: Chip | None = None
 ) -> Device:
-    """A device made from an SII image.
+    """Makes a device from an SII image.
 
     Args:
         image: The whole EEPROM.
-        source: Where it comes from, for messages.
-        strict: False boots an image whatever is wrong with it, to see what a master does then:
-            what makes no sense is left out of the device, and the image is served as it is. What
-            is only unusual is no reason to refuse an image.
-        chip: The slave controller; None takes the smallest usual one that has all it needs.
+        source: Origin of the image, for messages.
+        strict: Whether to refuse a damaged image. If False, the device leaves out what makes no
+            sense, and the master reads the image as it is, which shows how a master handles it. An
+            image that is only unusual is never refused.
+        chip: The slave controller; None chooses the smallest common one that has all it needs.
 
     Raises:
-        ConfigError: The image is damaged, with its first problem; or it is larger than any
+        ConfigError: The image is damaged (the message names the first problem), or larger than any
             EEPROM.
     """
     if len(image) > MAX_IMAGE:
@@ -115,7 +115,7 @@ def _mailbox(sii: Sii, box: SiiMailbox) -> Mailbox | None:
 
 
 def _chip(sii: Sii) -> Chip:
-    """The smallest usual controller that has what the SII asks for."""
+    """The smallest common controller that has everything the SII needs."""
     ends = [sm.start + sm.length for sm in sii.sync_managers if in_memory(sm.start, sm.length)]
     if sii.mailbox_protocols:
         ends += [sii.mailbox.send + sii.mailbox.send_size]
@@ -139,7 +139,7 @@ def _chip(sii: Sii) -> Chip:
 
 
 def _pdos(pdos: list[Pdo]) -> tuple[Pdo, ...]:
-    """PDOs as a device can have them."""
+    """Converts PDOs of the SII to those of a device."""
     return tuple(
         Pdo(pdo.index, pdo.name, pdo.sync_manager, [_entry(entry) for entry in pdo.entries])
         for pdo in pdos
@@ -159,7 +159,7 @@ def _entry(entry: Entry) -> Entry:
 
 
 def _type(data_type: int, bits: int) -> DataType:
-    """The type of an entry; by its size where the SII has none, or one that does not fit."""
+    """The data type of an entry; by its size if the SII has none or one that does not fit."""
     try:
         known = DataType(data_type)
     except ValueError:

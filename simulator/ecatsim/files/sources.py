@@ -1,4 +1,4 @@
-"""Bytes that rig and device files need: from files beside them, or in them as base64."""
+"""Reads the bytes that rig and device files need, from other files or from base64 text."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _ALIAS, _CRC, _SERIAL = 8, 14, 28
 
 
 def content(table: Table, key: str, most: int = _MAX_FILE) -> bytes:
-    """The bytes of a file, or those that follow `base64:`.
+    """Reads a file, or decodes the text after `base64:`.
 
     Args:
         table: The table with the key.
         key: The key.
-        most: Bytes after which reading ends.
+        most: Largest number of bytes to read from a file.
 
     Raises:
-        ConfigError: There is no such file, or the text is no base64.
+        ConfigError: The file cannot be read, or the text is not base64.
     """
     text = table.text(key)
     if text.startswith(_PREFIX):
@@ -46,15 +46,15 @@ def content(table: Table, key: str, most: int = _MAX_FILE) -> bytes:
 
 
 def sii(table: Table, key: str, *, strict: bool = True) -> Device:
-    """The device of an SII image.
+    """Makes a device from an SII image.
 
     Args:
         table: The table with the key.
         key: The key: a path, or `base64:` and the image.
-        strict: Refuse an image that is against ETG.2010.
+        strict: Whether to refuse an image that violates ETG.2010.
 
     Raises:
-        ConfigError: There is no such file, or the image makes no sense.
+        ConfigError: The file cannot be read, or the image makes no sense.
     """
     image = content(table, key, MAX_IMAGE + 1)
     inside = table.text(key).startswith(_PREFIX)
@@ -63,9 +63,9 @@ def sii(table: Table, key: str, *, strict: bool = True) -> Device:
 
 
 def patched(image: bytes, alias: int, serial: int) -> bytes:
-    """An SII image with another alias and serial number; its checksum is made to fit again."""
+    """An SII image with another alias and serial number, and a correct checksum."""
     if len(image) < _SERIAL + 4:
-        return image  # wanted so: `strict = false`
+        return image  # too short on purpose: `strict = false`
     data = bytearray(image)
     if struct.unpack_from("<H", data, _ALIAS)[0] != alias:
         struct.pack_into("<H", data, _ALIAS, alias)

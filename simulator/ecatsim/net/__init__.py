@@ -1,1 +1,1 @@
-"""Interfaces of Linux: network namespaces and virtual Ethernet pairs."""
+"""Network interfaces of Linux: virtual Ethernet pairs, links and carriers."""

@@ -1,4 +1,4 @@
-"""Virtual Ethernet pairs through rtnetlink, without any tool."""
+"""Creates virtual Ethernet pairs through rtnetlink, and watches interfaces; needs no tools."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def _request(flags: int, body: bytes) -> None:
 
 
 def create_veth(name: str, peer: str) -> None:
-    """Makes a pair of connected interfaces and sets both up, without IPv6 on them.
+    """Creates a pair of connected interfaces and sets both up, without IPv6.
 
     Raises:
-        NotPermittedError: The process may not change interfaces here.
+        NotPermittedError: The process is not permitted to change interfaces here.
         StateError: One of the names is taken.
     """
     _disable_ipv6("default")
@@ -64,7 +64,7 @@ def create_veth(name: str, peer: str) -> None:
     )
     try:
         _request(_NLM_F_CREATE | _NLM_F_EXCL, body)
-        set_up(name)  # not before both exist
+        set_up(name)  # possible only when both exist
         set_up(peer)
     except PermissionError as error:
         raise NotPermittedError("making network interfaces needs CAP_NET_ADMIN") from error
@@ -77,7 +77,7 @@ def create_veth(name: str, peer: str) -> None:
 
 
 def set_up(name: str) -> None:
-    """Sets a link up."""
+    """Sets an interface up."""
     index = socket.if_nametoindex(name)
     _request(0, _IFINFOMSG.pack(socket.AF_UNSPEC, 0, index, _IFF_UP, _IFF_UP))
 
@@ -87,7 +87,7 @@ def check_up(name: str) -> None:
 
     Raises:
         UnreachableError: There is no such interface.
-        StateError: It is down.
+        StateError: The interface is down.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
         try:
@@ -101,17 +101,17 @@ def check_up(name: str) -> None:
 
 
 class Interfaces:
-    """The interfaces of the network namespace in which this was made; asked again and again."""
+    """Queries the interfaces of the network namespace in which the object was made."""
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def close(self) -> None:
-        """Asks no more."""
+        """Closes the socket."""
         self._socket.close()
 
     def index(self, name: str) -> int:
-        """Number of an interface, another one after it was made again; 0 if there is none."""
+        """Index of an interface, which changes when it is made again; 0 if there is none."""
         try:
             reply = fcntl.ioctl(self._socket, _SIOCGIFINDEX, struct.pack("16s24x", name.encode()))
         except OSError:
@@ -120,8 +120,8 @@ class Interfaces:
         return number
 
     def has_carrier(self, name: str) -> bool:
-        """Whether an interface is up and has a link; False where there is none of this name."""
-        # Not IFF_RUNNING, which follows up to a second later.
+        """Whether an interface is up and has a link; False if there is none of this name."""
+        # IFF_RUNNING would follow up to a second later.
         value = (ctypes.c_uint32 * 2)(_ETHTOOL_GLINK, 0)
         request = struct.pack("16sP8x", name.encode(), ctypes.addressof(value))
         try:
@@ -132,7 +132,7 @@ class Interfaces:
 
 
 def _disable_ipv6(name: str) -> None:
-    """Keeps the kernel from sending router solicitations and the like on new interfaces."""
-    # Where this is impossible a few stray frames do no harm.
+    """Keeps the kernel from sending router solicitations and similar frames on new interfaces."""
+    # If this fails, a few stray frames do no harm.
     with contextlib.suppress(OSError):
         Path(f"/proc/sys/net/ipv6/conf/{name}/disable_ipv6").write_text("1")

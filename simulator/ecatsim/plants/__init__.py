@@ -1,1 +1,1 @@
-"""What stands behind the devices: mechanics and waveforms."""
+"""Plants: motors, FMUs and waveforms."""

@@ -1,4 +1,4 @@
-"""An FMU (co-simulation, FMI 2.0 or 3.0) as a plant behind emulated slaves.
+"""Connects an FMU (co-simulation, FMI 2.0 or 3.0) to simulated slaves, as a plant.
 
     from ecatsim.plants.fmu import Connection, add_fmu
 
@@ -7,7 +7,7 @@
         Connection("level", (inputs, 0x6000, 0x11)),    # an output of the FMU: to the slave
     ], start={"area": 0.5}, period=0.001)
 
-FMPy loads and calls the FMU; it is installed with `pip install ecatd[fmu]`.
+FMPy, which loads and calls the FMU, is installed with `pip install ecatd[fmu]`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,16 @@ Start = Mapping[str, float | int | bool | str]
 
 _INTO = ("input", "parameter", "structuralParameter")
 _OUT_OF = ("output", "local", "calculatedParameter")
-_SLOW_STEPS = 1000  # as many steps on end that take longer than they last: the FMU is too slow
+_SLOW_STEPS = 1000  # consecutive steps longer than the period that cause a warning
 
 
 @dataclass(frozen=True, slots=True)
 class Connection:
     """Connects a variable of an FMU with a PDO entry of a device.
 
-    The variable decides the direction: an input or parameter of the FMU takes the entry's value
+    The direction follows from the variable: an input or parameter of the FMU gets the entry's value
+    * scale + offset; an output or local variable * scale + offset becomes the entry's value. The
+    value of an entry is in its unit, which is volts at analog terminals.
     * scale + offset; an output or local variable * scale + offset becomes the entry's value. The
     value of an entry is in its unit, which is volts at analog terminals.
 
@@ -59,10 +61,10 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What the steps of an FMU cost.
+    """Durations of the steps of an FMU.
 
     Attributes:
-        steps: Steps made.
+        steps: Number of steps.
         mean: Mean time of a step in seconds.
         worst: Longest step in seconds.
     """
@@ -96,16 +98,16 @@ class _Group:
 
 
 class FmuPlant:
-    """An FMU that makes one communication step each time it is called.
+    """An FMU that makes one communication step for each call.
 
     Args:
-        path: The FMU.
-        connections: Which variable is connected with which entry.
+        path: File of the FMU.
+        connections: The variables and their entries.
         start: Start values, set before the initialization.
         period: Communication step size in seconds.
 
     Raises:
-        ConfigError: The file cannot be used, or a variable is not known.
+        ConfigError: The file cannot be used, or has no such variable.
         UsageError: FMPy is not installed, or a device has no such entry.
     """
 
@@ -146,7 +148,7 @@ class FmuPlant:
         Raises:
             StateError: The FMU reported an error.
         """
-        del now  # FMU time counts from 0, one period each step
+        del now  # the time of the FMU counts from 0, one period per step
         begin = time.perf_counter()
         try:
             self._step()
@@ -160,7 +162,7 @@ class FmuPlant:
         fmu, self._fmu = self._fmu, None
         if fmu is not None:
             for end in (fmu.terminate, fmu.freeInstance):
-                with contextlib.suppress(Exception):  # it is over anyway
+                with contextlib.suppress(Exception):  # errors no longer matter
                     end()
         if self._folder:
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -172,7 +174,7 @@ class FmuPlant:
 
     @property
     def cost(self) -> Cost:
-        """What the steps cost so far, with reading and writing of the variables."""
+        """Duration of the steps so far, including the access to variables."""
         return Cost(self._number, self._total / max(1, self._number), self._worst)
 
     # --- start ---------------------------------------------------------------------------------
@@ -199,7 +201,7 @@ class FmuPlant:
         fmu.exitInitializationMode()
 
     def _hear(self, *arguments: Any) -> None:
-        """What the FMU says; the last of it goes into error messages."""
+        """Keeps the last message of the FMU for error messages."""
         text = arguments[-1]
         self._said = (text.decode("utf-8", "replace") if isinstance(text, bytes) else "").strip()
 
@@ -217,10 +219,10 @@ class FmuPlant:
         return str(self._description.fmiVersion).startswith("2.")
 
     def _variable(self, name: str) -> Any:
-        """A variable of the FMU that is one number.
+        """A variable of the FMU that is a single number.
 
         Raises:
-            ConfigError: There is none.
+            ConfigError: There is no such variable.
         """
         variable = self._variables.get(name)
         if variable is None:
@@ -240,7 +242,7 @@ class FmuPlant:
         return f"its inputs and outputs are {', '.join(names) or 'none'}"
 
     def _kind(self, variable: Any) -> tuple[str, Callable[[Any], Any]]:
-        """The type in the names of get and set functions, and how a number becomes a value."""
+        """The type in the names of get and set functions, and the conversion from a number."""
         kind = variable.type
         if kind == "Enumeration":
             return ("Integer" if self._is_2 else "Int64"), round
@@ -301,10 +303,10 @@ def _fmpy() -> Any:
 
 
 def _read(fmpy: Any, path: Path) -> Any:
-    """The model description.
+    """Reads the model description.
 
     Raises:
-        ConfigError: The file is missing, no FMU, of no use here.
+        ConfigError: The file is missing, is no FMU, or is an FMU that cannot be used here.
     """
     if not path.is_file():
         raise ConfigError(f"there is no FMU '{path}'")

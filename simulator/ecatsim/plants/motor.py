@@ -1,4 +1,4 @@
-"""A synchronous motor with its servo drive's control loops and the wheel of a rover behind it.
+"""A synchronous motor with the control loops of its servo drive, and the wheel of a rover as load.
 
 Position and speed are those of the motor shaft. Electrical quantities are those of the q axis.
 """
@@ -16,22 +16,23 @@ _MAX_CATCH_UP = 0.1
 
 @dataclass(frozen=True, slots=True)
 class MotorData:
-    """What the motor, its load and its drive are like.
+    """The data of the motor, its load and its drive.
 
     Attributes:
         resistance: Winding resistance in ohm.
         inductance: Winding inductance in henry.
-        torque_constant: N m per ampere, and V s per rad.
-        inertia: Motor and wheel, at the motor shaft, in kg m².
+        torque_constant: Torque constant in N m per ampere, which is also the back EMF in V s per
+            rad.
+        inertia: Inertia of motor and wheel at the motor shaft, in kg m².
         viscous: Viscous friction in N m s per rad.
         coulomb: Coulomb friction in N m.
-        voltage: Supply in volt.
+        voltage: Supply voltage in volt.
         rated_current: Rated current in ampere.
         peak_current: Largest current in ampere.
         encoder: Counts per revolution of the motor.
-        current_bandwidth: Of the current loop, in rad/s.
-        velocity_bandwidth: Of the velocity loop, in rad/s.
-        position_gain: Of the position loop, in 1/s.
+        current_bandwidth: Bandwidth of the current loop in rad/s.
+        velocity_bandwidth: Bandwidth of the velocity loop in rad/s.
+        position_gain: Gain of the position loop in 1/s.
         current_noise: Standard deviation of the measured current in ampere.
     """
 
@@ -57,7 +58,7 @@ class MotorData:
 
 
 class Control(Enum):
-    """What the drive controls."""
+    """The quantity that the drive controls."""
 
     OFF = 0  # no current
     CURRENT = 1
@@ -66,18 +67,18 @@ class Control(Enum):
 
 
 class Motor:
-    """The motor, stepped at 4 kHz.
+    """The motor, simulated in steps of 1/4000 s.
 
     Attributes:
-        control: What is controlled.
-        target: Torque in N m, speed in rad/s or position in rad, as `control` says.
+        control: The controlled quantity.
+        target: Torque in N m, speed in rad/s or position in rad, depending on `control`.
         feedforward: Speed in rad/s that position control adds.
         current_limit: Largest current in ampere.
         position: Angle in rad.
         speed: Speed in rad/s.
         current: Current in ampere.
-        measured_current: The same, as the drive measures it.
-        limited: Whether the current is held at its limit.
+        measured_current: Current in ampere as the drive measures it, with noise.
+        limited: Whether the current is cut to its limit.
     """
 
     def __init__(self, data: MotorData | None = None, seed: int = 1) -> None:
@@ -97,7 +98,7 @@ class Motor:
         self._time: float | None = None
         self._was_off = False
         d = self.data
-        # The winding over one step with constant voltage, exactly.
+        # Exact solution for the winding over one step at constant voltage.
         self._decay = math.exp(-_STEP * d.resistance / d.inductance)
         self._kp_current = d.inductance * d.current_bandwidth
         self._ki_current = d.resistance * d.current_bandwidth * _STEP
@@ -105,7 +106,7 @@ class Motor:
         self._ki_speed = self._kp_speed * d.velocity_bandwidth / 4 * _STEP
 
     def step(self, now: float) -> None:
-        """Simulates up to `now` (seconds); after a long pause only the last 0.1 s of it."""
+        """Simulates up to `now` (seconds); after a long pause, only the last 0.1 s."""
         if self._time is None or now - self._time > _MAX_CATCH_UP:
             self._time = now - _STEP if self._time is None else now - _MAX_CATCH_UP
         while self._time + _STEP <= now:
@@ -116,7 +117,7 @@ class Motor:
 
     @property
     def _rests(self) -> bool:
-        """Whether a step changes nothing."""
+        """Whether a step would change nothing."""
         return self._was_off and self.control is Control.OFF and self.speed == 0.0
 
     def _substep(self) -> None:
@@ -165,6 +166,6 @@ class Motor:
         direction = math.copysign(1.0, self.speed if self.speed != 0.0 else driving)
         after = self.speed + _STEP * (driving - d.coulomb * direction) / d.inertia
         if self.speed * after < 0.0:
-            after = 0.0  # friction stops it; it breaks away in the next step if it can
+            after = 0.0  # friction stops the motor; it breaks away in the next step if it can
         self.position += _STEP * (self.speed + after) / 2
         self.speed = after

@@ -1,4 +1,4 @@
-"""Calls a plant at a fixed rate, however irregularly it is called itself."""
+"""Calls a plant at a fixed rate, even if it is itself called irregularly."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from collections.abc import Callable
 
 from ecatd.model.errors import UsageError
 
-_BUDGET = 0.005  # seconds of processor time at one go; the slaves must be served in between
+_BUDGET = 0.005  # seconds of processor time per call; the slaves must be served in between
 
 
 class Paced:
-    """A plant with a fixed step.
+    """Runs a plant with a fixed step size.
 
-    A plant that is behind catches up, but never for more than a few milliseconds at one go, so that
-    one that needs longer for a step than the step lasts slows itself down and not the bus.
+    A late plant catches up, but only for a few milliseconds per call. A plant whose steps take
+    longer than their period therefore slows down itself and not the bus.
 
     Args:
-        plant: Called with the time of each step.
+        plant: Function that is called with the time of each step.
         period: Seconds between two steps.
-        catch_up: Seconds that are made up for at most after a pause.
+        catch_up: Largest time in seconds that is caught up after a pause.
 
     Attributes:
         steps: Steps made.
-        left_out: Steps left out: after pauses, or because the plant cannot keep up.
+        left_out: Steps that were left out: after pauses, or because the plant cannot keep up.
 
     Raises:
         UsageError: `period` is not positive.
@@ -39,14 +39,14 @@ class Paced:
         self._period = period
         self._most = max(1, int(catch_up / period))
         self._start: float | None = None
-        self._number = 0  # of the next step, counted from the first
+        self._number = 0  # number of the next step, counted from the first
         self.steps = self.left_out = 0
 
     def __call__(self, now: float) -> None:
         """Makes all steps that are due at `now` (CLOCK_MONOTONIC in seconds)."""
         if self._start is None:
             self._start = now
-        # A nanosecond forgives rounding where step and caller have the same period.
+        # The nanosecond covers rounding if step and caller have the same period.
         due = math.floor((now - self._start + 1e-9) / self._period) + 1 - self._number
         if due > self._most:
             self.left_out += due - self._most
@@ -61,7 +61,7 @@ class Paced:
             self.steps += 1
 
     def close(self) -> None:
-        """Closes the plant, if it has anything to close."""
+        """Closes the plant if it has a method `close`."""
         close = getattr(self._plant, "close", None)
         if close is not None:
             close()

@@ -1,4 +1,4 @@
-"""Where a plant meets the bus: a PDO entry as a physical value."""
+"""The interface between plants and devices: a PDO entry as a physical value."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ _LARGEST_REAL32 = (2 - 2**-23) * 2.0**127
 class Point:
     """An entry of a device, in the unit of the entry (volts at an analog terminal) or raw.
 
-    A value that is set is rounded and held within the range of the entry's type, as a converter
-    holds it.
+    A value that is set is rounded, and cut to the range of the entry's type, as a converter does.
 
     Args:
         terminal: The device, and index and subindex of the entry.
 
     Attributes:
-        variable: The raw value.
+        variable: The entry with the raw value.
         unit: The unit, or empty.
         scale: Physical value = raw value * scale + offset.
         offset: See `scale`.
@@ -56,14 +55,14 @@ class Point:
         self._high = (1 << bits - is_signed(kind)) - 1
 
     def get(self) -> float:
-        """The physical value; of a number that is none, as a master may write it, 0."""
+        """The physical value; 0 if a master has written a value that is no finite number."""
         raw = self.variable.value
         if not isinstance(raw, int | float) or not math.isfinite(raw):
             return 0.0
         return raw * self.scale + self.offset
 
     def set(self, value: float) -> None:
-        """Sets the physical value; what is not a number changes nothing."""
+        """Sets the physical value; NaN changes nothing."""
         raw = (value - self.offset) / self.scale
         if raw != raw:  # NaN
             return
@@ -75,7 +74,7 @@ class Point:
             self.variable.value = float(raw)
 
     def same_scale(self, other: Point) -> bool:
-        """Whether raw values mean the same at both points."""
+        """Whether raw values have the same meaning at both points."""
         return (self.unit, self.scale, self.offset) == (other.unit, other.scale, other.offset)
 
 

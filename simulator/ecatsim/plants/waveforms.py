@@ -26,17 +26,17 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
 
 
 def square(frequency: float, low: float = 0, high: float = 1) -> Waveform:
-    """`high` and `low` in turn, half a period each; frequency in Hz."""
+    """Alternates between `high` and `low`, half a period each; frequency in Hz."""
     return lambda now: high if now * frequency % 1.0 < 0.5 else low
 
 
 def ramp(low: float, high: float, frequency: float) -> Waveform:
-    """From `low` to `high` and at once back, a saw tooth; frequency in Hz."""
+    """A saw tooth: rises from `low` to `high` and drops at once; frequency in Hz."""
     return lambda now: low + (high - low) * (now * frequency % 1.0)
 
 
 def triangle(low: float, high: float, frequency: float) -> Waveform:
-    """From `low` to `high` and back at the same rate; frequency in Hz."""
+    """Rises from `low` to `high` and falls at the same rate; frequency in Hz."""
     return lambda now: high - (high - low) * abs(2 * (now * frequency % 1.0) - 1)
 
 
@@ -55,16 +55,17 @@ def noise(deviation: float, mean: float = 0.0, seed: int = 1) -> Waveform:
 def table(
     path: Path | str, column: str | int = 1, time: str | int = 0, *, repeat: bool = False
 ) -> Waveform:
-    """A waveform from a CSV file, linear between its points; it begins when it is first asked.
+    """A waveform from a CSV file, linear between its points; it starts when it is first evaluated.
 
     Args:
-        path: A CSV file; a first line that holds names is skipped.
+        path: A CSV file; a first line with names is skipped.
         column: Name or number (from 0) of the column with the values.
         time: Name or number of the column with the times in seconds, ascending.
-        repeat: Begin again after the last point; otherwise its value stays.
+        repeat: Whether to start again after the last point; otherwise the last value stays.
 
     Raises:
-        UsageError: There is no such file, or it cannot be used (ConfigError); says where and why.
+        UsageError: The file cannot be read, or (ConfigError) not be used; the message says where
+            and why.
     """
     times, values = _read(Path(path), time, column)
     start: list[float] = []

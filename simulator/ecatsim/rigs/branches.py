@@ -15,7 +15,7 @@ _FIRST_BRANCH, _SECOND_BRANCH = 3, 1  # ports of the junction, in the order of t
 
 
 def rig() -> Rig:
-    """A new rig."""
+    """Makes a new rig."""
     outputs, inputs, junction, last = EL2008(), EL1008(), EK1122(), EL2008()
     digital, switches, lamps = EK1100(), EL2004(), EL1018()
     analog, volts, meters = EK1100(), EL4004(), EL3102()

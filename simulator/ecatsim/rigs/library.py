@@ -1,4 +1,4 @@
-"""Finds the rig that a user means: one that comes with ecatsim, or one in a file."""
+"""Finds the rig that a user names: one that comes with ecatsim, or one in a file."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _terminals(argument: str) -> Rig:
 
 @dataclass(frozen=True, slots=True)
 class _Named:
-    """A rig of the library: the pattern of its name, how it is listed, and what makes it."""
+    """A rig of the library: pattern of its name, name and text in lists, and function."""
 
     pattern: re.Pattern[str]
     usage: str
@@ -83,12 +83,12 @@ _LIBRARY = (
 
 
 def library() -> list[tuple[str, str]]:
-    """Name and description of the rigs that come with ecatsim."""
+    """The names and descriptions of the rigs that come with ecatsim."""
     return [(item.usage, item.text) for item in _LIBRARY]
 
 
 def make(name: str) -> Rig:
-    """The rig that a user means: a name of the library, a TOML file, or a Python file with `rig()`.
+    """Makes the rig with a name: of the library, or of a TOML file or a Python file with `rig()`.
 
     Raises:
         UsageError: There is no such rig.

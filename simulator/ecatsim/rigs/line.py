@@ -10,7 +10,7 @@ from ..rig import Rig
 
 
 def rig(count: int) -> Rig:
-    """A line of `count` slaves."""
+    """Makes a line of `count` slaves."""
     if not 1 <= count <= MAX_SLAVES:
         raise UsageError(f"line:{count}: a line has 1 to {MAX_SLAVES} slaves")
     return Rig(f"line:{count}", [Loopback() for _ in range(count)])

@@ -1,7 +1,7 @@
 """The rig `terminals:N`: couplers with digital terminals, for buses of many small slaves.
 
-Each block of 32 slaves is a coupler, EL2008 and EL1018 in turns; an EL1018 returns the outputs of
-the EL2008 before it.
+Each block of 32 slaves begins with a coupler; EL2008 and EL1018 follow in turns. An EL1018 returns
+the outputs of the EL2008 before it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _BLOCK = 32
 
 
 class _Outputs(EL2008):
-    """Keeps the outputs as they are: bits in a dictionary would cost time."""
+    """Keeps the outputs as bytes: single bits in a dictionary would cost time."""
 
     data = bytes(1)
 
@@ -34,12 +34,12 @@ class _Inputs(EL1018):
         self._source = source
 
     def give(self) -> bytes:
-        """Returns those outputs."""
+        """Returns the outputs of the other terminal."""
         return self._source.data
 
 
 def rig(count: int) -> Rig:
-    """So many slaves."""
+    """Makes a rig of `count` slaves."""
     if not 1 <= count <= MAX_SLAVES:
         raise UsageError(f"terminals:{count}: there can be 1 to {MAX_SLAVES} slaves")
     devices: list[Device] = []

@@ -19,7 +19,7 @@ _CONSTANTS = (-8.0, -4.0, -1.0, 0.0, 1.0, 4.0, 8.0, 10.0)
 
 
 def rig() -> Rig:
-    """A new rig."""
+    """Makes a new rig."""
     drive, inputs, outputs = ElmoGold(), EL1018(), EL2008()
     result = Rig(
         "troll",

@@ -1,1 +1,1 @@
-"""One slave above its controller: state machine, mailbox protocols, dictionary, process data."""
+"""A slave without its controller: state machine, mailbox protocols, dictionary, process data."""

@@ -32,7 +32,7 @@ class CoeServer:
 
     Args:
         dictionary: The objects.
-        state: Returns the AL state, which decides what may be read and written.
+        state: Returns the AL state, on which read and write access depend.
         reply_size: Bytes of the mailbox that the master reads.
         complete_access: Whether whole objects may be transferred at once.
     """
@@ -50,7 +50,7 @@ class CoeServer:
         self._information = InformationServer(dictionary, room)
 
     def reset(self) -> None:
-        """Ends a transfer under way."""
+        """Ends a running transfer."""
         self._sdo.reset()
 
     def handle(self, body: bytes) -> list[bytes]:
@@ -60,7 +60,7 @@ class CoeServer:
         if service == Service.SDO_REQUEST:
             _check_size(request, _MIN_SDO)
             reply = self._sdo.handle(request)
-            # An abort is a request in either direction.
+            # An abort is sent as an SDO request in both directions.
             kind = Service.SDO_REQUEST if reply[:1] == ABORT else Service.SDO_RESPONSE
             return [struct.pack("<H", kind << 12) + reply] if reply else []
         if service == Service.SDO_INFORMATION:

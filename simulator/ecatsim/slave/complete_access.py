@@ -14,10 +14,10 @@ _COUNT_BITS = 16  # entry 0 takes a word, so that the others lie on word boundar
 
 
 def check(item: DictionaryObject, subindex: int) -> None:
-    """Checks that an object can be transferred as a whole, from entry 0 or 1.
+    """Checks that an object can be transferred as a whole, from entry 0 or 1 on.
 
     Raises:
-        SdoAbortError: It cannot.
+        SdoAbortError: Complete access to the object is not possible.
     """
     strings = any(entry.type in STRINGS for entry in item.entries.values())
     if item.code == ObjectCode.VAR or strings or subindex > 1:
@@ -25,12 +25,12 @@ def check(item: DictionaryObject, subindex: int) -> None:
 
 
 def size(item: DictionaryObject, subindex: int) -> int:
-    """Bytes of the object from a subindex on."""
+    """Size of the object from a subindex on, in bytes."""
     return (_layout(item, subindex)[1] + 7) // 8
 
 
 def read(item: DictionaryObject, subindex: int, readable: Callable[[Variable], bool]) -> bytes:
-    """The object from a subindex on; entries that cannot be read are 0."""
+    """The data of the object from a subindex on; entries that cannot be read are 0."""
     entries, bits = _layout(item, subindex)
     image = 0
     for entry, bit in entries:
@@ -42,10 +42,10 @@ def read(item: DictionaryObject, subindex: int, readable: Callable[[Variable], b
 def write(
     item: DictionaryObject, subindex: int, data: bytes, check_state: Callable[[Variable], None]
 ) -> None:
-    """Writes all entries that the data reach, but the read-only ones; all of them or none.
+    """Writes all writable entries that the data contains, all of them or none.
 
-    An entry 0 that can be written becomes 0 first and gets its value last, as CiA 301 wants it
-    for PDO mapping and assignment.
+    A writable entry 0 is set to 0 first and gets its value last, as CiA 301 requires for PDO
+    mapping and assignment.
 
     Raises:
         SdoAbortError: An entry is refused, or the whole object is read-only.
@@ -73,7 +73,7 @@ def write(
 
 
 def _layout(item: DictionaryObject, subindex: int) -> tuple[list[tuple[Variable, int]], int]:
-    """Entries with their bit offsets, and the total of bits."""
+    """The entries with their bit offsets, and the total number of bits."""
     entries, bit = [], 0
     for number, entry in sorted(item.entries.items()):
         if number >= subindex:

@@ -1,6 +1,6 @@
 """The base class of simulated devices.
 
-A device of one's own states its identity and its PDOs and computes its inputs from its outputs:
+A new device defines its identity and its PDOs, and computes its inputs from its outputs:
 
     class Doubler(Device):
         vendor, product, revision, order = 0x0000FFFF, 1, 1, "Doubler"
@@ -34,24 +34,24 @@ from .state_machine import AlCode, RefusedError, StateMachine
 from .synchronization import Synchronization
 
 _AL_CONTROL = 0x0120
-_EVENT_MASK = 0x0204  # what interrupts the device
-_EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # all but SYNC0 and SYNC1, which come in each cycle
-_TIMEOUT = 1.0  # for a change that waits for the master
+_EVENT_MASK = 0x0204  # register: the events that interrupt the device
+_EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # SYNC0 and SYNC1 are masked: too frequent
+_TIMEOUT = 1.0  # seconds that a change to OP waits for the master
 
 
 class Device(DeviceType):
-    """A slave: identity, dictionary, process data and behaviour.
+    """A slave: its identity, dictionary, process data and behaviour.
 
     The attributes that describe it are those of `DeviceType`.
 
     Attributes:
-        position: Its place on the segment; -1 before `attach`.
-        dictionary: Its objects.
-        machine: Its AL state machine.
+        position: Position on the segment; -1 before `attach`.
+        dictionary: The object dictionary.
+        machine: The AL state machine.
     """
 
     def __init__(self) -> None:
-        # Class attributes describe a type; a device may change its own copies.
+        # Class attributes describe a type; each device may change its own copies.
         self.rx_pdos = _copies(self.rx_pdos)
         self.tx_pdos = _copies(self.tx_pdos)
         self.files = dict(self.files)
@@ -94,30 +94,30 @@ class Device(DeviceType):
         """
 
     def check(self, old: AlState, new: AlState) -> None:
-        """Checks of the device itself before a change to a higher state.
+        """Makes the device's own checks before a change to a higher state.
 
         Raises:
-            RefusedError: The device does not follow; with the AL status code to report.
+            RefusedError: The device refuses the change, with this AL status code.
         """
 
     def outputs_stopped(self) -> None:
-        """Called when the device leaves OP: outputs in the dictionary have become 0."""
+        """Called when the device leaves OP, after outputs in the dictionary have become 0."""
 
     def receive(self, data: bytes) -> None:
-        """Takes changed outputs; by default into the dictionary."""
+        """Takes changed outputs; by default it writes them to the dictionary."""
         self._process_data.outputs.unpack(data)
 
     def give(self) -> bytes:
-        """Returns the inputs; by default from the dictionary."""
+        """Returns the inputs; by default it reads them from the dictionary."""
         return self._process_data.inputs.pack()
 
     def on_file(self, name: str, data: bytes, password: int) -> None:
-        """Takes a file that the master has written by FoE; by default into `files`.
+        """Takes a file that the master has written by FoE; by default it stores it in `files`.
 
         In BOOT (`self.machine.state`) it may be firmware.
 
         Raises:
-            FoeError: The device does not take it; with the FoE error code to report.
+            FoeError: The device refuses the file, with this FoE error code.
         """
         del password
         self.files[name] = data
@@ -125,13 +125,13 @@ class Device(DeviceType):
     # --- what a device, a rig or a test may do ---------------------------------------------------
 
     def connection(self, index: int, subindex: int) -> Variable:
-        """What a wire or a plant connects to: the entry itself, unless the device converts it."""
+        """The entry that a wire or plant uses: the PDO entry, unless the device converts it."""
         return self.dictionary[index, subindex]
 
     def fail(self, code: int, state: AlState = AlState.SAFEOP) -> None:
-        """Falls back to a state, or stays in a lower one, with an AL status code.
+        """Falls back to a state, or stays in a lower one, with error flag and AL status code.
 
-        From BOOT there is only the way to INIT.
+        From BOOT, only INIT can be reached.
         """
         now = self.machine.state
         if now == AlState.BOOT and state != AlState.INIT:
@@ -142,9 +142,9 @@ class Device(DeviceType):
         """Sets the error register 0x1001 and, from PREOP on, sends an emergency.
 
         Args:
-            code: Error code (ETG.1000.6, CiA 301); 0 says that the error is gone.
+            code: Error code (ETG.1000.6, CiA 301); 0 means that the error is gone.
             register: New value of 0x1001.
-            data: At most five bytes of the device's own.
+            data: Device-specific data, at most five bytes.
 
         Raises:
             ValueError: A number does not fit, or there are more than five bytes.
@@ -156,11 +156,11 @@ class Device(DeviceType):
             self._services.emergency(body)
 
     def reset(self) -> None:
-        """Returns to the state after power-on: INIT, mailboxes empty, objects as in the beginning.
+        """Returns to the state after power-on: INIT, empty mailboxes, initial values of objects.
 
-        Files and identity stay, as they would in a flash memory. A device with a state of its own
-        extends this. The registers of the slave controller are those of `Segment.power`; when
-        both are done, this comes second.
+        Files and identity stay, as in a flash memory. A subclass with a state of its own extends
+        this method. `Segment.power` resets the registers of the slave controller; if both are
+        called, this method comes second.
         """
         if self.machine.state == AlState.OP:
             self._stop_outputs()
@@ -178,10 +178,10 @@ class Device(DeviceType):
 
     @property
     def mailbox_fault(self) -> MailboxFault:
-        """What is wrong with the mailbox; may be set at any time.
+        """The fault of the mailbox, which may be set at any time.
 
         Raises:
-            UsageError: On setting, where the device has no mailbox.
+            UsageError: The property is set, but the device has no mailbox.
         """
         return self._services.server.fault if self._services else MailboxFault()
 
@@ -203,7 +203,7 @@ class Device(DeviceType):
     # --- description ---------------------------------------------------------------------------
 
     def sii_image(self) -> bytes:
-        """The content of the EEPROM; by default what follows from the description."""
+        """The content of the EEPROM; by default it is built from the attributes."""
         return self._build_sii(self._process_data.settings)
 
     def _add_objects(self) -> None:
@@ -228,7 +228,7 @@ class Device(DeviceType):
 
     @property
     def room(self) -> tuple[int, int]:
-        """Bytes that the outputs and the inputs take at most, whatever is assigned and mapped."""
+        """Largest sizes of outputs and inputs in bytes, with any assignment and mapping."""
         return self._process_data.room
 
     @property
@@ -243,14 +243,14 @@ class Device(DeviceType):
 
         Args:
             segment: The segment.
-            outputs_at: Where its outputs begin in the output image of the segment.
-            inputs_at: Where its inputs begin in the input image.
-            place: Position of the slave whose place it takes; None appends one.
+            outputs_at: Offset of its outputs in the output image of the segment.
+            inputs_at: Offset of its inputs in the input image.
+            place: Position of the slave that it replaces; None appends a slave.
         """
         if self.position < 0:
             self.dictionary.remember()
         else:
-            self.detach()  # its last segment may be closed
+            self.detach()  # its last segment may be closed already
         if place is None:
             place = segment.add(self.chip, self.sii_image())
         else:
@@ -264,17 +264,17 @@ class Device(DeviceType):
             self._services.attach(segment, self.position)
 
     def detach(self) -> None:
-        """Leaves the segment; another device may take its place."""
+        """Leaves the segment, so that another device can take its place."""
         self._on_bus = None
         if self._services:
             self._services.attach(None, self.position)
         self.reset()
 
     def handle(self, event: Event, now: float) -> None:
-        """Reacts to what the master did.
+        """Handles events that the master has caused.
 
         Args:
-            event: What happened.
+            event: The events.
             now: CLOCK_MONOTONIC in seconds.
         """
         if event & Event.RESET:
@@ -296,7 +296,7 @@ class Device(DeviceType):
             self._services.handle(event, now)
 
     def take_outputs(self) -> None:
-        """Takes the outputs of the segment, in OP and if they changed."""
+        """Takes the outputs from the segment if the device is in OP and they have changed."""
         size = self._process_data.outputs.size
         if size and self.machine.state == AlState.OP:
             at = self._process_data.at[0]
@@ -306,7 +306,7 @@ class Device(DeviceType):
                 self.receive(data)
 
     def run(self, now: float) -> None:
-        """Makes one step and gives the inputs to the segment.
+        """Makes one step and writes the inputs to the segment.
 
         Args:
             now: CLOCK_MONOTONIC in seconds.
@@ -354,13 +354,14 @@ class Device(DeviceType):
         if self._services and new == AlState.INIT:
             self._services.close()
         if new == AlState.OP and self.mailbox:
-            # A device with a processor enters OP with the first outputs, and with SYNC0.
+            # A device with a processor enters OP only after the first outputs, and after a SYNC0 if
+            # it uses that.
             outputs = Event.OUTPUTS if self._process_data.outputs.size else Event(0)
             self._wait_for(outputs | (Event.SYNC0 if self._sync.is_watched else Event(0)))
         return not self._awaited
 
     def _wait_for(self, events: Event) -> None:
-        """Notes what a change to OP still waits for, and has the slave controller tell of it."""
+        """Notes the events for which a change to OP still waits, and enables them."""
         if events & ~self._awaited & Event.OUTPUTS:
             self._segment.await_outputs(self.position)
         if (events ^ self._awaited) & Event.SYNC0:
@@ -383,7 +384,7 @@ class Device(DeviceType):
             raise
 
     def _lock_process_data(self, locked: bool) -> None:
-        """A device with a processor opens its process data from SAFEOP on."""
+        """Locks or unlocks the process data of a device with a processor, for SAFEOP and above."""
         if self.mailbox:
             self._process_data.lock(self._segment, self.position, locked)
 

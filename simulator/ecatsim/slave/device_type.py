@@ -1,4 +1,4 @@
-"""What a type of device states about itself: identity, mailbox, PDOs and capabilities."""
+"""The attributes of a type of device: identity, mailbox, PDOs and capabilities."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from . import sii
 from .sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from .sync_managers import default_size, derive
 
-_SYNC_TO_DEVICE = 0xCC00  # registers 0x0150 and 0x0151: SYNC0 and SYNC1 are outputs and AL events
+_SYNC_TO_DEVICE = 0xCC00  # registers 0x0150, 0x0151: SYNC0 and SYNC1 are outputs and AL events
 
 
 class DeviceType:
@@ -26,48 +26,48 @@ class DeviceType:
         serial: Serial number.
         alias: Configured station alias.
         device_id: Device identification (explicit device ID, for example of a rotary switch), or
-            None; a master asks for it with bit 5 of AL control.
-        order: Order code; masters show it as the name.
+            None. A master requests it with bit 5 of AL control.
+        order: Order code, which masters show as the name.
         name: Name of the device.
         group: Group type.
         group_name: Name of the group.
         device_type: Object 0x1000.
         chip: The slave controller.
         pdi_control: SII word 0.
-        pdi_config: SII word 1; None takes what the DC modes need.
-        sync_pulse: SII word 2: length of SYNC pulses in 10 ns; 0 lets them last until the device
-            acknowledges them.
+        pdi_config: SII word 1; None takes the value that the DC modes need.
+        sync_pulse: SII word 2: length of SYNC pulses in 10 ns; with 0, a pulse lasts until the
+            device acknowledges it.
         physical_ports: SII port types, nibbles from port 0: 0 none, 1 MII, 3 EBUS.
-        ebus_current: Current taken from the E-bus in mA.
+        ebus_current: Current drawn from the E-bus in mA.
         mailbox: The mailbox with CoE, or None for a device without a processor.
-        bootstrap: The mailbox in BOOT, or None for a device without that state.
+        bootstrap: The mailbox in BOOT, or None for a device without BOOT.
         sync_managers: Sync managers; None derives them from the mailbox and the PDOs.
         fmmus: Purposes of the FMMUs; None derives them from the sync managers.
-        rx_pdos: RxPDOs (outputs); sync manager 0xFF marks one that is not mapped by default.
-        tx_pdos: TxPDOs (inputs).
+        rx_pdos: RxPDOs (outputs); sync manager 0xFF means not assigned by default.
+        tx_pdos: TxPDOs (inputs), in the same way.
         variable_assignment: Whether a master may write the PDO assignment 0x1C12 and 0x1C13.
         variable_mapping: Whether a master may write the PDO mapping 0x1600… and 0x1A00…: of all
             PDOs, or of those with the given indices.
-        mapping_limits: Bytes of outputs and inputs that a variable mapping may reach.
-        dc_modes: How the device uses SYNC0 and SYNC1 (distributed clocks); without any it does
-            not care about them.
-        minimum_cycle_ns: Shortest cycle time of SYNC0 that it can follow.
+        mapping_limits: Largest sizes of outputs and inputs in bytes with a variable mapping.
+        dc_modes: The ways in which the device uses SYNC0 and SYNC1 (distributed clocks); without
+            any, it ignores them.
+        minimum_cycle_ns: Shortest cycle time of SYNC0 in ns that it accepts.
         sync_parameters: Whether it has the objects 0x1C32 and 0x1C33 even without DC modes.
-        emulated: Whether the slave controller itself answers AL control (device emulation,
-            register 0x0141 bit 0): every state is entered, unchecked.
-        longest_watchdog: Longest process data watchdog in seconds with which the device goes to
-            SAFEOP; None accepts any, and none.
-        needs_eeprom: Whether the device reads its EEPROM on the way to PREOP, for which the
-            master must have handed it over (register 0x0500).
-        state_emergencies: Whether a refused change to SAFEOP or OP is also an emergency, 0xA000
-            or 0xA001.
+        emulated: Whether the slave controller itself answers AL control (device emulation, register
+            0x0141 bit 0): every state is entered without checks.
+        longest_watchdog: Longest process data watchdog in seconds that the device accepts for
+            SAFEOP; None accepts any time, and no watchdog.
+        needs_eeprom: Whether the device reads its EEPROM before PREOP, so that the master must have
+            handed it over (register 0x0500).
+        state_emergencies: Whether it also sends an emergency, 0xA000 or 0xA001, when it refuses
+            SAFEOP or OP.
         answer_delay: Seconds from a mail to its answer.
-        file_password: Password of the files, or None where any will do.
-        file_limit: Bytes of the largest file that a master may write.
-        file_busy: How often each packet of a written file is answered with BUSY first.
-        firmware_files: Files that are written in BOOT only.
+        file_password: Password of the files, or None if any is accepted.
+        file_limit: Size of the largest file in bytes that a master may write.
+        file_busy: How many times each packet of a written file is answered with BUSY first.
+        firmware_files: Files that can be written in BOOT only.
         firmware_valid: Whether there is firmware; without it only BOOT can be reached.
-        files: Files that FoE reads and writes, by name.
+        files: Files for FoE, by name.
         period: Seconds between two calls of `step`.
     """
 
@@ -114,7 +114,7 @@ class DeviceType:
     period: float = 0.001
 
     def _settings(self) -> Sequence[SyncManager]:
-        """The sync managers, the usual ones for the PDOs if none are given."""
+        """The given sync managers, or the usual ones for the PDOs."""
         if self.sync_managers is not None:
             return list(self.sync_managers)
         room = byte_length(replace(pdo, sync_manager=0) for pdo in self.rx_pdos)
@@ -124,7 +124,7 @@ class DeviceType:
         return derive(self.mailbox, *sizes, room)
 
     def _build_sii(self, settings: Sequence[SyncManager]) -> bytes:
-        """The SII image that follows from the description."""
+        """Builds the SII image from the attributes."""
         fmmus = self.fmmus
         if fmmus is None:
             kinds = {sm.type for sm in settings}

@@ -1,4 +1,4 @@
-"""Emergencies (ETG.1000.6 "Emergency", CiA 301): what a device says unasked."""
+"""Emergency messages (ETG.1000.6 "Emergency", CiA 301), which a device sends by itself."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from ecatd.model.al import AlState
 _SERVICE = 1 << 12
 _DATA_SIZE = 5
 RESET = 0x0000
-"""Error code with which a device says that its errors are gone."""
+"""Error code that means that all errors are gone."""
 PREOP_TO_SAFEOP, SAFEOP_TO_OP = 0xA000, 0xA001
 
 
 def encode(code: int, register: int, data: bytes = b"") -> bytes:
-    """The body of the mail: CoE header, error code, error register and five bytes of the device.
+    """The body of the mail: CoE header, error code, error register, and five bytes of data.
 
     Raises:
         ValueError: A number does not fit, or there are more than five bytes.
@@ -28,7 +28,7 @@ def encode(code: int, register: int, data: bytes = b"") -> bytes:
 
 
 def refused(old: AlState, new: AlState) -> int | None:
-    """The error code for a refused state change; None where the standard has none."""
+    """The error code for a refused state change; None if the standard has none."""
     return {
         (AlState.PREOP, AlState.SAFEOP): PREOP_TO_SAFEOP,
         (AlState.SAFEOP, AlState.OP): SAFEOP_TO_OP,

@@ -15,7 +15,7 @@ _BUSY = struct.Struct("<BxHH")
 
 
 class FoeCode(IntEnum):
-    """Error codes."""
+    """Error codes of FoE."""
 
     NOT_DEFINED = 0x8000
     NOT_FOUND = 0x8001
@@ -32,11 +32,11 @@ class FoeCode(IntEnum):
 
 
 class FoeError(Exception):
-    """A file is refused.
+    """The device refuses a file or a request for one.
 
     Attributes:
         code: The FoE error code.
-        text: What the master is told.
+        text: Error text for the master.
     """
 
     def __init__(self, code: int, text: str = "") -> None:
@@ -55,7 +55,7 @@ class _Operation(IntEnum):
 
 
 class FileHost(Protocol):
-    """What the server asks its device; see `Device` for the meaning."""
+    """The part of a device that the server uses; see `Device` for the meaning."""
 
     files: dict[str, bytes]
     file_password: int | None
@@ -64,20 +64,21 @@ class FileHost(Protocol):
     file_busy: int
 
     def on_file(self, name: str, data: bytes, password: int) -> None:
-        """Takes a file that the master wrote completely."""
+        """Takes a file after the master has written all of it."""
 
 
 @dataclass(slots=True)
 class _Transfer:
-    """A transfer under way.
+    """A running transfer.
 
     Attributes:
         name: Name of the file.
-        password: Password that came with the request.
-        write: The master writes.
-        data: Read: the file. Write: what has come.
-        packet: Read: packet that is out, from 1. Write: last packet that has come.
-        busy: Write: how often the next packet is still answered with BUSY.
+        password: Password in the request.
+        write: Whether the master writes the file.
+        data: Reading: the whole file. Writing: the bytes received so far.
+        packet: Reading: number of the packet sent last, from 1. Writing: number of the packet
+            received last.
+        busy: Writing: how many times the next packet is still answered with BUSY.
     """
 
     name: str
@@ -89,9 +90,9 @@ class _Transfer:
 
 
 class FoeServer:
-    """Reads and writes the files of a device.
+    """Answers FoE requests with the files of a device.
 
-    The last packet of a file is one that does not fill the mailbox, if need be an empty one.
+    The last packet of a file is shorter than the mailbox allows, and empty if necessary.
 
     Args:
         host: The device.
@@ -104,7 +105,7 @@ class FoeServer:
         self._boot = False
 
     def start(self, receive_size: int, send_size: int, *, boot: bool) -> None:
-        """Ends a transfer under way and takes the sizes of the mailboxes.
+        """Ends a running transfer and sets the sizes of the mailboxes.
 
         Args:
             receive_size: Bytes of the mailbox that the master writes.
@@ -184,7 +185,7 @@ class FoeServer:
         transfer = self._under_way(write=True)
         if number != transfer.packet + 1:
             raise _wrong_packet(number, transfer.packet + 1)
-        if transfer.busy > 0:  # the master repeats the packet
+        if transfer.busy > 0:  # the master will repeat the packet
             total = self._host.file_busy
             transfer.busy -= 1
             return [_BUSY.pack(_Operation.BUSY, total - transfer.busy - 1, total)]

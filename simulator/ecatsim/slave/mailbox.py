@@ -1,4 +1,4 @@
-"""Mailbox of a slave: headers, counters, error replies, and faults (ETG.1000.4 "Mailbox")."""
+"""The mailbox of a slave: headers, counters, error replies, and faults (ETG.1000.4 "Mailbox")."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _GARBAGE_SIZE = 32
 
 
 class Protocol(IntEnum):
-    """Protocol of a mail."""
+    """The protocol of a mail."""
 
     ERROR = 0
     AOE = 1
@@ -30,7 +30,7 @@ class Protocol(IntEnum):
 
 
 class MailboxError(IntEnum):
-    """Detail of an error reply."""
+    """The detail code of an error reply."""
 
     SYNTAX = 0x01
     UNSUPPORTED_PROTOCOL = 0x02
@@ -43,10 +43,10 @@ class MailboxError(IntEnum):
 
 
 class RefusedMailError(Exception):
-    """A mail is answered with an error reply.
+    """A mail is refused with an error reply.
 
     Attributes:
-        detail: What is wrong with it.
+        detail: The detail code.
     """
 
     def __init__(self, detail: MailboxError) -> None:
@@ -57,7 +57,7 @@ class RefusedMailError(Exception):
 class MailboxMode(StrEnum):
     """How a faulty mailbox behaves."""
 
-    NONE = "none"  # as it should
+    NONE = "none"  # works normally
     SLOW = "slow"  # answers late
     STUCK = "stuck"  # takes mails and never answers
     FULL = "full"  # never takes a mail: the write of the master has no working counter
@@ -69,8 +69,8 @@ class MailboxFault:
     """A fault of a mailbox.
 
     Attributes:
-        mode: What is wrong, also as text: none, slow, stuck, full, garbage.
-        delay_s: With `slow`: seconds by which answers are late.
+        mode: Kind of fault, also as text: none, slow, stuck, full, garbage.
+        delay_s: Extra delay of answers in seconds, with `slow`.
 
     Raises:
         UsageError: There is no such mode.
@@ -95,17 +95,17 @@ Handler = Callable[[bytes], list[bytes]]
 class MailboxServer:
     """Answers the mails of one slave.
 
-    Times are seconds of any clock that runs forward; they come from whoever calls.
+    Times are in seconds of any monotonic clock; the caller supplies them.
 
     Args:
-        handlers: What answers each protocol that the slave knows.
-        put: Offers a mail to the master, overwriting an unread one when its second argument is
-            true; false while the last one is unread.
+        handlers: Handlers of the protocols that the slave knows.
+        put: Offers a mail to the master; if its second argument is true, it overwrites an unread
+            mail. Returns False if the last mail is unread.
 
     Attributes:
         handlers: See above.
         delay: Seconds from a request to its answer.
-        fault: What is wrong with the mailbox.
+        fault: Fault of the mailbox.
     """
 
     def __init__(self, handlers: dict[int, Handler], put: Callable[[bytes, bool], bool]) -> None:
@@ -113,14 +113,14 @@ class MailboxServer:
         self.delay = 0.0
         self.fault = MailboxFault()
         self._put = put
-        self._queue: deque[tuple[float, bytes]] = deque()  # when it may be offered, and the mail
-        self._offered: deque[bytes] = deque(maxlen=2)  # the last two, the newest last
-        self._later: list[tuple[Protocol, bytes]] | None = None  # while a handler runs
+        self._queue: deque[tuple[float, bytes]] = deque()  # due times and mails
+        self._offered: deque[bytes] = deque(maxlen=2)  # the last two offered, newest last
+        self._later: list[tuple[Protocol, bytes]] | None = None  # mails sent while a handler runs
         self._random = random.Random(1)
         self.reset()
 
     def reset(self) -> None:
-        """Forgets everything, as when the slave enters INIT."""
+        """Clears all queues and counters, as in INIT."""
         self._queue.clear()
         self._offered.clear()
         self._unread = False
@@ -130,7 +130,7 @@ class MailboxServer:
 
     @property
     def accepts(self) -> bool:
-        """Whether a mail may be taken from the master; otherwise it stays where it is."""
+        """Whether the slave takes a mail of the master now; if not, it stays in the mailbox."""
         return self.fault.mode != MailboxMode.FULL and len(self._queue) < _MAX_WAITING
 
     @property
@@ -138,14 +138,14 @@ class MailboxServer:
         return self.fault.mode == MailboxMode.STUCK
 
     def receive(self, mail: bytes, now: float = 0.0) -> None:
-        """Answers a mail that the master wrote."""
+        """Handles a mail from the master."""
         self._now = now
         if len(mail) < HEADER_SIZE or not self.accepts or self._is_stuck:
             return
         length, _, _, kind = _HEADER.unpack_from(mail)
         counter = kind >> 4 & 7
         if counter and counter == self._last_request:
-            return  # the master repeats a mail whose acknowledgement it lost
+            return  # a repeated mail: the master has not seen its acknowledgement
         self._last_request = counter
         later: list[tuple[Protocol, bytes]] = []
         self._later = later
@@ -159,9 +159,9 @@ class MailboxServer:
             self.send(protocol, body)
 
     def send(self, protocol: Protocol, body: bytes) -> None:
-        """Queues a mail for the master; without room it is lost.
+        """Queues a mail for the master; it is lost if the queue is full.
 
-        What a handler sends of its own accord (an emergency) comes behind its answer.
+        A mail that a handler itself sends (an emergency) comes after the handler's answer.
         """
         if self._later is not None:
             self._later.append((protocol, body))
@@ -176,18 +176,18 @@ class MailboxServer:
         self._offer()
 
     def tick(self, now: float) -> None:
-        """Offers what has become due."""
+        """Offers the next mail if it is due."""
         self._now = now
         if self._queue:
             self._offer()
 
     def was_read(self) -> None:
-        """The master read the mail that was offered."""
+        """Called when the master has read the offered mail."""
         self._unread = False
         self._offer()
 
     def again(self) -> None:
-        """The master lost the last mail that it read and asks for it again."""
+        """Called when the master requests the last mail again, because it was lost."""
         if self._is_stuck:
             return
         if self._unread and len(self._offered) == 2:

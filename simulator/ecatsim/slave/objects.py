@@ -1,4 +1,4 @@
-"""Object dictionary of a device (ETG.1000.6 "CoE", CiA 301)."""
+"""The object dictionary of a device (ETG.1000.6 "CoE", CiA 301)."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ class Variable:
     """One entry of the dictionary.
 
     Attributes:
-        index: Index of its object.
+        index: Index of the object.
         subindex: Subindex.
-        name: Name.
+        name: Name of the entry.
         type: Data type.
-        bits: Bits in process data and complete access; 0 takes them from the type or value.
-        access: Access rights; also whether it may be mapped to a PDO.
-        value: Its value: integer, float, text or bytes.
+        bits: Bits in process data and complete access; 0 derives them from the type or value.
+        access: Access rights, including whether the entry may be mapped to a PDO.
+        value: Current value: integer, float, text or bytes.
         minimum: Smallest value that a master may write, or None.
         maximum: Largest value that a master may write, or None.
-        default: Default value that SDO information gives; None stands for `initial`.
-        unit: Unit code, see `units.code`; 0 for none.
-        initial: Value at power-on, taken by `Dictionary.remember`.
-        on_read: Called before a master reads the entry; returns the value.
-        on_write: Called with a value that a master writes by SDO, before it is stored. It may
-            raise `SdoAbortError` to refuse it.
-        zero_keeps: A 0 in the process data leaves the value as it is.
+        default: Default value for SDO information; None takes `initial`.
+        unit: Unit code, see `units.code`; 0 for no unit.
+        initial: Value at power-on, set by `Dictionary.remember`.
+        on_read: Called when a master reads the entry; returns the value.
+        on_write: Called with a value that a master writes by SDO, before it is stored. It may raise
+            `SdoAbortError` to refuse the value.
+        zero_keeps: Whether a 0 in the process data leaves the value unchanged.
     """
 
     index: int
@@ -59,7 +59,7 @@ class Variable:
             self.bits = bit_length(self.type) or 8 * len(self.encode())
 
     def encode(self) -> bytes:
-        """The value as SDO data (little endian)."""
+        """The current value as SDO data (little endian)."""
         return self.pack(self.on_read() if self.on_read else self.value)
 
     def pack(self, value: Value) -> bytes:
@@ -75,10 +75,10 @@ class Variable:
         return (int(value) & ((1 << self.bits) - 1)).to_bytes(size, "little")
 
     def decode(self, data: bytes) -> Value:
-        """The value of SDO data.
+        """Converts SDO data to a value.
 
         Raises:
-            SdoAbortError: The length does not fit.
+            SdoAbortError: The length does not fit the type.
         """
         if self.type in STRINGS:
             if len(data) > self.bits // 8:
@@ -97,7 +97,7 @@ class Variable:
         return int.from_bytes(data, "little", signed=is_signed(self.type))
 
     def write(self, data: bytes) -> None:
-        """Stores SDO data, after all checks.
+        """Stores SDO data after all checks.
 
         Raises:
             SdoAbortError: The value is refused.
@@ -120,11 +120,11 @@ class DictionaryObject:
     """An object: a variable, or an array or record of entries.
 
     Attributes:
-        index: Index.
+        index: Index of the object.
         name: Name.
-        code: Its kind.
+        code: Object code: variable, array or record.
         type: Data type of the object; for a record the index of its structure.
-        entries: Entries by subindex; arrays and records have the number of entries at 0.
+        entries: Entries by subindex; in arrays and records, entry 0 is the number of entries.
     """
 
     index: int
@@ -152,10 +152,10 @@ class Dictionary:
         return iter(sorted(self._objects.values(), key=lambda item: item.index))
 
     def __getitem__(self, key: tuple[int, int]) -> Variable:
-        """The entry at (index, subindex); for the device's own use.
+        """The entry at (index, subindex), for the device itself.
 
         Raises:
-            ConfigError: There is none: a mistake in the device's own code.
+            ConfigError: There is no such entry, which is a mistake in the code of the device.
         """
         index, subindex = key
         try:
@@ -164,12 +164,12 @@ class Dictionary:
             raise ConfigError(f"the device has no object 0x{index:04X}:{subindex:02X}") from None
 
     def remember(self) -> None:
-        """Takes the values of now as those at power-on."""
+        """Stores the present values as those at power-on."""
         for entry in self._entries():
             entry.initial = entry.value
 
     def restore(self) -> None:
-        """Returns to the values at power-on."""
+        """Restores the values at power-on."""
         for entry in self._entries():
             if entry.initial is not None:
                 entry.value = entry.initial
@@ -179,20 +179,20 @@ class Dictionary:
             yield from item.entries.values()
 
     def object(self, index: int) -> DictionaryObject:
-        """An object.
+        """Looks up an object.
 
         Raises:
-            SdoAbortError: There is none.
+            SdoAbortError: There is no such object.
         """
         if index not in self._objects:
             raise SdoAbortError(abort_codes.NO_OBJECT)
         return self._objects[index]
 
     def entry(self, index: int, subindex: int) -> Variable:
-        """An entry.
+        """Looks up an entry.
 
         Raises:
-            SdoAbortError: There is none.
+            SdoAbortError: There is no such object or entry.
         """
         entries = self.object(index).entries
         if subindex not in entries:
@@ -212,7 +212,7 @@ class Dictionary:
         access: Access = Access.RO,
         bits: int = 0,
     ) -> Variable:
-        """Adds an object that is one variable."""
+        """Adds an object that is a single variable."""
         entry = Variable(index, 0, name, type, bits, access, value)
         self._objects[index] = DictionaryObject(index, name, ObjectCode.VAR, type, {0: entry})
         return entry
@@ -227,7 +227,7 @@ class Dictionary:
         type: int = 0,
         count_access: Access = Access.RO,
     ) -> DictionaryObject:
-        """Adds a record, or an array; entry 0 (the number of entries) is made from the others."""
+        """Adds a record or an array; entry 0 (the number of entries) is made automatically."""
         members = {entry.subindex: entry for entry in entries}
         count = Variable(
             index,

@@ -1,7 +1,7 @@
-"""PDO mapping (0x1600…, 0x1A00…) and assignment (0x1C10 to 0x1C1F) as a master may change them.
+"""PDO mapping (0x1600…, 0x1A00…) and assignment (0x1C10 to 0x1C1F), writable for a master.
 
-Both follow CiA 301: the master writes 0 to entry 0, then the entries, then their number to entry 0,
-with which they become valid. Complete access does the same in one transfer.
+Both follow CiA 301: the master writes 0 to entry 0, then the entries, and at last their number to
+entry 0, which makes them valid. Complete access does the same in one transfer.
 """
 
 from __future__ import annotations
@@ -21,25 +21,24 @@ from .objects import Access, Dictionary, DictionaryObject, ObjectCode, Value, Va
 from .sii import UNASSIGNED
 
 ASSIGNMENTS = 0x1C10
-"""Object that assigns PDOs to sync manager 0; those of the others follow."""
+"""The object that assigns PDOs to sync manager 0; those of the other sync managers follow."""
 
 _MAPPING_STRUCTURE = 0x0021
-_MAPPING_ENTRIES = 32  # of a mapping that a master may write
+_MAPPING_ENTRIES = 32  # entries of a mapping that a master may write
 _CONFIGURABLE = Access.READ | Access.WRITE_PREOP
 
 
 class ProcessDataObjects:
-    """The PDOs of one direction: what may be mapped, and what is.
+    """The PDOs of one direction: which objects may be mapped, and which are.
 
     Args:
-        objects: The dictionary, which gets the mapping objects, the assignment and the entries
-            that the PDOs map.
+        objects: The dictionary, to which mapping objects, assignments and mapped entries are added.
         pdos: All PDOs of the direction with their default entries.
-        outputs: Whether they are RxPDOs; else TxPDOs.
-        channels: The sync managers that may carry them; 0x1C10 + n assigns those of channel n.
+        outputs: Whether they are RxPDOs rather than TxPDOs.
+        channels: The sync managers that may carry them; 0x1C10 + n assigns PDOs to channel n.
         assignment: Whether a master may write the assignment.
         mapping: Indices of the PDOs whose mapping a master may write.
-        limit: Bytes of process data that a mapping may reach.
+        limit: Largest size of the process data in bytes with a changed mapping.
     """
 
     def __init__(
@@ -58,7 +57,7 @@ class ProcessDataObjects:
         self._right = Access.RX_PDO if outputs else Access.TX_PDO
         self._variable = frozenset(mapping) & self._defaults.keys()
         total = sum(pdo.bit_length for pdo in pdos)
-        share = max(0, len(channels) - 1)  # of a byte, which each of the others may begin
+        share = max(0, len(channels) - 1)  # each further channel may begin a byte of its own
         self.room = max((total + 7) // 8 + share, limit if self._variable else 0)
         for pdo in pdos:
             self._add_mapping(pdo)
@@ -68,7 +67,7 @@ class ProcessDataObjects:
 
     @property
     def pdos(self) -> list[Pdo]:
-        """The assigned PDOs as they are mapped."""
+        """The assigned PDOs with their present mapping."""
         return [
             replace(self._pdo(index), sync_manager=channel)
             for channel, item in self._assignments.items()
@@ -99,7 +98,7 @@ class ProcessDataObjects:
     def _add_entry(self, entry: Entry) -> None:
         objects, right = self._objects, self._right
         access = (Access.RW if right == Access.RX_PDO else Access.RO) | right
-        name = entry.name.rpartition("__")[2]  # SII names carry the group of the entry as well
+        name = entry.name.rpartition("__")[2]  # a name in the SII includes the group
         kind = _type_of(entry)
         variable = Variable(
             entry.index,
@@ -124,7 +123,7 @@ class ProcessDataObjects:
     def _add_assignment(
         self, channel: int, first: bool, channels: Sequence[int], variable: bool
     ) -> None:
-        """The first channel also takes PDOs whose sync manager carries no such data."""
+        """Adds an assignment; the first one also gets PDOs with a sync manager of another kind."""
         assigned = [
             pdo.index
             for pdo in self._defaults.values()
@@ -153,7 +152,7 @@ class ProcessDataObjects:
         return Pdo(index, default.name, default.sync_manager, entries)
 
     def _entry(self, value: int) -> Entry:
-        """The entry that a mapping value means: index, subindex and bits; index 0 is a gap."""
+        """Decodes a mapping value: index, subindex and bits; index 0 is a gap."""
         index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
         if index == 0:
             return Entry(0, 0, "", DataType.PADDING, bits)
@@ -208,7 +207,7 @@ def _guard(
     check_one: Callable[[int], None],
     check_all: Callable[[Sequence[int]], None],
 ) -> None:
-    """Holds a mapping or assignment object to the procedure of CiA 301."""
+    """Makes an object for mapping or assignment follow the procedure of CiA 301."""
     entries = item.entries
 
     def write_count(count: Value) -> None:

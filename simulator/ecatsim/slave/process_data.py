@@ -1,4 +1,4 @@
-"""Process data of a device: which PDOs are mapped, and how they reach the sync managers."""
+"""The process data of a device: the mapped PDOs, and their way to the sync managers."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .sync_managers import channels_of, check_process_data
 
 
 class ProcessData:
-    """Both directions of the process data of one device.
+    """The outputs and inputs of one device.
 
     Args:
-        objects: The dictionary, which gets the objects of the PDOs.
+        objects: The dictionary, to which the objects of the PDOs are added.
         rx_pdos: RxPDOs (outputs).
         tx_pdos: TxPDOs (inputs).
         settings: The sync managers.
         assignment: Whether a master may write the assignment.
         mapping: Indices of the PDOs whose mapping a master may write.
-        limits: Bytes of outputs and inputs that a mapping may reach.
+        limits: Largest sizes of outputs and inputs in bytes with a changed mapping.
 
     Attributes:
         settings: The sync managers.
-        outputs: The outputs as they are mapped now.
-        inputs: The inputs as they are mapped now.
-        at: Where they begin in the images of the segment.
+        outputs: The outputs with their present mapping.
+        inputs: The inputs with their present mapping.
+        at: Offsets of outputs and inputs in the images of the segment.
     """
 
     def __init__(
@@ -65,21 +65,21 @@ class ProcessData:
         self.at = (0, 0)
 
     def _channels(self, kind: SmType, usual: int) -> list[int]:
-        """Those of a kind; a device without one has an empty assignment for the usual one."""
+        """The channels of a kind; without any, the usual one if it is free, for an empty list."""
         others = {SmType.OUTPUTS, SmType.INPUTS} - {kind}
         free = usual >= len(self.settings) or self.settings[usual].type not in others
         return channels_of(self.settings, kind) or [usual] * free
 
     @property
     def room(self) -> tuple[int, int]:
-        """Bytes that the outputs and the inputs take at most, however they are mapped."""
+        """Largest sizes of outputs and inputs in bytes, with any mapping."""
         return self._rx.room, self._tx.room
 
     def rebuild(self) -> None:
-        """Takes over assignment and mapping.
+        """Applies the present assignment and mapping.
 
         Raises:
-            RefusedError: There are more process data than the device has room for.
+            RefusedError: The process data is larger than the device allows.
         """
         outputs = ProcessImage(self._rx.pdos, self._objects)
         inputs = ProcessImage(self._tx.pdos, self._objects)
@@ -90,19 +90,19 @@ class ProcessData:
         self.outputs, self.inputs = outputs, inputs
 
     def check(self, segment: Segment, position: int) -> None:
-        """Checks the sync managers that the master set.
+        """Checks the settings of the sync managers that the master has made.
 
         Raises:
-            RefusedError: They do not hold exactly the mapped PDOs.
+            RefusedError: The sync managers do not hold exactly the mapped PDOs.
         """
         areas = (*self.outputs.areas, *self.inputs.areas)
         sizes = {area.number: area.size for area in areas}
         check_process_data(segment, position, self.settings, sizes)
 
     def start(self, segment: Segment, position: int) -> None:
-        """Connects the process data with the images of the segment.
+        """Connects the process data to the images of the segment.
 
-        What lies in registers comes from the slave controller itself.
+        Process data in registers is left to the slave controller itself.
         """
         areas = []
         for kind, image, at in (
@@ -123,7 +123,7 @@ class ProcessData:
         segment.map(position, areas)
 
     def lock(self, segment: Segment, position: int, locked: bool) -> None:
-        """Closes or opens the process data channels to the master."""
+        """Locks or unlocks the process data channels for the master."""
         for kind in (SmType.OUTPUTS, SmType.INPUTS):
             for channel in channels_of(self.settings, kind):
                 if not self.settings[channel].virtual:

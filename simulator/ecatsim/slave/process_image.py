@@ -1,4 +1,4 @@
-"""Process data of one direction of a device: bits in its bytes, values in its dictionary."""
+"""The process data of one direction: bits in the sync managers, values in the dictionary."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ProcessImage:
 
     Attributes:
         areas: The bytes of each sync manager.
-        size: Bytes of all of them.
+        size: Total size in bytes.
     """
 
     def __init__(self, pdos: Sequence[Pdo], dictionary: Dictionary) -> None:
@@ -54,7 +54,7 @@ class ProcessImage:
                 variable.value = variable.decode(raw.to_bytes(size, "little"))
 
     def pack(self) -> bytes:
-        """Process data from the values of the dictionary."""
+        """Makes process data from the values of the dictionary."""
         image = 0
         for variable, bit, mask, _, plain in self._fields:
             value = variable.value

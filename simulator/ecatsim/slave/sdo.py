@@ -34,15 +34,15 @@ class _Command(IntEnum):
 
 @dataclass(slots=True)
 class _Transfer:
-    """A segmented transfer under way.
+    """A running segmented transfer.
 
     Attributes:
         index: Object index.
         subindex: Subindex.
-        complete: Complete access.
-        upload: The master reads.
-        data: Upload: what remains. Download: what has come.
-        size: Download: how much will come.
+        complete: Whether it is complete access.
+        upload: Whether the master reads.
+        data: Upload: the remaining data. Download: the data received so far.
+        size: Download: the announced size in bytes.
         toggle: Expected toggle bit.
     """
 
@@ -60,8 +60,8 @@ class SdoServer:
 
     Args:
         dictionary: The objects.
-        state: Returns the AL state, which decides what may be read and written.
-        room: Bytes of a reply behind the CoE header.
+        state: Returns the AL state, on which read and write access depend.
+        room: Largest size of a reply in bytes, without mailbox and CoE headers.
         complete_access: Whether whole objects may be transferred at once.
     """
 
@@ -80,7 +80,7 @@ class SdoServer:
         self._transfer: _Transfer | None = None
 
     def reset(self) -> None:
-        """Ends a transfer under way."""
+        """Ends a running transfer."""
         self._transfer = None
 
     def handle(self, request: bytes) -> bytes:
@@ -151,7 +151,7 @@ class SdoServer:
         return _SDO.pack(0x60 | (command & 0x10), index, subindex) + bytes(4)
 
     def _own_size(self, index: int, subindex: int) -> int:
-        """Bytes of an expedited download that does not say how many there are."""
+        """Size of an expedited download that does not state its size."""
         return min(4, (self._dictionary.entry(index, subindex).bits + 7) // 8)
 
     def _download_segment(self, command: int, request: bytes) -> bytes:
@@ -202,7 +202,7 @@ class SdoServer:
             entry.write(data)
 
     def _check_download(self, index: int, subindex: int, complete: bool, size: int) -> None:
-        """Refuses a download of several mails before it begins."""
+        """Checks a download before its data is complete."""
         if complete:
             room = complete_access.size(self._whole_object(index, subindex), subindex)
         else:
@@ -219,7 +219,7 @@ class SdoServer:
         complete_access.check(item, subindex)
         return item
 
-    # Bits 0 to 2 of the access rights stand for reading in PREOP, SAFEOP and OP, bits 3 to 5 for
+    # Bits 0 to 2 of the access rights allow reading in PREOP, SAFEOP and OP; bits 3 to 5 allow
     # writing.
 
     def _read_bit(self) -> int:

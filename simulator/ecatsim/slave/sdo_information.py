@@ -1,4 +1,4 @@
-"""SDO information: what the dictionary of a device holds (ETG.1000.6 "SDO Information")."""
+"""SDO information service: describes the dictionary of a device (ETG.1000.6 "SDO Information")."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class InformationServer:
 
     Args:
         dictionary: The objects.
-        room: Bytes of a reply behind the CoE header.
+        room: Largest size of a reply in bytes, without mailbox and CoE headers.
     """
 
     def __init__(self, dictionary: Dictionary, room: int) -> None:
         self._dictionary = dictionary
-        self._room = max(1, room - _HEADER.size)  # the least mailboxes carry a byte a mail
+        self._room = max(1, room - _HEADER.size)  # the smallest mailboxes carry one byte per mail
 
     def handle(self, request: bytes) -> list[bytes]:
-        """The fragments of the answer to a request, both without the CoE header."""
+        """The fragments of the answer to a request; both are without the CoE header."""
         opcode = request[0] & ~_MORE
         data = request[_HEADER.size :].ljust(4, b"\0")
         try:
@@ -50,10 +50,11 @@ class InformationServer:
         ]
 
     def _object_list(self, kind: int) -> bytes:
-        """Indices of a list of objects.
+        """The indices of the objects in a list.
 
-        List 0 has the lengths of all lists, 1 all objects, 2 and 3 those that RxPDOs and TxPDOs
-        may map, 4 and 5 those that are kept for an exchange of the device and for start-up.
+        List 0 has the lengths of all lists, 1 all objects, 2 and 3 the objects that RxPDOs and
+        TxPDOs may map, 4 the objects to back up for an exchange of the device, and 5 the settings
+        for start-up.
         """
         lists = [
             [item.index for item in self._dictionary],
@@ -80,9 +81,9 @@ class InformationServer:
         return fixed + item.name.encode("latin-1", "replace")
 
     def _entry_description(self, index: int, subindex: int, wanted: int) -> bytes:
-        """The description with those of the wanted optional parts that the entry has."""
+        """The description of an entry, with those requested optional parts that the entry has."""
         entry = self._dictionary.entry(index, subindex)
-        given, parts = wanted & 0x07, b""  # bits 0 to 2: access, category, mapping: always there
+        given, parts = wanted & 0x07, b""  # access, category and mapping are always there
         for bit, data in (
             (_UNIT, struct.pack("<I", entry.unit)),
             (_DEFAULT, _value(entry, entry.initial if entry.default is None else entry.default)),
@@ -97,5 +98,5 @@ class InformationServer:
 
 
 def _value(entry: Variable, value: Value | None) -> bytes:
-    """A value in the length of its entry, so that what follows it is found."""
+    """A value, padded to the length of its entry so that the next part can be found."""
     return b"" if value is None else entry.pack(value).ljust((entry.bits + 7) // 8, b"\0")

@@ -1,4 +1,4 @@
-"""Mailbox services of a device: CoE from PREOP on, FoE from PREOP on and in BOOT."""
+"""The mailbox services of a device: CoE from PREOP on, FoE from PREOP on and in BOOT."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class Services:
         bootstrap: The mailbox in BOOT, or None.
         dictionary: The objects for CoE.
         state: Returns the AL state.
-        host: Whose files FoE serves.
+        host: The device whose files FoE serves.
 
     Attributes:
-        server: The mailbox protocol.
+        server: The server for the mailbox protocol.
     """
 
     def __init__(
@@ -51,20 +51,20 @@ class Services:
         self._foe = FoeServer(host)
         self._bus: tuple[Segment, int] | None = None
         self._is_open = False
-        self._waiting = False  # a mail of the master lies in the mailbox
+        self._waiting = False  # there may be a mail of the master in the mailbox
         self.server = MailboxServer({}, self._put)
 
     def attach(self, segment: Segment | None, position: int) -> None:
-        """Becomes the mailbox of a slave of a segment, closed as in INIT; None leaves it."""
+        """Connects to a slave of a segment, closed as in INIT; None disconnects."""
         self._bus = (segment, position) if segment else None
         self.close()
 
     def open(self, state: AlState) -> None:
-        """Begins to serve, in PREOP or BOOT."""
+        """Starts to serve, in PREOP or BOOT."""
         boot = state == AlState.BOOT
         box = self._bootstrap if boot and self._bootstrap else self._mailbox
         self._is_open = True
-        self._waiting = True  # a master need not wait for the state before it writes
+        self._waiting = True  # a master may write before the state is reached
         self._foe.start(box.receive_size, box.send_size, boot=boot)
         if self._mailbox.protocols & _FOE:
             self.server.handlers[Protocol.FOE] = self._foe.handle
@@ -81,7 +81,7 @@ class Services:
         self._coe.reset()
 
     def handle(self, event: Event, now: float) -> None:
-        """Reacts to what the master did with the mailboxes."""
+        """Handles mailbox events that the master has caused."""
         if not self._is_open:
             return
         if event & Event.MAILBOX_OUT:
@@ -93,7 +93,7 @@ class Services:
             self.run(now)
 
     def run(self, now: float) -> None:
-        """Takes a mail that waits and offers answers that are due."""
+        """Takes a waiting mail and offers answers that are due."""
         if not self._is_open:
             return
         self.server.tick(now)
@@ -105,14 +105,14 @@ class Services:
                 self.server.receive(mail, now)
 
     def emergency(self, body: bytes) -> None:
-        """Sends an emergency where CoE is served."""
+        """Sends an emergency if CoE is served now."""
         if Protocol.COE in self.server.handlers:
             self.server.send(Protocol.COE, body)
 
     def _empty(self) -> None:
         if self._bus:
             segment, position = self._bus
-            for channel in (_OUT, _IN):  # deactivation forgets what lies there
+            for channel in (_OUT, _IN):  # deactivation discards the content
                 segment.lock_sync_manager(position, channel, True)
                 segment.lock_sync_manager(position, channel, False)
 

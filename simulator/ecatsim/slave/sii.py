@@ -1,4 +1,4 @@
-"""SII images: what the EEPROM of a slave says about it (ETG.2010, ETG.1000.6 "SII coding")."""
+"""Builds SII images, the content of the EEPROM (ETG.2010, ETG.1000.6 "SII coding")."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Category(IntEnum):
 
 
 class SmType(IntEnum):
-    """Purpose of a sync manager, as in object 0x1C00."""
+    """The purpose of a sync manager, as in object 0x1C00."""
 
     UNUSED = 0
     MAILBOX_OUT = 1
@@ -43,7 +43,7 @@ class SmType(IntEnum):
 
 
 class FmmuType(IntEnum):
-    """Purpose of an FMMU."""
+    """The purpose of an FMMU."""
 
     UNUSED = 0
     OUTPUTS = 1
@@ -56,11 +56,11 @@ class SyncManager:
     """Default settings of a sync manager.
 
     Attributes:
-        type: Its purpose.
+        type: Purpose of the sync manager.
         start: First byte in the memory of the slave.
-        size: Bytes; for process data, what the default PDOs need.
+        size: Size in bytes; for process data, that of the default PDOs.
         control: Control register 0x0804: mode, direction, events, watchdog.
-        enable: Bit 0 goes to the activate register 0x0806; bit 2: virtual; bit 3: in OP only.
+        enable: Bit 0 goes to the activate register 0x0806; bit 2: virtual; bit 3: used in OP only.
     """
 
     type: SmType
@@ -71,24 +71,24 @@ class SyncManager:
 
     @property
     def virtual(self) -> bool:
-        """Whether an FMMU maps this place without a sync manager; see `SiiSyncManager`."""
+        """Whether an FMMU maps this memory without a sync manager; see `SiiSyncManager`."""
         return bool(self.enable & _VIRTUAL)
 
     @property
     def in_registers(self) -> bool:
-        """Whether it is a place among the registers of the slave controller."""
+        """Whether its memory is among the registers of the slave controller."""
         return self.virtual and self.start < _RAM
 
 
 @dataclass(frozen=True, slots=True)
 class Mailbox:
-    """Mailbox of a slave, seen from the slave.
+    """The mailbox of a slave, as seen from the slave.
 
     Attributes:
-        receive: Offset of the mailbox that the master writes.
-        receive_size: Its size in bytes.
-        send: Offset of the mailbox that the master reads.
-        send_size: Its size in bytes.
+        receive: Address of the mailbox that the master writes.
+        receive_size: Size of this mailbox in bytes.
+        send: Address of the mailbox that the master reads.
+        send_size: Size of this mailbox in bytes.
         protocols: Bits: 1 AoE, 2 EoE, 4 CoE, 8 FoE, 16 SoE, 32 VoE.
         coe_details: Bits: 1 SDO, 2 SDO information, 4 PDO assignment, 8 PDO configuration,
             16 upload at start-up, 32 complete access.
@@ -107,15 +107,16 @@ class DcMode:
     """A way to use SYNC signals that a master may choose (category 60, ESI `Dc/OpMode`).
 
     Attributes:
-        name: Its name; the first mode is the default.
+        name: Name of the mode; the first mode is the default.
         assign_activate: Value for the registers 0x0980 and 0x0981: 0 free run, 0x0300 SYNC0,
             0x0700 SYNC0 and SYNC1.
-        sync0_cycle_ns: Cycle time of SYNC0; 0 takes the bus cycle times `sync0_factor`.
-        sync0_factor: SYNC0 cycles in bus cycles; a negative one divides.
+        sync0_cycle_ns: Cycle time of SYNC0; 0 means the bus cycle times `sync0_factor`.
+        sync0_factor: Length of a SYNC0 cycle in bus cycles; a negative factor divides.
         sync0_shift_ns: Shift of SYNC0 against the bus cycle.
-        sync1_cycle_factor: SYNC1 cycles in SYNC0 cycles; a negative one divides the bus cycle.
+        sync1_cycle_factor: Length of a SYNC1 cycle in SYNC0 cycles; a negative factor divides the
+            bus cycle.
         sync1_shift_ns: Shift of SYNC1 against SYNC0.
-        description: What the master may show.
+        description: Text that the master may show.
     """
 
     name: str
@@ -130,7 +131,7 @@ class DcMode:
 
 @dataclass(slots=True)
 class Description:
-    """Everything an SII image is made from.
+    """All data of an SII image.
 
     Attributes:
         vendor: Vendor ID.
@@ -142,23 +143,24 @@ class Description:
         name: Name of the device.
         group: Group type.
         group_name: Name of the group.
-        pdi_control: Word 0, to register 0x0140.
-        pdi_config: Word 1, to register 0x0150; bits 11 and 15 tell the device of SYNC0 and SYNC1.
-        sync_pulse: Word 2, to register 0x0982: length of SYNC pulses in 10 ns; 0 lets them last
-            until the device acknowledges them.
+        pdi_control: Word 0, loaded into register 0x0140.
+        pdi_config: Word 1, loaded into register 0x0150; bits 11 and 15 make SYNC0 and SYNC1 events
+            for the device.
+        sync_pulse: Word 2, loaded into register 0x0982: length of SYNC pulses in 10 ns; with 0, a
+            pulse lasts until the device acknowledges it.
         mailbox: The mailbox, or None.
         bootstrap: The mailbox in BOOT, or None.
         sync_managers: Sync managers by channel.
         fmmus: FMMUs by channel.
         tx_pdos: All TxPDOs; those without a sync manager have 0xFF.
         rx_pdos: All RxPDOs.
-        ebus_current: Current taken from the E-bus in mA; negative where it is fed.
+        ebus_current: Current drawn from the E-bus in mA; negative if the slave feeds it.
         physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
-        no_lrw: The slave cannot process LRW.
-        dc_modes: How it can use SYNC signals.
-        config_data: First bytes of the image, instead of what the above say; up to 14.
+        no_lrw: Whether the slave cannot process LRW.
+        dc_modes: The ways in which it can use SYNC signals.
+        config_data: First bytes of the image, up to 14, which replace those of the fields above.
         pdo_flags: Flags of PDOs by index: 0x01 mandatory, 0x10 fixed content.
-        categories: Further categories: type and data.
+        categories: Further categories, each with type and data.
         size: Smallest size of the image in bytes.
     """
 
@@ -192,7 +194,7 @@ class Description:
 
 @dataclass(slots=True)
 class _Strings:
-    """String category: every text once, numbered from 1; 0 means no text."""
+    """The string category: each text once, numbered from 1; 0 means no text."""
 
     texts: list[bytes] = field(default_factory=list)
 
@@ -308,7 +310,7 @@ def _header(info: Description, size: int) -> bytes:
 
 
 def build(info: Description) -> bytes:
-    """The SII image of a description, padded with 0xFF to a power of two of at least 2 KiB.
+    """Builds the SII image, padded with 0xFF to `info.size`, doubled as often as necessary.
 
     Raises:
         UsageError: The description does not fit into an SII image.

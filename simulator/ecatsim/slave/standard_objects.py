@@ -1,4 +1,4 @@
-"""Objects that follow from the description of a device: identity and synchronisation."""
+"""Adds the objects that every device has: identity and types of sync managers."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _IDENTITY_STRUCTURE = 0x0023
 def add_identity(
     objects: Dictionary, device_type: int, name: str, identity: tuple[int, int, int, int]
 ) -> None:
-    """Adds 0x1000, 0x1001, 0x1008 to 0x100A and 0x1018.
+    """Adds the objects 0x1000, 0x1001, 0x1008 to 0x100A and 0x1018.
 
     Args:
         objects: The dictionary.
-        device_type: Profile of the device.
+        device_type: Value of object 0x1000, the profile of the device.
         name: Name of the device.
         identity: Vendor, product, revision and serial number.
     """
@@ -37,6 +37,6 @@ def add_identity(
 
 
 def add_sync_managers(objects: Dictionary, sync_managers: Sequence[SyncManager]) -> None:
-    """Adds 0x1C00, the purposes of the sync managers."""
+    """Adds object 0x1C00, the purposes of the sync managers."""
     purposes = [int(sm.type) for sm in sync_managers]
     objects.array(0x1C00, "Sync manager type", DataType.UNSIGNED8, purposes)

@@ -1,4 +1,4 @@
-"""What a slave checks before it goes to a higher state (ETG.1000.6, ETG.1020)."""
+"""The checks of a slave before it goes to a higher state (ETG.1000.6, ETG.1020)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _EEPROM_STATUS, _EEPROM_LOAD_ERRORS = 0x0502, 0x1800  # checksum error, not load
 
 
 class StateChecks:
-    """The checks of one device, against the registers of its slave controller.
+    """Checks the registers of the slave controller and the state of one device.
 
     Args:
         device: The device.
         process_data: Its process data.
         segment: The segment.
-        position: Its position there.
+        position: Position of the device in the segment.
     """
 
     def __init__(
@@ -34,10 +34,10 @@ class StateChecks:
         self._position = position
 
     def check(self, new: AlState) -> None:
-        """Checks what the standard asks for before a state.
+        """Makes the checks that the standard requires before a state.
 
         Raises:
-            RefusedError: The master set something wrong, or the device cannot work.
+            RefusedError: A setting of the master is wrong, or the device cannot work.
         """
         if new in (AlState.BOOT, AlState.PREOP) and self._device.mailbox:
             self._check_start(new)

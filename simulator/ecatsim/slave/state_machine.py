@@ -1,4 +1,4 @@
-"""AL state machine of a slave (ETG.1000.6 "EtherCAT state machine")."""
+"""The AL state machine of a slave (ETG.1000.6 "EtherCAT state machine")."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ecatd.model.al import AL_ERROR_FLAG, AlState
 
 _STATE_MASK = 0x0F
 _ACKNOWLEDGE = 0x10
-_IDENTIFY = 0x20  # in AL control: asks for the device identification; in AL status: it is there
+_IDENTIFY = 0x20  # in AL control: requests the device ID; in AL status: the ID is there
 
 
 class AlCode(IntEnum):
-    """AL status codes that a device reports (ETG.1000.6 table "AL status codes")."""
+    """The AL status codes that devices report (ETG.1000.6 table "AL status codes")."""
 
     NONE = 0x0000
     INVALID_CHANGE = 0x0011
@@ -41,11 +41,11 @@ class AlCode(IntEnum):
 
 
 class RefusedError(Exception):
-    """A check of a state change failed.
+    """A state change is refused.
 
     Attributes:
         code: The AL status code to report.
-        diagnosis: Five bytes for the emergency that may go with it, see `emergency.refused`.
+        diagnosis: Five bytes of data for the emergency that may be sent, see `emergency.refused`.
     """
 
     def __init__(self, code: int, diagnosis: bytes = b"") -> None:
@@ -66,7 +66,7 @@ _EMULATED = (AlState.PREOP, AlState.SAFEOP, AlState.OP)
 
 
 def _is_allowed(state: AlState, target: AlState) -> bool:
-    """Whether ETG.1000.6 has the transition; BOOT is entered from INIT and left for INIT."""
+    """Whether ETG.1000.6 allows the transition; BOOT is entered from INIT and left to INIT."""
     if target == state or (state, target) in _STEPS_UP:
         return True
     if AlState.BOOT in (state, target):
@@ -75,16 +75,17 @@ def _is_allowed(state: AlState, target: AlState) -> bool:
 
 
 class StateMachine:
-    """Decides on AL control requests and keeps AL status.
+    """Answers AL control requests and keeps the AL status.
 
     Args:
-        enter: Checks and carries out a change, called with the old and the new state. It returns
-            whether the change is complete; if not, `finish` or `refuse` follows. It raises
-            `RefusedError` before changing anything; a change to a lower state is never refused.
-        publish: Called with the new AL status and AL status code.
-        bootstrap: Whether there is a state BOOT.
-        identification: Returns the device identification (explicit device ID, ETG.1020), or None
-            where the device has none.
+        enter: Checks and carries out a change; called with the old and the new state. It returns
+            whether the change is complete; if not, `finish` or `refuse` follows. To refuse, it
+            raises `RefusedError` before it changes anything; it never refuses a change to a lower
+            state.
+        publish: Called with each new AL status and AL status code.
+        bootstrap: Whether the slave has the state BOOT.
+        identification: Returns the device identification (explicit device ID, ETG.1020), or None if
+            the device has none.
     """
 
     def __init__(
@@ -105,16 +106,16 @@ class StateMachine:
         self.pending: AlState | None = None
 
     def reset(self) -> None:
-        """Returns to INIT as at power-on, without asking anybody."""
+        """Returns to INIT as at power-on, without calling `enter`."""
         self.state = AlState.INIT
         self.error = self._identify = False
         self.pending = None
         self._report()
 
     def request(self, control: int) -> None:
-        """Answers a value written to AL control (register 0x0120).
+        """Handles a value written to AL control (register 0x0120).
 
-        An error flag stays until it is acknowledged (bit 4) or a lower state is requested.
+        The error flag stays until the master acknowledges it (bit 4) or requests a lower state.
         """
         wanted = control & _STATE_MASK
         if self.error and not control & _ACKNOWLEDGE and wanted >= self.state:
@@ -135,10 +136,10 @@ class StateMachine:
             self._change(target)
 
     def follow(self, control: int) -> None:
-        """Takes over whatever is written to AL control, as an ESC with device emulation does.
+        """Enters any state written to AL control, as an ESC with device emulation does.
 
-        Nothing is checked, and the acknowledge bit shows in AL status as well (register 0x0141,
-        bit 0).
+        Nothing is checked, and AL status shows the acknowledge bit as well (register 0x0141, bit
+        0).
         """
         wanted = control & _STATE_MASK
         target = AlState(wanted) if wanted in _EMULATED else AlState.INIT
@@ -153,7 +154,7 @@ class StateMachine:
         self._publish(control & (_STATE_MASK | AL_ERROR_FLAG), AlCode.NONE)
 
     def finish(self) -> None:
-        """What a pending change waited for has come."""
+        """Completes a pending change."""
         if self.pending is not None:
             self.state, self.pending = self.pending, None
             self._report()
@@ -165,7 +166,7 @@ class StateMachine:
             self._refuse(code)
 
     def fall_back(self, target: AlState, code: int) -> None:
-        """Goes to a lower state by itself, with the error flag."""
+        """Goes to a lower state without a request, with the error flag."""
         if target < self.state:
             self._enter(self.state, target)
             self.state = target
@@ -189,7 +190,7 @@ class StateMachine:
         self._publish(self.state | AL_ERROR_FLAG, code)
 
     def _report(self) -> None:
-        """Publishes a state without an error; the status code may then carry the device ID."""
+        """Publishes a state without an error; the AL status code may then be the device ID."""
         number = self._identification() if self._identify else None
         if number is None:
             self._publish(self.state, AlCode.NONE)

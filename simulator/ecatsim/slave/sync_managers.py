@@ -1,4 +1,4 @@
-"""Sync managers: what a device needs, and whether the master set them so (ETG.1000.4)."""
+"""Sync managers: the settings that a device needs, and checks of what a master set (ETG.1000.4)."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _ENABLED = 0x01
 _RAM = 0x1000
 _WATCHDOG_DIVIDER, _WATCHDOG_DATA = 0x0400, 0x0420
 _WATCHDOG_UNIT_NS = 40
-# Control registers of the usual settings.
+# Values of the control register for the usual settings.
 _MAILBOX_OUT = 0x26
 _MAILBOX_IN = 0x22
 _OUTPUTS = 0x64  # with watchdog
 _INPUTS = 0x20
 _BUFFERS = 3
 _MIN_DISTANCE = 0x100
-# What is wrong with a channel, in the data of an emergency.
+# The kind of error of a channel, in the data of an emergency.
 _LENGTH, _ADDRESS, _SETTINGS = 0, 1, 2
 
 
 def default_size(pdos: Iterable[Pdo]) -> int:
-    """Bytes of the PDOs that are mapped by default."""
+    """Size of the PDOs that are assigned by default, in bytes."""
     return byte_length(pdo for pdo in pdos if pdo.sync_manager != UNASSIGNED)
 
 
@@ -42,13 +42,14 @@ def derive(
 ) -> list[SyncManager]:
     """The usual sync managers: mailboxes if there are any, then outputs, then inputs.
 
-    With a mailbox, outputs are always SM2 and inputs SM3; without one, those that are used.
+    With a mailbox, outputs are always SM2 and inputs SM3. Without one, unused sync managers are
+    left out.
 
     Args:
         mailbox: The mailbox, or None.
-        output_size: Bytes of the default outputs.
-        input_size: Bytes of the default inputs.
-        output_room: Bytes that a changed mapping of the outputs may take.
+        output_size: Size of the default outputs in bytes.
+        input_size: Size of the default inputs in bytes.
+        output_room: Largest size of the outputs in bytes with a changed mapping.
     """
     result: list[SyncManager] = []
     at = _RAM
@@ -66,19 +67,19 @@ def derive(
 
 
 def channels_of(sync_managers: Sequence[SyncManager], kind: SmType) -> list[int]:
-    """The channels with a purpose."""
+    """The numbers of the sync managers with a purpose."""
     return [channel for channel, sm in enumerate(sync_managers) if sm.type == kind]
 
 
 def _as_set(segment: Segment, position: int, channel: int) -> tuple[int, int, int, bool]:
-    """Start, size, control and whether it is enabled."""
+    """Reads the settings of a channel: start, size, control register, and whether it is enabled."""
     registers = segment.read(position, _BASE + 8 * channel, 8)
     start, size, control, _, activate, _ = _REGISTERS.unpack(registers)
     return start, size, control, bool(activate & _ENABLED)
 
 
 def _refusal(code: AlCode, channel: int, reason: int, wanted: int) -> RefusedError:
-    """The diagnosis names channel and reason, and the smallest and largest allowed value."""
+    """The refusal whose diagnosis has channel, reason, and the only allowed value as range."""
     return RefusedError(code, struct.pack("<BHH", 4 * channel + reason, wanted, wanted))
 
 
@@ -108,13 +109,13 @@ def check_process_data(
 ) -> None:
     """Checks the process data channels before SAFEOP and OP.
 
-    Virtual ones are none: FMMUs reach their place without them.
+    Virtual channels are not checked: FMMUs map their memory without a sync manager.
 
     Args:
         segment: The segment.
         position: Position of the slave.
-        sync_managers: Its sync managers.
-        sizes: Bytes of the mapped PDOs by channel.
+        sync_managers: Sync managers of the slave.
+        sizes: Size of the mapped PDOs in bytes, by channel.
 
     Raises:
         RefusedError: They do not hold exactly the mapped PDOs.
@@ -138,7 +139,7 @@ def check_process_data(
 
 
 def check_unused(segment: Segment, position: int, used: int, existing: int) -> None:
-    """Checks that channels that the device does not know are off.
+    """Checks that channels that the device does not use are off.
 
     Raises:
         RefusedError: One of them is on.
@@ -151,16 +152,16 @@ def check_unused(segment: Segment, position: int, used: int, existing: int) -> N
 def check_watchdog(
     segment: Segment, position: int, sync_managers: Sequence[SyncManager], longest: float
 ) -> None:
-    """Checks the process data watchdog of a device that insists on one.
+    """Checks the process data watchdog of a device that requires one.
 
     Args:
         segment: The segment.
         position: Position of the slave.
-        sync_managers: Its sync managers.
-        longest: Longest time in seconds (registers 0x0400 and 0x0420) that it accepts.
+        sync_managers: Sync managers of the slave.
+        longest: Longest accepted time in seconds (registers 0x0400 and 0x0420).
 
     Raises:
-        RefusedError: The watchdog is off, or longer.
+        RefusedError: The watchdog is off, or its time is longer.
     """
     channels = channels_of(sync_managers, SmType.OUTPUTS)
     if not channels:

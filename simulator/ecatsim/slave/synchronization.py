@@ -19,7 +19,7 @@ _ACTIVATION, _CYCLE_TIME = 0x0981, 0x09A0
 _RUN, _SYNC0, _SYNC1 = 0x01, 0x02, 0x04
 
 Read = Callable[[int, int], int]
-"""Reads a register of the slave: address and bytes."""
+"""A function that reads a register of the slave: address and number of bytes."""
 
 
 class SyncType(IntEnum):
@@ -33,14 +33,14 @@ class SyncType(IntEnum):
 
 
 class Synchronization:
-    """What a device does with SYNC0 and SYNC1.
+    """The use of SYNC0 and SYNC1 by a device.
 
     Args:
-        modes: What it supports; without any, registers of the SYNC unit do not concern it.
-        minimum_cycle_ns: Shortest cycle time that it can follow, 0 for any.
+        modes: The supported modes; without any, the device ignores the registers of the SYNC unit.
+        minimum_cycle_ns: Shortest cycle time in ns that it accepts; 0 for any.
 
     Attributes:
-        is_watched: Whether the device goes by SYNC0 and is told of its pulses.
+        is_watched: Whether the device runs with SYNC0 and gets events for its pulses.
     """
 
     def __init__(self, modes: Sequence[DcMode], minimum_cycle_ns: int) -> None:
@@ -51,25 +51,25 @@ class Synchronization:
         self.stop()
 
     def add_objects(self, objects: Dictionary, *, outputs: bool) -> None:
-        """Adds 0x1C32 and 0x1C33.
+        """Adds the objects 0x1C32 and 0x1C33.
 
         Args:
             objects: The dictionary.
-            outputs: Whether the device has outputs, with which its inputs then go.
+            outputs: Whether the device has outputs, with which its inputs are then synchronised.
         """
         self._add(objects, 0x1C32, "SM output parameter", SyncType.SM)
         self._add(objects, 0x1C33, "SM input parameter", SyncType.SM2 if outputs else SyncType.SM)
 
     def stop(self) -> None:
-        """SYNC signals no longer matter, as below SAFEOP."""
+        """Ignores SYNC signals from now on, as below SAFEOP."""
         self._active = self._cycle_ns = 0
         self.is_watched = False
 
     def start(self, read: Read) -> None:
-        """Checks what the master set on the way to SAFEOP, and goes by it.
+        """Checks the settings of the master on the way to SAFEOP, and uses them.
 
         Raises:
-            RefusedError: The device does not support it.
+            RefusedError: The device does not support the settings.
         """
         self.stop()
         if not self._modes:
@@ -91,7 +91,7 @@ class Synchronization:
         self.is_watched = bool(active & _SYNC0 and read(_PDI_CONFIGURATION, 1) & _SYNC0_TO_DEVICE)
 
     def is_lost(self, read: Read) -> bool:
-        """Whether SYNC0, by which the device goes, has been switched off."""
+        """Whether the SYNC0 that the device uses has been switched off."""
         return self.is_watched and read(_ACTIVATION, 1) & (_RUN | _SYNC0) != _RUN | _SYNC0
 
     # --- objects -------------------------------------------------------------------------------
@@ -126,7 +126,7 @@ class Synchronization:
         objects.record(index, name, entries, type=_STRUCTURE)
 
     def _type(self, entry: Variable) -> Value:
-        """What the SYNC unit says, once it runs; else what the master wrote."""
+        """The type in use: that of the SYNC unit if it runs, else the one that the master wrote."""
         if self._active & _SYNC1:
             return SyncType.SYNC1
         return SyncType.SYNC0 if self._active & _SYNC0 else entry.value

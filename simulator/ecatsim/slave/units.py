@@ -1,6 +1,6 @@
-"""Units of objects as the SDO information service gives them (ETG.1004, CiA 303-2).
+"""Unit codes for the SDO information service (ETG.1004, CiA 303-2).
 
-The UNSIGNED32 holds, from its highest byte: the power of ten of the prefix, the notation index of
+An UNSIGNED32 has, from its highest byte on: the power of ten of the prefix, the notation index of
 the numerator, that of the denominator, and 0. Millivolt is 0xFD260000, rev/min 0x00B44700.
 """
 
@@ -45,10 +45,10 @@ _NAMES = {"": 0, "rpm": 0x00B44700, "counts": 0x00B50000, "%": 0xFE000000}
 
 
 def code(text: str) -> int:
-    """The unit code of a text such as `mV`, `m/s` or `rpm`; 0 stands for no unit.
+    """The unit code of a text such as `mV`, `m/s` or `rpm`; 0 means no unit.
 
     Raises:
-        UsageError: The text is no unit that has a code.
+        UsageError: The text is no unit with a code.
     """
     if text in _NAMES:
         return _NAMES[text]
@@ -66,7 +66,7 @@ def code(text: str) -> int:
 
 
 def known(text: str) -> int:
-    """The unit code of a text, 0 where it has none."""
+    """The unit code of a text, or 0 if it has none."""
     try:
         return code(text)
     except UsageError:

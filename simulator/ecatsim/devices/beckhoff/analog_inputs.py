@@ -1,4 +1,4 @@
-"""Analog inputs (EL30xx, EL31xx): a voltage becomes a value with status bits."""
+"""Analog inputs (EL30xx, EL31xx): convert a voltage to a value with status bits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...slave.sii import Mailbox, SmType, SyncManager
 from .terminal import COMPLEX_CHIP, COMPLEX_FMMUS, Terminal
 
 Waveform = Callable[[float], float]
-"""A value over time: takes CLOCK_MONOTONIC in seconds."""
+"""A value over time: a function of CLOCK_MONOTONIC in seconds."""
 
 _FULL_SCALE = 10.0  # volts
 _MAX, _MIN = 32767, -32768
@@ -34,11 +34,11 @@ _SETTINGS = (
 
 
 def _pdos(channels: int, reserved: Sequence[Entry]) -> tuple[Pdo, ...]:
-    """Two PDOs a channel: status and value, assigned by default, and value alone.
+    """Two PDOs per channel: status and value, which is assigned by default, and value alone.
 
     Args:
         channels: Number of channels.
-        reserved: What stands between error bit and TxPDO State.
+        reserved: The entries between error bit and TxPDO State.
     """
     result: list[Pdo] = []
     for i in range(channels):
@@ -64,9 +64,9 @@ def _pdos(channels: int, reserved: Sequence[Entry]) -> tuple[Pdo, ...]:
 
 
 class _Channel:
-    """One input: measures, and sets value and status in the dictionary.
+    """One input: converts a voltage and sets value and status in the dictionary.
 
-    Terminals convert all the time, so each entry is looked up only once.
+    Terminals convert in every step, so each entry is looked up only once.
     """
 
     def __init__(self, terminal: Terminal, number: int) -> None:
@@ -81,11 +81,11 @@ class _Channel:
             _Limit(inputs[0x03], settings[0x07], settings[0x13]),
             _Limit(inputs[0x05], settings[0x08], settings[0x14]),
         )
-        # What a wire brings: ±32767 at full scale, beyond that where the waveform is.
+        # The signal at the terminal: ±32767 at full scale, and beyond if the waveform is larger.
         self.measured = Variable(index, 0x11, "Input", DataType.REAL64, 64, value=0.0)
 
     def convert(self) -> None:
-        """Converts what is measured now."""
+        """Converts the present signal."""
         measured = self.measured.value
         raw = round(measured) if isinstance(measured, _NUMBERS) else 0
         under, over = raw < _MIN, raw > _MAX
@@ -102,19 +102,19 @@ class _Channel:
 
 
 class _Limit:
-    """A limit of a channel: the two bits that compare the value with it.
+    """One limit of a channel: the two bits that compare the value with it.
 
     Args:
-        result: The bits; 0 where the limit is not enabled.
-        enable: Whether it is.
-        limit: The limit.
+        result: The entry with the two bits; 0 if the limit is not enabled.
+        enable: The setting that enables the limit.
+        limit: The setting with the limit.
     """
 
     def __init__(self, result: Variable, enable: Variable, limit: Variable) -> None:
         self._result, self._enable, self._limit = result, enable, limit
 
     def compare(self, value: int) -> None:
-        """Compares with a value."""
+        """Sets the two bits for a value."""
         result = 0
         if self._enable.value:
             at = _number(self._limit)
@@ -130,8 +130,8 @@ class _AnalogInput(Terminal):
     """Analog inputs, ±10 V = ±32767. The toggle bits change with each conversion.
 
     Args:
-        waveforms: Voltage at each channel over time; channels without one are at what a wire or a
-            plant brings, or at 0 V.
+        waveforms: Voltage at each channel over time; a channel without one has the voltage of a
+            wire or plant, or 0 V.
     """
 
     group = "AnaIn"
@@ -147,7 +147,7 @@ class _AnalogInput(Terminal):
         self._channels = [_Channel(self, i) for i in range(count)]
 
     def describe(self) -> None:
-        """Names the objects as the terminal does; adds the settings of its channels."""
+        """Names the objects as the terminal does, and adds the settings of its channels."""
         objects = self.dictionary
         for i in range(len(self.tx_pdos) // 2):
             objects.object(0x1A00 + 2 * i).name = f"AI TxPDO-Map Standard Ch.{i + 1}"

@@ -1,4 +1,4 @@
-"""Analog outputs (EL40xx): a value becomes a voltage."""
+"""Analog outputs (EL40xx): convert a value to a voltage."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def _pdos(channels: int) -> tuple[Pdo, ...]:
 class _AnalogOutput(Terminal):
     """Analog outputs, 0 to 10 V = 0 to 32767; a negative value is 0 V.
 
-    Outside of OP, also after the watchdog, a channel goes to its default output at once or along
-    a ramp, or holds, as 0x80n0:05 says (0, 1, 2).
+    Outside of OP, also after the watchdog has expired, 0x80n0:05 decides: a channel goes to its
+    default output at once (0), goes there along a ramp (1), or holds its output (2).
     """
 
     group = "AnaOut"
@@ -62,14 +62,14 @@ class _AnalogOutput(Terminal):
 
     def __init__(self) -> None:
         super().__init__()
-        # What a wire takes: 32767 at full scale.
+        # The signal at the terminal: 32767 at full scale.
         self._outputs_at_terminal = [
             Variable(0x7000 + 16 * i, 1, "Output", DataType.REAL64, 64, value=0.0)
             for i in range(len(self.rx_pdos))
         ]
 
     def describe(self) -> None:
-        """Names the objects as the terminal does; adds the settings of its channels."""
+        """Names the objects as the terminal does, and adds the settings of its channels."""
         objects = self.dictionary
         for i in range(len(self.rx_pdos)):
             objects.object(0x1600 + i).name = f"AO RxPDO-Map Outputs Ch.{i + 1}"
@@ -83,7 +83,7 @@ class _AnalogOutput(Terminal):
             item.entries[0x05].maximum = _HOLD
 
     def voltage(self, channel: int) -> float:
-        """Voltage at a channel (from 0)."""
+        """Voltage at a channel, counted from 0."""
         return self._at_terminal(channel) / _MAX * _FULL_SCALE
 
     def connection(self, index: int, subindex: int) -> Variable:

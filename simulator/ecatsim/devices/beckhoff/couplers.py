@@ -1,4 +1,4 @@
-"""Couplers and junctions: no process data, but ports."""
+"""Couplers and junctions: they have ports, but no process data."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class EK1100(Device):
 class EK1122(Device):
     """EtherCAT junction with 2 sockets: no process data.
 
-    Ports as its ESI has them (KYKY): 0 is the E-bus on the left, 2 the E-bus on the right, 1 and 3
-    are the sockets. A frame visits port 3 first, then port 1, then port 2.
+    Ports as in its ESI (KYKY): 0 is the E-bus on the left, 2 the E-bus on the right, 1 and 3 are
+    the sockets. A frame visits port 3 first, then port 1, then port 2.
     """
 
     vendor = VENDOR

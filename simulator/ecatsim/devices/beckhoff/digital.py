@@ -1,7 +1,7 @@
-"""Digital terminals: a chip without a processor, one bit a channel.
+"""Digital terminals: a chip without a processor, one bit per channel.
 
-Their chip answers AL control itself (device emulation). EL1018 and EL2008 check what they are asked
-for nevertheless, so that the rig `troll` shows what a master gets wrong.
+Their chip answers AL control itself (device emulation). EL1018 and EL2008 are simulated without
+device emulation, so that they check each request and the rig `troll` reveals mistakes of a master.
 """
 
 from __future__ import annotations
@@ -77,9 +77,9 @@ class EL2004(_Outputs):
     order = "EL2004"
     name = "EL2004 4K. Dig. Ausgang 24V, 0.5A"
     emulated = True
-    group_name = "Digitale Ausgangklemmen (EL2xxx)"  # spelled so in its SII
+    group_name = "Digitale Ausgangklemmen (EL2xxx)"  # spelled like this in its SII
     ebus_current = 100
-    # Its SII leaves the size to the master, which sums up the PDOs.
+    # Its SII has size 0: the master adds up the PDOs.
     sync_managers = (SyncManager(SmType.OUTPUTS, 0x0F00, 0, 0x44, enable=9),)
     rx_pdos = _channels(4, 0x1600, 0x7000, "Output")
 

@@ -1,4 +1,4 @@
-"""What all terminals have in common."""
+"""The base class of all terminals."""
 
 from __future__ import annotations
 
