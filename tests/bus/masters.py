@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 SO_RCVBUFFORCE, SOL_PACKET, PACKET_STATISTICS = 33, 263, 6
+ECATSIM = [sys.executable, "-m", "ecatsim"]
 INTERFACE = "ecat-master"
 INIT, PREOP, SAFEOP, OP, ERROR, ACK = 1, 2, 4, 8, 0x10, 0x10
 LOST = -1
@@ -31,7 +32,7 @@ def run(rig_name, master, *arguments):
         f"print('found', json.dumps(t.{master.__name__}(*{arguments!r})))"
     )
     result = subprocess.run(
-        [sys.executable, "-m", "ecatsim", "run", str(rig_name), "--", sys.executable, "-c", code],
+        [*ECATSIM, "run", str(rig_name), "--", sys.executable, "-c", code],
         capture_output=True,
         text=True,
         timeout=90,

@@ -11,12 +11,12 @@ import time
 from pathlib import Path
 
 import pytest
+from masters import ECATSIM
 
 from conftest import names, one_line_error
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
-ECATSIM = [sys.executable, "-m", "ecatsim"]
 SCAN = (
     "import pysoem; m = pysoem.Master(); m.open('ecat-master'); print(m.config_init()); m.close()"
 )

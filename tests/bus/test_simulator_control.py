@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from test_simulator_cli import ECATSIM, ecatsim, running
+from masters import ECATSIM
+from test_simulator_cli import ecatsim, running
 
 from conftest import names, naming, one_line_error
 from ecatd.model.errors import StateError, UnreachableError, UsageError

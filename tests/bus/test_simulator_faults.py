@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from masters import (
+    ECATSIM,
     ERROR,
     INIT,
     INTERFACE,
@@ -26,7 +27,6 @@ from masters import (
     to_op,
     wait_state,
 )
-from test_simulator_cli import ECATSIM
 
 from ecatsim import Rig
 from ecatsim.control import Simulator
