@@ -28,7 +28,7 @@ from ecatsim.control import Simulator
 if TYPE_CHECKING:
     from conftest import Daemon
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 IDENTITY = 0x1018
 VENDORS = {0: 0x9A, 4: 2, 5: 2, 6: 2, 7: 2}  # slaves of `troll` with CoE

@@ -21,7 +21,7 @@ from ecatsim.devices.library import make
 from ecatsim.plants.fmu import Connection, add_fmu
 from ecatsim.rig import Rig
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.long, pytest.mark.unprivileged]
 
 HERE = Path(__file__)
 SAFEOP, OP = 4, 8

@@ -25,7 +25,7 @@ from conftest import Daemon, wait_for
 from ecatsim.control.client import Simulator
 
 pytest_plugins = ["drive_fixtures"]
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [pytest.mark.bus, pytest.mark.long, pytest.mark.unprivileged]
 
 BUSY, DONE, FAILED = 1, 2, 3  # enum ecatm_sdo_state
 INTEGER16, UNSIGNED32 = 3, 7

@@ -10,7 +10,7 @@ from conftest import names
 from ecatd.model.datatypes import DataType as T
 
 pytest_plugins = ["sdo_fixtures"]
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 STEPS = r"""
 static int steps(void *list) {

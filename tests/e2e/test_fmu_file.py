@@ -26,6 +26,8 @@ from ecatdev import sample_buses
 from ecatgen.build import build_library
 from ecatgen.fmu import FmuReport, generate_fmu
 
+pytestmark = pytest.mark.long
+
 Make = Callable[[Callable[[], Bus], int], FmuReport]
 
 BUSES = (sample_buses.troll, sample_buses.awkward)
@@ -60,7 +62,6 @@ def symbols(library: Path) -> set[str]:
     return {line.split()[-1] for line in listed.stdout.splitlines()}
 
 
-@pytest.mark.long
 @VERSIONS
 @pytest.mark.parametrize("bus", BUSES)
 def test_fmpy_finds_nothing_wrong(bus: Callable[[], Bus], fmi: int, make: Make) -> None:

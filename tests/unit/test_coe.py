@@ -648,6 +648,7 @@ MAILS = st.one_of(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(st.lists(st.lists(MAILS, max_size=3), min_size=1, max_size=12))
 def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[bytes]]) -> None:
