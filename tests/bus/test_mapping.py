@@ -13,6 +13,7 @@ from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.master.master import Master
 from ecatd.bus.start import mapping
 from ecatd.model.al import AlState
+from ecatd.model.config import Config
 from ecatd.model.errors import EcatError
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Rig
@@ -105,7 +106,7 @@ def master_that_scans(*trouble: str) -> Any:
         with Simulator() as simulator:
             master.scan(5)
             master.wait_for_state(AlState.PREOP, 5)
-            found = mapping.scan_slaves(master)
+            found = mapping.scan_slaves(master, Config())
     except EcatError as error:
         return [type(error).__name__, str(error)]
     finally:

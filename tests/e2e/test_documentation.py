@@ -105,7 +105,16 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
     assert (result.returncode, result.stdout) == (0, "3 True fa00\n"), result.stderr
 
 
-ARRAYS_OF_TABLES = ("domain", "dc.slave", "outputs.safe", "signal")
+ARRAYS_OF_TABLES = (
+    "domain",
+    "dc.slave",
+    "outputs.safe",
+    "signal",
+    "slave",
+    "slave.pdo",
+    "slave.pdo.entries",
+    "slave.startup",
+)
 DEPENDENT = ("domain.phase", "dc.phase_us", "dc.lock_us")
 """Keys whose largest value follows from others, which the documentation says in words."""
 
@@ -113,7 +122,10 @@ DEPENDENT = ("domain.phase", "dc.phase_us", "dc.lock_us")
 def one_key(key: str, value: str) -> dict[str, Any]:
     """A configuration with nothing but this key."""
     table, _, name = key.rpartition(".")
-    head = f"[[{table}]]" if table in ARRAYS_OF_TABLES else f"[{table}]"
+    parts = table.split(".")
+    above = [".".join(parts[:end]) for end in range(1, len(parts))]
+    head = "".join(f"[[{name}]]\n" for name in above if name in ARRAYS_OF_TABLES)
+    head += f"[[{table}]]" if table in ARRAYS_OF_TABLES else f"[{table}]"
     return tomllib.loads(f"{head if table else ''}\n{name} = {value}")
 
 

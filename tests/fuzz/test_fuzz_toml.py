@@ -30,6 +30,23 @@ profiles = ["/nowhere",
 realtime.cpu = 1
 realtime.lock_memory = false
 
+[[slave]]
+position = 3
+pdos = ["0x1605", 0x1A02]
+[[slave.pdo]]
+index = 0x1605
+entries = [{ object = "0x6040:00", bits = 16 },
+  { bits = 8 }]
+[[slave.startup]]
+object = "0x6065:00" # window
+type = "uint32"
+value = 1234
+[[slave.startup]]
+object = "0x1C32:00"
+hex = "01 00"
+complete = true
+transition = 'SO'
+
 [[domain]]
 name = "fast"
 [[domain]]

@@ -14,8 +14,12 @@ from ecatd.model.config import (
     DcConfig,
     DcSlaveConfig,
     DomainConfig,
+    PdoConfig,
+    PdoEntryConfig,
     SafeConfig,
     SignalConfig,
+    SlaveConfig,
+    StartupConfig,
     load_config,
     read_config,
 )
@@ -41,6 +45,23 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         second_interface = "eth2"
         cycle_time_us = 250
         state_timeout_s = 3
+        [[slave]]
+        position = 3
+        pdos = ["0x1605", 0x1A02]
+        [[slave.pdo]]
+        index = "0x1605"
+        entries = [{ object = "0x6040:00", bits = 16 }, { bits = 8 }]
+        [[slave.startup]]
+        object = "0x6065:00"
+        type = "uint32"
+        value = 1234
+        transition = "IP"
+        optional = true
+        comment = "window"
+        [[slave.startup]]
+        object = "0x1C32:00"
+        hex = "01 00"
+        complete = true
         [[domain]]
         name = "fast"
         [[domain]]
@@ -106,6 +127,18 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
     )
     assert (config.bus, config.interface, config.cycle_time_us) == ("rig", "eth1", 250)
     assert config.second_interface == "eth2"
+    assert config.slave == [
+        SlaveConfig(
+            3,
+            [0x1605, 0x1A02],
+            [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],
+            [
+                StartupConfig("0x6065:00", "uint32", "1234", None, False, "IP", True, "window"),
+                StartupConfig("0x1C32:00", hex="01 00", complete=True),
+            ],
+        )
+    ]
+    assert [item.data for item in config.slave[0].startup] == [b"\xd2\x04\0\0", b"\1\0"]
     assert config.domain == [DomainConfig("fast"), DomainConfig("slow", 4, 3, [3, 5, 6, 7, 9])]
     assert config.dc == DcConfig(
         True,  # since there is a table for a slave
@@ -172,6 +205,12 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
     assert not load(tmp_path, "[dc]\nenabled = false\nreference = 1").dc.enabled
 
 
+SLAVE = "[[slave]]\nposition = 0\n"
+PDO = "[[slave.pdo]]\nindex = 0x1600\nentries = []\n"
+START = "[[slave.startup]]\nobject = '0x6065:00'\n"
+INT8 = "type = 'int8'\n"
+
+
 @pytest.mark.parametrize(
     ("text", "where", "what"),
     [
@@ -181,6 +220,35 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
         ("zzz = 1", ":1: zzz:", "bus | interface"),
         ("[dc]\ncycle_time_us = 500", ":2: dc.cycle_time_us:", "[table]"),
         ("cycle_time_us = 10", ":1: cycle_time_us:", "10 | 100 | 1000000"),
+        ("[[slave]]", ":1: slave[0].position:", "missing"),
+        (f"{SLAVE}{SLAVE}", ":4: slave[1].position:", "slave 0"),
+        (f"{SLAVE}pdos = ['0x1505']", ":3: slave[0].pdos[0]:", "'0x1505' | 0x1600 | 0x1BFF"),
+        (f"{SLAVE}pdos = [0x1600, '0x1600']", ":3: slave[0].pdos[1]:", "0x1600"),
+        (f"{SLAVE}pdos = [1e3]", ":3: slave[0].pdos[0]:", "1000.0"),
+        (f"{SLAVE}pdos = [0x1601]\n{PDO}", ":5: slave[0].pdo[0].index:", "0x1600 | pdos"),
+        (f"{SLAVE}{PDO}{PDO}", ":7: slave[0].pdo[1].index:", "0x1600"),
+        (f"{SLAVE}[[slave.pdo]]\nindex = 0x1600", ":3: slave[0].pdo[0].entries:", "entries = []"),
+        (f"{SLAVE}{PDO[:-2]}{{}}]", ":5: slave[0].pdo[0].entries[0].bits:", "missing"),
+        (f"{SLAVE}{START}", ":3: slave[0].startup[0].value:", "missing | hex"),
+        (f"{SLAVE}{START}value = 1", ":3: slave[0].startup[0].type:", "missing | hex"),
+        (f"{SLAVE}{START}hex = '0g'", ":5: slave[0].startup[0].hex:", "'0g'"),
+        (f"{SLAVE}{START}hex = ''", ":5: slave[0].startup[0].hex:", "0 | 1 | 32768"),
+        (f"{SLAVE}{START}{INT8}value = 128", ":6: slave[0].startup[0].value:", "128 | -128 | 127"),
+        (f"{SLAVE}{START}{INT8}value = 1.5", ":6: slave[0].startup[0].value:", "1.5 | int8"),
+        (f"{SLAVE}{START}{INT8}value = nan", ":6: slave[0].startup[0].value:", "nan"),
+        (f"{SLAVE}{START}{INT8}value = []", ":6: slave[0].startup[0].value:", "array"),
+        (f"{SLAVE}{START}{INT8}hex = '00'", ":6: slave[0].startup[0].hex:", "type | value"),
+        (f"{SLAVE}{START}type = 'tiny'", ":5: slave[0].startup[0].type:", "'tiny' | uint8"),
+        (
+            f"{SLAVE}{START}{INT8}value = 1\ncomplete = true",
+            ":7: slave[0].startup[0].complete:",
+            "hex",
+        ),
+        (
+            f"{SLAVE}{START}hex = '00'\ntransition = 'XY'",
+            ":6: slave[0].startup[0].transition:",
+            '"IP" | "PS" | "SO"',
+        ),
         ("cycle_time_us = '1000'", ":1: cycle_time_us:", "whole number | '1000'"),
         ("cycle_time_us = true", ":1: cycle_time_us:", "whole number | true"),
         ("interface = 7", ":1: interface:", "text | 7"),

@@ -151,7 +151,8 @@ class Table:
                 continue
             near = difflib.get_close_matches(key, known, 1, 0.5)
             hint = f"did you mean '{near[0]}'?" if near else f"valid are {', '.join(known)}"
-            if key in self.document.top:
+            elements = value if isinstance(value, list) else []
+            if key in self.document.top and all(isinstance(item, dict) for item in elements):
                 hint = f"'{key}' belongs in front of the first [table] of the file"
                 if isinstance(value, dict | list):
                     hint = f"did you mean {'[[{}]]' if isinstance(value, list) else '[{}]'}?"

@@ -20,7 +20,8 @@ from ..mailbox.mailboxes import Talk
 T = TypeVar("T")
 
 _INFORMATION, _COMPLETE_ACCESS = 0x02, 0x20  # bits of the CoE details in the SII
-_ASSIGNMENT = 0x1C10
+ASSIGNMENT = 0x1C10
+"""The assignment of the PDOs of sync manager 0; that of sync manager n is n more."""
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
 
@@ -51,27 +52,30 @@ class Assignment:
         return self._coe.talk(self._read)
 
     def _read(self) -> Talk[None]:
-        self._slave.outputs, self._slave.inputs = yield from self._read_pdos()
+        self._slave.outputs, self._slave.inputs = yield from self.pdos()
         yield from self._add_names()
 
     def read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
         """Reads the assigned PDOs without names; returns outputs and inputs; raises as `read`."""
-        return self._coe.talk(self._read_pdos)
+        return self._coe.talk(self.pdos)
 
-    def _read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
+    def pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
+        """`read_pdos` as a part of a conversation."""
         outputs = yield from self._pdos(USAGE_OUTPUTS)
         return outputs, (yield from self._pdos(USAGE_INPUTS))
 
     def _pdos(self, usage: int) -> Talk[list[Pdo]]:
         pdos = []
         for number in self._sii.channels(usage):
-            for index in (yield from self._list(_ASSIGNMENT + number, 2, _PDOS_MAX)):
-                values = yield from self._list(index, 4, _ENTRIES_MAX)
-                entries = [
-                    Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF) for value in values
-                ]
-                pdos.append(Pdo(index, "", number, entries))
+            for index in (yield from self._list(ASSIGNMENT + number, 2, _PDOS_MAX)):
+                pdos.append((yield from self.pdo(index, number)))
         return pdos
+
+    def pdo(self, index: int, sync_manager: int) -> Talk[Pdo]:
+        """Reads the mapping of one PDO, as a part of a conversation."""
+        values = yield from self._list(index, 4, _ENTRIES_MAX)
+        entries = [Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF) for value in values]
+        return Pdo(index, "", sync_manager, entries)
 
     def _list(self, index: int, size: int, most: int) -> Talk[list[int]]:
         """Reads an object that is a list of values; an object that does not exist is empty.

@@ -37,9 +37,18 @@ from .identify import Finder, branch_ends
 from .mapping import Scanned, configure, scan_slaves, without_lrw
 from .round_trip import measure_round_trip
 from .safe import SafeOutputs, safe_outputs
-from .set_up import SetUp, count_links, read_mailboxes, wait_for_outputs
+from .set_up import (
+    SetUp,
+    count_links,
+    read_mailboxes,
+    wait_for_outputs,
+    write_before_op,
+)
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
+
+_MAILBOX_PAUSE = 0.0005
+"""Seconds between two rounds of frames while slaves answer over their mailboxes."""
 
 _CLOCK_PAUSE = 0.01
 """Seconds between two reads of the state of SYNC signals."""
@@ -204,8 +213,10 @@ class BringUp:
 
     def _read(self, master: Master) -> None:
         """Reads SII and PDOs of every slave into the bus description."""
-        self._scanned = scan_slaves(master, self._cancelled)
+        self._scanned = scan_slaves(master, self._config, self._cancelled)
         for item in self._scanned:
+            for text in item.refused:
+                self._log.warning(text)
             tell_emergencies(self._log, [(item.slave, *found) for found in item.emergencies])
         self._doubtful = settle(
             master, self._scanned, self._config.state_timeout_s, self._log.warning
@@ -344,6 +355,11 @@ class BringUp:
     def _reach_op(self, master: Master, shared: SharedMemory) -> None:
         """Requests OP after outputs have been sent a few times: slaves need valid ones first."""
         timeout = self._config.state_timeout_s
+        told, refused = finish(write_before_op(master, self._scanned), _MAILBOX_PAUSE)
+        for text in told:
+            self._log.warning(text)
+        if refused:
+            raise StateError("; ".join(missed.text for missed in refused.values()))
         finish(wait_for_outputs(shared, self.bus, timeout, self._cancelled))
         self._reach(master, AlState.OP)
 

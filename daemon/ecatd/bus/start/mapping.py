@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Slave
+from ecatd.model.config import Config, SlaveConfig
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.pdo_layout import sync_manager_bytes
 from ecatd.model.sii import (
@@ -28,6 +29,7 @@ from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Talk, converse
 from ..master.master import Master
 from .assignment import Assignment
+from .slave_configuration import RefusedError, SlaveConfiguration, choose_from_sii
 
 _PROTOCOL_COE = 0x04
 _FEATURES, _NO_LRW = 0x0008, 0x0200
@@ -45,6 +47,8 @@ class Scanned:
     Attributes:
         slave: The slave.
         sii: Its SII.
+        settings: Its table in the configuration.
+        refused: Messages about optional start-up parameters that it has refused.
         emergencies: Error code and error register of each emergency that came during the scan.
         silence: If its mailbox did not answer, or with malformed messages: what was asked, and why
             that failed. Its process data are then those of its SII.
@@ -53,6 +57,8 @@ class Scanned:
 
     slave: Slave
     sii: Sii
+    settings: SlaveConfig
+    refused: list[str] = field(default_factory=list)
     emergencies: list[tuple[int, int]] = field(default_factory=list)
     silence: str = ""
     nonsense: bool = False
@@ -78,31 +84,51 @@ class Scanned:
         return ""
 
 
-def scan_slaves(master: Master, cancelled: Callable[[], bool] = lambda: False) -> list[Scanned]:
-    """Reads everything about the slaves, which must be in PREOP.
+def scan_slaves(
+    master: Master, config: Config, cancelled: Callable[[], bool] = lambda: False
+) -> list[Scanned]:
+    """Tells the slaves, which must be in PREOP, their configuration, and reads all about them.
 
     Raises:
-        StateError: An EEPROM cannot be read, or `cancelled` returned true.
+        StateError: An EEPROM cannot be read, a slave refuses its configuration, the configuration
+            is about a slave that does not exist, or `cancelled` returned true.
     """
+    _check_positions(config, len(master.stations))
     scanned = [
-        _scan_slave(master, position, sii)
+        _scan_slave(master, position, sii, config.settings_of(position))
         for position, sii in enumerate(master.read_eeproms(read_sii))
     ]
     with_coe = [item for item in scanned if item.slave.coe]
     coe = [master.coe(item.slave.position) for item in with_coe]
-    converse(master.registers, list(map(_read_assignment, with_coe, coe)), cancelled)
+    converse(master.registers, list(map(_configure_and_read, with_coe, coe)), cancelled)
     for item, way in zip(with_coe, coe, strict=True):
         item.emergencies = way.emergencies
     return scanned
 
 
-def _read_assignment(item: Scanned, coe: Coe) -> Talk[None]:
+def _check_positions(config: Config, count: int) -> None:
+    for settings in config.slave:
+        if settings.position >= count:
+            raise StateError(
+                f"[[slave]] is about slave {settings.position}, but the bus has {count} slave"
+                f"{'s' * (count != 1)}, 0 to {count - 1}: correct its position, or check the cable "
+                "and the power of the slaves"
+            )
+
+
+def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
     try:
+        if item.settings.is_told:
+            talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
+            item.refused = yield from talk
         yield from Assignment(item.slave, item.sii, coe).read()
+    except RefusedError:
+        raise
     except (NoAnswerError, StateError) as error:
         item.silence = str(error)
         item.nonsense = isinstance(error, StateError)
-        _take_from_sii(item.slave, item.sii)
+        if not item.settings.is_told:  # else it has other PDOs than those of its EEPROM
+            _take_from_sii(item.slave, item.sii)
 
 
 def _take_from_sii(slave: Slave, sii: Sii) -> None:
@@ -110,7 +136,7 @@ def _take_from_sii(slave: Slave, sii: Sii) -> None:
     slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != UNASSIGNED]
 
 
-def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
+def _scan_slave(master: Master, position: int, sii: Sii, settings: SlaveConfig) -> Scanned:
     slave = Slave(
         position=position,
         name=sii.order or sii.name,
@@ -125,7 +151,8 @@ def _scan_slave(master: Master, position: int, sii: Sii) -> Scanned:
     )
     if not slave.coe:
         _take_from_sii(slave, sii)
-    return Scanned(slave, sii)
+        choose_from_sii(slave, sii, settings)
+    return Scanned(slave, sii, settings)
 
 
 def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:

@@ -19,13 +19,14 @@ from ecatd.model.sii import SiiMailbox
 
 from ..engine.layout import Image
 from ..engine.shared_memory import SharedMemory
-from ..mailbox.mailboxes import talk_all
+from ..mailbox.mailboxes import Talk, talk_all
 from ..master.master import Master
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
 from .doubtful import Doubt
 from .mapping import Scanned, configure
+from .slave_configuration import RefusedError, SlaveConfiguration
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
 _ACTIVATE = (0x0806, 0x080E)
@@ -92,6 +93,39 @@ def wait_for_outputs(
         if cancelled():
             raise StateError("stopped while outputs were sent for the first time")
         yield
+
+
+def write_before_op(
+    master: Master, items: Sequence[Scanned]
+) -> Steps[tuple[list[str], dict[int, Missed]]]:
+    """Writes the start-up parameters of transition SO to slaves, which are in SAFEOP.
+
+    Returns:
+        Messages about optional parameters that were refused, and why slaves cannot go on.
+    """
+    items = [item for item in items if item.settings.parameters("SO")]
+    return (yield from _tell(master, items, lambda told: told.write_parameters("SO")))
+
+
+def _tell(
+    master: Master,
+    items: Sequence[Scanned],
+    talk: Callable[[SlaveConfiguration], Talk[list[str]]],
+) -> Steps[tuple[list[str], dict[int, Missed]]]:
+    """Tells slaves a part of their configuration; returns as `write_before_op`."""
+    talks = [
+        talk(
+            SlaveConfiguration(item.slave, item.sii, master.coe(item.slave.position), item.settings)
+        )
+        for item in items
+    ]
+    found, failed = yield from talk_all(master.registers, talks)
+    refused = [text for number in sorted(found) for text in found[number]]
+    missed = {
+        items[number].slave.position: Missed(f"{error}", changed=isinstance(error, RefusedError))
+        for number, error in sorted(failed.items())
+    }
+    return refused, missed
 
 
 class SetUp:
@@ -169,6 +203,9 @@ class SetUp:
         if state == first:
             return missed
         here -= missed.keys()
+        if begin == AlState.INIT:
+            missed |= yield from self._configure_again(here)
+            here -= missed.keys()
         missed |= yield from self._compare(here)
         here -= missed.keys()
         configure(self._master, [self._scanned[position] for position in sorted(here)], self._image)
@@ -180,6 +217,10 @@ class SetUp:
         here -= missed.keys()
         if state == AlState.SAFEOP or not here:
             return missed
+        items = [self._scanned[position] for position in sorted(here)]
+        _, refused = yield from write_before_op(self._master, items)
+        missed |= refused
+        here -= refused.keys()
         yield from wait_for_outputs(self._shared, self._bus, self._timeout_s)
         missed |= yield from self.ask(here, AlState.OP)
         return missed
@@ -212,6 +253,13 @@ class SetUp:
         # The settings of a sync manager can be changed only while it is off (ETG.1000.4).
         self._master.write_registers(off)
         self._master.write_registers(writes)
+
+    def _configure_again(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
+        """Tells slaves in PREOP their configuration as at the start; a restart loses it."""
+        items = [self._scanned[position] for position in sorted(positions)]
+        items = [item for item in items if item.slave.coe and item.settings.is_told]
+        _, missed = yield from _tell(self._master, items, SlaveConfiguration.tell)
+        return missed
 
     def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Finds slaves whose PDOs have changed: a restarted slave may lose its assignment."""

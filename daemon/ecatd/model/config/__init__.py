@@ -15,10 +15,14 @@ from .tables import (
     GatewayConfig,
     MailboxConfig,
     OutputsConfig,
+    PdoConfig,
+    PdoEntryConfig,
     RealTimeConfig,
     RecoveryConfig,
     SafeConfig,
     SignalConfig,
+    SlaveConfig,
+    StartupConfig,
 )
 
 __all__ = [
@@ -32,10 +36,14 @@ __all__ = [
     "GatewayConfig",
     "MailboxConfig",
     "OutputsConfig",
+    "PdoConfig",
+    "PdoEntryConfig",
     "RealTimeConfig",
     "RecoveryConfig",
     "SafeConfig",
     "SignalConfig",
+    "SlaveConfig",
+    "StartupConfig",
     "load_config",
     "read_config",
 ]

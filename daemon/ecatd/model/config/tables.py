@@ -5,7 +5,112 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from ..datatypes import DataType, encode, parse_type
 from ..pdo import parse_address
+
+TRANSITIONS = ("IP", "PS", "SO")
+"""Transitions of the state machine in which start-up parameters are written (ETG.1000.6): I INIT,
+P PREOP, S SAFEOP, O OP."""
+
+
+@dataclass(slots=True)
+class PdoEntryConfig:
+    """One entry of a `[[slave.pdo]]`.
+
+    Attributes:
+        bits: Its length.
+        object: Address such as "0x6040:00"; None for a gap.
+    """
+
+    bits: int
+    object: str | None = None
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the object; both 0 for a gap."""
+        return parse_address(self.object or "") or (0, 0)
+
+
+@dataclass(slots=True)
+class PdoConfig:
+    """`[[slave.pdo]]`: the entries that a slave shall map into one of its PDOs.
+
+    Attributes:
+        index: Index of the PDO, 0x1600 to 0x17FF for outputs, 0x1A00 to 0x1BFF for inputs.
+        entries: Its entries in order.
+    """
+
+    index: int
+    entries: list[PdoEntryConfig] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class StartupConfig:
+    """`[[slave.startup]]`: an object that is written whenever the slave starts or comes back.
+
+    Attributes:
+        object: Address such as "0x6065:00"; with complete access, where the data begin.
+        type: Data type of `value`, such as "uint32".
+        value: The value, as `sdo-write` takes it.
+        hex: Hexadecimal bytes, in place of `type` and `value`.
+        complete: Whether the whole object is written at once (complete access).
+        transition: When it is written, one of `TRANSITIONS`.
+        optional: Whether the slave is used although it refuses the value.
+        comment: Why it is written; for people.
+    """
+
+    object: str
+    type: str | None = None
+    value: str | None = None
+    hex: str | None = None
+    complete: bool = False
+    transition: str = "PS"
+    optional: bool = False
+    comment: str = ""
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the object."""
+        address = parse_address(self.object)
+        assert address is not None, "checked when the configuration was read"
+        return address
+
+    @property
+    def data(self) -> bytes:
+        """The value as the slave gets it.
+
+        Raises:
+            UsageError: The value does not fit the type.
+        """
+        if self.hex is not None:
+            return encode(DataType.OCTET_STRING, self.hex)
+        return encode(parse_type(self.type or ""), self.value or "")
+
+
+@dataclass(slots=True)
+class SlaveConfig:
+    """`[[slave]]`: what a slave is told whenever it starts or comes back.
+
+    Attributes:
+        position: Its position.
+        pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
+        pdo: PDOs with other entries than those of the slave.
+        startup: Start-up parameters in the order in which they are written.
+    """
+
+    position: int
+    pdos: list[int] | None = None
+    pdo: list[PdoConfig] = field(default_factory=list)
+    startup: list[StartupConfig] = field(default_factory=list)
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the slave is told anything over its mailbox before SAFEOP."""
+        return self.pdos is not None or bool(self.pdo or self.startup)
+
+    def parameters(self, transition: str) -> list[StartupConfig]:
+        """The start-up parameters of one transition, in order."""
+        return [item for item in self.startup if item.transition == transition]
 
 
 @dataclass(slots=True)
@@ -244,6 +349,7 @@ class Config:
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
         state_timeout_s: Time in which the slaves must reach a state, in seconds.
         profiles: Folders with device profiles; these win over those of machine and user, and ours.
+        slave: What slaves are told when they start or come back.
         domain: Domains, 0 first; if there are none, domain 0 has all slaves.
         dc: Distributed clocks.
         mailbox: Share of mailbox and register traffic.
@@ -260,6 +366,7 @@ class Config:
     cycle_time_us: int = 1000
     state_timeout_s: float = 10.0
     profiles: list[str] = field(default_factory=list)
+    slave: list[SlaveConfig] = field(default_factory=list)
     domain: list[DomainConfig] = field(default_factory=list)
     dc: DcConfig = field(default_factory=DcConfig)
     mailbox: MailboxConfig = field(default_factory=MailboxConfig)
@@ -268,6 +375,13 @@ class Config:
     outputs: OutputsConfig = field(default_factory=OutputsConfig)
     signal: list[SignalConfig] = field(default_factory=list)
     gateway: GatewayConfig = field(default_factory=GatewayConfig)
+
+    def settings_of(self, position: int) -> SlaveConfig:
+        """The `[[slave]]` table of a slave; an empty one if it has none."""
+        for slave in self.slave:
+            if slave.position == position:
+                return slave
+        return SlaveConfig(position)
 
     def domain_of(self, position: int) -> int:
         """Number of the domain of a slave."""

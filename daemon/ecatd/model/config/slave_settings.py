@@ -1,0 +1,163 @@
+"""Reads `[[slave]]`: what slaves are told, PDOs and start-up parameters."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from ..datatypes import DataType, bit_length, is_real, parse_type
+from ..toml_file import Key, Rules, Table, array, choice, integer, printable
+from .signals import NAME_BYTES
+from .slaves import POSITION
+from .tables import TRANSITIONS, PdoConfig, PdoEntryConfig, SlaveConfig, StartupConfig
+
+OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
+"""Indices of RxPDOs and TxPDOs (ETG.1000.6)."""
+
+_PDOS_MAX, _ENTRIES_MAX, _BYTES_MAX = 64, 254, 1 << 15
+_INDEX = re.compile(r"0x[0-9A-Fa-f]{1,4}")
+
+
+def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
+    """Reads all `[[slave]]` tables."""
+    slaves: list[SlaveConfig] = []
+    for row in top.tables(key):
+        slave = SlaveConfig(**row.read(_SLAVE, required=["position"]))
+        for other in slaves:
+            if other.position == slave.position:
+                row.fail("position", f"slave {slave.position} has two tables")
+        _check_pdos(row, slave)
+        slaves.append(slave)
+    return slaves
+
+
+def _pdo_index(table: Table, key: Key) -> int:
+    """Reads the index of a PDO, written as 0x1600 or "0x1600"."""
+    value = table.data[key]
+    if isinstance(value, str) and _INDEX.fullmatch(value):
+        value = int(value, 16)
+    if type(value) is not int or value not in (*OUTPUT_PDOS, *INPUT_PDOS):
+        table.fail(
+            key,
+            f"{table.show(key)} is no PDO: write 0x1600 to 0x17FF for outputs, 0x1A00 to 0x1BFF "
+            "for inputs",
+        )
+    return value
+
+
+def _check_pdos(row: Table, slave: SlaveConfig) -> None:
+    """Refuses PDOs that are named twice, and entries for a PDO that is not assigned."""
+    assigned = slave.pdos or []
+    if len(assigned) > _PDOS_MAX:
+        row.fail("pdos", f"has {len(assigned)} PDOs, but at most {_PDOS_MAX} can be assigned")
+    for number, index in enumerate(assigned):
+        if index in assigned[:number]:
+            row.elements("pdos").fail(number, f"PDO 0x{index:04X} is named twice")
+    seen: set[int] = set()
+    for table, pdo in zip(row.tables("pdo"), slave.pdo, strict=True):
+        if pdo.index in seen:
+            table.fail("index", f"PDO 0x{pdo.index:04X} has two tables")
+        seen.add(pdo.index)
+        if slave.pdos is not None and pdo.index not in slave.pdos:
+            table.fail(
+                "index", f"PDO 0x{pdo.index:04X} is not assigned: add it to pdos of the slave"
+            )
+
+
+def _entries(table: Table, key: Key) -> list[PdoEntryConfig]:
+    if key not in table:
+        table.fail(key, "is missing: write the entries of the PDO, or entries = [] for none")
+    rows = table.tables(key)
+    if len(rows) > _ENTRIES_MAX:
+        table.fail(key, f"has {len(rows)} entries, but a PDO has at most {_ENTRIES_MAX}")
+    return [PdoEntryConfig(**row.read(_ENTRY, required=["bits"])) for row in rows]
+
+
+def _object(table: Table, key: Key) -> str:
+    table.address(key)
+    return table.text(key)
+
+
+def _parameter(row: Table, key: Key) -> StartupConfig:
+    table = row.table(key)
+    values = table.read(_STARTUP, required=["object"])
+    if "hex" in values:
+        if "type" in values or "value" in values:
+            table.fail("hex", "stands in place of type and value: leave them out")
+    elif "value" not in values or "type" not in values:
+        missing = "type" if "value" in values else "value"
+        table.fail(
+            missing,
+            'is missing: write a type and a value, such as type = "uint32" and value = 5, or '
+            'hex = "05 00 00 00"',
+        )
+    parameter = StartupConfig(**values)
+    if not parameter.complete and parameter.address[1] > 0xFE:
+        table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
+    if parameter.complete and parameter.address[1] > 1:
+        table.fail("object", "complete access begins at subindex 00 or 01")
+    given = "value" if parameter.hex is None else "hex"
+    if parameter.complete and given == "value":
+        table.fail("complete", "needs hex: a whole object has no single type")
+    data = table.explain(given, lambda: parameter.data)
+    if not 0 < len(data) <= _BYTES_MAX:
+        table.fail(given, f"has {len(data)} bytes, but must have 1 to {_BYTES_MAX}")
+    return parameter
+
+
+def _type(table: Table, key: Key) -> str:
+    name = table.text(key)
+    kind = table.explain(key, lambda: parse_type(name))
+    texts = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING, DataType.OCTET_STRING)
+    if not bit_length(kind) and kind not in texts:
+        table.fail(key, f"'{name}' has no fixed length: write hex = in place of type and value")
+    return name
+
+
+def _value(table: Table, key: Key) -> str:
+    """Reads a number, a text or true and false; returns it as `sdo-write` takes it."""
+    value = table.data[key]
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and not math.isfinite(value):
+        table.fail(key, f"must be a finite number, not {value}")
+    if isinstance(value, int | float):
+        if isinstance(value, float) and "type" in table:
+            kind = table.explain("type", lambda: parse_type(table.text("type")))
+            if not is_real(kind):
+                table.fail(key, f"{value!r} has a fraction, but the type is {table.text('type')}")
+        return repr(value)
+    if isinstance(value, str):
+        return value
+    table.fail(key, f"must be a number, a text in quotes, or true or false, not {table.show(key)}")
+
+
+def _hex(table: Table, key: Key) -> str:
+    text = table.text(key)
+    try:
+        bytes.fromhex(text)
+    except ValueError:
+        table.fail(key, f'must be hexadecimal bytes such as "05 00", not {table.show(key)}')
+    return text
+
+
+_ENTRY: Rules = {"object": _object, "bits": integer(1, 8 * 1486)}
+_PDO: Rules = {"index": _pdo_index, "entries": _entries}
+_STARTUP: Rules = {
+    "object": _object,
+    "type": _type,
+    "value": _value,
+    "hex": _hex,
+    "complete": Table.boolean,
+    "transition": choice({name: name for name in TRANSITIONS}),
+    "optional": Table.boolean,
+    "comment": printable(NAME_BYTES * 4),
+}
+_SLAVE: Rules = {
+    "position": POSITION,
+    "pdos": array(_pdo_index),
+    "pdo": lambda row, key: [
+        PdoConfig(**table.read(_PDO, required=["index", "entries"])) for table in row.tables(key)
+    ],
+    "startup": array(_parameter),
+}

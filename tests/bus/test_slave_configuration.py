@@ -1,0 +1,173 @@
+"""What slaves are told at the start, and again whenever they come back: PDOs and parameters."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from test_bad_conditions import Bench
+from test_recovery_power import in_op
+
+from conftest import Daemon, names, one_line_error
+from ecatd.model.al import AlState
+
+pytestmark = pytest.mark.bus
+
+AXIS, DRIVE = 1, 2
+RIG = """
+name = "machine"
+[[slave]]
+device = "EK1100"
+[[slave]]
+device = "CiA402"
+[[slave]]
+device = "ElmoGold"
+"""
+CONFIG = """
+[gateway]
+listen = []
+[recovery]
+retry_s = 1.0
+[[slave]]
+position = 1
+[[slave.pdo]]
+index = "0x1A00"
+entries = [
+  { object = "0x6041:00", bits = 16 },
+  { object = "0x6064:00", bits = 32 },
+  { object = "0x6061:00", bits = 8 },
+  { bits = 8 },
+]
+[[slave]]
+position = 2
+pdos = ["0x1605", "0x1A02", "0x1A0A"]
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 1234
+[[slave.startup]]
+object = "0x6060:00"
+type = "int8"
+value = 8
+transition = "IP"
+[[slave.startup]]
+object = "0x6081:00"
+hex = "10 27 00 00"
+transition = "SO"
+comment = "profile velocity of the homing run"
+[[slave.startup]]
+object = "0x5FFF:00"
+type = "uint8"
+value = 1
+optional = true
+"""
+
+Start = Callable[[str], Bench]
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> str:
+    file = tmp_path / "rig.toml"
+    file.write_text(RIG)
+    return str(file)
+
+
+@pytest.fixture
+def start(start_daemon: Callable[..., Daemon], rig: str) -> Iterator[Start]:
+    benches: list[Bench] = []
+
+    def start(config: str) -> Bench:
+        benches.append(Bench(start_daemon(rig, config=config)))
+        return benches[-1]
+
+    yield start
+    for bench in benches:
+        bench.close()
+
+
+def entries(daemon: Daemon, position: int, direction: str) -> list[tuple[str, list[str]]]:
+    """The PDOs of a slave with the addresses of their entries."""
+    slave = daemon.ctl_json("pdos")["slaves"][position]
+    return [
+        (f"0x{pdo['index']:04X}", [f"{e['index']:04X}:{e['subindex']:02X}" for e in pdo["entries"]])
+        for pdo in slave[direction]
+    ]
+
+
+def value(daemon: Daemon, position: int, index: str, subindex: int = 0) -> int:
+    """Reads an object from the slave itself."""
+    found = daemon.ctl_json("sdo-read", str(position), index, str(subindex))
+    return int(found["value"])
+
+
+def check(daemon: Daemon) -> None:
+    """The slaves have what the configuration tells them, by reading it from them."""
+    assert value(daemon, DRIVE, "0x6065") == 1234
+    assert value(daemon, DRIVE, "0x6060") == 8
+    assert value(daemon, DRIVE, "0x6081") == 10000
+    assert [value(daemon, DRIVE, "0x1C13", number) for number in (0, 1, 2)] == [2, 0x1A02, 0x1A0A]
+    assert value(daemon, AXIS, "0x1A00", 2) == 0x60640020
+
+
+def test_slaves_are_told_at_the_start_and_when_they_come_back(start: Start) -> None:
+    bench = start(CONFIG)
+    daemon = bench.daemon
+    check(daemon)
+    assert entries(daemon, AXIS, "inputs") == [
+        ("0x1A00", ["6041:00", "6064:00", "6061:00", "0000:00"])
+    ]
+    assert [index for index, _ in entries(daemon, DRIVE, "outputs")] == ["0x1605"]
+    assert [index for index, _ in entries(daemon, DRIVE, "inputs")] == ["0x1A02", "0x1A0A"]
+    names(daemon.log, "slave 2", "0x5FFF:00 = 1", "optional")
+    bench.power(DRIVE, on=False)
+    bench.wait_for(lambda: bench.health().slaves_found == DRIVE)
+    bench.power(DRIVE, on=True)
+    bench.wait_for_event("recovery", slave=DRIVE, state="recovered")
+    in_op(bench)
+    check(daemon)
+    bench.power(AXIS, DRIVE, on=False)
+    bench.wait_for(lambda: bench.health().slaves_found == AXIS)
+    bench.power(DRIVE, AXIS, on=True)
+    in_op(bench)
+    check(daemon)
+    with daemon.client() as client:
+        assert [slave.al_state for slave in client.slaves()] == [AlState.OP] * 3
+
+
+@pytest.mark.parametrize(
+    ("table", "tokens"),
+    [
+        ("position = 2\npdos = ['0x16F0']", "slave 2 | 0x16F0 | 0x1600 | 0x1605"),
+        (
+            "position = 2\n[[slave.pdo]]\nindex = 0x1605\n"
+            "entries = [{ object = '0x6040:00', bits = 16 }]",
+            "slave 2 | 0x1605",
+        ),
+        (
+            "position = 1\n[[slave.pdo]]\nindex = 0x1600\n"
+            "entries = [{ object = '0x5FFF:00', bits = 16 }]",
+            "slave 1 | 0x1600 | 0x5FFF:00",
+        ),
+        (
+            "position = 2\n[[slave.startup]]\nobject = '0x6041:00'\ntype = 'uint16'\nvalue = 1",
+            "slave 2 | 0x6041:00 = 1 | 0x06010002 | optional = true",
+        ),
+        (
+            "position = 2\n[[slave.startup]]\nobject = '0x6041:00'\ntype = 'uint16'\nvalue = 1\n"
+            "transition = 'SO'",
+            "slave 2 | 0x6041:00 = 1 | 0x06010002",
+        ),
+        ("position = 0\npdos = ['0x1600']", "slave 0 | 0x1600"),
+        (
+            "position = 0\n[[slave.startup]]\nobject = '0x1000:00'\nhex = '00'",
+            "slave 0 | CoE | [[slave.startup]]",
+        ),
+        ("position = 3", "slave 3 | 3 slaves | 0 to 2"),
+    ],
+)
+def test_what_a_slave_refuses_is_named(
+    start_daemon: Callable[..., Daemon], rig: str, table: str, tokens: str
+) -> None:
+    daemon = start_daemon(rig, ready=False, config=f"[[slave]]\n{table}\n[gateway]\nlisten = []\n")
+    status, log = daemon.wait_end()
+    assert status == 7, log
+    names(one_line_error(log, "ecatd"), *tokens.split(" | "))
