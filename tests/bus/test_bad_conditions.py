@@ -413,6 +413,7 @@ def ring(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Iterator[Bench]
     rig.write_text(RING)
     made = Bench(start_daemon(str(rig)))
     made.wait_for_data()
+    made.wait_for_log("the ring is closed")  # the watch has seen it before anything is broken
     yield made
     made.close()
 

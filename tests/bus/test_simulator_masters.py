@@ -300,7 +300,7 @@ def master_assignment():
     sample = master.slaves[0]
     master.slaves[1]._fpwr(0x0120, b"\x02\x00")  # the other one refuses OP
     cycle(master)
-    request(sample, OP, SAFEOP)
+    request(sample, OP, SAFEOP, OP)
     for _ in range(100):
         sample.output = b"\x34\x12"
         cycle(master)
