@@ -68,19 +68,27 @@ FIRST_STEPS := $(addprefix tests/e2e/test_,start_up.py figure9.py benchmarks.py)
 # Tests wait a third of their time, so there are three processes for two processors. Files stay whole.
 PARALLEL := --numprocesses $(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist loadfile
 
-# $(call pytest,NAME,OPTIONS): NAME keeps what one target has found apart from the others.
-pytest = $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1) $(PARALLEL) $(2)
+# A single test that fails is run once more, alone, and the output says so: some tests are about real
+# time, and on a shared machine a process may get no processor for a while. More than one have failed.
+# $(call run_tests,NAME,COMMAND,OPTIONS): NAME keeps what one target has found apart from the others.
+pytest = $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
+define run_tests
+rm -f .pytest_cache/$(1)/v/cache/lastfailed; $(2) $(call pytest,$(1)) $(PARALLEL) $(3) || { [ $$? = 1 ] && \
+  [ "$$(grep -c ': true' .pytest_cache/$(1)/v/cache/lastfailed)" = 1 ] && \
+  echo "One test has failed; it is run once more, alone:" && \
+  $(2) $(call pytest,$(1)) --last-failed --last-failed-no-failures none $(3); }
+endef
 
 test: $(VENV)/.test
-	$(call pytest,short,-m "not long")
+	$(call run_tests,short,,-m "not long")
 
 test-all: test test-long
 
 test-long: $(VENV)/.test
-	$(call pytest,long,-m long)
+	$(call run_tests,long,,-m long)
 	@if [ "$$(id -u)" = 0 ]; then echo "The first steps, as an ordinary user:"; fi
-	@[ "$$(id -u)" != 0 ] || unshare --user --map-user=1000 --map-group=1000 \
-	  $(call pytest,user,-m unprivileged $(FIRST_STEPS))
+	@[ "$$(id -u)" != 0 ] || { \
+	  $(call run_tests,user,unshare --user --map-user=1000 --map-group=1000,-m unprivileged $(FIRST_STEPS)); }
 
 # What the tests name in their first lines; each of these is a part of make test in small.
 death: $(VENV)/.test
