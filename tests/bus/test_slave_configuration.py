@@ -171,3 +171,13 @@ def test_what_a_slave_refuses_is_named(
     status, log = daemon.wait_end()
     assert status == 7, log
     names(one_line_error(log, "ecatd"), *tokens.split(" | "))
+
+
+def test_a_silent_slave_holds_up_nobody(start_daemon: Callable[..., Daemon]) -> None:
+    """It has a parameter for the way to OP, but stays in PREOP, since it does not answer."""
+    rig = Path(__file__).parents[1] / "rigs" / "silent.py"
+    table = "[[slave]]\nposition = 3\n[[slave.startup]]\nobject = '0x8000:01'\nhex = '00'\n"
+    config = f"{table}transition = 'SO'\n[gateway]\nlisten = []\n"
+    daemon = start_daemon(str(rig), config=config)
+    states = [row["text"] for row in daemon.ctl_json("state")["slaves"]]
+    assert (states[3], states[1]) == ("PREOP", "OP")

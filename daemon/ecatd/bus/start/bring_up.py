@@ -355,7 +355,9 @@ class BringUp:
     def _reach_op(self, master: Master, shared: SharedMemory) -> None:
         """Requests OP after outputs have been sent a few times: slaves need valid ones first."""
         timeout = self._config.state_timeout_s
-        told, refused = finish(write_before_op(master, self._scanned), _MAILBOX_PAUSE)
+        # A doubtful slave must not keep the others from OP, and may be in PREOP.
+        sure = [item for item in self._scanned if item.slave.position not in self._doubtful]
+        told, refused = finish(write_before_op(master, sure), _MAILBOX_PAUSE)
         for text in told:
             self._log.warning(text)
         if refused:

@@ -1,6 +1,6 @@
 """Tells a slave its configuration: start-up parameters, and which PDOs it shall exchange.
 
-This is done whenever the slave starts or comes back, in this order (D14 of the design, ETG.1000.6):
+This is done whenever the slave starts or comes back, in this order (ETG.1000.6):
 
 - in PREOP: the parameters of transition IP, then the PDOs, then the parameters of PS;
 - in SAFEOP, before OP: the parameters of SO.
