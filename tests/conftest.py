@@ -145,6 +145,18 @@ class Daemon:
         assert document["schema"] == 1
         return document
 
+    def slave_rows(self, command: str = "slaves") -> list[dict[str, Any]]:
+        """The rows of `ecatctl slaves` or `ecatctl state`.
+
+        Asks again while no slave answers. That is so, too, when the simulated segment gets no
+        processor for as long as the master waits for an answer.
+        """
+        deadline = time.monotonic() + 30
+        while True:
+            rows: list[dict[str, Any]] = self.ctl_json(command)["slaves"]
+            if any("no answer" not in row.values() for row in rows) or time.monotonic() > deadline:
+                return rows
+
     def client(self) -> Client:
         """A connection to its shared memory."""
         return Client(self.bus)

@@ -129,7 +129,7 @@ def start(program: Path, stop_time: float, **overrides: str) -> subprocess.Popen
     values |= {name.replace("__", "."): value for name, value in overrides.items()}
     if bus := values.pop("bus", None):
         # A machine with other work may pause a program for longer than the usual lease.
-        values = {"etherCATMaster.bus": bus, "etherCATMaster.lease": "0.5"} | values
+        values = {"etherCATMaster.bus": bus, "etherCATMaster.lease": "10"} | values
     return subprocess.Popen(
         [
             str(program),

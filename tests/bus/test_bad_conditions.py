@@ -279,7 +279,7 @@ def test_a_second_master_that_uses_the_slaves(bench: Bench) -> None:
     bench.wait_for_event("al_state")
     bench.wait_for_log("no more frames of another EtherCAT master")
     assert bench.busy() < 0.5
-    assert bench.daemon.ctl_json("state")["slaves"]
+    assert bench.daemon.slave_rows("state")
 
 
 def other_master(bench: Bench, source: str) -> str:
@@ -473,7 +473,7 @@ def test_a_ring_that_is_cut_anywhere(ring: Bench, place: int) -> None:
     ring.wait_for_data()
     assert ring.health().slaves_found == SLAVES
     # Mailbox and registers reach all of them, too.
-    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in ring.daemon.slave_rows("state")} == {"OP"}
     ring.ctl("heal-link", *cable)
     ring.wait_for_log("the ring is closed", 2)
     ring.wait_for_event("ring", state="closed")
@@ -513,7 +513,7 @@ def test_a_ring_that_was_cut_before_the_start(
     bench = Bench(start_daemon(str(rig)))
     bench.wait_for_log(f"the ring is broken {text}")
     exchange_everything(bench, 5)
-    assert len(bench.daemon.ctl_json("state")["slaves"]) == SLAVES
+    assert len(bench.daemon.slave_rows("state")) == SLAVES
     bench.close()
 
 
@@ -528,7 +528,7 @@ def test_a_ring_survives_the_loss_of_an_interface(ring: Bench, interface: str) -
     ring.wait_for_event("link", interface=interface, state="up")
     ring.wait_for_log("the ring is closed", 2)
     exchange_everything(ring, 30)
-    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in ring.daemon.slave_rows("state")} == {"OP"}
 
 
 def test_a_contact_that_fails_for_a_moment(
@@ -552,12 +552,12 @@ def test_a_ring_survives_that_an_interface_is_another_one(
     ring.inside("delete", interface)
     ring.wait_for_event("link", interface=interface, state="gone")
     exchange_everything(ring, 20)
-    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in ring.daemon.slave_rows("state")} == {"OP"}
     ring.inside("make", interface, peer)
     ring.wait_for_log(f"{interface} is back as another interface")
     ring.wait_for_log("the ring is closed", 2)
     exchange_everything(ring, 30)
-    assert {row["text"] for row in ring.daemon.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in ring.daemon.slave_rows("state")} == {"OP"}
 
 
 def test_a_second_break_loses_the_slaves_between(ring: Bench) -> None:

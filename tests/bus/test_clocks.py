@@ -184,7 +184,7 @@ def test_what_is_published(drifting: Daemon) -> None:
     wait_until(lambda: health(drifting).dc_time_ns > first)
     # Around 2000-01-01, in UTC.
     assert first == pytest.approx(time.time_ns() - 946_684_800 * 10**9, abs=60 * 10**9)
-    document = drifting.ctl_json("slaves")["slaves"]
+    document = drifting.slave_rows("slaves")
     assert [row["dc_bits"] for row in document] == [64] * len(DRIFTS)
     assert [row["dc_delay_ns"] for row in document] == [row.dc_delay_ns for row in rows]
 
@@ -317,7 +317,7 @@ def test_a_drive_that_goes_by_sync0(
     there = simulator()
     assert there.registers(0, 0x0980, 2) == b"\x00\x03"
     assert there.registers(1, 0x0980, 2) == b"\x20\x03"
-    assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in daemon.slave_rows("state")} == {"OP"}
     assert daemon.ctl("sdo-read", "0", "0x1C32", "10").stdout.split()[1] == str(CYCLE)
 
 
@@ -539,7 +539,7 @@ def test_a_bus_without_clocks(start: Callable[..., Daemon], tmp_path: Path) -> N
     status, log = daemon.wait_end()
     assert status == 2
     names(one_line_error(log, "ecatd"), "no slave", f"'{daemon.bus}'", "clock")
-    assert {row["dc_bits"] for row in start(rig, "").ctl_json("slaves")["slaves"]} == {0}
+    assert {row["dc_bits"] for row in start(rig, "").slave_rows("slaves")} == {0}
 
 
 def test_a_lock_that_does_not_come(start: Callable[..., Daemon], tmp_path: Path) -> None:

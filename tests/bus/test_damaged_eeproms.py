@@ -30,7 +30,7 @@ def warning(daemon: Daemon, slave: str) -> str:
 
 
 def test_which_slaves_take_part(damaged: Daemon) -> None:
-    rows = damaged.ctl_json("slaves")["slaves"]
+    rows = damaged.slave_rows("slaves")
     assert [(row["state"], row["recovery"]) for row in rows] == [
         ("OP", ""),
         LEFT_OUT,
@@ -67,10 +67,10 @@ def test_the_log_says_what_is_wrong_and_what_is_done(damaged: Daemon) -> None:
 
 
 def test_the_slaves_are_shown_with_what_is_wrong(damaged: Daemon) -> None:
-    rows = damaged.ctl_json("slaves")["slaves"]
+    rows = damaged.slave_rows("slaves")
     assert [len(row["problems"]) for row in rows] == [0, 2, 1, 1, 2, 1, 1, 0]
+    wait_for(lambda: " PREOP, damaged " in damaged.ctl("slaves").stdout, damaged)
     shown = damaged.ctl("slaves").stdout
-    assert " PREOP, damaged " in shown
     assert " OP, damaged " in shown
     for row in rows:
         for problem in row["problems"]:
@@ -101,5 +101,5 @@ def test_the_others_are_exchanged(damaged: Daemon) -> None:
 
 def test_a_damaged_slave_can_be_taken_to_op_by_hand(damaged: Daemon) -> None:
     damaged.ctl("state", "OP", "-p", str(ERASED))
-    assert damaged.ctl_json("slaves")["slaves"][ERASED]["state"] == "OP"
+    assert damaged.slave_rows("slaves")[ERASED]["state"] == "OP"
     damaged.ctl("state", "PREOP", "-p", str(ERASED))

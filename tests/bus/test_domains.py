@@ -111,7 +111,7 @@ def test_the_configuration_is_what_clients_see(mixed: Daemon) -> None:
             # A slave counts 2 for its outputs and 1 for its inputs, 1 and 1 without LRW.
             split = sum(position in WITHOUT_LRW for position in positions)
             assert row.wkc_expected == 3 * len(positions) - split
-    document = mixed.ctl_json("slaves")["slaves"]
+    document = mixed.slave_rows("slaves")
     assert [(s["domain"], s["domain_name"]) for s in (document[3], document[4], document[39])] == [
         (0, "fast"),
         (1, "mid"),

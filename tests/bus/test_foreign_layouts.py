@@ -37,7 +37,7 @@ def foreign(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
 
 
 def test_the_simulator_counts_the_bytes_that_the_master_sees(foreign: Daemon) -> None:
-    rows = foreign.ctl_json("slaves")["slaves"]
+    rows = foreign.slave_rows("slaves")
     assert [(row["state"], row["problems"]) for row in rows] == [("OP", [])] * 4
     assert [(row["output_bytes"], row["input_bytes"]) for row in rows] == SIZES
     lines = run_module("ecatsim", "check", str(RIG)).stdout.splitlines()[2:]

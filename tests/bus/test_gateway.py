@@ -93,7 +93,7 @@ def test_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Ses
     with pytest.raises(NotPermittedError):
         remote.set_state("SAFEOP")
     remote.close()
-    assert {row["text"] for row in daemon.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in daemon.slave_rows("state")} == {"OP"}
 
 
 def test_objects_come_with_their_types(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +148,7 @@ def test_a_gateway_that_ends_before_it_has_its_answers(start_daemon: Callable[..
         with pytest.raises(ConnectionError):
             while True:
                 gateway.send(frame({"id": 2, "op": "read_states"}))
-    assert daemon.ctl_json("state")["slaves"]
+    assert daemon.slave_rows("state")
     assert daemon.stop() == 0
     assert "Traceback" not in daemon.log
 
@@ -242,7 +242,7 @@ def test_a_port_in_use_costs_only_the_network(
     second = start_daemon("line:1", config=f"[gateway]\nlisten = ['tcp/127.0.0.1:{PORT}']\n")
     (told,) = (line for line in second.log.splitlines() if f"tcp/127.0.0.1:{PORT}" in line)
     names(told, "not listening", "in use")
-    assert len(second.ctl_json("slaves")["slaves"]) == 1
+    assert len(second.slave_rows("slaves")) == 1
 
 
 def test_only_what_is_configured_listens(daemon: Daemon) -> None:

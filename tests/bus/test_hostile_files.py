@@ -170,7 +170,7 @@ def test_who_is_connected_goes_on_without_a_name(
         else:
             with pytest.raises(AssertionError):
                 Handle(daemon.bus)
-        assert daemon.ctl_json("slaves")["slaves"]
+        assert daemon.slave_rows("slaves")
         assert daemon.stop() == 0
         # What is not the daemon's, it leaves alone.
         assert path.exists() == (kind != "removed") or path.is_symlink()

@@ -109,7 +109,7 @@ def in_op(bench: Bench) -> None:
     bench.wait_for_op()
 
     def fine() -> bool:
-        rows = bench.daemon.ctl_json("slaves")["slaves"]
+        rows = bench.daemon.slave_rows("slaves")
         return all(row["state"] == "OP" and row["recovery"] == "" for row in rows)
 
     bench.wait_for(fine)
@@ -124,7 +124,7 @@ def in_op(bench: Bench) -> None:
 
 
 def condition(bench: Bench, position: int) -> str:
-    return str(bench.daemon.ctl_json("slaves")["slaves"][position]["recovery"])
+    return str(bench.daemon.slave_rows("slaves")[position]["recovery"])
 
 
 both = pytest.mark.parametrize("clocks", [False, True], ids=["", "dc"])
@@ -250,7 +250,7 @@ def test_a_state_that_a_user_wants_is_respected(start: Start) -> None:
     bench.daemon.ctl("state", "PREOP", "-p", "2")
     bench.ctl("al-error", "4", "0x001B")
     bench.wait_for_event("recovery", slave=4, state="recovered")
-    rows = bench.daemon.ctl_json("state")["slaves"]
+    rows = bench.daemon.slave_rows("state")
     assert [row["text"] for row in rows] == ["OP", "OP", "PREOP", "OP", "OP", "OP", "OP"]
     bench.daemon.ctl("state", "OP", "-p", "2")
     in_op(bench)

@@ -100,7 +100,7 @@ def test_more_slaves_than_soem_has_room_for(start_daemon: Callable[..., Daemon])
     assert (
         "260 slaves found on ecat-master (numbered by ecatd: SOEM has room for 199)" in daemon.log
     )
-    states = daemon.ctl_json("state")["slaves"]
+    states = daemon.slave_rows("state")
     assert [row["text"] for row in states] == ["OP"] * 260
     with daemon.client() as client:
         pairs = [(place, place + 1) for place in range(1, 259, 2) if (place + 1) % 32]

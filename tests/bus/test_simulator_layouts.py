@@ -37,7 +37,7 @@ def entries(client: Client, *, output: bool) -> dict[tuple[int, int, int], int]:
 
 
 def test_sizes(layouts: Daemon) -> None:
-    rows = layouts.ctl_json("slaves")["slaves"]
+    rows = layouts.slave_rows("slaves")
     assert [row["state"] for row in rows] == ["OP"] * 4
     assert [(row["output_bytes"], row["input_bytes"]) for row in rows] == SIZES
 

@@ -179,5 +179,5 @@ def test_a_silent_slave_holds_up_nobody(start_daemon: Callable[..., Daemon]) -> 
     table = "[[slave]]\nposition = 3\n[[slave.startup]]\nobject = '0x8000:01'\nhex = '00'\n"
     config = f"{table}transition = 'SO'\n[gateway]\nlisten = []\n"
     daemon = start_daemon(str(rig), config=config)
-    states = [row["text"] for row in daemon.ctl_json("state")["slaves"]]
+    states = [row["text"] for row in daemon.slave_rows("state")]
     assert (states[3], states[1]) == ("PREOP", "OP")

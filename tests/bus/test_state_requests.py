@@ -20,7 +20,7 @@ def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
 
 
 def states(daemon: Daemon) -> list[str]:
-    return [row["text"] for row in daemon.ctl_json("state")["slaves"]]
+    return [row["text"] for row in daemon.slave_rows("state")]
 
 
 def refused(daemon: Daemon, *arguments: str) -> str:

@@ -7,7 +7,7 @@ import pytest
 from conftest import Daemon
 from openmodelica import OpenModelica, Row, needs_omc, simulate
 
-pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(900)]
+pytestmark = [needs_omc, pytest.mark.long, pytest.mark.bus, pytest.mark.timeout(900)]
 
 MODELS = Path(__file__).with_name("DriveModels.mo")
 

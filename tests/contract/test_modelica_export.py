@@ -12,6 +12,7 @@ fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
 
 pytestmark = [
     needs_omc,
+    pytest.mark.long,
     pytest.mark.bus,
     pytest.mark.timeout(600),
     pytest.mark.filterwarnings("default"),  # FMPy's own
@@ -32,6 +33,7 @@ def test_the_drive_follows_the_exported_fmu(omc: OpenModelica) -> None:
         fmi_type="CoSimulation",
         stop_time=2.5,
         output_interval=0.001,
+        start_values={"etherCATMaster.lease": 10.0},
         output=["w_ref", "w_m"],
     )
     top = rows[rows["time"] > 2]
@@ -47,7 +49,7 @@ def test_the_bus_of_an_exported_fmu_is_a_parameter(omc: OpenModelica, troll: Dae
         fmi_type="CoSimulation",
         stop_time=1.5,  # more than a period of 0.8 Hz
         output_interval=0.001,
-        start_values={"etherCATMaster.bus": troll.bus},
+        start_values={"etherCATMaster.bus": troll.bus, "etherCATMaster.lease": 10.0},
         output=["el3008.y[8]"],
     )
     assert max(rows["el3008.y[8]"]) == pytest.approx(26214, rel=0.01)

@@ -11,7 +11,7 @@ from ecatdev import sample_buses
 from ecatgen import generate
 from openmodelica import OpenModelica, needs_omc
 
-pytestmark = [needs_omc, pytest.mark.timeout(900)]
+pytestmark = [needs_omc, pytest.mark.long, pytest.mark.timeout(900)]
 
 
 @pytest.fixture(scope="module", params=sample_buses.ALL)

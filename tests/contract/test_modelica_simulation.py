@@ -22,7 +22,7 @@ from ecatdev import sample_buses
 from ecatgen import generate
 from openmodelica import OpenModelica, Row, needs_omc, read_csv, simulate, start, until
 
-pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(900)]
+pytestmark = [needs_omc, pytest.mark.long, pytest.mark.bus, pytest.mark.timeout(900)]
 
 DRIVE, DIGITAL_OUTPUTS = 0, 3
 

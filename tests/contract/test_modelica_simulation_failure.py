@@ -12,7 +12,7 @@ from ecatdev import sample_buses
 from ecatgen import generate
 from openmodelica import OpenModelica, Row, needs_omc, read_csv, result_of, start, until
 
-pytestmark = [needs_omc, pytest.mark.bus, pytest.mark.timeout(900)]
+pytestmark = [needs_omc, pytest.mark.long, pytest.mark.bus, pytest.mark.timeout(900)]
 
 DIGITAL_OUTPUTS = 3
 STATES = ("connected", "state", "workingCounter", "workingCounterExpected")
@@ -67,7 +67,7 @@ def writes(daemon: Daemon) -> Callable[[], bool]:
 def test_a_model_begins_without_a_bus(
     program: Path, name: str, serve: Callable[[str], Daemon]
 ) -> None:
-    with start(program, 8, bus=name, etherCATMaster__whenMissing=f"{CONTINUE}") as process:
+    with start(program, 20, bus=name, etherCATMaster__whenMissing=f"{CONTINUE}") as process:
         serve(name)
         log, _ = process.communicate()
     assert process.returncode == 0, log
@@ -86,7 +86,9 @@ def test_a_daemon_is_killed_and_comes_back(
     program: Path, name: str, serve: Callable[[str], Daemon], failed: int
 ) -> None:
     daemon = serve(name)
-    with start(program, 8, bus=name, etherCATMaster__whenFailed=f"{failed}") as process:
+    # A model that goes on needs time enough for the second daemon to begin.
+    stop_time = {WAIT: 8, CONTINUE: 30}[failed]
+    with start(program, stop_time, bus=name, etherCATMaster__whenFailed=f"{failed}") as process:
         until(writes(daemon), process)
         daemon.kill_all()
         serve(name)

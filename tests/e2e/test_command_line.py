@@ -51,10 +51,10 @@ def test_pdos_names_every_entry(troll: Daemon) -> None:
 def test_state_shows_and_changes(troll: Daemon) -> None:
     assert troll.ctl("state").stdout.count("OP") == 8
     assert troll.ctl("state", "SAFEOP", "-p", "3").stdout.split()[-1] == "SAFEOP"
-    rows = troll.ctl_json("state")["slaves"]
+    rows = troll.slave_rows("state")
     assert [row["text"] for row in rows] == ["OP"] * 3 + ["SAFEOP"] + ["OP"] * 4
     troll.ctl("state", "op")
-    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
     wrong = troll.ctl("state", "RUN", check=False)
     assert wrong.returncode == 2
     names(one_line_error(wrong.stderr, "ecatctl"), "'RUN'", "INIT", "PREOP", "SAFEOP", "OP")
@@ -62,12 +62,12 @@ def test_state_shows_and_changes(troll: Daemon) -> None:
 
 def test_state_goes_through_all_states_on_the_way_up(troll: Daemon) -> None:
     troll.ctl("state", "PREOP")
-    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"PREOP"}
+    assert {row["text"] for row in troll.slave_rows("state")} == {"PREOP"}
     troll.ctl("state", "OP")
-    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
     refused = troll.ctl("state", "PREOP", "-p", "77", check=False)
     assert refused.returncode == 7
-    assert {row["text"] for row in troll.ctl_json("state")["slaves"]} == {"OP"}
+    assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
 
 
 def test_sdo_in_every_kind(troll: Daemon) -> None:

@@ -202,7 +202,7 @@ def test_slaves_that_do_not_answer_their_mailboxes(start_daemon: Callable[..., D
             return client.domain(0).wkc_state == WkcState.COMPLETE and value.raw == 16384
 
         wait_for(all_is_well, daemon)
-    rows = {row["position"]: row for row in daemon.ctl_json("slaves")["slaves"]}
+    rows = {row["position"]: row for row in daemon.slave_rows("slaves")}
     assert [rows[n]["recovery"] for n in range(6)] == ["", "", "silent", "silent", "silent", ""]
     assert [rows[n]["input_bytes"] for n in (1, 2, 3)] == [32, 32, 0]
     names(rows[2]["recovery_text"], "mailbox", "answer", *used)
@@ -216,7 +216,7 @@ def test_slaves_that_do_not_answer_their_mailboxes(start_daemon: Callable[..., D
 
 def test_a_slave_that_answers_nonsense_holds_nobody_up(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIGS / "nonsense.py"))
-    rows = daemon.ctl_json("state")["slaves"]
+    rows = daemon.slave_rows("state")
     assert [row["text"] for row in rows] == ["OP", "OP", "OP"]
     assert [row["recovery"] for row in rows] == ["", "silent", ""]
     names(rows[1]["recovery_text"], "mailbox", "nonsense", "is used", "EEPROM")

@@ -33,6 +33,9 @@ _TRIES = 3
 _BUSY_LIMIT = 0.5
 """Seconds after which a busy EEPROM counts as broken; a command takes less than a millisecond."""
 
+_SILENT_LIMIT = 1.0
+"""Seconds after which a slave that does not answer is gone, and is not just behind a loose plug."""
+
 _PAUSE = 0.0002
 """Seconds between two reads of the status while all EEPROMs are busy."""
 
@@ -53,6 +56,7 @@ class _Eeprom(Generic[T]):
         self._asked = False  # whether the slave has the command to read the next wanted address
         self._tries = _TRIES
         self._busy_since: float | None = None
+        self._silent_since: float | None = None
         self.command: bytes | None = None  # to be written to the slave next
         self.result: list[T] = []
 
@@ -70,12 +74,17 @@ class _Eeprom(Generic[T]):
         Raises:
             StateError: The EEPROM cannot be read.
         """
+        now = time.monotonic()
         if not answered:
-            self._try_again("the slave does not answer")
+            self._silent_since = self._silent_since or now
+            if now - self._silent_since > _SILENT_LIMIT:
+                raise self._error(
+                    f"it cannot be read: the slave does not answer for {_SILENT_LIMIT:g} s"
+                )
             return
+        self._silent_since = None
         status, address = struct.unpack_from("<HI", registers)
         if status & _BUSY:
-            now = time.monotonic()
             self._busy_since = self._busy_since or now
             if now - self._busy_since > _BUSY_LIMIT:
                 raise self._error(f"it is busy for more than {_BUSY_LIMIT} s")

@@ -28,7 +28,12 @@ from ..mailbox.mailboxes import Line
 _AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
 _SYNC_MANAGERS = 0x0800
 
-_TRIES = 3
+_INSIST = 0.5
+"""Seconds for which reads and writes that are not answered are repeated."""
+
+_PAUSE = 0.001
+"""Seconds between two repetitions."""
+
 _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5
 
@@ -242,16 +247,15 @@ class Master:
         Raises:
             StateError: A slave still does not answer.
         """
+        deadline = time.monotonic() + _INSIST
         answers = self.registers.exchange(datagrams)
-        for tries_left in reversed(range(_TRIES)):
-            silent = [number for number, answer in enumerate(answers) if answer.wkc == 0]
-            if not silent:
-                break
-            if tries_left == 0:
+        while silent := [number for number, answer in enumerate(answers) if answer.wkc == 0]:
+            if time.monotonic() > deadline:
                 position, address = where[silent[0]]
                 raise StateError(
                     f"slave {position} does not answer {what} of register 0x{address:04X}"
                 )
+            time.sleep(_PAUSE)
             again = self.registers.exchange([datagrams[number] for number in silent])
             for number, answer in zip(silent, again, strict=True):
                 answers[number] = answer
