@@ -26,6 +26,10 @@ from ecatd.client import Client
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+PATIENCE = 120.0
+"""Seconds after which what a test waits for will not come. No machine is so busy that they pass
+without need: pytest ends a test that hangs, after the `timeout` in pyproject.toml."""
+
 # How long examples take is up to the machine, and no behaviour.
 settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ecatd")
@@ -57,6 +61,7 @@ class Daemon:
 
     Attributes:
         bus: Its name, unique to the test.
+        config_file: Its configuration.
         env: Environment with which its clients find it.
     """
 
@@ -70,12 +75,13 @@ class Daemon:
     ) -> None:
         self.bus = f"t{uuid.uuid4().hex[:10]}"
         self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": self.bus}
-        file = folder / "ecat.toml"
+        self.config_file = file = folder / "ecat.toml"
         file.write_text(_with_long_leases("[gateway]\nlisten = []\n" if config is None else config))
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         address = str(folder / "notify")
         Path(address).unlink(missing_ok=True)
         self._socket.bind(address)
+        self._status: list[str] = []
         self._log = folder / "ecatd.log"
         with self._log.open("w") as log:
             self.process = subprocess.Popen(
@@ -103,27 +109,41 @@ class Daemon:
         self._socket.settimeout(0.2)
         while True:
             try:
-                if b"READY=1" in self._socket.recv(4096):
+                if "READY=1" in self._notified():
                     return self
             except TimeoutError:
                 assert self.process.poll() is None, f"ecatd has ended:\n{self.log}"
 
+    def _notified(self) -> list[str]:
+        lines = self._socket.recv(4096).decode().splitlines()
+        self._status = [line for line in lines if line.startswith("STATUS=")] or self._status
+        return lines
+
+    @property
+    def status(self) -> str:
+        """The last STATUS that it has told systemd."""
+        self._socket.settimeout(0)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                self._notified()
+        return self._status[-1]
+
     def wait_end(self) -> tuple[int, str]:
         """Waits until it ends by itself; exit status and log."""
-        status = self.process.wait(30)
+        status = self.process.wait(PATIENCE)
         return status, self.log
 
     def stop(self) -> int:
         """Ends it as systemd does; returns the exit status."""
         self.process.terminate()
-        return self.process.wait(30)
+        return self.process.wait(PATIENCE)
 
     def kill_all(self) -> None:
         """Kills every process of it at once, as a power cut would."""
         children = _children(self.process.pid)
         for pid in (*children, self.process.pid):
             with_suppress_kill(pid, signal.SIGKILL)
-        self.process.wait(10)
+        self.process.wait(PATIENCE)
 
     def child_pid(self, module: str) -> int:
         """The child that runs a module: `ecatd.bus`, `ecatd.gateway` or `ecatsim`."""
@@ -151,7 +171,7 @@ class Daemon:
         Asks again while no slave answers. That is so, too, when the simulated segment gets no
         processor for as long as the master waits for an answer.
         """
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + PATIENCE
         while True:
             rows: list[dict[str, Any]] = self.ctl_json(command)["slaves"]
             if any("no answer" not in row.values() for row in rows) or time.monotonic() > deadline:
@@ -179,7 +199,7 @@ def _with_long_leases(config: str) -> str:
     return config if "[outputs]" in config else f"{config}\n[outputs]\nlease_max_ms = 60000\n"
 
 
-def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = 30) -> None:
+def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = PATIENCE) -> None:
     """Waits until something has come about; shows the log of the daemon if it does not."""
     deadline = time.monotonic() + seconds
     while not condition():
@@ -209,7 +229,7 @@ def _children(pid: int) -> list[int]:
 
 
 def run_module(
-    module: str, *arguments: str, env: dict[str, str] | None = None, timeout: float = 60
+    module: str, *arguments: str, env: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Runs one of our commands to its end."""
     return subprocess.run(
@@ -217,7 +237,6 @@ def run_module(
         env=env,
         text=True,
         capture_output=True,
-        timeout=timeout,
         check=False,
     )
 

@@ -145,7 +145,7 @@ def outputs(daemon: Daemon) -> list[float]:
         return [float(entry.raw) for entry in client.signals(3)]
 
 
-def until(player: Player, condition: Callable[[], bool], seconds: float = 30) -> None:
+def until(player: Player, condition: Callable[[], bool], seconds: float = 120) -> None:
     """Makes steps until something has come about."""
     for _ in range(round(seconds / STEP)):
         if condition():

@@ -35,7 +35,6 @@ def run(rig_name, master, *arguments):
         [*ECATSIM, "run", str(rig_name), "--", sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        timeout=90,
         check=False,
         preexec_fn=go_first,
     )

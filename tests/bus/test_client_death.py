@@ -52,7 +52,7 @@ def build(folder: Path, *sources: Path) -> Path:
     return program
 
 
-@pytest.mark.timeout(120 + DEATHS)
+@pytest.mark.timeout(600 + DEATHS)
 def test_outputs_of_clients_that_die_are_safe_in_time(
     start_daemon: Callable[..., Daemon], tmp_path: Path
 ) -> None:

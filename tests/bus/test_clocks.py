@@ -585,7 +585,6 @@ def test_stopping_ends_the_signals(tmp_path: Path) -> None:
         cwd=tmp_path,
         text=True,
         capture_output=True,
-        timeout=100,
         check=False,
     )
     assert result.stdout == "[8, 3] [1, 0]\n", result.stdout + result.stderr

@@ -385,7 +385,6 @@ def test_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:
         cwd=tmp_path,
         text=True,
         capture_output=True,
-        timeout=60,
         check=False,
     )
     assert result.stdout == "1 8\n", result.stdout + result.stderr

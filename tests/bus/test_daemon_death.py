@@ -191,14 +191,14 @@ def power_cut(daemon: Daemon) -> None:
             os.kill(daemon.child_pid("ecatd.bus"), signal.SIGKILL)
         except (AssertionError, OSError):  # it has not started one yet
             daemon.kill_all()
-    daemon.process.wait(30)
+    daemon.process.wait()
     end = time.monotonic() + 60
     while left := leftovers(daemon):
         assert time.monotonic() < end, left
         time.sleep(0.005)
 
 
-@pytest.mark.timeout(120 + 4 * RESTARTS)
+@pytest.mark.timeout(600 + 4 * RESTARTS)
 def test_clients_survive_a_daemon_that_is_killed_at_any_point(tmp_path: Path) -> None:
     random.seed(int(os.environ.get("ECAT_SEED", "1")))
     daemon = Daemon(tmp_path, "line:4").wait_ready()

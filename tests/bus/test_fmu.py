@@ -269,7 +269,7 @@ def test_a_killed_fmu_leaves_safe_outputs(model: Model, troll: Daemon, tmp_path:
         assert process.stdout.readline() == b"\n"
     wait_for(lambda: outputs(troll) == [0, 0, 0, 0, 0, 1, 0, 0], troll)
     process.send_signal(signal.SIGKILL)
-    process.wait(10)
+    process.wait()
     process.stdout.close()
     wait_for(lambda: outputs(troll) == [0] * 8, troll)
     with troll.client() as client:

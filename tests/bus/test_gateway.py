@@ -78,7 +78,7 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     ) as gateway:
         os.close(gone)
         try:
-            gateway.communicate(json.dumps(settings), timeout=60)
+            gateway.communicate(json.dumps(settings))
         finally:
             gateway.kill()
     assert gateway.returncode == 0
@@ -131,7 +131,7 @@ def test_a_bus_server_that_does_not_answer(
         daemon.process.terminate()
     finally:
         os.kill(server, signal.SIGKILL)
-    daemon.process.wait(20)
+    daemon.process.wait()
     assert "never retrieved" not in daemon.log
 
 

@@ -106,7 +106,8 @@ def master_that_scans(*trouble: str) -> Any:
         with Simulator() as simulator:
             master.scan(5)
             master.wait_for_state(AlState.PREOP, 5)
-            found = mapping.scan_slaves(master, Config())
+            found = mapping.identify_slaves(master)
+            mapping.configure_slaves(master, found, Config())
     except EcatError as error:
         return [type(error).__name__, str(error)]
     finally:

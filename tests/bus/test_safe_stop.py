@@ -243,7 +243,7 @@ def test_the_daemon_stops_the_drive_before_slaves_leave_op(
         assert last[1] == 0
         assert last[2] < SPEED / 50
         assert refused == (value == "quick_stop")
-    assert daemon.process.wait(30) == 0
+    assert daemon.process.wait() == 0
 
 
 def break_link(daemon: Daemon, name: str = "break-link") -> threading.Thread:

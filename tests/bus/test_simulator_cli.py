@@ -46,7 +46,7 @@ print(m.config_init())
 
 def ecatsim(*arguments, command=ECATSIM):
     return subprocess.run(
-        [*command, *map(str, arguments)], capture_output=True, text=True, timeout=30, check=False
+        [*command, *map(str, arguments)], capture_output=True, text=True, check=False
     )
 
 
@@ -256,7 +256,7 @@ def test_signal_ends_it_and_nothing_is_left(number):
         held = path.open("rb")
         namespace = path.readlink()
         process.send_signal(number)
-        assert process.wait(10) == 0
+        assert process.wait() == 0
         assert process.stderr.read() == ""
     left = []
     with held:
@@ -274,7 +274,7 @@ def test_signal_ends_the_command_too():
     ):
         child = child_of(facts["pid"])
         process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 128 + signal.SIGTERM
+        assert process.wait() == 128 + signal.SIGTERM
         assert ends(child)
 
 
@@ -297,7 +297,7 @@ def test_it_dies_with_its_parent():
         "os.kill(os.getpid(), 9)"
     )
     result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )
     assert ends(json.loads(result.stdout)["pid"])
 
@@ -309,7 +309,6 @@ def test_join_from_another_process():
             [sys.executable, "-c", JOIN, str(facts["pid"]), facts["interface"]],
             capture_output=True,
             text=True,
-            timeout=30,
             check=False,
         )
         assert (result.returncode, result.stdout) == (0, "8\n"), result.stderr
@@ -318,7 +317,7 @@ def test_join_from_another_process():
 def test_join_without_a_simulator():
     code = "from ecatd.network_namespace import join; join(2**22 + 1)"
     result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )
     names(result.stderr, "ecatd.model.errors.UnreachableError", "simulator", 4194305)
 

@@ -72,7 +72,6 @@ def run(master, rig=f"line:{SLAVES}", without_dc=()):
         python(simulate, master.__name__, rig, without_dc),
         capture_output=True,
         text=True,
-        timeout=100,
         check=False,
     )
     assert result.returncode == 0, result.stderr + result.stdout

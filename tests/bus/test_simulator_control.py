@@ -138,7 +138,7 @@ def test_every_command_has_help():
 def test_stop():
     with running() as (process, _):
         ctl("stop")
-        assert process.wait(10) == 0
+        assert process.wait() == 0
         assert process.stderr.read() == ""
 
 
@@ -156,7 +156,7 @@ def test_a_signal_leaves_no_socket(folder, number):
     with running() as (process, _):
         assert [path.name for path in folder.iterdir()] == [f"{process.pid}.sock"]
         process.send_signal(number)
-        assert process.wait(10) == 0
+        assert process.wait() == 0
         assert list(folder.iterdir()) == []
 
 
@@ -213,6 +213,6 @@ def test_from_python():
             with pytest.raises(UsageError, match=naming("slave 9")):
                 simulator.faults.al_error(9, code=1)
             simulator.stop()
-        assert process.wait(10) == 0
+        assert process.wait() == 0
         with pytest.raises(UnreachableError, match=naming("no simulator", "'bench'")):
             Simulator("bench")

@@ -487,7 +487,6 @@ def test_the_script_of_the_documentation(tmp_path):
         env=os.environ | {"PATH": path, "PYTHONPATH": libraries},
         capture_output=True,
         text=True,
-        timeout=60,
         check=False,
     )
     assert result.returncode == 0, result.stderr
@@ -499,7 +498,7 @@ def test_the_script_of_the_documentation(tmp_path):
 def test_the_python_of_the_documentation():
     (code,) = re.findall(r"^```python\n(from ecatsim.control .*?)^```", text(), re.M | re.S)
     inner = [*ECATSIM, "run", "line:4", "--", sys.executable, "-c", code]
-    result = subprocess.run(inner, capture_output=True, text=True, timeout=60, check=False)
+    result = subprocess.run(inner, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
     assert "break-link" in result.stdout or "BreakLink" in result.stdout
 

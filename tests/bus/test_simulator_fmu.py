@@ -90,7 +90,6 @@ def run(fmu, **environment):
         [sys.executable, "-m", "ecatsim", "run", str(HERE), "--", sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        timeout=60,
         check=False,
         env=os.environ | {"MOTOR_FMU": str(fmu)} | environment,
     )

@@ -37,7 +37,6 @@ def run(rig, master, *arguments, options=()):
         [*command, "--", sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        timeout=90,
         check=False,
     )
     assert result.returncode == 0, result.stderr + result.stdout
@@ -261,7 +260,6 @@ def ecatsim(*arguments):
         [sys.executable, "-m", "ecatsim", "run", *arguments],
         capture_output=True,
         text=True,
-        timeout=30,
         check=False,
     )
 

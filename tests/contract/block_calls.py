@@ -252,7 +252,7 @@ class Executor:
 
     def end(self) -> tuple[int, str]:
         """Ends it; exit status, and what it has said."""
-        _, said = self._process.communicate(timeout=40)
+        _, said = self._process.communicate()
         return self._process.returncode, said
 
     def close(self) -> None:

@@ -237,7 +237,7 @@ class Player:
         for _ in range(round(seconds / 0.001)):
             self.step()
 
-    def until(self, condition: Callable[[], bool], seconds: float = 20) -> None:
+    def until(self, condition: Callable[[], bool], seconds: float = 120) -> None:
         """Samples until something is so."""
         end = self.time + seconds
         while not condition():

@@ -120,7 +120,6 @@ def run(program: Path, bus: str, *arguments: str) -> "subprocess.CompletedProces
         env={"ASAN_OPTIONS": "detect_leaks=0"},  # texts live until the end, and errors end at once
         capture_output=True,
         text=True,
-        timeout=60,
         check=False,
     )
 

@@ -84,7 +84,6 @@ def run_threads(program: Path, *arguments: str) -> subprocess.CompletedProcess[s
         env={**os.environ, "TSAN_OPTIONS": "halt_on_error=0 exitcode=66"},
         text=True,
         capture_output=True,
-        timeout=100,
         check=False,
     )
 

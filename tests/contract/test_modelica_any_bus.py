@@ -283,7 +283,6 @@ _ALONE = re.compile(r"top-level outer element|An inner declaration for outer|Not
 
 
 @pytest.mark.skipif(shutil.which("omc") is None, reason="omc (OpenModelica) is not on PATH")
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", BUSES)
 def test_openmodelica_checks_every_class_without_a_warning(name: str, tmp_path: Path) -> None:
     generate(Bus("ecat0", 1000, BUSES[name]), LIBRARY, tmp_path)

@@ -94,7 +94,7 @@ def test_the_motor_follows_the_reference(
 ) -> None:
     file = tmp_path / "record.csv"
     process = figure9(troll.bus, "2.5", str(file))
-    _, log = process.communicate(timeout=30)
+    _, log = process.communicate()
     assert process.returncode == 0, log
     assert "2.0 of 2.5 s" in log
     rows = read(file)
@@ -119,7 +119,7 @@ def test_an_interrupt_ends_it_and_makes_the_drive_safe(
     process = figure9(troll.bus, "60", str(file))
     wait_until_it_moves(troll)
     process.send_signal(signal.SIGINT)
-    _, log = process.communicate(timeout=5)
+    _, log = process.communicate()
     assert process.returncode == 130
     assert "interrupted: " in log
     wait_until_it_is_safe(troll, 0.5)
@@ -133,7 +133,7 @@ def test_a_program_that_is_killed_leaves_the_drive_safe(
     process = figure9(troll.bus, "60", str(tmp_path / "record.csv"))
     wait_until_it_moves(troll)
     process.kill()
-    process.communicate(timeout=5)
+    process.communicate()
     wait_until_it_is_safe(troll, 0.5)
 
 
@@ -147,7 +147,7 @@ def test_a_program_that_is_paused_loses_its_lease_and_says_so(
     process.send_signal(signal.SIGSTOP)
     wait_until_it_is_safe(troll, 0.5)
     process.send_signal(signal.SIGCONT)
-    _, log = process.communicate(timeout=5)
+    _, log = process.communicate()
     assert process.returncode == 1
     assert "did not sample in time and lost its outputs" in log
     assert read(file)
@@ -164,7 +164,7 @@ def test_a_daemon_that_dies_ends_it_with_a_sentence(
     wait_until_it_moves(daemon)
     daemon.kill_all()
     killed = time.monotonic()
-    _, log = process.communicate(timeout=5)
+    _, log = process.communicate()
     assert time.monotonic() - killed < 0.5
     assert process.returncode == 1
     assert f"EtherCAT: the daemon of bus '{daemon.bus}' has ended" in log

@@ -14,7 +14,6 @@ pytestmark = [
     needs_omc,
     pytest.mark.long,
     pytest.mark.bus,
-    pytest.mark.timeout(600),
     pytest.mark.filterwarnings("default"),  # FMPy's own
 ]
 

@@ -10,7 +10,7 @@ from ecatgen import generate
 from openmodelica import OpenModelica, needs_omc, read_csv, result_of, start
 
 pytest_plugins = ["sdo_fixtures"]
-pytestmark = [needs_omc, pytest.mark.long, pytest.mark.bus, pytest.mark.timeout(600)]
+pytestmark = [needs_omc, pytest.mark.long, pytest.mark.bus]
 
 MODEL = Path(__file__).with_name("Requests.mo")
 TOLD = """

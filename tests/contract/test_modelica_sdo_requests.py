@@ -305,7 +305,7 @@ def test_a_bus_that_ends_in_the_middle_of_a_request_fails_it(tmp_path: Path, com
     try:
         assert process.stdout.readline() == "asked\n"
         daemon.kill_all()
-        out, errors = process.communicate(timeout=60)
+        out, errors = process.communicate()
     finally:
         process.kill()
         daemon.close()

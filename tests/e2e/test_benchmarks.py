@@ -23,7 +23,6 @@ def benchmarks(*arguments: object) -> subprocess.CompletedProcess[str]:
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "MPLCONFIGDIR": "/tmp"},
         text=True,
         capture_output=True,
-        timeout=300,
         check=False,
     )
 

@@ -11,7 +11,14 @@ from typing import Any, cast, get_args, get_type_hints
 import pytest
 
 from conftest import Daemon, run_module
-from ecatd.model.config import Config, DomainConfig, SignalConfig, load_config, read_config
+from ecatd.model.config import (
+    Config,
+    DomainConfig,
+    SignalConfig,
+    SlaveConfig,
+    load_config,
+    read_config,
+)
 from ecatd.model.errors import ConfigError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -149,7 +156,11 @@ def test_defaults_and_ranges_are_documented() -> None:
             assert value == getattr(Config(), key), key
         elif default.strip().startswith("`") and key.count(".") == 1:
             table, name = key.split(".")
-            rows_of = {"domain": DomainConfig(), "signal": SignalConfig(0, "0x6041:00")}
+            rows_of = {
+                "domain": DomainConfig(),
+                "signal": SignalConfig(0, "0x6041:00"),
+                "slave": SlaveConfig(0),
+            }
             made = rows_of.get(table) or getattr(Config(), table)
             (written,) = one_key(key, default.strip(" `")).values()
             assert (written[0] if table in rows_of else written)[name] == getattr(made, name), key

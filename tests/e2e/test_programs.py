@@ -179,7 +179,7 @@ def test_the_light_is_ended_and_the_outputs_are_safe(programs: Path, troll: Daem
     with light(programs / "digital_io", troll.bus) as process, troll.client() as client:
         wait_for(lambda: client.slaves()[3].outputs == shm.Outputs.ACTIVE, troll)
         process.terminate()
-        assert process.wait(10) == 0
+        assert process.wait() == 0
         wait_for(lambda: client.slaves()[3].outputs == shm.Outputs.SAFE, troll)
 
 
@@ -195,7 +195,7 @@ def test_the_light_goes_on_with_the_next_daemon(
         with first.client() as client:
             wait_for(lambda: client.slaves()[3].outputs == shm.Outputs.ACTIVE, second)
         process.terminate()
-        assert process.wait(10) == 0
+        assert process.wait() == 0
         assert process.stderr
         assert "was stopped" in process.stderr.read()
         second.stop()
@@ -281,7 +281,7 @@ def test_the_level_switches_the_output(troll: Daemon) -> None:
                 assert process.stdout
                 assert re.fullmatch(r"-?[\d.]+ .*[01] 00\n", process.stdout.readline())
                 process.send_signal(signal.SIGINT)
-                assert process.wait(10) == 0
+                assert process.wait() == 0
             wait_for(lambda: client.output(output).state is shm.Outputs.SAFE, troll)
 
 

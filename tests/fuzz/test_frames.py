@@ -57,7 +57,6 @@ def run(program, seed, frames, slaves, *mode):
         [program, str(seed), str(frames), str(slaves), *mode],
         capture_output=True,
         text=True,
-        timeout=100,
         env={**os.environ, "TSAN_OPTIONS": "halt_on_error=1"},
         check=False,
     )

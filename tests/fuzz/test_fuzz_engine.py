@@ -66,7 +66,6 @@ def run(program: Path, count: int, ports: int) -> dict[str, int]:
         [program, "1", str(count), str(ports)],
         capture_output=True,
         text=True,
-        timeout=100,
         env={**os.environ, "TSAN_OPTIONS": "halt_on_error=1"},
         check=False,
     )

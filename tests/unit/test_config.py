@@ -14,6 +14,7 @@ from ecatd.model.config import (
     DcConfig,
     DcSlaveConfig,
     DomainConfig,
+    ExpectedConfig,
     PdoConfig,
     PdoEntryConfig,
     SafeConfig,
@@ -45,8 +46,18 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         second_interface = "eth2"
         cycle_time_us = 250
         state_timeout_s = 3
+        [expected]
+        policy = "tolerant"
+        unlisted = false
         [[slave]]
         position = 3
+        name = "drive-2"
+        type = "EL7211"
+        vendor = 2
+        product = 0x1C2B3052
+        revision_min = 0x00100000
+        serial = 12
+        policy = "strict"
         pdos = ["0x1605", 0x1A02]
         [[slave.pdo]]
         index = "0x1605"
@@ -130,6 +141,15 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
     assert config.slave == [
         SlaveConfig(
             3,
+            "drive-2",
+            "EL7211",
+            2,
+            0x1C2B3052,
+            None,
+            0x00100000,
+            12,
+            None,
+            "strict",
             [0x1605, 0x1A02],
             [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],
             [
@@ -138,6 +158,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             ],
         )
     ]
+    assert config.expected == ExpectedConfig("tolerant", False)
     assert [item.data for item in config.slave[0].startup] == [b"\xd2\x04\0\0", b"\1\0"]
     assert config.domain == [DomainConfig("fast"), DomainConfig("slow", 4, 3, [3, 5, 6, 7, 9])]
     assert config.dc == DcConfig(

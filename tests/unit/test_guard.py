@@ -35,7 +35,6 @@ def guarded(*command: object, **environment: str) -> subprocess.CompletedProcess
         env={**os.environ, "ECATD_TEST_PATIENCE_S": "0.5", **environment},
         text=True,
         capture_output=True,
-        timeout=60,
         check=False,
     )
 

@@ -2,10 +2,10 @@
 
 It reads its settings as one JSON document from stdin: `config`, `interface` and `second_interface`
 (which may be those of a simulator instead of those of the configuration), `runtime_dir`,
-`namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent`
-and `log_level`. When the bus is in OP, it writes one line about it to stdout. The service logs this
-line once the gateway answers, too. With `describe` it writes the bus description instead
-(`ecatd.model.bus_file`), and ends.
+`namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent` and
+`log_level`. When the bus is in OP, it writes `ready` and a line about it to stdout, which the
+service logs once the gateway answers, too. If the start fails, it writes `failed` and why. With
+`describe` it writes the bus description instead (`ecatd.model.bus_file`), and ends.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         if starting.done():
             starting.result()
             await control.open(server)
-            print(server.summary, flush=True)
+            print(f"ready {server.summary}", flush=True)
             monitor = asyncio.create_task(server.monitor())
             await stopping
             monitor.cancel()
@@ -84,6 +84,8 @@ def main() -> int:
             asyncio.run(_serve(settings, log))
     except EcatError as error:
         log.error(str(error))
+        if not settings["describe"]:
+            print(f"failed {error}", flush=True)
         return error.exit_code
     except Exception as error:
         log.error(f"defect in the bus server: {error!r}")

@@ -102,7 +102,7 @@ class BusServer:
     def _bring_up(self) -> Monitor:
         running = self._up.run()
         monitor = Monitor(
-            running, self._config.outputs, self.answer, self._worker, self._log, self._publish
+            running, self._up.config.outputs, self.answer, self._worker, self._log, self._publish
         )
         monitor.read_states()
         running.shared.publish()
@@ -204,6 +204,7 @@ class BusServer:
         return {
             "position": item.position,
             "name": self.bus.slaves[item.position].name,
+            "given_name": self.bus.slaves[item.position].given_name,
             "al_state": item.al_state,
             "al_code": item.al_code,
             "text": item.describe(),
@@ -212,22 +213,14 @@ class BusServer:
         }
 
     async def _set_state(self, request: SetState) -> dict[str, Any]:
-        if request.slave is not None:
-            self._check_slave(request.slave)
-        chosen = range(len(self.bus.slaves)) if request.slave is None else [request.slave]
+        everyone = range(len(self.bus.slaves))
+        one = request.slave
+        chosen = everyone if one is None else [self.bus.find(one).position]
         await self._running.change(chosen, AlState.parse(request.state))
         return self._state_rows()
 
-    def _check_slave(self, position: int) -> None:
-        if position >= len(self.bus.slaves):
-            raise StateError(
-                f"there is no slave {position}: bus '{self.bus.name}' has {len(self.bus.slaves)} "
-                f"slaves, 0 to {len(self.bus.slaves) - 1}"
-            )
-
-    def _coe_slave(self, position: int) -> Slave:
-        self._check_slave(position)
-        slave = self.bus.slaves[position]
+    def _coe_slave(self, wanted: int | str) -> Slave:
+        slave = self.bus.find(wanted)
         if not slave.coe:
             raise StateError(f"{slave.label} has no object dictionary: it does not speak CoE")
         return slave

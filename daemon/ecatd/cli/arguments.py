@@ -30,8 +30,12 @@ def bounded(low: int, high: int) -> Callable[[str], int]:
     return convert
 
 
-def position(text: str) -> int:
-    """Converts the position of a slave, 0 to 65535."""
+def slave(text: str) -> int | str:
+    """Converts a slave: its position, 0 to 65535, or its name."""
+    if not text[:1].isdigit() and not text.startswith("-"):
+        if not text or set(text) & set("/*$#?"):  # it becomes a part of a Zenoh key
+            raise argparse.ArgumentTypeError(f"'{text}' is no name of a slave")
+        return text
     value = number(text)
     if not 0 <= value <= 0xFFFF:
         raise argparse.ArgumentTypeError(f"'{text}' is no position: slaves count from 0")
@@ -82,4 +86,6 @@ def add_watch(command: argparse.ArgumentParser) -> None:
 
 def add_slave(command: argparse.ArgumentParser) -> None:
     """Adds the option `--slave`, which chooses one slave."""
-    command.add_argument("-p", "--slave", type=position, metavar="POS", help="only this slave")
+    command.add_argument(
+        "-p", "--slave", type=slave, metavar="SLAVE", help="only this one, by position or name"
+    )

@@ -37,6 +37,7 @@ _COMMANDS = (
     ("info", "info", "Show what the daemon is, and which real time it was granted."),
     ("sdo-read", "sdo", "Read an object of a slave."),
     ("sdo-write", "sdo", "Write an object of a slave."),
+    ("config", "config", "Write, check, compare or show the configuration."),
     ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),
     ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
     ("library", "library", "Install the Modelica library EtherCAT."),

@@ -12,7 +12,7 @@ from ecatd.model import abort_codes
 from ecatd.model.datatypes import TYPE_NAMES, decode, encode, is_real, parse_type, type_name
 from ecatd.model.errors import SdoAbortError
 
-from .arguments import bounded, position
+from .arguments import bounded, slave
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     reading = name == "sdo-read"
     command.set_defaults(run=sdo_read if reading else sdo_write)
-    command.add_argument("slave", type=position, metavar="POS", help="position of the slave")
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument("index", type=_index, help="object index, as 0x6060")
     command.add_argument(
         "subindex",

@@ -7,6 +7,7 @@ import textwrap
 from typing import Any
 
 from ecatd import shm as layout
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import StateError, UnreachableError, UsageError
 from ecatd.shared_memory.claims import read_claims
 from ecatd.shared_memory.picture import picture
@@ -78,16 +79,12 @@ def _chosen(document: dict[str, Any], options: argparse.Namespace) -> dict[str, 
     """
     if options.slave is None:
         return document
-    count = len(document["slaves"])
-    if options.slave >= count:
-        raise StateError(
-            f"there is no slave {options.slave}: bus '{options.bus}' has {count} slaves, "
-            f"0 to {count - 1}"
-        )
-    kept = {"slaves": [document["slaves"][options.slave]]}
+    slaves = [Slave(n, row["name"], 0, 0, 0) for n, row in enumerate(document["slaves"])]
+    position = Bus(options.bus, 0, slaves).find(options.slave).position
+    kept = {"slaves": [document["slaves"][position]]}
     for key in ("signals", "outputs"):
         if key in document:
-            kept[key] = [row for row in document[key] if row["slave"] == options.slave]
+            kept[key] = [row for row in document[key] if row["slave"] == position]
     return document | kept
 
 

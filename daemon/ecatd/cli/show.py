@@ -6,9 +6,8 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.al import al_state_text
-from ecatd.model.bus import Bus, Slave
+from ecatd.model.bus import display_name
 from ecatd.model.datatypes import type_name
-from ecatd.model.errors import StateError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import places
 
@@ -33,22 +32,6 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         add_slave(command)
 
 
-def pick_slaves(bus: Bus, position: int | None) -> list[Slave]:
-    """Returns the slave at a position; all slaves for None.
-
-    Raises:
-        StateError: There is no such slave.
-    """
-    if position is None:
-        return bus.slaves
-    if not 0 <= position < len(bus.slaves):
-        raise StateError(
-            f"there is no slave {position}: bus '{bus.name}' has {len(bus.slaves)} slaves, "
-            f"0 to {len(bus.slaves) - 1}"
-        )
-    return [bus.slaves[position]]
-
-
 def slaves(remote: Remote, options: argparse.Namespace) -> None:
     """Lists the slaves in the order of the wire."""
     bus = remote.describe()
@@ -62,6 +45,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 "recovery": states[slave.position]["recovery"],
                 "recovery_text": states[slave.position]["recovery_text"],
                 "name": slave.name,
+                "given_name": slave.given_name,
                 "vendor": slave.vendor,
                 "product": slave.product,
                 "revision": slave.revision,
@@ -90,7 +74,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 slave.position,
                 slave.alias,
                 _state(states[slave.position]),
-                slave.name or "(no name)",
+                slave.display_name,
                 f"0x{slave.vendor:08X}",
                 f"0x{slave.product:08X}",
                 f"0x{slave.revision:08X}",
@@ -118,7 +102,7 @@ def _state(row: dict[str, Any]) -> str:
 def pdos(remote: Remote, options: argparse.Namespace) -> None:
     """Lists the process data of one slave or all."""
     bus = remote.describe()
-    chosen = pick_slaves(bus, options.slave)
+    chosen = bus.slaves if options.slave is None else [bus.find(options.slave)]
     if options.json:
         document = bus.to_dict()
         positions = {slave.position for slave in chosen}
@@ -127,7 +111,7 @@ def pdos(remote: Remote, options: argparse.Namespace) -> None:
         return
     for slave in chosen:
         domain = f"  ({bus.domain_label(slave.domain)})" if len(bus.domains) > 1 else ""
-        print(f"{slave.position}  {slave.name or '(no name)'}{domain}")
+        print(f"{slave.position}  {slave.display_name}{domain}")
         if not slave.outputs and not slave.inputs:
             print("  no process data")
         for title, kind, group in (
@@ -182,20 +166,20 @@ def _meaning(entry: Entry) -> str:
 
 def state(remote: Remote, options: argparse.Namespace) -> None:
     """Shows the AL states, or brings slaves to one."""
-    if options.slave is not None:
-        pick_slaves(remote.describe(), options.slave)
-    if options.state is None:
-        rows = remote.states()
-    else:
-        rows = remote.set_state(options.state, options.slave)
-    if options.slave is not None:
-        rows = [row for row in rows if row["position"] == options.slave]
+    chosen = None if options.slave is None else remote.describe().find(options.slave).position
+    wanted = options.state
+    rows = remote.states() if wanted is None else remote.set_state(wanted, chosen)
+    if chosen is not None:
+        rows = [row for row in rows if row["position"] == chosen]
     if options.json:
         print_json({"bus": remote.bus, "slaves": rows})
         return
     print_table(
         ("POS", "NAME", "STATE"),
-        ((row["position"], row["name"] or "(no name)", _told(row)) for row in rows),
+        (
+            (row["position"], display_name(row.get("given_name", ""), row["name"]), _told(row))
+            for row in rows
+        ),
         ">",
     )
 

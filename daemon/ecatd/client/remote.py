@@ -25,6 +25,7 @@ from ecatd.zenoh_keys import bus_key, object_key, session_config
 # What only some requests need is loaded by them: most commands are one request, and short.
 if TYPE_CHECKING:
     from ecatd.model.bus import Bus
+    from ecatd.model.config import Config
     from ecatd.stats import Snapshot
 
 
@@ -187,8 +188,19 @@ class Remote:
 
         return read_bus(self._ask("ro", "slaves"), "the answer of the daemon", strict=False)
 
+    def configuration(self) -> tuple[Config, dict[str, str]]:
+        """The configuration in force, and where values come from, by key.
+
+        Keys are named as by `ecatd.model.config.origins.flatten`; those that are not in the map
+        have their defaults.
+        """
+        from ecatd.model.config import read_config
+
+        answer = self._ask("ro", "config")
+        return read_config(answer["config"], "the answer of the daemon"), dict(answer["origins"])
+
     def states(self) -> list[dict[str, Any]]:
-        """AL states of all slaves: `position`, `name`, `al_state`, `al_code`, `text`."""
+        """AL states of all slaves: `position`, names, `al_state`, `al_code` and `text`."""
         return list(self._ask("ro", "state")["slaves"])
 
     def stats(self) -> Snapshot:
@@ -202,9 +214,9 @@ class Remote:
         return self._ask("ro", "dc")
 
     def sdo_read(
-        self, slave: int, index: int, subindex: int = 0, *, complete: bool = False
+        self, slave: int | str, index: int, subindex: int = 0, *, complete: bool = False
     ) -> SdoValue:
-        """Uploads an object."""
+        """Uploads an object of a slave, which is given by its position or name."""
         answer = self._ask(
             "ro",
             "sdo",
@@ -215,12 +227,18 @@ class Remote:
         return _sdo_value(answer)
 
     def sdo_write(
-        self, slave: int, index: int, subindex: int, data: bytes | str, *, complete: bool = False
+        self,
+        slave: int | str,
+        index: int,
+        subindex: int,
+        data: bytes | str,
+        *,
+        complete: bool = False,
     ) -> SdoValue:
         """Downloads an object; returns what was downloaded.
 
         Args:
-            slave: Position.
+            slave: Position or name.
             index: Object index.
             subindex: Object subindex.
             data: Bytes, little endian; or the value as a person types it, for which the daemon
@@ -237,7 +255,7 @@ class Remote:
         )
         return _sdo_value(answer)
 
-    def set_state(self, state: str, slave: int | None = None) -> list[dict[str, Any]]:
+    def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""
         payload: dict[str, Any] = {"id": _request_id(), "state": state}
         if slave is not None:

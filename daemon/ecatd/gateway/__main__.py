@@ -26,7 +26,8 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
 
     stop = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
-    gateway = Gateway(read_config(settings["config"]), Path(settings["runtime_dir"]), log, stop.set)
+    config, runtime_dir = read_config(settings["config"]), Path(settings["runtime_dir"])
+    gateway = Gateway(config, settings["origins"], runtime_dir, log, stop.set)
     try:
         await gateway.start()
         os.write(1, b"ready\n")  # what print() leaves in its buffer would fail again at the end

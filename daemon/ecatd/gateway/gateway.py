@@ -6,6 +6,7 @@ import asyncio
 import os
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,15 +60,22 @@ class Gateway:
 
     Args:
         config: The configuration.
+        origins: Where its values come from, by key.
         runtime_dir: Where the sockets are.
         log: Where failures are told.
         on_end: Called when the bus server has gone.
     """
 
     def __init__(
-        self, config: Config, runtime_dir: Path, log: Log, on_end: Callable[[], None]
+        self,
+        config: Config,
+        origins: dict[str, str],
+        runtime_dir: Path,
+        log: Log,
+        on_end: Callable[[], None],
     ) -> None:
         self._config = config
+        self._origins = origins
         self._log = log
         self._socket = zenoh_socket(runtime_dir, config.bus)
         self._bus = BusClient(control_socket(runtime_dir, config.bus), self._publish_event, on_end)
@@ -194,6 +202,8 @@ class Gateway:
                 return self._bus.ask(ReadInfo())
             case ["ro", "slaves"]:
                 return _known(self._bus_description)
+            case ["ro", "config"]:
+                return _known({"config": self._config.to_dict(), "origins": self._origins})
             case ["ro", "state"]:
                 return self._bus.ask(ReadStates())
             case ["ro", "stats"]:
@@ -263,8 +273,10 @@ def _object_request(
     op: str, slave: str, index: str, subindex: str, values: dict[str, Any]
 ) -> Request:
     """An SDO request whose address is in the key."""
-    address = {}
-    for key, text in (("slave", slave), ("index", index), ("subindex", subindex)):
+    address: dict[str, int | str] = {"slave": slave}
+    with suppress(ValueError):  # it is a name
+        address["slave"] = int(slave, 0)
+    for key, text in (("index", index), ("subindex", subindex)):
         try:
             address[key] = int(text, 0)
         except ValueError:

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from typing import Any
 
+from .errors import StateError
 from .pdo import Entry, Pdo
 from .pdo_layout import byte_length, places
 
@@ -36,6 +37,7 @@ class Slave:
         coe: Whether the slave answers CoE requests.
         problems: What is wrong with its EEPROM, and how the master handles that.
         profiles: Device profiles that its entries have their meanings from, each with its source.
+        given_name: Its name in this machine, from the configuration; empty for none.
         outputs: RxPDOs; `pdo_layout` computes where they lie.
         inputs: TxPDOs.
         domain: Number of the domain, 0 first.
@@ -59,6 +61,7 @@ class Slave:
     coe: bool = False
     problems: list[str] = field(default_factory=list)
     profiles: list[str] = field(default_factory=list)
+    given_name: str = ""
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
     domain: int = 0
@@ -82,8 +85,14 @@ class Slave:
 
     @property
     def label(self) -> str:
-        """The slave as messages name it: `slave 2 (EL1018)`."""
-        return f"slave {self.position} ({self.name})" if self.name else f"slave {self.position}"
+        """The slave as messages name it: `slave 2 (EL1018)`, `slave 2 (infeed, EL1018)`."""
+        names = ", ".join(dict.fromkeys(filter(None, (self.given_name, self.name))))
+        return f"slave {self.position} ({names})" if names else f"slave {self.position}"
+
+    @property
+    def display_name(self) -> str:
+        """The slave as tables name it; see `display_name`."""
+        return display_name(self.given_name, self.name)
 
     def entries(self, *, outputs: bool) -> Iterator[tuple[Pdo, Entry, int]]:
         """Yields the entries of one direction without gaps: PDO, entry, and its first bit.
@@ -93,6 +102,13 @@ class Slave:
         for pdo, entry, bit in places(self.outputs if outputs else self.inputs):
             if not entry.is_gap:
                 yield pdo, entry, bit
+
+
+def display_name(given_name: str, name: str) -> str:
+    """A slave as tables name it: `EL1018`, `infeed (EL1018)`, `(no name)`."""
+    if given_name and name and given_name != name:
+        return f"{given_name} ({name})"
+    return given_name or name or "(no name)"
 
 
 def positions_text(positions: Iterable[int]) -> str:
@@ -134,6 +150,33 @@ class Bus:
     cycle_time_us: int
     slaves: list[Slave] = field(default_factory=list)
     domains: list[Domain] = field(default_factory=list)
+
+    def find(self, slave: int | str) -> Slave:
+        """The slave at a position, or with a name.
+
+        A name is that of the configuration, or an order code that only one slave has.
+
+        Raises:
+            StateError: There is no such slave, or several have this order code.
+        """
+        here = f"bus '{self.name}' has {len(self.slaves)} slaves"
+        if isinstance(slave, int):
+            if 0 <= slave < len(self.slaves):
+                return self.slaves[slave]
+            raise StateError(f"there is no slave {slave}: {here}, 0 to {len(self.slaves) - 1}")
+        named = [item for item in self.slaves if item.given_name == slave]
+        named = named or [item for item in self.slaves if item.name == slave]
+        if len(named) == 1:
+            return named[0]
+        if named:
+            positions = positions_text(item.position for item in named)
+            raise StateError(
+                f"slaves {positions} are all '{slave}': give the position instead, or give them "
+                "names in the configuration"
+            )
+        raise StateError(
+            f"there is no slave '{slave}': {here}; `ecatctl slaves` lists positions and names"
+        )
 
     def domain_name(self, number: int) -> str:
         """Name of a domain, empty if it has none."""

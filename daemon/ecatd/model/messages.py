@@ -40,12 +40,12 @@ class SetState:
 
     Attributes:
         state: Name of the state.
-        slave: Position, or None for all slaves.
+        slave: Position or name, or None for all slaves.
     """
 
     op: ClassVar[str] = "set_state"
     state: str
-    slave: int | None = None
+    slave: int | str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,14 @@ class SdoRead:
     """Uploads an object.
 
     Attributes:
-        slave: Position.
+        slave: Position or name; see `Bus.find`.
         index: Object index.
         subindex: Object subindex.
         complete: Whether to use complete access.
     """
 
     op: ClassVar[str] = "sdo_read"
-    slave: int
+    slave: int | str
     index: int
     subindex: int = 0
     complete: bool = False
@@ -71,7 +71,7 @@ class SdoWrite:
     """Downloads an object; has either `data` or `value`.
 
     Attributes:
-        slave: Position.
+        slave: Position or name; see `Bus.find`.
         index: Object index.
         data: Bytes, little endian.
         subindex: Object subindex.
@@ -81,7 +81,7 @@ class SdoWrite:
     """
 
     op: ClassVar[str] = "sdo_write"
-    slave: int
+    slave: int | str
     index: int
     data: bytes | None = None
     subindex: int = 0
@@ -172,7 +172,7 @@ def _check(op: str, key: str, value: Any, wanted: _Key) -> None:
     found = "None" if value is None else type(value).__name__
     if found not in wanted.types:
         raise UsageError(f"'{key}' of {op} must be {wanted.kind}, not {found}")
-    if key in _RANGES and value is not None:
+    if key in _RANGES and isinstance(value, int):
         low, high = _RANGES[key]
         if not low <= value <= high:
             raise UsageError(f"'{key}' of {op} is {value}, but must be from {low} to {high}")

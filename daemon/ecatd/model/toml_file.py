@@ -83,12 +83,14 @@ class Document:
         source: As above.
         folder: As above.
         top: The keys that its outermost table may have.
+        names: What names that the document gives stand for, as far as it has been read.
     """
 
     def __init__(self, source: str, text: str = "", folder: Path = Path()) -> None:
         self.source = source
         self.folder = folder
         self.top: Collection[str] = ()
+        self.names: dict[str, int] = {}
         self._text = text
         self._places: dict[toml_places.Path, Place] | None = None
 
@@ -108,7 +110,7 @@ class Document:
         """File, line and key: the start of a message."""
         line = self.place(path).line
         place = f"{self.source}:{line}" if line else self.source
-        key = _path_text(path)
+        key = path_text(path)
         return f"{place}: {key}" if key else place
 
 
@@ -371,7 +373,8 @@ def _hexadecimal(value: int) -> str:
     return f"{sign}0x{abs(value):X}" if 9 < abs(value) < 1 << 64 else show(value)
 
 
-def _path_text(path: toml_places.Path) -> str:
+def path_text(path: toml_places.Path) -> str:
+    """A key with those of the tables that it is in, such as `dc.slave[1].shift_us`."""
     text = ""
     for part in path:
         if isinstance(part, int):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ecatd.log import Log
 from ecatd.model.config import Config, load_config, read_config
+from ecatd.model.config.origins import COMMAND_LINE, find_origins
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
@@ -62,9 +63,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _configuration(options: argparse.Namespace) -> Config:
-    """The file's configuration, with what the command line says on top."""
+def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]:
+    """The file's configuration, with what the command line says on top, and the origins of keys."""
     config = load_config(options.config) if options.config else Config()
+    origins = find_origins(options.config) if options.config else {}
     values = config.to_dict()
     for option, key in (
         ("bus", "bus"),
@@ -73,13 +75,14 @@ def _configuration(options: argparse.Namespace) -> Config:
     ):
         if getattr(options, option) is not None:
             values[key] = getattr(options, option)
+            origins[key] = COMMAND_LINE
     config = read_config(values, "command line")
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
             "which bus? Give --interface IF, or --simulate troll to try without hardware, or "
             "--config FILE with the key 'interface'"
         )
-    return config
+    return config, origins
 
 
 def main() -> int:
@@ -95,12 +98,14 @@ def _main() -> int:
     level = "debug" if options.verbose else "warning" if options.quiet else "info"
     log = Log("ecatd", level)
     try:
-        config = _configuration(options)
+        config, origins = _configuration(options)
         if options.check_config:
             load_profiles(map(Path, config.profiles), profile_folders())
             print(f"{options.config or 'the default configuration'} is valid")
             return 0
-        supervisor = Supervisor(config, options.simulate, log, level, describe=options.describe)
+        supervisor = Supervisor(
+            config, origins, options.simulate, log, level, describe=options.describe
+        )
         return asyncio.run(supervisor.run())
     except EcatError as error:
         log.error(str(error))

@@ -42,6 +42,7 @@ class Supervisor:
 
     Args:
         config: The configuration, which is handed to the children.
+        origins: Where its values come from, by key (`model.config.origins`).
         rig: The rig to simulate, or None.
         log: Where events are told.
         log_level: For the children.
@@ -49,9 +50,17 @@ class Supervisor:
     """
 
     def __init__(
-        self, config: Config, rig: str | None, log: Log, log_level: str, *, describe: bool = False
+        self,
+        config: Config,
+        origins: dict[str, str],
+        rig: str | None,
+        log: Log,
+        log_level: str,
+        *,
+        describe: bool = False,
     ) -> None:
         self._config = config
+        self._origins = origins
         self._rig = rig
         self._log = log
         self._level = log_level
@@ -79,6 +88,7 @@ class Supervisor:
         settings: dict[str, Any] = {
             "describe": self._describe,
             "config": self._config.to_dict(),
+            "origins": self._origins,
             "interface": self._config.interface,
             "second_interface": self._config.second_interface,
             "runtime_dir": "" if self._describe else str(make_dir()),
@@ -112,7 +122,7 @@ class Supervisor:
         await self._ready(gateway)
         # Not before: whoever reads that the bus is in OP may ask for it.
         self._log.info(in_op)
-        notify("READY=1", f"STATUS=bus '{self._config.bus}' is in OP")
+        notify("READY=1", f"STATUS={in_op}")
         await self._watch(fatal, gateway, settings)
 
     async def _print_description(self, server: asyncio.subprocess.Process) -> None:
@@ -161,12 +171,19 @@ class Supervisor:
         return child
 
     async def _ready(self, child: asyncio.subprocess.Process) -> str:
-        """Waits until a child is ready; what it says then."""
+        """Waits until a child is ready; what it says then.
+
+        Raises:
+            _EndedError: It has ended; the service manager has been told why.
+        """
         assert child.stdout is not None
         line = await self._or_stop(child.stdout.readline())
-        if not line:
-            raise _EndedError(_status(await child.wait()))
-        return line.decode().strip()
+        word, _, text = line.decode().strip().partition(" ")
+        if word != "ready":
+            status = _status(await child.wait())
+            notify(f"STATUS=bus '{self._config.bus}' has not started: {text or 'see the log'}")
+            raise _EndedError(status)
+        return text
 
     async def _or_stop(self, work: Any) -> bytes:
         """The line that a child writes when it is ready; a signal meanwhile ends the daemon."""

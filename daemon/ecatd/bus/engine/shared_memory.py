@@ -146,7 +146,7 @@ class SharedMemory:
             row.output_offset, row.output_bytes = slave.output_offset, slave.output_bytes
             row.input_offset, row.input_bytes = slave.input_offset, slave.input_bytes
             row.signals_first, row.signals_count = plan.ranges[slave.position]
-            row.name = _text(slave.name, 64)
+            row.name = _text(slave.given_name or slave.name, 64)
 
     def _fill_signals(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_signal") * max(1, len(plan.signals))

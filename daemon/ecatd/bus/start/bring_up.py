@@ -21,6 +21,7 @@ from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, RecoveryConfig
 from ecatd.model.errors import StateError
+from ecatd.model.expected_bus import compare
 from ecatd.model.meanings import give_meanings, unused_profiles
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.paths import profile_folders
@@ -34,7 +35,7 @@ from ..master.master import Master
 from .clocks import Clocks, clock_bits
 from .doubtful import Doubt, fitting, settle
 from .identify import Finder, branch_ends
-from .mapping import Scanned, configure, scan_slaves, without_lrw
+from .mapping import Scanned, configure, configure_slaves, identify_slaves, without_lrw
 from .round_trip import measure_round_trip
 from .safe import SafeOutputs, safe_outputs
 from .set_up import (
@@ -107,13 +108,15 @@ class BringUp:
         wire: How long the frames of a cycle are on the wire, from "map" on.
         clocks: The distributed clocks, from "map" on, if the configuration enables them.
         safe: Safe values of the outputs, from "map" on.
+        config: The configuration; from "read" on, it is about the slaves where they were found.
+        differences: How the bus differs from the expected one, from "read" on.
         summary: The bus in one line, once it is in OP.
     """
 
     def __init__(
         self, config: Config, interface: str, log: Log, cancelled: Callable[[], bool]
     ) -> None:
-        self._config = config
+        self.config = config
         self._interface = interface
         self._log = log
         self._cancelled = cancelled
@@ -133,6 +136,7 @@ class BringUp:
         self.wire: WireTime | None = None
         self.clocks: Clocks | None = None
         self.safe = SafeOutputs()
+        self.differences: list[str] = []
         self.summary = ""
 
     def run(self) -> RunningBus:
@@ -143,7 +147,7 @@ class BringUp:
         """
         self._load_profiles()
         # Reserving comes next: nothing must be done to a bus that another daemon runs.
-        self.shared = shared = SharedMemory(self._config.bus)
+        self.shared = shared = SharedMemory(self.config.bus)
         master, image = self._describe()
         engine = self._exchange(shared, master, image)
         self._synchronise(shared)
@@ -170,11 +174,11 @@ class BringUp:
                 self._mailboxes,
                 self.clocks,
                 self._doubtful,
-                self._config.state_timeout_s,
+                self.config.state_timeout_s,
             ),
             Finder(master.registers, self.bus.slaves, self._ends),
-            self._config.recovery,
-            self._config.state_timeout_s,
+            self.config.recovery,
+            self.config.state_timeout_s,
         )
 
     def describe(self) -> Bus:
@@ -189,15 +193,15 @@ class BringUp:
 
     def _load_profiles(self) -> None:
         """Loads the device profiles first: their mistakes show before anything is sent."""
-        self._profiles = load_profiles(map(Path, self._config.profiles), profile_folders())
+        self._profiles = load_profiles(map(Path, self.config.profiles), profile_folders())
 
     def _describe(self) -> tuple[Master, Image]:
         self.master = master = Master(
             self._interfaces,
             self._cancelled,
             run=self._run,
-            share=self._config.mailbox.share,
-            priority=max(self._config.realtime.priority - 1, 0),
+            share=self.config.mailbox.share,
+            priority=max(self.config.realtime.priority - 1, 0),
         )
         self._scan(master)
         self._read(master)
@@ -205,27 +209,60 @@ class BringUp:
 
     def _scan(self, master: Master) -> None:
         """Finds the slaves and takes them to PREOP."""
-        why = master.scan(self._config.state_timeout_s)
+        why = master.scan(self.config.state_timeout_s)
         count = len(master.stations)
         text = f"{count} slave{'s' * (count != 1)} found on {self._interface}"
         self._log.info(f"{text} (numbered by ecatd: {why})" if why else text)
-        master.wait_for_state(AlState.PREOP, self._config.state_timeout_s)
+        master.wait_for_state(AlState.PREOP, self.config.state_timeout_s)
 
     def _read(self, master: Master) -> None:
         """Reads SII and PDOs of every slave into the bus description."""
-        self._scanned = scan_slaves(master, self._config, self._cancelled)
+        self._scanned = identify_slaves(master)
+        unexpected = self._compare()
+        configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
         for item in self._scanned:
             for text in item.refused:
                 self._log.warning(text)
             tell_emergencies(self._log, [(item.slave, *found) for found in item.emergencies])
         self._doubtful = settle(
-            master, self._scanned, self._config.state_timeout_s, self._log.warning
+            master,
+            self._scanned,
+            unexpected,
+            self.config.state_timeout_s,
+            self._log.warning,
         )
         for item, bits in zip(self._scanned, clock_bits(master), strict=True):
             item.slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]
         self._mailboxes = read_mailboxes(master)
-        self._ends = branch_ends(count_links(master), ring=bool(self._config.second_interface))
+        self._ends = branch_ends(count_links(master), ring=bool(self.config.second_interface))
+
+    def _compare(self) -> dict[int, str]:
+        """Compares the slaves with those that the configuration expects, and follows them.
+
+        Returns:
+            By position, why a slave is not the expected one.
+
+        Raises:
+            StateError: There are differences, and the configuration does not tolerate them.
+        """
+        comparison = compare(self.config, [item.slave for item in self._scanned])
+        self.differences = [item.text for item in comparison.differences]
+        for item in comparison.differences:
+            tell = self._log.error if item.strict else self._log.warning
+            tell(f"bus not as expected: {item.text}")
+        strict = [item.text for item in comparison.differences if item.strict]
+        if strict:
+            count = len(strict)
+            raise StateError(
+                f"the bus is not the one that the configuration expects: {count} "
+                f"difference{'s' * (count != 1)}; the first: {strict[0]} "
+                '(policy = "tolerant" in [expected] starts the other slaves)'
+            )
+        unexpected = comparison.unexpected
+        places = comparison.places.items()
+        self.config = self.config.moved({n: at for n, at in places if at not in unexpected})
+        return unexpected
 
     @property
     def _idle(self) -> list[int]:
@@ -240,23 +277,23 @@ class BringUp:
         """
         idle = set(self._idle)
         used = [n for n in range(len(self.bus.slaves)) if n not in idle] if idle else None
-        master.wait_for_state(state, self._config.state_timeout_s, used, optional=self._doubtful)
+        master.wait_for_state(state, self.config.state_timeout_s, used, optional=self._doubtful)
 
     def _map(self, master: Master) -> Image:
         """Lays out the process image, checks its timing, and configures the slaves for it."""
-        signals = fitting(self._config.signal, self.bus, self._doubtful)
+        signals = fitting(self.config.signal, self.bus, self._doubtful)
         give_meanings(self.bus, self._profiles, signals)
         for warning in unused_profiles(self.bus, self._profiles):
             self._log.warning(warning)
-        safe = fitting(self._config.outputs.safe, self.bus, self._doubtful)
+        safe = fitting(self.config.outputs.safe, self.bus, self._doubtful)
         self.safe = safe_outputs(self.bus, safe)
-        assign_domains(self.bus, self._config.domain, self._idle)
+        assign_domains(self.bus, self.config.domain, self._idle)
         self.image = image = lay_out(self.bus, without_lrw(master, self._scanned))
         self.wire = wire_time(
             image,
-            self._config.cycle_time_us,
+            self.config.cycle_time_us,
             len(self.bus.slaves),
-            clock=self._config.dc.enabled,
+            clock=self.config.dc.enabled,
             delay_ns=measure_round_trip(master),
         )
         if warning := self.wire.check():
@@ -264,22 +301,22 @@ class BringUp:
         for warning in check_watchdogs(master, self.bus, self._scanned):
             self._log.warning(warning)
         configure(master, self._scanned, image)
-        if self._config.dc.slave and not self._config.dc.enabled:
+        if self.config.dc.slave and not self.config.dc.enabled:
             self._log.warning(
                 "dc.enabled is false, so the slaves in [[dc.slave]] get no SYNC signals"
             )
-        if self._config.dc.reference >= 0 and not self._config.dc.enabled:
+        if self.config.dc.reference >= 0 and not self.config.dc.enabled:
             self._log.warning(
-                f"dc.enabled is false, so dc.reference = {self._config.dc.reference} does nothing"
+                f"dc.enabled is false, so dc.reference = {self.config.dc.reference} does nothing"
             )
-        if self._config.dc.enabled:
-            self.clocks = Clocks(self.bus, self._config, master)
+        if self.config.dc.enabled:
+            self.clocks = Clocks(self.bus, self.config, master)
             self.clocks.measure()
         return image
 
     def _exchange(self, shared: SharedMemory, master: Master, image: Image) -> Engine:
         """Starts the cyclic exchange with all outputs safe."""
-        config = self._config
+        config = self.config
         cycle_ns = config.cycle_time_us * 1000
         lease_max = config.outputs.lease_max_ms * 1_000_000
         lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
@@ -354,7 +391,7 @@ class BringUp:
 
     def _reach_op(self, master: Master, shared: SharedMemory) -> None:
         """Requests OP after outputs have been sent a few times: slaves need valid ones first."""
-        timeout = self._config.state_timeout_s
+        timeout = self.config.state_timeout_s
         # A doubtful slave must not keep the others from OP, and may be in PREOP.
         sure = [item for item in self._scanned if item.slave.position not in self._doubtful]
         told, refused = finish(write_before_op(master, sure), _MAILBOX_PAUSE)
@@ -371,5 +408,13 @@ class BringUp:
             f"bus '{self.bus.name}' is in OP: {count} slave{'s' * (count != 1)}, "
             f"{image.output_bytes} bytes of outputs, "
             f"{sum(domain.input_bytes for domain in image.domains)} of inputs, every "
-            f"{self._config.cycle_time_us} µs (after {time.monotonic() - self._begin:.1f} s)"
+            f"{self.config.cycle_time_us} µs (after {time.monotonic() - self._begin:.1f} s)"
+            f"{self._differences}"
         )
+
+    @property
+    def _differences(self) -> str:
+        count = len(self.differences)
+        if not count:
+            return ""
+        return f"; {count} difference{'s' * (count != 1)} from the expected bus"

@@ -1,7 +1,8 @@
 """Decides how to use slaves whose process data are in doubt.
 
-Doubtful are slaves with CoE whose mailbox does not answer or answers with nonsense, and slaves with
-a damaged EEPROM, which may describe a part of the process data only. A doubtful slave must not keep
+Doubtful are slaves with CoE whose mailbox does not answer or answers with nonsense, slaves with a
+damaged EEPROM, which may describe a part of the process data only, and slaves that are not those
+that the configuration expects. A doubtful slave must not keep
 the others from OP. If some of its process data are known, and it reaches SAFEOP with them, it is
 used. Otherwise it stays in PREOP and takes no part in the exchange: in OP it would look like a
 slave that has no process data.
@@ -9,7 +10,7 @@ slave that has no process data.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -24,8 +25,9 @@ from .mapping import Scanned, configure
 
 _R = TypeVar("_R", bound="_Rule")
 
-SILENT, DAMAGED = "silent", "damaged"
+SILENT, DAMAGED, UNEXPECTED = "silent", "damaged", "unexpected"
 
+_STAYS = "stays in PREOP and takes no part"
 _CURE = "switch it off and on, then restart ecatd"
 _WRITE_EEPROM = "write its EEPROM anew, from the ESI file of its vendor, then restart ecatd"
 _TOLD = 3  # problems of an EEPROM in one message
@@ -36,7 +38,7 @@ class Doubt:
     """Why the process data of a slave are in doubt.
 
     Attributes:
-        word: `SILENT` or `DAMAGED`.
+        word: `SILENT`, `DAMAGED` or `UNEXPECTED`.
         text: The reason and what was done, for messages.
     """
 
@@ -45,21 +47,31 @@ class Doubt:
 
 
 def settle(
-    master: Master, scanned: Sequence[Scanned], timeout_s: float, tell: Callable[[str], None]
+    master: Master,
+    scanned: Sequence[Scanned],
+    unexpected: Mapping[int, str],
+    timeout_s: float,
+    tell: Callable[[str], None],
 ) -> dict[int, Doubt]:
     """Tries doubtful slaves in SAFEOP, and decides which of them are used. All are in PREOP.
 
     Args:
         master: The master.
         scanned: All slaves. Doubtful slaves that are not used lose their process data here.
+        unexpected: Why slaves are not the expected ones, by position; they are not used.
         timeout_s: Seconds that slaves have to reach a state.
-        tell: Called with a warning about each doubtful slave, and about each EEPROM with lesser
-            mistakes.
+        tell: Called with a warning about each other doubtful slave, and about each EEPROM with
+            lesser mistakes.
 
     Returns:
         The doubt about each doubtful slave, by position.
     """
-    doubtful = [item for item in scanned if item.silence or item.sii.damaged or item.unplaced]
+    doubtful = [
+        item
+        for item in scanned
+        if (item.silence or item.sii.damaged or item.unplaced)
+        and item.slave.position not in unexpected
+    ]
     described = [
         item for item in doubtful if (item.slave.outputs or item.slave.inputs) and not item.unplaced
     ]
@@ -67,6 +79,10 @@ def settle(
     doubts = {}
     for item in scanned:
         slave = item.slave
+        if slave.position in unexpected:
+            text = f"it is not the expected slave, so it {_STAYS}: {unexpected[slave.position]}"
+            doubts[slave.position] = Doubt(UNEXPECTED, text)
+            continue
         if item not in doubtful:
             if slave.problems:
                 tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
@@ -87,16 +103,15 @@ def settle(
 
 
 def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
-    stays = "stays in PREOP and takes no part"
     if item.silence and not item.sii.damaged:
         text = "is used with the process data of its EEPROM, and its objects cannot be reached"
         if not used:
-            text = f"{stays}: {why or 'its EEPROM describes no process data'}"
+            text = f"{_STAYS}: {why or 'its EEPROM describes no process data'}"
         did = "answered with nonsense" if item.nonsense else "did not answer"
         return Doubt(SILENT, f"its mailbox {did} at the start, so it {text}")
     text = "is used with the process data that are known of it"
     if not used:
-        text = f"{stays}: {why or 'no process data are known of it'}"
+        text = f"{_STAYS}: {why or 'no process data are known of it'}"
     if item.silence:
         text = f"{text}; {item.silence}"
     if not item.sii.damaged:

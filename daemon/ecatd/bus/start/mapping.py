@@ -8,7 +8,7 @@ not answer, or whose EEPROM is damaged.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Slave
@@ -84,26 +84,51 @@ class Scanned:
         return ""
 
 
-def scan_slaves(
-    master: Master, config: Config, cancelled: Callable[[], bool] = lambda: False
-) -> list[Scanned]:
-    """Tells the slaves, which must be in PREOP, their configuration, and reads all about them.
+def identify_slaves(master: Master) -> list[Scanned]:
+    """Reads from the EEPROM of every slave what it is.
 
     Raises:
-        StateError: An EEPROM cannot be read, a slave refuses its configuration, the configuration
-            is about a slave that does not exist, or `cancelled` returned true.
+        StateError: An EEPROM cannot be read.
     """
-    _check_positions(config, len(master.stations))
-    scanned = [
-        _scan_slave(master, position, sii, config.settings_of(position))
+    return [
+        _identify_slave(master, position, sii)
         for position, sii in enumerate(master.read_eeproms(read_sii))
     ]
-    with_coe = [item for item in scanned if item.slave.coe]
+
+
+def configure_slaves(
+    master: Master,
+    scanned: Sequence[Scanned],
+    config: Config,
+    unexpected: Collection[int] = (),
+    cancelled: Callable[[], bool] = lambda: False,
+) -> None:
+    """Tells the slaves, which must be in PREOP, their configuration, and reads their PDOs.
+
+    Args:
+        master: The master.
+        scanned: All slaves; what is read is added to them.
+        config: The configuration.
+        unexpected: Positions of slaves that the configuration is not about. They get nothing.
+        cancelled: Called while waiting; when true, `StateError` is raised.
+
+    Raises:
+        StateError: A slave refuses its configuration, the configuration is about a slave that does
+            not exist, or `cancelled` returned true.
+    """
+    _check_positions(config, len(scanned))
+    expected = [item for item in scanned if item.slave.position not in unexpected]
+    for item in expected:
+        item.settings = config.settings_of(item.slave.position)
+        item.slave.given_name = item.settings.name
+        if not item.slave.coe:
+            _take_from_sii(item.slave, item.sii)
+            choose_from_sii(item.slave, item.sii, item.settings)
+    with_coe = [item for item in expected if item.slave.coe]
     coe = [master.coe(item.slave.position) for item in with_coe]
     converse(master.registers, list(map(_configure_and_read, with_coe, coe)), cancelled)
     for item, way in zip(with_coe, coe, strict=True):
         item.emergencies = way.emergencies
-    return scanned
 
 
 def _check_positions(config: Config, count: int) -> None:
@@ -136,7 +161,7 @@ def _take_from_sii(slave: Slave, sii: Sii) -> None:
     slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != UNASSIGNED]
 
 
-def _scan_slave(master: Master, position: int, sii: Sii, settings: SlaveConfig) -> Scanned:
+def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
     slave = Slave(
         position=position,
         name=sii.order or sii.name,
@@ -149,10 +174,7 @@ def _scan_slave(master: Master, position: int, sii: Sii, settings: SlaveConfig) 
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
         problems=[str(problem) for problem in sii.problems],
     )
-    if not slave.coe:
-        _take_from_sii(slave, sii)
-        choose_from_sii(slave, sii, settings)
-    return Scanned(slave, sii, settings)
+    return Scanned(slave, sii, SlaveConfig(position))
 
 
 def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:

@@ -48,6 +48,7 @@ class Condition(StrEnum):
     LEFT = "left"
     SILENT = "silent"
     DAMAGED = "damaged"
+    UNEXPECTED = "unexpected"
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,17 @@ file and line.
 """
 
 from .file import load_config, read_config
-from .slaves import DOMAINS_MAX, POSITION_MAX
+from .slaves import DOMAINS_MAX
 from .tables import (
+    POSITION_MAX,
     STOPS,
+    STRICT,
+    TOLERANT,
     Config,
     DcConfig,
     DcSlaveConfig,
     DomainConfig,
+    ExpectedConfig,
     GatewayConfig,
     MailboxConfig,
     OutputsConfig,
@@ -29,10 +33,13 @@ __all__ = [
     "DOMAINS_MAX",
     "POSITION_MAX",
     "STOPS",
+    "STRICT",
+    "TOLERANT",
     "Config",
     "DcConfig",
     "DcSlaveConfig",
     "DomainConfig",
+    "ExpectedConfig",
     "GatewayConfig",
     "MailboxConfig",
     "OutputsConfig",

@@ -9,7 +9,7 @@ from ..bus_name import check_bus_name
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml
 from .outputs import read_outputs
 from .signals import read_signals
-from .slave_settings import read_slaves
+from .slave_settings import read_expected, read_slaves
 from .slaves import check_clocks, read_clocks, read_domains
 from .tables import (
     RECOVERY_MODES,
@@ -93,7 +93,8 @@ _TOP: Rules = {
     "cycle_time_us": integer(100, 1_000_000),
     "state_timeout_s": number(0.1, 300),
     "profiles": array(_folder),
-    "slave": read_slaves,
+    "expected": read_expected,
+    "slave": read_slaves,  # before all that name slaves
     "domain": read_domains,
     "dc": read_clocks,
     "mailbox": lambda top, key: MailboxConfig(**top.table(key).read(_MAILBOX)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..toml_file import Key, Rules, Table, integer, number
 from .signals import read_entry
-from .slaves import POSITION
+from .slaves import slave_reference
 from .tables import STOPS, OutputsConfig, SafeConfig
 
 _WORDS = ("zero", "hold", *STOPS)
@@ -46,7 +46,7 @@ def _entry(row: Table, key: Key) -> str:
 
 
 _SAFE: Rules = {
-    "slave": POSITION,
+    "slave": slave_reference,
     "value": _value,
     "entry": _entry,
     "stop_timeout_s": number(0.01, 30),

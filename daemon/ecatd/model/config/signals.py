@@ -7,7 +7,7 @@ import re
 
 from ..pdo import Value
 from ..toml_file import Key, Rules, Table, number, printable
-from .slaves import POSITION
+from .slaves import slave_reference
 from .tables import SignalConfig
 
 NAME_BYTES, UNIT_BYTES = 63, 15
@@ -81,4 +81,4 @@ MEANING: Rules = {
 }
 """The keys about an entry that `[[signal]]` and device profiles have in common."""
 
-_SIGNAL: Rules = {"slave": POSITION, "entry": read_entry, **MEANING}
+_SIGNAL: Rules = {"slave": slave_reference, "entry": read_entry, **MEANING}

@@ -1,4 +1,4 @@
-"""Reads `[[slave]]`: what slaves are told, PDOs and start-up parameters."""
+"""Reads `[[slave]]`: which slaves are expected, their PDOs and their start-up parameters."""
 
 from __future__ import annotations
 
@@ -6,29 +6,85 @@ import math
 import re
 
 from ..datatypes import DataType, bit_length, is_real, parse_type
-from ..toml_file import Key, Rules, Table, array, choice, integer, printable
+from ..toml_file import Key, Rules, Table, array, choice, integer, printable, show
 from .signals import NAME_BYTES
-from .slaves import POSITION
-from .tables import TRANSITIONS, PdoConfig, PdoEntryConfig, SlaveConfig, StartupConfig
+from .tables import (
+    POSITION_MAX,
+    STRICT,
+    TOLERANT,
+    TRANSITIONS,
+    ExpectedConfig,
+    PdoConfig,
+    PdoEntryConfig,
+    SlaveConfig,
+    StartupConfig,
+)
 
 OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 """Indices of RxPDOs and TxPDOs (ETG.1000.6)."""
 
 _PDOS_MAX, _ENTRIES_MAX, _BYTES_MAX = 64, 254, 1 << 15
+_NAME_BYTES = 31
+_NAME = re.compile(r"[^\W\d][\w-]*")
 _INDEX = re.compile(r"0x[0-9A-Fa-f]{1,4}")
 
 
 def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
     """Reads all `[[slave]]` tables."""
     slaves: list[SlaveConfig] = []
-    for row in top.tables(key):
-        slave = SlaveConfig(**row.read(_SLAVE, required=["position"]))
+    names = top.document.names
+    for number, row in enumerate(top.tables(key)):
+        values = row.read(_SLAVE, required=[] if "alias" in row else ["position"])
+        _check_identity(row)
+        stand_in = POSITION_MAX + 1 + number
+        if "alias" in row and values.setdefault("position", stand_in) <= POSITION_MAX:
+            row.fail("position", "alias finds the slave wherever it stands: leave this out")
+        slave = SlaveConfig(**values)
         for other in slaves:
             if other.position == slave.position:
                 row.fail("position", f"slave {slave.position} has two tables")
+            if other.alias == slave.alias is not None:
+                row.fail("alias", f"two slaves cannot be found by the same alias, {slave.alias}")
+        if slave.name in names:
+            row.fail("name", f"'{slave.name}' is the name of another slave, too")
+        if slave.name:
+            names[slave.name] = slave.position
         _check_pdos(row, slave)
         slaves.append(slave)
     return slaves
+
+
+def read_expected(top: Table, key: Key) -> ExpectedConfig:
+    """Reads `[expected]`."""
+    return ExpectedConfig(**top.table(key).read(_EXPECTED))
+
+
+def _check_identity(row: Table) -> None:
+    """Refuses parts of an identity without the others that they need."""
+    for one, other in (("vendor", "product"), ("product", "vendor")):
+        if one in row and other not in row:
+            row.fail(other, f"is missing: {one} alone does not say which device is expected")
+    for part in ("revision", "revision_min", "serial", "policy"):
+        if part in row and "product" not in row and not (part == "policy" and "alias" in row):
+            row.fail(part, "needs vendor and product: which device is expected?")
+    if "revision" in row and "revision_min" in row:
+        row.fail("revision_min", "stands in place of revision: leave one of them out")
+
+
+def _position(table: Table, key: Key) -> int:
+    """Reads a position; `Config.to_dict` also writes one for a slave that is found by its alias."""
+    return table.integer(key, 0, 2 * POSITION_MAX if "alias" in table else POSITION_MAX)
+
+
+def _name(table: Table, key: Key) -> str:
+    name = table.text(key)
+    if (name and not _NAME.fullmatch(name)) or len(name.encode()) > _NAME_BYTES:
+        table.fail(
+            key,
+            f"{show(name)} is no name for a slave: write a letter, then letters, digits, '_' and "
+            f"'-', at most {_NAME_BYTES} bytes",
+        )
+    return name
 
 
 def _pdo_index(table: Table, key: Key) -> int:
@@ -153,8 +209,20 @@ _STARTUP: Rules = {
     "optional": Table.boolean,
     "comment": printable(NAME_BYTES * 4),
 }
+_UNSIGNED32 = integer(0, 0xFFFFFFFF)
+_POLICY = choice({policy: policy for policy in (STRICT, TOLERANT)})
+_EXPECTED: Rules = {"policy": _POLICY, "unlisted": Table.boolean}
 _SLAVE: Rules = {
-    "position": POSITION,
+    "position": _position,
+    "name": _name,
+    "type": printable(NAME_BYTES),
+    "vendor": _UNSIGNED32,
+    "product": _UNSIGNED32,
+    "revision": _UNSIGNED32,
+    "revision_min": _UNSIGNED32,
+    "serial": _UNSIGNED32,
+    "alias": integer(1, 0xFFFF),
+    "policy": _POLICY,
     "pdos": array(_pdo_index),
     "pdo": lambda row, key: [
         PdoConfig(**table.read(_PDO, required=["index", "entries"])) for table in row.tables(key)

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import re
 
-from ..toml_file import Key, Rules, Table, integer, number, printable
-from .tables import Config, DcConfig, DcSlaveConfig, DomainConfig
+from ..toml_file import Key, Rules, Table, integer, number, printable, show
+from .tables import POSITION_MAX, Config, DcConfig, DcSlaveConfig, DomainConfig
 
 DOMAINS_MAX = 16
-POSITION_MAX = 65535
 SYNC_MAX_US = 4_000_000
 """Longest cycle of SYNC signals: registers 0x09A0 and 0x09A4 have nanoseconds in 32 bits."""
 
-POSITION = integer(0, POSITION_MAX)
-"""The rule for the position of a slave."""
+
+def slave_reference(table: Table, key: Key) -> int:
+    """Reads which slave is meant: its position, or the name that a `[[slave]]` gives it."""
+    value = table.data.get(key)
+    names = table.document.names
+    if isinstance(value, str):
+        if value not in names:
+            known = f"; there are {', '.join(sorted(names)[:8])}" if names else ""
+            table.fail(key, f"no [[slave]] has the name {show(value)}{known}")
+        return names[value]
+    if type(value) is int and value in names.values():  # also of a slave without a position
+        return value
+    return table.integer(key, 0, POSITION_MAX)
+
 
 _POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
 _DOMAIN: Rules = {
@@ -69,31 +80,40 @@ def _positions(items: Table, domains: list[DomainConfig]) -> list[int]:
 
 
 def _position_row(items: Table, key: Key) -> range:
-    """Reads an element of a list of positions: 5, "5" or "5-7"."""
+    """Reads an element of a list of slaves: 5, "5", "5-7", or a name."""
     item = items.data[key]
+    named = items.document.names.items()
     match = _POSITIONS.fullmatch(item.strip()) if isinstance(item, str) else None
-    if match:
+    if any(item in pair for pair in named):
+        first = last = slave_reference(items, key)
+    elif match:
         first, last = int(match[1]), int(match[2] or match[1])
     else:
         first = last = item if type(item) is int else -1
-    if not 0 <= first <= last <= POSITION_MAX:
+    if not 0 <= first <= last <= POSITION_MAX and first not in dict(named).values():
         items.fail(
             key,
             f"{items.show(key)} is neither a position, 0 to {POSITION_MAX}, nor a row such as "
-            '"5-7"',
+            '"5-7", nor the name of a [[slave]]',
         )
     return range(first, last + 1)
 
 
+def _reference(table: Table, key: Key) -> int:
+    value = table.data.get(key)
+    known = isinstance(value, str) or value in table.document.names.values()
+    return slave_reference(table, key) if known else table.integer(key, -1, POSITION_MAX)
+
+
 _SLAVE: Rules = {
-    "slave": POSITION,
+    "slave": slave_reference,
     "sync0_us": number(0, SYNC_MAX_US),
     "shift_us": number(-SYNC_MAX_US, SYNC_MAX_US),
     "sync1_us": number(0, SYNC_MAX_US),
 }
 _DC: Rules = {
     "enabled": Table.boolean,
-    "reference": integer(-1, POSITION_MAX),
+    "reference": _reference,
     "phase_us": number(0, 1_000_000),
     "lock_us": number(0.1, 500_000),
     "timeout_s": number(0.1, 300),

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, TypeVar
 
 from ..datatypes import DataType, encode, parse_type
 from ..pdo import parse_address
+
+POSITION_MAX = 65535
+
+_R = TypeVar("_R", "DcSlaveConfig", "SafeConfig", "SignalConfig")
 
 TRANSITIONS = ("IP", "PS", "SO")
 """Transitions of the state machine in which start-up parameters are written (ETG.1000.6): I INIT,
@@ -87,18 +92,55 @@ class StartupConfig:
         return encode(parse_type(self.type or ""), self.value or "")
 
 
+STRICT, TOLERANT = "strict", "tolerant"
+
+
 @dataclass(slots=True)
-class SlaveConfig:
-    """`[[slave]]`: what a slave is told whenever it starts or comes back.
+class ExpectedConfig:
+    """`[expected]`: what happens if the bus is not the one that the `[[slave]]` tables describe.
 
     Attributes:
-        position: Its position.
+        policy: `STRICT`: the bus does not start; `TOLERANT`: slaves without a difference run, and
+            the others take no part. A `[[slave]]` may have its own.
+        unlisted: Whether slaves behind those with a `[[slave]]` are used; else each of them is a
+            difference.
+    """
+
+    policy: str = STRICT
+    unlisted: bool = True
+
+
+@dataclass(slots=True)
+class SlaveConfig:
+    """`[[slave]]`: which slave is expected, and what it is told whenever it starts or comes back.
+
+    Attributes:
+        position: Its expected position. Where `alias` finds the slave, a number above
+            `POSITION_MAX` that stands for the slave until the bus is known.
+        name: Its name in this machine; other tables and requests may use it. Empty for none.
+        type: Its order code, for messages.
+        vendor: Expected vendor ID; None: any slave may stand there.
+        product: Expected product code; goes with `vendor`.
+        revision: The only revision number that is accepted; None for any.
+        revision_min: The lowest revision number that is accepted.
+        serial: The only serial number that is accepted; None for any.
+        alias: Station alias that finds the slave wherever it stands.
+        policy: `STRICT` or `TOLERANT`, in place of that of `[expected]`; None for that one.
         pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
         startup: Start-up parameters in the order in which they are written.
     """
 
     position: int
+    name: str = ""
+    type: str = ""
+    vendor: int | None = None
+    product: int | None = None
+    revision: int | None = None
+    revision_min: int | None = None
+    serial: int | None = None
+    alias: int | None = None
+    policy: str | None = None
     pdos: list[int] | None = None
     pdo: list[PdoConfig] = field(default_factory=list)
     startup: list[StartupConfig] = field(default_factory=list)
@@ -349,7 +391,8 @@ class Config:
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
         state_timeout_s: Time in which the slaves must reach a state, in seconds.
         profiles: Folders with device profiles; these win over those of machine and user, and ours.
-        slave: What slaves are told when they start or come back.
+        expected: What happens if the bus is not the expected one.
+        slave: Which slaves are expected, and what they are told when they start or come back.
         domain: Domains, 0 first; if there are none, domain 0 has all slaves.
         dc: Distributed clocks.
         mailbox: Share of mailbox and register traffic.
@@ -366,6 +409,7 @@ class Config:
     cycle_time_us: int = 1000
     state_timeout_s: float = 10.0
     profiles: list[str] = field(default_factory=list)
+    expected: ExpectedConfig = field(default_factory=ExpectedConfig)
     slave: list[SlaveConfig] = field(default_factory=list)
     domain: list[DomainConfig] = field(default_factory=list)
     dc: DcConfig = field(default_factory=DcConfig)
@@ -402,6 +446,53 @@ class Config:
     def shift_us(self, slave: DcSlaveConfig) -> float:
         """Time from the start of the reference clock's cycle to SYNC0 of a slave, in µs."""
         return self.cycle_time_us / 2 if slave.shift_us is None else slave.shift_us
+
+    @property
+    def positions(self) -> Iterator[int]:
+        """All positions that the configuration names, also repeatedly."""
+        for slave in self.slave:
+            yield slave.position
+        for domain in self.domain:
+            yield from domain.slaves
+        yield from (rule.slave for rule in self.dc.slave)
+        yield from (rule.slave for rule in self.outputs.safe)
+        yield from (rule.slave for rule in self.signal)
+        if self.dc.reference >= 0:
+            yield self.dc.reference
+
+    def moved(self, places: Mapping[int, int]) -> Config:
+        """The configuration with other positions.
+
+        Args:
+            places: The new position for each of `positions`. What is about a position that is not
+                in it is left out.
+        """
+
+        def there(rules: list[_R]) -> list[_R]:
+            return [
+                replace(rule, slave=places[rule.slave]) for rule in rules if rule.slave in places
+            ]
+
+        def used(domain: DomainConfig) -> bool:  # one that loses all its slaves has no use
+            return not domain.slaves or any(position in places for position in domain.slaves)
+
+        reference = places.get(self.dc.reference, -1)
+        return replace(
+            self,
+            slave=[
+                replace(slave, position=places[slave.position])
+                for slave in self.slave
+                if slave.position in places
+            ],
+            domain=[
+                replace(domain, slaves=[places[n] for n in domain.slaves if n in places])
+                for number, domain in enumerate(self.domain)
+                if used(domain) or number == 0
+            ],
+            dc=replace(self.dc, reference=reference, slave=there(self.dc.slave)),
+            outputs=replace(self.outputs, safe=there(self.outputs.safe)),
+            signal=there(self.signal),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The configuration as maps, from which `read_config` makes it again."""

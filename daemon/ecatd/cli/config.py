@@ -1,0 +1,252 @@
+"""Command `config`: writes, checks, compares and shows the configuration of a bus."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.config import Config, load_config
+from ecatd.model.config.origins import DEFAULT, flatten
+from ecatd.model.config.writer import value_text, write_config
+from ecatd.model.errors import StateError, UsageError
+from ecatd.model.expected_bus import Difference, compare
+from ecatd.version import VERSION
+
+from .bus_source import add_options, get_bus
+from .output import print_json, print_table
+from .scan import save
+
+_DIFFERENT = 1
+
+_ACTIONS = """\
+actions:
+  init         write a commented configuration that expects the slaves of the bus as they are
+  check FILE   compare the slaves that a file expects with those of the bus
+  diff FILE    compare a file with the configuration that the daemon uses
+  show         print all that the daemon uses, and where it comes from
+
+exit status:
+  0 done, or no difference   1 diff: there are differences   7 check: there are differences
+"""
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.epilog = _ACTIONS
+    command.formatter_class = argparse.RawDescriptionHelpFormatter
+    command.set_defaults(alone=config)
+    command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
+    command.add_argument("file", nargs="?", type=Path, metavar="FILE", help="a configuration")
+    command.add_argument(
+        "-o", dest="out", metavar="FILE", type=Path, help="init: write it to this file"
+    )
+    command.add_argument("--force", action="store_true", help="init: overwrite the file")
+    add_options(command)
+
+
+def config(options: argparse.Namespace) -> int:
+    """Carries out one action; returns the exit status."""
+    needs_file = options.action in ("check", "diff")
+    if needs_file and options.file is None:
+        raise UsageError(f"config {options.action} needs a FILE: the configuration to compare")
+    if options.file is not None and not needs_file:
+        what = "; write it with -o FILE" if options.action == "init" else ""
+        raise UsageError(f"config {options.action} takes no FILE{what}")
+    if options.action != "init" and (options.out is not None or options.force):
+        raise UsageError("-o and --force go with config init")
+    if options.action in ("diff", "show") and options.sources:
+        raise UsageError(f"config {options.action} asks the daemon: leave --from out")
+    return _RUN[options.action](options)
+
+
+def _remote(options: argparse.Namespace) -> tuple[Bus, Config, dict[str, str]]:
+    """The bus of a daemon, its configuration, and where that comes from."""
+    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
+    with Remote(options.bus, options.connect, options.timeout) as remote:
+        return remote.describe(), *remote.configuration()
+
+
+# --- init ----------------------------------------------------------------------------------------
+
+
+def _init(options: argparse.Namespace) -> int:
+    if options.sources:
+        bus = get_bus(options)
+        known = load_config(options.config) if options.config else Config(bus=bus.name)
+        known.cycle_time_us = bus.cycle_time_us
+    else:
+        bus, known, _ = _remote(options)
+    text = write_config(known.moved(compare(known, bus.slaves).places), bus, VERSION)
+    if options.out is None:
+        sys.stdout.write(text)
+        return 0
+    if options.out.exists() and not options.force:
+        raise StateError(
+            f"{options.out} exists: --force overwrites it; `ecatctl config diff {options.out}` "
+            "compares it with what the daemon uses"
+        )
+    save(options.out, text)
+    if options.json:
+        print_json({"bus": bus.name, "file": str(options.out), "slaves": len(bus.slaves)})
+        return 0
+    count = len(bus.slaves)
+    print(
+        f"{options.out}: bus {bus.name}, {count} slave{'s' * (count != 1)}; give them names, then "
+        f"`ecatd --config {options.out}`"
+    )
+    return 0
+
+
+# --- check ---------------------------------------------------------------------------------------
+
+
+def _check(options: argparse.Namespace) -> int:
+    wanted = load_config(options.file)
+    bus = get_bus(options)
+    found = compare(wanted, bus.slaves)
+    differences = found.differences + _other_pdos(wanted.moved(found.places), bus)
+    if options.json:
+        rows = [
+            {
+                "kind": item.kind,
+                "expected": list(item.expected),
+                "found": list(item.found),
+                "text": item.text,
+                "strict": item.strict,
+            }
+            for item in differences
+        ]
+        print_json({"bus": bus.name, "file": str(options.file), "differences": rows})
+    elif differences:
+        for item in differences:
+            print(f"{item.kind}: {item.text}")
+    else:
+        count = len(bus.slaves)
+        with_identity = sum(slave.product is not None for slave in wanted.slave)
+        print(
+            f"bus {bus.name} with {count} slave{'s' * (count != 1)} is as {options.file} expects; "
+            f"it expects {with_identity or 'none'} by identity"
+        )
+    return StateError.exit_code if differences else 0
+
+
+def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
+    """Slaves that exchange other PDOs than the configuration assigns."""
+    differences = []
+    for settings in wanted.slave:
+        if settings.pdos is None or settings.position >= len(bus.slaves):
+            continue
+        slave = bus.slaves[settings.position]
+        pdos = [pdo.index for pdo in (*slave.outputs, *slave.inputs)]
+        if sorted(pdos) != sorted(settings.pdos):
+            text = (
+                f"{slave.label} exchanges the PDOs {_indices(pdos)}, not "
+                f"{_indices(settings.pdos)}: restart ecatd with this file, or correct its pdos"
+            )
+            place = (settings.position,)
+            differences.append(Difference("other PDOs", place, place, text, strict=False))
+    return differences
+
+
+def _indices(indices: list[int]) -> str:
+    return ", ".join(f"0x{index:04X}" for index in indices) or "none"
+
+
+# --- diff and show -------------------------------------------------------------------------------
+
+
+def _diff(options: argparse.Namespace) -> int:
+    wanted = flatten(load_config(options.file).to_dict())
+    bus, used, _ = _remote(options)
+    now = flatten(used.to_dict())
+    keys = [key for key in {**now, **wanted} if now.get(key) != wanted.get(key)]
+    if options.json:
+        rows = [{"key": key, "used": now.get(key), "file": wanted.get(key)} for key in keys]
+        print_json({"bus": bus.name, "file": str(options.file), "differences": rows})
+    elif keys:
+        print_table(
+            ("KEY", "IN USE", "FILE"),
+            ((key, _shown(key, now.get(key)), _shown(key, wanted.get(key))) for key in keys),
+            "",
+        )
+        print(f"restart ecatd with {options.file} to use it")
+    else:
+        print(f"bus {bus.name} uses what is in {options.file}")
+    return _DIFFERENT if keys else 0
+
+
+def _show(options: argparse.Namespace) -> int:
+    bus, used, origins = _remote(options)
+    values = flatten(used.to_dict())
+    signals = list(_signals(bus, used))
+    if options.json:
+        keys = [
+            {"key": key, "value": value, "origin": origins.get(key, DEFAULT)}
+            for key, value in values.items()
+        ]
+        print_json({"bus": bus.name, "keys": keys, "signals": signals})
+        return 0
+    print_table(
+        ("KEY", "VALUE", "ORIGIN"),
+        ((key, _shown(key, value), origins.get(key, DEFAULT)) for key, value in values.items()),
+        "",
+    )
+    if signals:
+        print()
+        print_table(
+            ("SIGNAL", "NAME", "UNIT", "SCALE", "OFFSET", "ORIGIN"),
+            (
+                (
+                    f"{row['slave']}/{row['entry']}",
+                    row["name"],
+                    row["unit"],
+                    f"{row['scale']:g}",
+                    f"{row['offset']:g}",
+                    row["origin"],
+                )
+                for row in signals
+            ),
+            "   >>",
+        )
+    return 0
+
+
+def _signals(bus: Bus, used: Config) -> list[dict[str, Any]]:
+    """Entries that are no raw numbers, and where their meaning comes from."""
+    places = compare(used, bus.slaves).places
+    told = {(places.get(rule.slave), rule.address) for rule in used.signal}
+    rows = []
+    for slave in bus.slaves:
+        for outputs in (True, False):
+            for _, entry, _ in slave.entries(outputs=outputs):
+                configured = (slave.position, (entry.index, entry.subindex)) in told
+                if not (entry.is_physical or configured):
+                    continue
+                rows.append(
+                    {
+                        "slave": slave.position,
+                        "entry": entry.address,
+                        "name": entry.name,
+                        "unit": entry.unit,
+                        "scale": entry.scale,
+                        "offset": entry.offset,
+                        "origin": "[[signal]]" if configured else _profiles(slave),
+                    }
+                )
+    return rows
+
+
+def _profiles(slave: Slave) -> str:
+    """The profiles that give the entries of a slave their meanings, without their sources."""
+    return ", ".join(f"profile '{profile.partition(': ')[0]}'" for profile in slave.profiles)
+
+
+def _shown(key: str, value: Any) -> str:
+    return "(not set)" if value is None else value_text(key.rpartition(".")[2], value)
+
+
+_RUN = {"init": _init, "check": _check, "diff": _diff, "show": _show}

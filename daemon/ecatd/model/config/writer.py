@@ -1,0 +1,203 @@
+"""Writes a commented configuration file of a bus as it is."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import MISSING, fields, replace
+from textwrap import wrap
+from typing import Any
+
+from ..bus import Bus, Slave
+from ..pdo import Entry
+from .signals import NAME_BYTES
+from .slave_settings import INPUT_PDOS, OUTPUT_PDOS
+from .tables import Config, ExpectedConfig, SlaveConfig
+
+_WIDTH = 100
+_HEX32 = ("vendor", "product", "revision", "revision_min")
+_HEX16 = ("index", "pdos")
+_NAME_BYTES = 31
+_TABLES = ("dc", "mailbox", "recovery", "realtime", "outputs", "gateway")
+
+
+def write_config(config: Config, bus: Bus, version: str) -> str:
+    """Makes a configuration that expects the slaves of a bus as they are.
+
+    What is configured stays as it is. Keys with default values are written as comments.
+
+    Args:
+        config: What is configured already; it is about the slaves where they are on this bus.
+        bus: The bus.
+        version: Version of the program, for the first line.
+
+    Returns:
+        A file in TOML.
+    """
+    names = dict(zip((s.position for s in bus.slaves), _names(bus.slaves), strict=True))
+    expected = replace(ExpectedConfig(), unlisted=False)
+    lines = [
+        f"# Configuration of bus '{bus.name}' with its slaves, written by ecatctl {version}.",
+        f"# Install it as /etc/ecatd/{bus.name}.toml. docs/configuration.md describes every key.",
+        "",
+        *_scalars(config, always=("bus", "cycle_time_us")),
+    ]
+    lines += ['# interface = "eth1"  # with the slaves'] * (not config.interface)
+    lines += ["", "[expected]", *_scalars(expected, always=("policy", "unlisted"))]
+    for slave in bus.slaves:
+        settings = config.settings_of(slave.position)
+        lines += ["", *_about(slave), *_slave(slave, settings, names[slave.position])]
+    for domain in config.domain:
+        row = replace(domain, slaves=[])
+        slaves = ", ".join(value_text("", names.get(n, n)) for n in domain.slaves)
+        lines += ["", "[[domain]]", *_scalars(row, without=("slaves",)), f"slaves = [{slaves}]"]
+    for name in _TABLES:
+        lines += ["", f"[{name}]", *_table(config, name, names)]
+    for signal in config.signal:
+        lines += ["", "[[signal]]", *_rule(signal, names)]
+    return "\n".join(lines) + "\n"
+
+
+def _names(slaves: list[Slave]) -> Iterator[str]:
+    """A unique name for each slave: its own, or one made of its order code."""
+    taken = {slave.given_name for slave in slaves}
+    for slave in slaves:
+        if slave.given_name:
+            yield slave.given_name
+            continue
+        stem = re.sub(r"[^\w-]", "_", slave.name)
+        stem = stem if re.match(r"[^\W\d]", stem) else f"slave_{stem}".rstrip("_")
+        name, number = _cut(stem, ""), 1
+        while name in taken:
+            number += 1
+            name = _cut(stem, f"_{number}")
+        taken.add(name)
+        yield name
+
+
+def _cut(stem: str, end: str) -> str:
+    return stem.encode()[: _NAME_BYTES - len(end)].decode("utf-8", "ignore") + end
+
+
+def _about(slave: Slave) -> Iterator[str]:
+    """What is known of a slave, as comments."""
+    parts = [f"revision 0x{slave.revision:08X}"]
+    parts += [f"serial number {slave.serial}"] if slave.serial else []
+    parts += [f"station alias {slave.alias}"] if slave.alias else []
+    name = slave.name or "no order code"
+    yield f"# --- slave {slave.position}: {_plain(name)} ({', '.join(parts)})"
+    for title, pdos in (("outputs", slave.outputs), ("inputs", slave.inputs)):
+        for pdo in pdos:
+            entries = [_entry(entry) for entry in pdo.entries if not entry.is_gap]
+            text = f"{title}, PDO 0x{pdo.index:04X} {_plain(pdo.name)}".rstrip()
+            text = f"{text}: {'; '.join(entries) or 'no entries'}"
+            yield from wrap(
+                text,
+                _WIDTH,
+                initial_indent="# ",
+                subsequent_indent="#   ",
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+
+
+def _entry(entry: Entry) -> str:
+    unit = f" in {_plain(entry.unit)}" if entry.unit else ""
+    return f"{entry.address} {_plain(entry.name)}".rstrip() + unit
+
+
+def _slave(slave: Slave, settings: SlaveConfig, name: str) -> Iterator[str]:
+    by_alias = settings.alias is not None
+    identity = replace(
+        settings,
+        name=name,
+        type=_plain(slave.name).encode()[:NAME_BYTES].decode("utf-8", "ignore"),
+        vendor=slave.vendor,
+        product=slave.product,
+        revision_min=slave.revision if settings.revision is None else None,
+        pdos=settings.pdos,
+    )
+    yield "[[slave]]"
+    skip = (*(("position",) if by_alias else ()), "pdo", "startup", "pdos")
+    yield from _scalars(identity, always=("position",), without=skip, comments=False)
+    if slave.serial and settings.serial is None:
+        yield f"# serial = {slave.serial}"
+    pdos = settings.pdos
+    assigned = [pdo.index for pdo in (*slave.outputs, *slave.inputs)]
+    usual = len(set(assigned)) == len(assigned) and {*assigned} <= {*OUTPUT_PDOS, *INPUT_PDOS}
+    if pdos is None and slave.coe and assigned and usual:
+        pdos = assigned
+    if pdos is not None:
+        yield f"pdos = {value_text('pdos', pdos)}"
+    for pdo in settings.pdo:
+        yield from ("", "[[slave.pdo]]", f"index = {value_text('index', pdo.index)}", "entries = [")
+        for entry in pdo.entries:
+            address = f'object = "{entry.object}", ' if entry.object else ""
+            yield f"  {{ {address}bits = {entry.bits} }},"
+        yield "]"
+    for parameter in settings.startup:
+        yield from ("", "[[slave.startup]]")
+        yield from _scalars(parameter, always=("object",), comments=False)
+
+
+def _table(config: Config, name: str, names: dict[int, str]) -> Iterator[str]:
+    table = getattr(config, name)
+    yield from _scalars(table, without=("reference",))
+    if name == "dc" and table.reference >= 0:
+        yield f"reference = {value_text('', names.get(table.reference, table.reference))}"
+    for key in ("slave", "safe"):
+        for rule in getattr(table, key, ()):
+            yield from ("", f"[[{name}.{key}]]", *_rule(rule, names))
+
+
+def _rule(rule: Any, names: dict[int, str]) -> Iterator[str]:
+    """A table about one slave, which it names."""
+    yield f"slave = {value_text('', names.get(rule.slave, rule.slave))}"
+    yield from _scalars(rule, always=("value", "entry"), without=("slave",), comments=False)
+
+
+def _scalars(
+    table: Any,
+    *,
+    always: Collection[str] = (),
+    without: Collection[str] = (),
+    comments: bool = True,
+) -> Iterator[str]:
+    """The keys of a table that hold no tables; those with default values as comments."""
+    for field in fields(table):
+        value = getattr(table, field.name)
+        default = field.default
+        if field.default_factory is not MISSING:
+            default = field.default_factory()
+        tables = isinstance(value, list) and any(not isinstance(v, str | int) for v in value)
+        simple = isinstance(value, str | int | float | dict | list)
+        if field.name in without or tables or not simple or value in ("", {}):
+            continue
+        line = f"{field.name} = {value_text(field.name, value)}"
+        if value != default or field.name in always:
+            yield line
+        elif comments and field.name not in ("slave", "domain", "signal", "safe"):
+            yield f"# {line}"
+
+
+def value_text(key: str, value: Any) -> str:
+    """The value of a key as it is written in TOML: numbers of devices and PDOs in hexadecimal."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int):
+        digits = 8 if key in _HEX32 else 4 if key in _HEX16 else 0
+        return f"0x{value:0{digits}X}" if digits else str(value)
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, list):
+        return f"[{', '.join(value_text(key, item) for item in value)}]"
+    if isinstance(value, dict):
+        items = (f"{json.dumps(k)} = {value_text('', v)}" for k, v in value.items())
+        return f"{{ {', '.join(items)} }}"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _plain(text: str) -> str:
+    """A text from a slave on one line of a comment."""
+    return "".join(character if character.isprintable() else "?" for character in text)

@@ -1,0 +1,193 @@
+"""A bus that the configuration expects: names, differences, and what happens with them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, names, one_line_error, wait_for
+from ecatd.model.errors import StateError
+from ecatsim.control import Simulator
+
+pytestmark = pytest.mark.bus
+
+COUPLER = "vendor = 0x2\nproduct = 0x044c2c52\n"
+OUTPUTS = "vendor = 0x2\nproduct = 0x07d83052\n"  # EL2008
+INPUTS = "vendor = 0x2\nproduct = 0x03f03052\n"  # EL1008
+ANALOG = "vendor = 0x2\nproduct = 0x0bc03052\n"  # EL3008
+CONFIG = f"""
+[gateway]
+listen = []
+[expected]
+unlisted = false
+policy = "POLICY"
+[[slave]]
+position = 0
+type = "EK1100"
+{COUPLER}
+[[slave]]
+position = 1
+name = "infeed"
+type = "EL2008"
+{OUTPUTS}
+revision = 0x00100000
+[[slave]]
+position = 2
+type = "EL1008"
+{INPUTS}
+[[slave]]
+position = 3
+name = "pressures"
+{ANALOG}
+[[outputs.safe]]
+slave = "infeed"
+value = "hold"
+[[signal]]
+slave = "pressures"
+entry = "0x6000:11"
+name = "supply"
+unit = "bar"
+scale = 0.01
+[[domain]]
+slaves = []
+[[domain]]
+name = "slow"
+divider = 2
+slaves = ["pressures"]
+"""
+AS_EXPECTED = ["EK1100", "EL2008", "EL1008", "EL3008"]
+
+Start = Callable[..., Daemon]
+
+
+@pytest.fixture
+def start(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Start:
+    """Starts a daemon with a configuration on slaves of these kinds."""
+
+    def start(
+        kinds: list[str],
+        policy: str = "strict",
+        config: str = CONFIG,
+        ready: bool = True,
+        **more: str,
+    ) -> Daemon:
+        rig = tmp_path / "rig.toml"
+        rows = [
+            f'[[slave]]\ndevice = "{kind}"\n{more.get(f"n{n}", "")}\n'
+            for n, kind in enumerate(kinds)
+        ]
+        rig.write_text('name = "machine"\n' + "".join(rows))
+        return start_daemon(str(rig), config=config.replace("POLICY", policy), ready=ready)
+
+    return start
+
+
+def test_slaves_have_names(start: Start) -> None:
+    daemon = start(AS_EXPECTED)
+    assert "not as expected" not in daemon.log
+    rows = daemon.slave_rows("slaves")
+    assert [row["given_name"] for row in rows] == ["", "infeed", "", "pressures"]
+    assert [row["domain_name"] for row in rows] == ["", "", "", "slow"]
+    shown = daemon.ctl("slaves").stdout
+    names(shown, "infeed (EL2008)", "pressures (EL3008)", "EK1100")
+    names(daemon.ctl("state", "-p", "pressures").stdout, "pressures (EL3008)", "OP")
+    assert "EK1100" not in daemon.ctl("state", "-p", "pressures").stdout
+    names(daemon.ctl("pdos", "-p", "EL1008").stdout, "EL1008", "TxPDO")
+    names(daemon.ctl("shm", "-p", "infeed").stdout, "infeed")
+    assert json.loads(daemon.ctl("sdo-read", "pressures", "0x1018", "1", "--json").stdout)["value"]
+    daemon.ctl("state", "PREOP", "-p", "infeed")
+    states = [row["text"] for row in daemon.slave_rows("state")]
+    assert states == ["OP", "PREOP", "OP", "OP"]
+    refused = daemon.ctl("sdo-read", "pressure", "0x1018", "1", check=False)
+    assert refused.returncode == 7
+    names(one_line_error(refused.stderr, "ecatctl"), "'pressure'", "4", "`ecatctl slaves`")
+    with daemon.client() as client:
+        supply = client.signal("pressures/supply")
+        assert (supply.slave, supply.unit) == (3, "bar")
+        assert client.signal("infeed/0x7000:01").slave == 1
+
+
+def test_a_wrong_bus_does_not_start(start: Start) -> None:
+    daemon = start(["EK1100", "EL2004", "EL2008", "EL3008"], ready=False)
+    status, log = daemon.wait_end()
+    assert status == 7
+    lines = [line for line in log.splitlines() if "bus not as expected" in line]
+    names(lines[0], "error", "slave 1 (EL2004)", "extra")
+    names(lines[1], "error", "EL1008", "missing", "slave 2", "behind slave 1 (infeed)")
+    assert len(lines) == 2
+    names(one_line_error(log, "ecatd"), "2 differences", "slave 1 (EL2004)", "[expected]")
+    assert "not started" in daemon.status
+    names(daemon.status, "2 differences", "slave 1 (EL2004)")
+
+
+def test_a_tolerant_daemon_runs_the_others_with_their_own_tables(start: Start) -> None:
+    daemon = start(["EK1100", "EL2004", "EL2008", "EL1008", "EL3008"], "tolerant")
+    rows = daemon.slave_rows("slaves")
+    assert [row["state"] for row in rows] == ["OP", "PREOP", "OP", "OP", "OP"]
+    assert rows[1]["recovery"] == "unexpected"
+    names(rows[1]["recovery_text"], "slave 1 (EL2004)", "takes no part")
+    assert [row["given_name"] for row in rows] == ["", "", "infeed", "", "pressures"]
+    (warning,) = [line for line in daemon.log.splitlines() if "not as expected" in line]
+    names(warning, "warning", "slave 1 (EL2004)", "extra")
+    names(daemon.log, "1 difference")
+    names(daemon.status, "OP", "1 difference")
+    with daemon.client() as client:
+        assert client.signal("pressures/supply").slave == 4
+        output = client.signal("infeed/0x7000:01")
+        assert output.slave == 2
+        assert not client.signals(1)
+        client.claim([output], lease=30)
+        output.raw = 1
+        client.commit()
+        client.wait(20)
+    segment = Simulator(str(daemon.child_pid("ecatsim")))
+    with daemon.client() as client, segment as simulator:
+        output = client.signal("infeed/0x7000:01")
+
+        def without_owner() -> bool:
+            client.wait()
+            client.sample()
+            return client.output(output).owner is None
+
+        wait_for(without_owner, daemon)
+        client.wait(5)
+        assert simulator.registers(2, 0x0F00, 1)[0] == 1  # to hold it is its safe value
+
+
+def test_a_slave_with_another_revision_takes_no_part(start: Start) -> None:
+    daemon = start(AS_EXPECTED, "tolerant", CONFIG.replace("0x00100000", "0x00110000"))
+    rows = daemon.slave_rows("slaves")
+    assert [row["recovery"] for row in rows] == ["", "unexpected", "", ""]
+    names(rows[1]["recovery_text"], "0x00100000", "0x00110000")
+    with daemon.client() as client, pytest.raises(StateError):
+        client.signal("infeed/0x7000:01")
+
+
+def test_a_missing_slave_is_tolerated(start: Start) -> None:
+    daemon = start(["EK1100", "EL2008", "EL1008"], "tolerant")
+    assert {row["state"] for row in daemon.slave_rows("slaves")} == {"OP"}
+    names(daemon.log, "pressures", "missing", "slave 3", "behind slave 2 (EL1008)")
+
+
+def test_an_alias_finds_a_slave(start: Start) -> None:
+    config = """
+[gateway]
+listen = []
+[[slave]]
+alias = 300
+name = "spindle"
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 4711
+"""
+    for kinds, place in ((["EK1100", "CiA402", "CiA402"], 2), (["CiA402", "EK1100"], 0)):
+        daemon = start(kinds, "", config, **{f"n{place}": "alias = 300"})
+        assert daemon.slave_rows("slaves")[place]["given_name"] == "spindle"
+        assert daemon.ctl_json("sdo-read", "spindle", "0x6065")["value"] == 4711
+        assert daemon.stop() == 0
+    daemon = start(["EK1100", "CiA402"], "", config, ready=False)
+    status, log = daemon.wait_end()
+    assert status == 7
+    names(log, "spindle", "missing", "station alias 300")

@@ -1,0 +1,156 @@
+"""`ecatctl config`: the configuration that the bus as it is would have, and what is in force."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, names, one_line_error, run_module
+from ecatd.model.config import load_config
+
+pytestmark = pytest.mark.bus
+
+KNOWN = """
+cycle_time_us = 2000
+[gateway]
+listen = []
+[[slave]]
+position = 2
+name = "axis"
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 1234
+comment = "following error"
+[[slave.pdo]]
+index = "0x1A00"
+entries = [{ object = "0x6041:00", bits = 16 }, { object = "0x6064:00", bits = 32 }, { bits = 16 }]
+[[outputs.safe]]
+slave = "axis"
+value = "quick_stop"
+[[domain]]
+slaves = []
+[[domain]]
+name = "slow"
+divider = 4
+slaves = [1]
+[[dc.slave]]
+slave = "axis"
+[[signal]]
+slave = 1
+entry = "0x6000:01"
+name = "stop"
+values = { 0 = "pressed" }
+"""
+
+
+@pytest.fixture
+def machine(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> Callable[[list[str], str], Daemon]:
+    def start(kinds: list[str], config: str) -> Daemon:
+        rig = tmp_path / "rig.toml"
+        rig.write_text('name = "m"\n' + "".join(f'[[slave]]\ndevice = "{k}"\n' for k in kinds))
+        return start_daemon(str(rig), config=config)
+
+    return start
+
+
+def test_from_an_unknown_bus_to_a_checked_configuration(
+    machine: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    kinds = ["EK1100", "EL1008", "CiA402", "EL3008", "EL3008"]
+    daemon = machine(kinds, KNOWN)
+    file = tmp_path / "machine.toml"
+    names(daemon.ctl("config", "init", "-o", str(file)).stdout, str(file), "5 slaves")
+    again = daemon.ctl("config", "init", "-o", str(file), check=False)
+    assert again.returncode == 7
+    names(one_line_error(again.stderr, "ecatctl"), str(file), "--force")
+    text = file.read_text()
+    names(text, "0x6041:00", "slave 2: CiA402", "slave 3: EL3008", "0x6000:11")
+    written = load_config(file)
+    assert [slave.name for slave in written.slave] == [
+        "EK1100",
+        "EL1008",
+        "axis",
+        "EL3008",
+        "EL3008_2",
+    ]
+    assert not written.expected.unlisted
+    assert written.outputs.safe[0].slave == 2
+    known = load_config(daemon.config_file)
+    assert (written.domain, written.dc, written.signal) == (known.domain, known.dc, known.signal)
+    assert written.slave[2].startup == known.slave[0].startup
+    assert written.slave[2].pdo == known.slave[0].pdo
+    names(daemon.ctl("config", "check", str(file)).stdout, "5 slaves", str(file))
+    changed = daemon.ctl("config", "diff", str(file), check=False)
+    assert changed.returncode == 1
+    names(changed.stdout, "expected.unlisted", "slave[4].name", '"EL3008_2"', "0x0BC03052")
+    assert "cycle_time_us" not in changed.stdout
+    assert daemon.stop() == 0
+    first = daemon.bus
+
+    daemon = machine(kinds, text)
+    assert "not as expected" not in daemon.log
+    assert (
+        daemon.ctl("config", "init").stdout.partition("\n")[2]
+        == (text.replace(first, daemon.bus).partition("\n")[2])
+    )
+    only = daemon.ctl("config", "diff", str(daemon.config_file), check=False)
+    assert [line.split()[0] for line in only.stdout.splitlines()] == ["KEY", "bus", "restart"]
+
+
+def test_a_file_is_checked_against_the_bus(machine: Callable[..., Daemon], tmp_path: Path) -> None:
+    daemon = machine(["EK1100", "EL1008", "CiA402"], "[gateway]\nlisten = []\n")
+    file, scan = tmp_path / "other.toml", tmp_path / "scan.json"
+    daemon.ctl("config", "init", "-o", str(file))
+    text = file.read_text()
+    file.write_text(
+        text.replace("0x03F03052", "0x03F13052").replace("pdos = [0x1600", "pdos = [0x1601")
+    )
+    daemon.ctl("scan", "-o", str(scan))
+    for source in ([], ["--from", str(scan)]):
+        found = daemon.ctl("config", "check", str(file), *source, check=False)
+        assert found.returncode == 7
+        device, pdos = found.stdout.splitlines()
+        names(device, "other device", "slave 1 (EL1008)", "0x03F13052", "0x03F03052")
+        names(pdos, "other PDOs", "slave 2", "CiA402", "0x1600", "0x1601")
+    offline = daemon.ctl("config", "init", "--from", str(scan)).stdout
+    assert offline.partition("[dc]")[0] == text.partition("[dc]")[0]
+
+
+def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon]) -> None:
+    daemon = machine(["EK1100", "EL1008", "CiA402", "EL3008"], KNOWN)
+    lines = daemon.ctl("config", "show").stdout.splitlines()
+    rows = {line.split()[0]: line for line in lines if line}
+    names(rows["bus"], f'"{daemon.bus}"', "command line")
+    names(rows["cycle_time_us"], "2000", "ecat.toml:2")
+    names(rows["recovery.retry_s"], "10.0", "default")
+    names(rows["slave[0].pdo[0].index"], "0x1A00", "ecat.toml:14")
+    names(rows["1/0x6000:01"], "stop", "[[signal]]")
+    names(rows["3/0x6000:11"], "V", "profile")
+    document = daemon.ctl_json("config", "show")
+    keys = {row["key"]: row for row in document["keys"]}
+    assert keys["cycle_time_us"] == {
+        "key": "cycle_time_us",
+        "value": 2000,
+        "origin": "ecat.toml:2",
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "tokens"),
+    [
+        ("check", "FILE"),
+        ("diff", "FILE"),
+        ("init x.toml", "-o FILE"),
+        ("show x.toml", "no FILE"),
+        ("show -o x.toml", "config init"),
+        ("diff x.toml --from troll", "--from"),
+        ("check missing.toml --from troll", "missing.toml"),
+    ],
+)
+def test_wrong_usage_says_what_to_do(arguments: str, tokens: str) -> None:
+    result = run_module("ecatd.cli", "config", *arguments.split())
+    assert result.returncode == 2
+    names(one_line_error(result.stderr, "ecatctl"), tokens)
