@@ -58,6 +58,9 @@ slaves = ["pressures"]
 """
 AS_EXPECTED = ["EK1100", "EL2008", "EL1008", "EL3008"]
 
+REGISTERS = (0x0400, 0x0410, 0x0420, 0x0814)
+"""Divider, times of both watchdogs, and the control of sync manager 2."""
+
 Start = Callable[..., Daemon]
 
 
@@ -191,3 +194,56 @@ value = 4711
     status, log = daemon.wait_end()
     assert status == 7
     names(log, "spindle", "missing", "station alias 300")
+
+
+WATCHDOGS = """
+[gateway]
+listen = []
+[[slave]]
+position = 1
+watchdog_ms = 250.5
+pdi_watchdog_ms = 30
+[[slave]]
+position = 2
+vendor = 2
+product = 0x0fa43052
+watchdog_ms = WATCHDOG
+"""
+
+
+def test_watchdogs_are_set_and_checked(start: Start) -> None:
+    kinds = ["EK1100", "EL2008", "EL4004"]
+    daemon = start(kinds, "", WATCHDOGS.replace("WATCHDOG", "40"))
+    rows = daemon.slave_rows("slaves")
+    assert [row["watchdog_ms"] for row in rows] == [None, 250.5, 40]
+    segment = Simulator(str(daemon.child_pid("ecatsim")))
+
+    def registers() -> list[list[int]]:
+        return [
+            [int.from_bytes(simulator.registers(slave, at, 2), "little") for at in REGISTERS]
+            for slave in (1, 2)
+        ]
+
+    with segment as simulator:
+        assert [row[:3] for row in registers()] == [[2498, 300, 2505], [2498, 1000, 400]]
+        assert registers()[1][3] & 0x40, "its EEPROM leaves the watchdog off"
+        simulator.faults.power_off(2)
+        wait_for(lambda: "slave 2 (EL4004)" in daemon.log, daemon)
+        simulator.faults.power_on(2)
+        wait_for(lambda: "slave 2 (EL4004): back in OP" in daemon.log, daemon)
+        assert registers()[1][:3] == [2498, 1000, 400]
+        assert registers()[1][3] & 0x40
+
+
+def test_outputs_without_a_watchdog_are_a_decision(start: Start) -> None:
+    kinds = ["EK1100", "EL2008", "EL4004"]
+    daemon = start(kinds, "", WATCHDOGS.replace("WATCHDOG", "0"))
+    assert "watchdog is off" not in daemon.log
+    assert daemon.stop() == 0
+    undecided = WATCHDOGS.replace("watchdog_ms = WATCHDOG", "")
+    status, log = start(kinds, "", undecided, ready=False).wait_end()
+    assert status == 7
+    names(one_line_error(log, "ecatd"), "slave 2 (EL4004)", "watchdog_ms = 100", "watchdog_ms = 0")
+    daemon = start(kinds, "", "[gateway]\nlisten = []\n")
+    names(daemon.log, "warning", "slave 2 (EL4004)", "watchdog_ms = 0")
+    names(daemon.ctl("config", "init").stdout, "watchdog_ms = 0")

@@ -65,6 +65,7 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
         "parent": os.getpid(),
         "log_level": "info",
         "config": {"bus": daemon.bus, "gateway": {"listen": []}},
+        "origins": {},
         "runtime_dir": str(mine),
     }
     nobody, gone = os.pipe()

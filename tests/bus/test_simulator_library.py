@@ -42,7 +42,7 @@ def master_all_in_op():
     slaves["EL4004"].output = struct.pack("<4h", 32767, 0, 0, 0)
     slaves["EL4008"].output = struct.pack("<8h", *[0] * 7, 16384)
     slaves["DigitalIO"].output = b"\x80"
-    end = time.monotonic() + 10
+    end = time.monotonic() + 120
     while time.monotonic() < end:
         cycle(master)
         values = {
@@ -83,7 +83,7 @@ def master_branches():
     slaves = master.slaves
     slaves[5].output = b"\x0a"
     slaves[8].output = struct.pack("<4h", 16384, 0, 0, 0)
-    end = time.monotonic() + 10
+    end = time.monotonic() + 120
     while time.monotonic() < end:
         cycle(master)
         values = [slaves[6].input[0], struct.unpack_from("<h", slaves[9].input, 2)[0]]

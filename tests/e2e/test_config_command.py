@@ -34,6 +34,9 @@ slaves = []
 name = "slow"
 divider = 4
 slaves = [1]
+[dc]
+lock_us = 900
+timeout_s = 60
 [[dc.slave]]
 slave = "axis"
 [[signal]]

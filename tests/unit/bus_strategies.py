@@ -55,11 +55,16 @@ _slaves = st.builds(
     outputs=_pdos,
     inputs=_pdos,
     sync_shift_ns=st.integers(-(10**9), 10**9),
+    watchdog_ms=st.none() | st.just(0.0) | st.floats(0.1, 6553.5),
 )
 
 
 def _bus(slaves: list[Slave]) -> Bus:
-    return Bus("x", 1000, [replace(slave, position=n) for n, slave in enumerate(slaves)])
+    names = ("axis", "", "Größe-2")
+    rows = enumerate(zip(slaves, names, strict=False))
+    return Bus(
+        "x", 1000, [replace(slave, position=n, given_name=name) for n, (slave, name) in rows]
+    )
 
 
 buses = st.lists(_slaves, max_size=3).map(_bus)

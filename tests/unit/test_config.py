@@ -58,6 +58,8 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         revision_min = 0x00100000
         serial = 12
         policy = "strict"
+        watchdog_ms = 20.5
+        pdi_watchdog_ms = 0
         pdos = ["0x1605", 0x1A02]
         [[slave.pdo]]
         index = "0x1605"
@@ -150,6 +152,8 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             12,
             None,
             "strict",
+            20.5,
+            0.0,
             [0x1605, 0x1A02],
             [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],
             [

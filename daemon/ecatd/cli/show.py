@@ -62,6 +62,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 "sync0_ns": slave.sync0_ns,
                 "sync1_ns": slave.sync1_ns,
                 "sync_shift_ns": slave.sync_shift_ns,
+                "watchdog_ms": slave.watchdog_ms,
             }
             for slave in bus.slaves
         ]

@@ -48,6 +48,8 @@ class Slave:
         sync0_ns: Period of SYNC0, 0 without SYNC signals.
         sync1_ns: Time from SYNC0 to SYNC1, 0 without SYNC1.
         sync_shift_ns: Phase of SYNC0 in the cycle of the reference clock.
+        watchdog_ms: Time of its process data watchdog in milliseconds, 0 if it is off; None if it
+            has no outputs, or is not known.
     """
 
     position: int
@@ -72,6 +74,7 @@ class Slave:
     sync0_ns: int = 0
     sync1_ns: int = 0
     sync_shift_ns: int = 0
+    watchdog_ms: float | None = None
 
     @property
     def output_bytes(self) -> int:

@@ -217,6 +217,7 @@ class _Reader:
             "dc_bits": _dc_bits,
             **dict.fromkeys(("dc_delay_ns", "sync0_ns", "sync1_ns"), _integer(0, _I64)),
             "sync_shift_ns": _integer(-_I64, _I64),
+            "watchdog_ms": _limit,
         }
         self._bus_keys: dict[str, Check] = {
             "name": _bus_name,

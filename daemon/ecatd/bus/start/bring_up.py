@@ -298,9 +298,9 @@ class BringUp:
         )
         if warning := self.wire.check():
             self._log.warning(warning)
+        configure(master, self._scanned, image)
         for warning in check_watchdogs(master, self.bus, self._scanned):
             self._log.warning(warning)
-        configure(master, self._scanned, image)
         if self.config.dc.slave and not self.config.dc.enabled:
             self._log.warning(
                 "dc.enabled is false, so the slaves in [[dc.slave]] get no SYNC signals"

@@ -20,7 +20,6 @@ from ecatd.model.sii import (
     USAGE_INPUTS,
     USAGE_OUTPUTS,
     Sii,
-    SiiSyncManager,
 )
 from ecatd.model.sii_reader import read_sii
 
@@ -30,6 +29,7 @@ from ..mailbox.mailboxes import Talk, converse
 from ..master.master import Master
 from .assignment import Assignment
 from .slave_configuration import RefusedError, SlaveConfiguration, choose_from_sii
+from .watchdog_registers import WATCHED, watchdog_writes
 
 _PROTOCOL_COE = 0x04
 _FEATURES, _NO_LRW = 0x0008, 0x0200
@@ -188,7 +188,7 @@ def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:
 
 
 def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
-    """Sets the sync managers and FMMUs of all slaves up; they must be in PREOP.
+    """Sets the sync managers, FMMUs and watchdogs of all slaves up; they must be in PREOP.
 
     Raises:
         StateError: A slave does not answer, or has no sync manager for its process data.
@@ -208,10 +208,13 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
             for area in sync_manager_bytes(pdos):
                 manager = item.sii.sync_managers[area.number]
                 if not manager.virtual:
-                    content = _sync_manager(manager, area.size)
+                    watched = kind == _FMMU_WRITE and item.settings.watchdog_ms
+                    control = manager.control | (WATCHED if watched else 0)
+                    content = _sync_manager(manager.start, area.size, control)
                     writes.append((slave.position, _SYNC_MANAGER + 8 * area.number, content))
                 _map(fmmus, _Fmmu(start + offset + area.offset, area.size, manager.start, kind))
         writes += _unused(slave, item.sii)
+        writes += [(slave.position, *write) for write in watchdog_writes(item.settings)]
         if len(fmmus) > available:
             raise StateError(
                 f"{slave.label} needs {len(fmmus)} FMMUs for its process data, but has {available}"
@@ -251,8 +254,8 @@ def _map(fmmus: list[_Fmmu], new: _Fmmu) -> None:
         fmmus.append(new)
 
 
-def _sync_manager(manager: SiiSyncManager, length: int) -> bytes:
-    return struct.pack("<HHBBBB", manager.start, length, manager.control, 0, 1, 0)
+def _sync_manager(start: int, length: int, control: int) -> bytes:
+    return struct.pack("<HHBBBB", start, length, control, 0, 1, 0)
 
 
 def _unused(slave: Slave, sii: Sii) -> list[tuple[int, int, bytes]]:

@@ -24,6 +24,7 @@ OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 """Indices of RxPDOs and TxPDOs (ETG.1000.6)."""
 
 _PDOS_MAX, _ENTRIES_MAX, _BYTES_MAX = 64, 254, 1 << 15
+_WATCHDOG_MIN_MS, _WATCHDOG_MAX_MS = 0.1, 6553.5
 _NAME_BYTES = 31
 _NAME = re.compile(r"[^\W\d][\w-]*")
 _INDEX = re.compile(r"0x[0-9A-Fa-f]{1,4}")
@@ -85,6 +86,14 @@ def _name(table: Table, key: Key) -> str:
             f"'-', at most {_NAME_BYTES} bytes",
         )
     return name
+
+
+def _watchdog(table: Table, key: Key) -> float:
+    """Reads the time of a watchdog, which the slave counts in steps of 100 µs."""
+    time = table.number(key, low=0, high=_WATCHDOG_MAX_MS)
+    if 0 < time < _WATCHDOG_MIN_MS:
+        table.fail(key, f"is {time:g}, but must be 0, or at least {_WATCHDOG_MIN_MS:g}")
+    return time
 
 
 def _pdo_index(table: Table, key: Key) -> int:
@@ -223,6 +232,8 @@ _SLAVE: Rules = {
     "serial": _UNSIGNED32,
     "alias": integer(1, 0xFFFF),
     "policy": _POLICY,
+    "watchdog_ms": _watchdog,
+    "pdi_watchdog_ms": _watchdog,
     "pdos": array(_pdo_index),
     "pdo": lambda row, key: [
         PdoConfig(**table.read(_PDO, required=["index", "entries"])) for table in row.tables(key)

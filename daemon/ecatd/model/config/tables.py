@@ -126,6 +126,9 @@ class SlaveConfig:
         serial: The only serial number that is accepted; None for any.
         alias: Station alias that finds the slave wherever it stands.
         policy: `STRICT` or `TOLERANT`, in place of that of `[expected]`; None for that one.
+        watchdog_ms: Time of its process data watchdog in milliseconds, 0 switches it off; None:
+            as the slave has it.
+        pdi_watchdog_ms: The same for the watchdog between its ESC and its processor (PDI).
         pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
         startup: Start-up parameters in the order in which they are written.
@@ -141,6 +144,8 @@ class SlaveConfig:
     serial: int | None = None
     alias: int | None = None
     policy: str | None = None
+    watchdog_ms: float | None = None
+    pdi_watchdog_ms: float | None = None
     pdos: list[int] | None = None
     pdo: list[PdoConfig] = field(default_factory=list)
     startup: list[StartupConfig] = field(default_factory=list)

@@ -119,10 +119,13 @@ def _slave(slave: Slave, settings: SlaveConfig, name: str) -> Iterator[str]:
         pdos=settings.pdos,
     )
     yield "[[slave]]"
-    skip = (*(("position",) if by_alias else ()), "pdo", "startup", "pdos")
+    off = slave.watchdog_ms == 0 and not settings.watchdog_ms
+    skip = ("pdo", "startup", "pdos", *["position"] * by_alias, *["watchdog_ms"] * off)
     yield from _scalars(identity, always=("position",), without=skip, comments=False)
     if slave.serial and settings.serial is None:
         yield f"# serial = {slave.serial}"
+    if off:
+        yield "watchdog_ms = 0  # it is off: outputs keep their values if ecatd dies; better: 100"
     pdos = settings.pdos
     assigned = [pdo.index for pdo in (*slave.outputs, *slave.inputs)]
     usual = len(set(assigned)) == len(assigned) and {*assigned} <= {*OUTPUT_PDOS, *INPUT_PDOS}
