@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from ecatd.model.bus import Slave
+from ecatd.model.bus import Slave, display_name
 from ecatd.model.datatypes import type_name
 from ecatd.model.pdo import Entry, Pdo
 
@@ -36,8 +36,9 @@ _RESERVED = (
 def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
     """Builds the blocks of all slaves, in their order on the bus.
 
-    A class is named after the type of its slave. Slaves of one type are numbered from the second
-    one on, so that adding slaves of other types does not change the names.
+    A class has the name that the configuration gives its slave, else that of the type of the slave.
+    Slaves of one type are numbered from the second one on, so that adding slaves of other types
+    does not change the names.
     """
     namespace = names.Namespace(
         {*names.FOREIGN_LIBRARIES, *names.FILES, *_PACKAGES, library},
@@ -46,7 +47,8 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
     instances = names.Namespace(EXAMPLE_COMPONENTS, suffix="Slave")
     blocks = []
     for slave in slaves:
-        name = namespace.take(names.class_name(slave.name, f"Slave{slave.product:08X}"))
+        text = slave.given_name or slave.name
+        name = namespace.take(names.class_name(text, f"Slave{slave.product:08X}"))
         instance = instances.take(names.instance_name(name))
         blocks.append(_block(slave, name, instance))
     return tuple(blocks)
@@ -73,7 +75,7 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
     outputs = connectors(writes, connector_names[: len(writes)], output_labels, icon, outputs=True)
     inputs = connectors(reads, connector_names[len(writes) :], input_labels, icon, outputs=False)
     right = tuple(c for c in inputs if c.placement)
-    slave_label = slave.name or f"product 0x{slave.product:08X}"
+    slave_label = display_name(slave.given_name, slave.name or f"product 0x{slave.product:08X}")
     kind = slave_kind(slave, {c.kind for c in outputs}, {c.kind for c in right})
     return Block(
         name=name,

@@ -10,7 +10,7 @@ from typing import Any, cast, get_args, get_type_hints
 
 import pytest
 
-from conftest import Daemon, run_module
+from conftest import Daemon, names, run_module
 from ecatd.model.config import (
     Config,
     DomainConfig,
@@ -110,6 +110,32 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
     )
     result = run_module("ecatsim", "run", str(rig), "--", sys.executable, "-c", master)
     assert (result.returncode, result.stdout) == (0, "3 True fa00\n"), result.stderr
+
+
+def test_the_page_about_commissioning(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its commands, in order, on its machine; the configuration with its tables is valid there."""
+    rig, tables = blocks("docs/commissioning.md", "toml")
+    machine = tmp_path / "machine.toml"
+    machine.write_text(rig)
+    daemon = start_daemon(str(machine))
+    monkeypatch.chdir(tmp_path)
+    commands = "".join(blocks("docs/commissioning.md", "sh")).splitlines()
+    assert len(commands) == 7
+    for command in commands:
+        program, *arguments = command.split()
+        module = {"ecatctl": "ecatd.cli", "ecatd": "ecatd.service"}[program]
+        result = run_module(module, *arguments, env=daemon.env)
+        assert result.returncode == 0, (command, result.stderr)
+    written = (tmp_path / "ecat0.toml").read_text()
+    assert (tmp_path / "models" / "Machine" / "package.mo").exists()
+    assert daemon.stop() == 0
+    begin = written.index("[[slave]]\nposition = 4")
+    own = written[:begin] + tables + written[written.index("[dc]") :]
+    again = start_daemon(str(machine), config=own)
+    assert again.ctl_json("sdo-read", "axis", "0x6065")["value"] == 50000
+    names(again.ctl("pdos", "-p", "EL3008").stdout, "pressure", "bar")
 
 
 ARRAYS_OF_TABLES = (

@@ -157,6 +157,14 @@ def test_names_stay_when_other_slaves_are_added(troll: Library) -> None:
         assert names[before.name] == [c.name for c in before.reads + before.writes]
 
 
+def test_a_name_in_the_configuration_is_that_of_the_block() -> None:
+    slaves = [Slave(n, "EL1018", 2, 1, 1) for n in range(3)]
+    slaves[1].given_name = "safety-door"
+    blocks = build_library(bus(*slaves), "P").blocks
+    assert [block.name for block in blocks] == ["EL1018", "SafetyDoor", "EL1018_2"]
+    assert blocks[1].description == "safety-door (EL1018), slave 1"
+
+
 def test_names_of_equal_slaves_follow_from_those_before_them() -> None:
     def names(*kinds: str) -> list[str]:
         slaves = [Slave(n, name, 2, 1, 1) for n, name in enumerate(kinds)]

@@ -13,7 +13,7 @@ from ..bus import Bus, Slave
 from ..pdo import Entry
 from .signals import NAME_BYTES
 from .slave_settings import INPUT_PDOS, OUTPUT_PDOS
-from .tables import Config, ExpectedConfig, SlaveConfig
+from .tables import Config, SlaveConfig
 
 _WIDTH = 100
 _HEX32 = ("vendor", "product", "revision", "revision_min")
@@ -36,7 +36,7 @@ def write_config(config: Config, bus: Bus, version: str) -> str:
         A file in TOML.
     """
     names = dict(zip((s.position for s in bus.slaves), _names(bus.slaves), strict=True))
-    expected = replace(ExpectedConfig(), unlisted=False)
+    expected = replace(config.expected, unlisted=False)
     lines = [
         f"# Configuration of bus '{bus.name}' with its slaves, written by ecatctl {version}.",
         f"# Install it as /etc/ecatd/{bus.name}.toml. docs/configuration.md describes every key.",
