@@ -51,7 +51,7 @@ def rig(sources: Sequence[str], devices: str) -> str:
     wanted = list(_wanted(devices))
     if sum(item.count for item in wanted) > _SLAVES_MAX:
         raise UsageError(f"--devices has more than {_SLAVES_MAX} devices")
-    files = {path: list_devices(path) for path in _files(sources)}
+    files = {path: list_devices(path) for path in esi_files(sources)}
     lines = ['name = "esi"']
     for item in wanted:
         path, choice = _find(item, files)
@@ -65,7 +65,7 @@ def rig(sources: Sequence[str], devices: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _files(sources: Sequence[str]) -> list[Path]:
+def esi_files(sources: Sequence[str]) -> list[Path]:
     """The ESI files, also those in folders; each of them once."""
     found: dict[Path, None] = {}
     for source in map(Path, sources):

@@ -38,6 +38,7 @@ _COMMANDS = (
     ("sdo-read", "sdo", "Read an object of a slave."),
     ("sdo-write", "sdo", "Write an object of a slave."),
     ("config", "config", "Write, check, compare or show the configuration."),
+    ("startup", "startup", "Compare start-up parameters with the slaves, or capture them."),
     ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),
     ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
     ("library", "library", "Install the Modelica library EtherCAT."),

@@ -110,6 +110,11 @@ _ALIASES = {
 TYPE_NAMES = tuple(_ALIASES)
 
 
+def type_alias(data_type: int) -> str | None:
+    """The first spelling of a type that users type; None if it has none."""
+    return next((name for name, known in _ALIASES.items() if known == data_type), None)
+
+
 def is_signed(data_type: int) -> bool:
     """Whether values of the type are signed integers."""
     return data_type in _SIGNED

@@ -1,0 +1,234 @@
+"""Command `startup`: compares start-up parameters with the live slaves, and captures them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.config import Config, StartupConfig, load_config
+from ecatd.model.config.writer import value_text
+from ecatd.model.datatypes import STRINGS, decode, parse_type, type_alias
+from ecatd.model.dictionary import Access
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
+from ecatd.model.expected_bus import compare
+
+from .arguments import slave
+from .esi_devices import esi_files
+from .output import print_json, print_table
+from .scan import save
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+    from ecatd.esi import EsiDevice, EsiEntry
+
+_FIRST_OWN = 0x2000
+"""Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""
+
+_ACTIONS = """\
+actions:
+  verify [SLAVE]             compare the start-up parameters of the configuration with the slaves
+  capture SLAVE --esi PATH   write those objects of a slave as [[slave.startup]] tables whose values
+                             are not the defaults of the ESI file
+
+exit status:
+  0 done, no difference   7 verify: a slave has another value
+"""
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.epilog = _ACTIONS
+    command.formatter_class = argparse.RawDescriptionHelpFormatter
+    command.set_defaults(alone=startup)
+    command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
+    command.add_argument("slave", nargs="?", type=slave, metavar="SLAVE", help="position or name")
+    command.add_argument(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        help="verify: a configuration; without it, the one that the daemon uses",
+    )
+    command.add_argument(
+        "--esi", metavar="PATH", help="capture: the ESI file of the slave, or a folder of them"
+    )
+    command.add_argument(
+        "-o", dest="out", metavar="FILE", type=Path, help="capture: write the tables to this file"
+    )
+
+
+def startup(options: argparse.Namespace) -> int:
+    """Carries out one action; returns the exit status."""
+    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
+    if options.action == "capture" and (options.slave is None or options.esi is None):
+        raise UsageError("startup capture needs SLAVE and --esi: whose defaults are compared?")
+    if options.action == "capture" and options.config is not None:
+        raise UsageError("--config goes with startup verify")
+    if options.action == "verify" and (options.esi is not None or options.out is not None):
+        raise UsageError("--esi and -o go with startup capture")
+    with Remote(options.bus, options.connect, options.timeout) as remote:
+        return _RUN[options.action](remote, options)
+
+
+# --- verify --------------------------------------------------------------------------------------
+
+
+def _verify(remote: Remote, options: argparse.Namespace) -> int:
+    bus = remote.describe()
+    used = load_config(options.config) if options.config else remote.configuration()[0]
+    rows = list(_compared(remote, bus, used, options.slave))
+    if options.json:
+        print_json({"bus": bus.name, "parameters": rows})
+    elif rows:
+        print_table(
+            ("SLAVE", "OBJECT", "CONFIGURED", "SLAVE HAS", "RESULT"),
+            (
+                (
+                    bus.slaves[row["slave"]].display_name,
+                    row["object"],
+                    row["configured"],
+                    row["has"] if row["has"] is not None else "",
+                    row["result"],
+                )
+                for row in rows
+            ),
+            "",
+        )
+    else:
+        print("the configuration has no start-up parameters for this bus")
+    return StateError.exit_code if any(row["result"] == "different" for row in rows) else 0
+
+
+def _compared(
+    remote: Remote, bus: Bus, used: Config, chosen: int | str | None
+) -> Iterator[dict[str, Any]]:
+    places = compare(used, bus.slaves).places
+    position = None if chosen is None else bus.find(chosen).position
+    for settings in used.moved(places).slave:
+        if position not in (None, settings.position) or settings.position >= len(bus.slaves):
+            continue
+        for parameter in settings.startup:
+            yield {
+                "slave": settings.position,
+                "object": parameter.object,
+                "configured": _shown(parameter, parameter.data),
+                **_value_of(remote, settings.position, parameter),
+            }
+
+
+def _value_of(remote: Remote, position: int, parameter: StartupConfig) -> dict[str, Any]:
+    """What a slave has for a parameter, and the result of the comparison."""
+    index, subindex = parameter.address
+    try:
+        data = remote.sdo_read(position, index, subindex, complete=parameter.complete).data
+    except (SdoAbortError, NoAnswerError, StateError) as error:
+        return {"has": None, "result": f"cannot be read: {error}"}
+    same = data[: len(parameter.data)] == parameter.data
+    return {"has": _shown(parameter, data), "result": "as configured" if same else "different"}
+
+
+def _shown(parameter: StartupConfig, data: bytes) -> str:
+    if parameter.type is None:
+        return data.hex(" ")
+    return str(decode(parse_type(parameter.type), data))
+
+
+# --- capture -------------------------------------------------------------------------------------
+
+
+def _capture(remote: Remote, options: argparse.Namespace) -> int:
+    bus = remote.describe()
+    found = bus.find(options.slave)
+    device = _device(found, options.esi)
+    rows = list(_changed(remote, found, device))
+    if options.json:
+        print_json({"bus": bus.name, "slave": found.position, "parameters": rows})
+        return 0
+    lines = [f"# {found.label}: objects that differ from the defaults in {Path(device.path).name}"]
+    for row in rows:
+        name = f"  # {row['name']}; default {row['default']}"
+        lines += ["", "[[slave.startup]]", f'object = "{row["object"]}"{name}']
+        if row["type"]:
+            lines += [f'type = "{row["type"]}"', f"value = {value_text('', row['value'])}"]
+        else:
+            lines += [f'hex = "{row["value"]}"']
+    if options.out is None:
+        sys.stdout.write("\n".join(lines) + "\n")
+        return 0
+    save(options.out, "\n".join(lines) + "\n")
+    count = len(rows)
+    print(f"{options.out}: {count} parameter{'s' * (count != 1)}; append them to its [[slave]]")
+    return 0
+
+
+def _device(found: Slave, source: str) -> EsiDevice:
+    """The description of a slave: of its revision, or else of the newest before it.
+
+    Raises:
+        StateError: No file describes it.
+    """
+    from ecatd.esi import list_devices, read_device
+
+    fitting = [
+        (choice.revision, path, choice)
+        for path in esi_files([source])
+        for choice in list_devices(path)
+        if choice.product == found.product and choice.revision <= found.revision
+    ]
+    for _, path, choice in sorted(fitting, key=lambda item: item[0], reverse=True):
+        device = read_device(path, choice)
+        if device.vendor == found.vendor:
+            return device
+    raise StateError(
+        f"{source}: no device has vendor 0x{found.vendor:08X}, product 0x{found.product:08X} and "
+        f"at most revision 0x{found.revision:08X}, as {found.label}"
+    )
+
+
+def _changed(remote: Remote, found: Slave, device: EsiDevice) -> Iterator[dict[str, Any]]:
+    """Reads the objects that can be written and have a default; yields those that differ."""
+    mapped = {
+        (entry.index, entry.subindex)
+        for outputs in (True, False)
+        for _, entry, _ in found.entries(outputs=outputs)
+    }
+    wanted = [
+        (item.index, entry)
+        for item in device.objects
+        for entry in item.entries
+        if item.index >= _FIRST_OWN
+        and entry.default is not None
+        and entry.access & Access.WRITE_PREOP
+        and entry.access & Access.READ
+        and (item.index, entry.subindex) not in mapped
+    ]
+    for number, (index, entry) in enumerate(wanted, 1):
+        if sys.stderr.isatty():
+            print(f"\r{number} of {len(wanted)} objects", end="", file=sys.stderr, flush=True)
+        try:
+            data = remote.sdo_read(found.position, index, entry.subindex).data
+        except SdoAbortError:
+            continue  # the file describes more than this slave has
+        assert entry.default is not None
+        if data != entry.default:
+            yield _row(index, entry, data, entry.default)
+    if sys.stderr.isatty():
+        print("\r\033[K", end="", file=sys.stderr)
+
+
+def _row(index: int, entry: EsiEntry, data: bytes, default: bytes) -> dict[str, Any]:
+    alias = type_alias(entry.data_type) if entry.data_type not in STRINGS else None
+    return {
+        "object": f"0x{index:04X}:{entry.subindex:02X}",
+        "name": entry.name,
+        "type": alias,
+        "value": decode(entry.data_type, data) if alias else data.hex(" "),
+        "default": decode(entry.data_type, default) if alias else default.hex(" "),
+    }
+
+
+_RUN = {"verify": _verify, "capture": _capture}

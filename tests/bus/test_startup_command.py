@@ -1,0 +1,97 @@
+"""`ecatctl startup`: parameters of the configuration against the live slave, and captured ones."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, names, one_line_error
+from ecatd.model.config import read_config
+
+pytestmark = pytest.mark.bus
+
+ESI = (Path(__file__).parents[1] / "unit" / "esi_sample.py").read_text().split('"""')[3]
+TABLES = """
+[[slave.startup]]
+object = "0x2000:03"
+type = "int16"
+value = 7
+[[slave.startup]]
+object = "0x2001:03"
+hex = "05 00"
+[[slave.startup]]
+object = "0x2000:04"
+type = "float"
+value = 2.5
+"""
+
+
+@pytest.fixture
+def machine(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Callable[[str], Daemon]:
+    def start(tables: str) -> Daemon:
+        esi, rig = tmp_path / "axis.xml", tmp_path / "rig.toml"
+        esi.write_text(ESI)
+        device = f'[[slave]]\nesi = "{esi}"\ntype = "AX2"\nrevision = 0x00020001\n'
+        rig.write_text(f'name = "m"\n[[slave]]\ndevice = "EK1100"\n{device}')
+        axis = '[[slave]]\nposition = 1\nname = "axis"\n'
+        return start_daemon(str(rig), config=f"[gateway]\nlisten = []\n{axis}{tables}")
+
+    return start
+
+
+def test_parameters_are_verified(machine: Callable[[str], Daemon]) -> None:
+    daemon = machine(TABLES)
+    shown = daemon.ctl("startup", "verify").stdout.splitlines()
+    names(shown[1], "axis (AX2)", "0x2000:03", "7", "as configured")
+    names(shown[2], "0x2001:03", "05 00", "as configured")
+    names(shown[3], "0x2000:04", "2.5", "cannot be read", "0x06010001")  # write only
+    daemon.ctl("sdo-write", "axis", "0x2000", "3", "8")
+    changed = daemon.ctl("startup", "verify", "axis", check=False)
+    assert changed.returncode == 7
+    names(changed.stdout.splitlines()[1], "7", "8", "different")
+    daemon.ctl("state", "INIT", "-p", "axis")
+    daemon.ctl("state", "OP", "-p", "axis")  # it is told again
+    rows = daemon.ctl_json("startup", "verify")["parameters"]
+    assert [row["result"] for row in rows[:2]] == 2 * ["as configured"]
+    assert "no start-up parameters" in daemon.ctl("startup", "verify", "EK1100").stdout
+
+
+def test_what_differs_from_the_defaults_is_captured(
+    machine: Callable[[str], Daemon], tmp_path: Path
+) -> None:
+    daemon = machine("")
+    daemon.ctl("sdo-write", "axis", "0x2000", "3", "50")
+    daemon.ctl("sdo-write", "axis", "0x2001", "1", "9")
+    file = tmp_path / "captured.toml"
+    said = daemon.ctl("startup", "capture", "axis", "--esi", str(tmp_path), "-o", str(file)).stdout
+    names(said, str(file), "2 parameters")
+    tables = file.read_text()
+    names(tables, "slave 1 (axis, AX2)", "Limit; default -2", "axis.xml")
+    config = read_config(tomllib.loads(f"[[slave]]\nposition = 1\n{tables}"))
+    found = [(p.object, p.data) for p in config.slave[0].startup]
+    assert found == [("0x2000:03", b"\x32\0"), ("0x2001:01", b"\x09\0")]
+    assert daemon.stop() == 0
+
+    daemon = machine(tables)  # a slave that is fresh from its box gets them
+    assert daemon.ctl_json("sdo-read", "axis", "0x2000", "3")["value"] == 50
+    assert daemon.ctl("startup", "verify").stdout.count("as configured") == 2
+
+
+WRONG = [
+    ("capture axis", 2, ["--esi"]),
+    ("capture --esi .", 2, ["SLAVE"]),
+    ("verify -o x", 2, ["capture"]),
+    ("capture EK1100 --esi FOLDER", 7, ["slave 0 (EK1100)", "0x044C2C52"]),
+    ("capture axis --esi nowhere.xml", 2, ["nowhere.xml"]),
+    ("verify nobody", 7, ["'nobody'"]),
+]
+
+
+def test_wrong_usage_says_what_to_do(machine: Callable[[str], Daemon], tmp_path: Path) -> None:
+    daemon = machine(TABLES)
+    for arguments, status, tokens in WRONG:
+        given = arguments.replace("FOLDER", str(tmp_path)).split()
+        result = daemon.ctl("startup", *given, check=False)
+        assert result.returncode == status, arguments
+        names(one_line_error(result.stderr, "ecatctl"), *tokens)
