@@ -1,4 +1,4 @@
-"""The feature matrix of the simulator names tests that exist."""
+"""The tables of features, of ecatd and of the simulator, name tests that exist."""
 
 import re
 from pathlib import Path
@@ -6,28 +6,42 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PREFIXES = {"unit": "test_ecatsim_", "bus": "test_simulator_", "fuzz": "test_"}
+SIMULATOR = {"unit": "test_ecatsim_", "bus": "test_simulator_"}
+NOT_THERE = "–"
 
 
-def rows() -> list[tuple[str, str]]:
-    """Feature and tests of each row."""
-    text = (ROOT / "docs" / "simulator-internals.md").read_text()
-    section = text.split("\n## Features\n")[1].split("\n## ")[0]
-    cells = [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in section.splitlines()
-        if line.startswith("|")
+def rows(document: str, *sections: str) -> list[list[str]]:
+    """The cells of each row of the tables in some sections."""
+    text = (ROOT / "docs" / document).read_text()
+    lines = [
+        line
+        for section in sections
+        for line in text.split(f"\n## {section}\n")[1].split("\n## ")[0].splitlines()
     ]
-    return [(feature, tests) for feature, tests in cells if tests not in ("tests", "---")]
+    cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|"]
+    return [row for row in cells if row[-1] not in ("tests", "---")]
 
 
-@pytest.mark.parametrize(("feature", "tests"), rows())
-def test_every_feature_is_shown(feature: str, tests: str) -> None:
-    assert feature
+def check(tests: str, prefixes: dict[str, str]) -> None:
     for group in tests.split(";"):
         where, names = group.split(":")
         folder, name = where.strip().split("/")
-        file = ROOT / "tests" / folder / f"{PREFIXES[folder]}{name}.py"
+        file = ROOT / "tests" / folder / f"{prefixes.get(folder, 'test_')}{name}.py"
         defined = set(re.findall(r"^def (test_\w+)", file.read_text(), re.MULTILINE))
         missing = {test.strip() for test in names.split(",")} - defined
         assert not missing, f"{file.name} has no such tests"
+
+
+@pytest.mark.parametrize(("feature", "tests"), rows("simulator-internals.md", "Features"))
+def test_every_feature_of_the_simulator_is_shown(feature: str, tests: str) -> None:
+    assert feature
+    check(tests, SIMULATOR)
+
+
+@pytest.mark.parametrize("row", rows("features.md", "Master classes", "Faults"))
+def test_every_feature_of_the_master_is_shown(row: list[str]) -> None:
+    tests = row[-1]
+    if tests == NOT_THERE:
+        assert row[-2].startswith(("no", "only"))
+    else:
+        check(tests, {})
