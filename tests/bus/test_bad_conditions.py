@@ -236,6 +236,21 @@ def test_slave_that_leaves_op_is_named(bench: Bench) -> None:
         assert client.slaves()[4].al_state == AlState.SAFEOP | 0x10
 
 
+def test_emergencies_of_a_running_slave_are_events(bench: Bench) -> None:
+    """Nobody asks the slave for anything; what it says otherwise is not lost either."""
+    with Simulator(str(bench.simulator)) as simulator:
+        simulator.faults.emergency(0, 0x3220, register=0x04)
+        bench.wait_for_event("emergency", slave=0, code=0x3220, register=0x04, times=1)
+        bench.wait_for_log(
+            "slave 0 (Gold EtherCAT GCON Drive) sent an emergency: error code 0x3220"
+        )
+        for code in range(0x8000, 0x8020):
+            simulator.faults.emergency(0, code, register=0x11)
+    for code in (0x8000, 0x801F):
+        bench.wait_for_event("emergency", slave=0, code=code)
+    assert bench.daemon.ctl_json("sdo-read", "0", "0x1000")["value"]
+
+
 def test_another_master_on_the_wire(bench: Bench) -> None:
     """One that does nothing but to send, with indices of the engine and addresses of its own."""
     lrd = "0a85000000702000 0000" + "00" * 34

@@ -17,9 +17,11 @@ from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
+from ecatd.bus.master.emergencies import Emergency, tell_emergencies
 from ecatd.bus.master.master import Master
 from ecatd.bus.master.worker import Worker
 from ecatd.bus.sdo_requests import SdoRequests
+from ecatd.bus.watch.rate_limiter import Batch
 from ecatd.log import Log
 from ecatd.model.bus import Slave
 from ecatd.model.datatypes import DataType
@@ -61,7 +63,10 @@ class Bench:
                 stations=[FIRST_STATION + n for n in range(len(devices))],
             ),
         )
-        self.objects = SdoRequests(master, self.worker, log)
+        self.emergencies = Batch[Emergency](
+            lambda found, left_out: tell_emergencies(log, found, left_out)
+        )
+        self.objects = SdoRequests(master, self.worker, self.emergencies.note)
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)
@@ -229,7 +234,7 @@ def test_equal_emergencies_are_told_together() -> None:
             for _ in range(20):
                 device.emergency(0x3220, 4)
                 await made.read()
-            made.objects.close()
+            made.emergencies.close()
 
         asyncio.run(use())
     assert len(made.said) < 10

@@ -11,17 +11,15 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import TypeVar
 
-from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
 from .mailbox.coe import Coe
 from .mailbox.mailboxes import Line, Talk, talk_alone
-from .master.emergencies import Emergency, tell_emergencies
+from .master.emergencies import Emergency
 from .master.master import Master
 from .master.worker import Worker
-from .watch.rate_limiter import Batch
 
 T = TypeVar("T")
 
@@ -39,16 +37,14 @@ class SdoRequests:
     Args:
         master: The master.
         worker: The worker on which slaves are asked.
-        log: The log for emergencies that slaves send meanwhile.
+        note: Called with each emergency that a slave sends meanwhile.
     """
 
-    def __init__(self, master: Master, worker: Worker, log: Log) -> None:
+    def __init__(self, master: Master, worker: Worker, note: Callable[[Emergency], None]) -> None:
         self._master = master
         self._worker = worker
         self._waiting = 0
-        self._emergencies = Batch[Emergency](
-            lambda found, left_out: tell_emergencies(log, found, left_out)
-        )
+        self._note = note
 
     async def read(self, slave: Slave, index: int, subindex: int, *, complete: bool) -> bytes:
         """Uploads an object; raises as `Coe.upload`, and BusyError."""
@@ -64,10 +60,6 @@ class SdoRequests:
             slave, lambda coe: coe.download(index, subindex, data, complete=complete)
         )
 
-    def close(self) -> None:
-        """Logs the emergencies that are not logged yet."""
-        self._emergencies.close()
-
     async def _converse(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
         coe = self._master.coe(slave.position, alone=True)
 
@@ -81,7 +73,7 @@ class SdoRequests:
                 return await self._worker.request(talk_alone(self._master.registers, talk()))
             finally:
                 for code, register in coe.emergencies:
-                    self._emergencies.note((slave, code, register))
+                    self._note((slave, code, register))
 
     @asynccontextmanager
     async def _turn(self, slave: Slave, line: Line) -> AsyncIterator[None]:

@@ -92,7 +92,7 @@ class BusServer:
         """
         self._monitor = await self._worker.run(self._bring_up)
         assert self._up.master is not None
-        self._access = SdoRequests(self._up.master, self._worker, self._log)
+        self._access = SdoRequests(self._up.master, self._worker, self._monitor.emergencies.note)
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
@@ -232,8 +232,6 @@ class BusServer:
             shared.set_state(shm.BusState.STOPPING)
         if engine is not None and shared is not None:
             await self._make_safe(engine, shared)
-        if self._access is not None:
-            self._access.close()
         if self._monitor is not None:
             self._monitor.stop()
             self._monitor.close()

@@ -17,6 +17,7 @@ from .mailboxes import HEADER_BYTES, Line, Mailbox, Protocol, Talk
 
 T = TypeVar("T")
 
+_COLLECTED_MAX = 16  # messages in a row, of a slave that sends without being asked
 _TRIES = 3
 """Tries of an upload, which changes nothing and so can be repeated."""
 
@@ -127,6 +128,24 @@ class Coe:
             yield from self.mailbox.open(_MAILBOX_LEAST)
         except EcatError as error:
             raise type(error)(f"slave {self._position} has CoE, but {error}") from error
+
+    def collect(self) -> Talk[None]:
+        """Reads the messages that nobody has asked for: they are emergencies, or late answers.
+
+        Raises:
+            NoAnswerError: The slave does not answer, or other conversations with it take too long.
+            StateError: No mailbox for CoE is set up in the slave, or a message is malformed.
+        """
+        with self.line.join() as turn:
+            yield from self.mailbox.wait_for_turn(turn)
+            late = self.line.unanswered
+            yield from self.open()
+            found = yield from self.mailbox.collect(_COLLECTED_MAX)
+            take = self._split(lambda service, _: service == _EMERGENCY)
+            expected = [kind == Protocol.COE and bool(take(body)) for kind, body in found]
+            # Emergencies are no answers, so the next request need not look for a late one.
+            if all(expected) and len(found) < _COLLECTED_MAX:
+                self.line.unanswered = late
 
     # --- SDO transfers -------------------------------------------------------------------------
 

@@ -59,6 +59,8 @@ _AL_STATUS = 0x0130
 _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE = 0x0800, 16  # SM0 and SM1, which carry the mailbox
 _STATUS, _ACTIVATE, _PDI = 5, 6, 7  # registers of a sync manager
 _SM1 = 8
+MAILBOX_IN = _SYNC_MANAGERS + _SM1
+"""Registers of the sync manager that carries messages of the slave."""
 _KIND = 0x0F  # bits of the control register: mode and direction
 _WRITTEN_BY_MASTER, _READ_BY_MASTER = 0x06, 0x02
 _FULL = 0x08
@@ -91,6 +93,11 @@ class _Area(NamedTuple):
 
     start: int
     size: int
+
+
+def has_mail(manager: bytes) -> bool:
+    """Whether the registers at `MAILBOX_IN` say that a message of the slave waits."""
+    return bool(manager[_ACTIVATE] & _ENABLED and manager[_STATUS] & _FULL)
 
 
 class Line:
@@ -265,6 +272,21 @@ class Mailbox:
         """
         self._deadline = time.monotonic() + _ANSWER_S
         return (yield from self._answer(protocol, take))
+
+    def collect(self, most: int) -> Talk[list[tuple[int, bytes]]]:
+        """Reads messages that are there already, at most `most`; protocol and body of each.
+
+        Raises:
+            NoAnswerError: The slave does not answer any more.
+        """
+        self._deadline = time.monotonic() + _ANSWER_S
+        found: list[tuple[int, bytes]] = []
+        while self._has_mail and len(found) < most:
+            mail = yield from self._read()
+            length, _, _, kind = _HEADER.unpack_from(mail)
+            found.append((kind & 0x0F, mail[_HEADER.size : _HEADER.size + length]))
+            yield from self._look()
+        return found
 
     def _answer(self, protocol: Protocol, take: Callable[[bytes], T | None]) -> Talk[T]:
         while True:

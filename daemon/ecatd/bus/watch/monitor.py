@@ -20,14 +20,16 @@ from ecatd.model.config import OutputsConfig
 from ecatd.model.errors import StateError
 
 from ..engine.engine import Event, EventType
+from ..master.emergencies import Emergency
 from ..master.master import SlaveState
 from ..master.worker import Worker
 from ..start.bring_up import RunningBus
 from .clocks import ClockWatch
 from .files import FileWatch
 from .interfaces import InterfaceWatch
+from .mailboxes import MailboxWatch
 from .outputs import OutputWatch
-from .rate_limiter import Throttle
+from .rate_limiter import Batch, Throttle
 from .slaves import SlaveWatch
 from .slot_requests import Answer, SlotRequests
 
@@ -78,10 +80,16 @@ class Monitor:
         self._working_counters = [
             Throttle(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
         ]
+        self._mailboxes = MailboxWatch(running, worker, log, self._tell)
         self._files = FileWatch(running.shared, log, self._tell)
         self._room = threading.Semaphore(_EVENTS_WAITING)
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
+
+    @property
+    def emergencies(self) -> Batch[Emergency]:
+        """Takes emergencies that slaves send, and tells of them."""
+        return self._mailboxes.emergencies
 
     @property
     def states(self) -> list[SlaveState]:
@@ -137,6 +145,7 @@ class Monitor:
         for item in self._working_counters:
             item.close()
         self._outputs.close()
+        self._mailboxes.close()
         if self._clocks is not None:
             self._clocks.close()
         self._interfaces.close()
@@ -198,7 +207,12 @@ class Monitor:
 
     async def run(self) -> None:
         """Watches everything until the watch is stopped."""
-        watches = [self._slaves.watch, self._interfaces.watch, self._files.watch]
+        watches = [
+            self._slaves.watch,
+            self._interfaces.watch,
+            self._mailboxes.watch,
+            self._files.watch,
+        ]
         if self._clocks is not None:
             watches.append(self._clocks.watch)
         await asyncio.gather(*(self._persist(watch) for watch in watches))

@@ -1,0 +1,77 @@
+"""Polls the mailboxes of the slaves for messages that nobody has asked for: emergencies."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+
+from ecatd.coroutine_steps import Steps
+from ecatd.log import Log
+
+from ..mailbox.mailboxes import MAILBOX_IN, has_mail, talk_all
+from ..master.emergencies import Emergency, tell_emergencies
+from ..master.worker import Worker
+from ..start.bring_up import RunningBus
+from .rate_limiter import Batch
+
+_PAUSE = 0.1
+_MANAGER_SIZE = 8
+
+
+class MailboxWatch:
+    """The watch over the mailboxes of a bus.
+
+    Args:
+        running: The bus.
+        worker: The worker on which slaves are asked.
+        log: The log for emergencies.
+        tell: Publishes an event: its kind and its facts.
+
+    Attributes:
+        emergencies: Takes emergencies, also those that come with answers to requests, and tells of
+            them in batches.
+    """
+
+    def __init__(
+        self, running: RunningBus, worker: Worker, log: Log, tell: Callable[..., None]
+    ) -> None:
+        self._slaves = [slave for slave in running.bus.slaves if slave.coe]
+        self._master = running.master
+        self._worker = worker
+        self._log = log
+        self._tell = tell
+        self.emergencies = Batch[Emergency](self._pass_on)
+
+    def _pass_on(self, found: list[Emergency], left_out: int) -> None:
+        tell_emergencies(self._log, found, left_out)
+        counts = Counter((slave.position, code, register) for slave, code, register in found)
+        for (position, code, register), times in counts.items():
+            self._tell("emergency", slave=position, code=code, register=register, times=times)
+
+    async def watch(self) -> None:
+        """Looks for messages ten times a second."""
+        while self._slaves:
+            await asyncio.sleep(_PAUSE)
+            for emergency in await self._worker.run_steps(self._collect()):
+                self.emergencies.note(emergency)
+        await asyncio.Event().wait()  # no slave has CoE
+
+    def _collect(self) -> Steps[list[Emergency]]:
+        """Reads the messages of slaves with which nobody has a conversation now."""
+        stations = [slave.address for slave in self._slaves]
+        answers = self._master.registers.read_all(stations, MAILBOX_IN, _MANAGER_SIZE)
+        ways = [
+            (slave, self._master.coe(slave.position))
+            for slave, answer in zip(self._slaves, answers, strict=True)
+            if answer.wkc == 1 and has_mail(answer.data)
+        ]
+        ways = [(slave, way) for slave, way in ways if not len(way.line)]
+        if ways:
+            # Slaves that fail are told of by those who need them.
+            yield from talk_all(self._master.registers, [way.collect() for _, way in ways])
+        return [(slave, *found) for slave, way in ways for found in way.emergencies]
+
+    def close(self) -> None:
+        """Tells of the emergencies that are not told yet."""
+        self.emergencies.close()
