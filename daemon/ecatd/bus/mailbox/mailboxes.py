@@ -53,7 +53,9 @@ _NAMED = 5
 _SMALL = 512
 """Most bytes of a mailbox that a conversation running alone reads together with its status."""
 
-_TRIES = 3
+_LOOK_S = 0.2
+"""Seconds for which a slave is asked that does not answer at all: a frame may get lost."""
+
 _AL_STATUS = 0x0130
 
 _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE = 0x0800, 16  # SM0 and SM1, which carry the mailbox
@@ -215,12 +217,15 @@ class Mailbox:
 
     def look(self) -> Talk[int | None]:
         """Reads the AL status of the slave, and its sync managers; None if it does not answer."""
-        for _ in range(_TRIES):
+        deadline = time.monotonic() + _LOOK_S
+        while True:
             status, managers = yield [fprd(self._station, _AL_STATUS, 2), self._question]
             if status.wkc == 1 and managers.wkc == 1:
                 self._see(managers.data)
                 return int.from_bytes(status.data, "little")
-        return None
+            if time.monotonic() > deadline:
+                return None
+            yield []
 
     def open(self, least: int) -> Talk[None]:
         """Reads from the sync managers where the mailbox is.
