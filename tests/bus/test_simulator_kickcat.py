@@ -45,7 +45,7 @@ def broadcast(command, register, data):
                 return frame[26:end], struct.unpack_from("<H", frame, end)[0]
 
 
-def started_kickcat():
+def started_kickcat(*, mapped=False):
     """A bus of kickcat in PREOP. Some of its time-outs are fixed, so it may take another try."""
     import kickcat
 
@@ -55,6 +55,8 @@ def started_kickcat():
         bus = kickcat.Bus(link)
         try:
             bus.init(0.0)  # no watchdogs, for the same reason
+            if mapped:
+                bus.create_mapping()
         except RuntimeError:
             if not left:
                 raise
@@ -67,8 +69,7 @@ def master_kickcat():
     """Process data of all slaves in OP; kickcat itself raises where a working counter is wrong."""
     import kickcat
 
-    bus = started_kickcat()
-    bus.create_mapping()
+    bus = started_kickcat(mapped=True)
     bus.request_state(kickcat.State.SAFE_OP)
     bus.wait_for_state(kickcat.State.SAFE_OP, 5.0)
     slaves = list(bus.slaves())
