@@ -65,13 +65,13 @@ def run(program, seed, frames, slaves, *mode):
     return json.loads(result.stdout)
 
 
-def check_depth(found, frames, share):
+def check_depth(found, frames, share, often=100):
     """The frames did not bounce off the surface: they reached what is behind every command."""
     assert found["answered"] + found["refused"] >= frames
     assert found["answered"] > frames * share
     assert found["counted"] > frames * share, "datagrams that slaves processed"
     for what in ("mails_taken", "mails_put", "rewired", "faults"):
-        assert found[what] > 100, what
+        assert found[what] > often, what
     assert found["event_bits"] == ALL_EVENTS, "each event came at least once"
 
 
@@ -83,7 +83,7 @@ def test_memory(driver, seed, slaves):
 @pytest.mark.parametrize("kind", SANITIZERS)
 def test_device_side_in_a_thread(driver, kind):
     """How far the threads get beside each other is up to the machine."""
-    check_depth(run(driver(kind), 4, FRAMES, 5, "threads"), FRAMES, 0.01)
+    check_depth(run(driver(kind), 4, FRAMES, 5, "threads"), FRAMES, 0.01, often=3)
 
 
 def test_frames_depend_on_the_seed_only(driver):
