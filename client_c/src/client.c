@@ -133,6 +133,8 @@ int ecat_slave(ecat_t *bus, int position, ecat_slave_info *info) {
   info->al_state = __atomic_load_n(&status->al_state, __ATOMIC_RELAXED);
   info->al_code = __atomic_load_n(&status->al_code, __ATOMIC_RELAXED);
   info->domain = slave->domain;
+  info->optional = slave->group >= 0;
+  info->absent = info->optional && (bus->snapshot[slave->domain].absent >> slave->group & 1) != 0;
   info->has_outputs = slave->output_bytes > 0;
   describe_outputs(bus, slave, info);
   return 0;

@@ -78,7 +78,9 @@ int ecat_validity(ecat_t *bus, int number) {
   snapshot = &bus->snapshot[signal->domain];
   if (snapshot->cycle == 0) return ECAT_NEVER;
   if (!snapshot->fresh) return ECAT_STALE;
-  if (snapshot->wkc_state != ECAT_WKC_COMPLETE) return ECAT_INCOMPLETE;
+  if (snapshot->wkc_state != ECAT_WKC_COMPLETE ||
+      (signal->group >= 0 && (snapshot->absent >> signal->group & 1) != 0))
+    return ECAT_INCOMPLETE;
   state = __atomic_load_n(&bus->slave_status[signal->slave].al_state, __ATOMIC_RELAXED);
   /* A slave delivers inputs in SAFEOP, but takes outputs only in OP (ETG.1000.6, 6.4.1). 0x10 is the
    * error flag; with it the comparison fails, so the entry is not valid. */

@@ -39,6 +39,7 @@ struct signal {
   uint8_t reading;   /* enum reading */
   uint8_t up, down;  /* shifts of that word that leave only the entry */
   uint8_t sign, real, output;
+  int8_t group;      /* bit of `absent` in the snapshot of its domain; -1: its slave must be there */
 };
 
 /* The last sample of one domain. */
@@ -47,6 +48,7 @@ struct snapshot {
   uint64_t *image;           /* copy; two words longer, so that any entry may be read as a word */
   size_t words;
   uint64_t cycle, time_ns;
+  uint64_t absent;           /* bit for each group of optional slaves that did not take part */
   uint32_t wkc, wkc_state;
   uint64_t waited_cycle; /* cycle of the last ecat_wait_domain() or sample */
   int fresh;             /* the daemon was delivering when the sample was taken */

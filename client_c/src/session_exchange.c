@@ -234,7 +234,7 @@ static int al_state(unsigned al_status) {
 
 /* Reports, once, that a slave is not in OP. A single lost frame is not reported here: `valid` shows
  * it. */
-static int tell_state(ecat_session_slave *slave) {
+static int tell_state(ecat_session_slave *slave, int optional) {
   static const char *const names[] = {"", "", "INIT", "PREOP", "BOOT", "SAFEOP", "OP"};
   ecat_session *session = slave->session;
   char text[300], where[80], reason[60] = "";
@@ -244,6 +244,11 @@ static int tell_state(ecat_session_slave *slave) {
            slave->name, session->settings.bus);
   if (!slave->told) {
     session_tell(session, 0, "%s is in OP again", text);
+    return 0;
+  }
+  if (optional && slave->al_state == ECAT_SESSION_NOT_AVAILABLE) {
+    session_tell(session, 0, "%s is optional, and not there; its values are not valid until it is in OP",
+                 text);
     return 0;
   }
   if (slave->al_state == ECAT_SESSION_NOT_AVAILABLE)
@@ -261,7 +266,7 @@ static int tell_state(ecat_session_slave *slave) {
 static int observe_slave(ecat_session_slave *slave, uint32_t complete) {
   const ecat_session_entry *entry = slave->entries;
   ecat_t *bus = slave->session->bus;
-  ecat_slave_info info;
+  ecat_slave_info info = {0};
   int code;
   /* An output entry is valid only in OP. Asking for the validity costs a fifth of ecat_slave(). */
   if (entry != NULL && entry->expected.output && ecat_validity(bus, entry->signal) == ECAT_VALID) {
@@ -273,8 +278,10 @@ static int observe_slave(ecat_session_slave *slave, uint32_t complete) {
     slave->al_state = al_state(info.al_state);
     slave->al_code = (int)info.al_code;
   }
-  slave->valid = slave->al_state == ECAT_SESSION_OP && (complete >> slave->domain & 1) != 0;
-  return tell_state(slave);
+  slave->valid = slave->al_state == ECAT_SESSION_OP && (complete >> slave->domain & 1) != 0 && !info.absent;
+  slave->missed = slave->al_state != ECAT_SESSION_OP &&
+                  !(info.optional && slave->al_state == ECAT_SESSION_NOT_AVAILABLE);
+  return tell_state(slave, info.optional);
 }
 
 static int observe(ecat_session *session) {
@@ -284,7 +291,7 @@ static int observe(ecat_session *session) {
   session->state = ECAT_SESSION_OPERATIONAL;
   for (slave = session->slaves; slave != NULL && code == 0; slave = slave->next) {
     code = observe_slave(slave, complete);
-    if (slave->al_state != ECAT_SESSION_OP) session->state = ECAT_SESSION_NOT_OPERATIONAL;
+    if (slave->missed) session->state = ECAT_SESSION_NOT_OPERATIONAL;
   }
   if (complete != all) session->state = ECAT_SESSION_INCOMPLETE;
   return code;

@@ -61,6 +61,7 @@ static int check_slave(ecat_t *bus, unsigned position) {
   if (memchr(slave->name, 0, sizeof slave->name) == NULL) return damaged(bus, "slave name");
   if ((uint64_t)slave->signals_first + slave->signals_count > bus->header->signal_count)
     return damaged(bus, "slave entries");
+  if (slave->group < -1 || slave->group >= ECAT_MAX_GROUPS) return damaged(bus, "slave group");
   return 0;
 }
 
@@ -87,6 +88,7 @@ static int check_signal(ecat_t *bus, unsigned number) {
   to->slave = from->slave;
   to->domain = from->domain;
   to->output = from->output;
+  to->group = (int8_t)bus->slaves[from->slave].group;
   to->sign = (uint8_t)type_is_signed(from->type);
   to->real = (uint8_t)type_is_real(from->type, from->bit_length);
   to->up = (uint8_t)(64 - from->bit_offset % 64 - from->bit_length); /* unless READ_OTHERWISE */
@@ -409,6 +411,7 @@ int ecat_page_copy(struct snapshot *snapshot) {
     if ((before & 1) == 0) {
       snapshot->cycle = __atomic_load_n(&page->cycle, __ATOMIC_RELAXED);
       snapshot->time_ns = __atomic_load_n(&page->time_ns, __ATOMIC_RELAXED);
+      snapshot->absent = __atomic_load_n(&page->absent, __ATOMIC_RELAXED);
       snapshot->wkc = __atomic_load_n(&page->wkc, __ATOMIC_RELAXED);
       snapshot->wkc_state = __atomic_load_n(&page->wkc_state, __ATOMIC_RELAXED);
 #pragma GCC unroll 8

@@ -78,10 +78,13 @@ CYCLIC_API int cyclic_filter_index(int fd, uint32_t first, uint32_t last);
  * tells this run from others. Returns NULL on failure, and sets errno. */
 CYCLIC_API cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint32_t run);
 /* Adds a datagram that exchanges `length` bytes of the image of `domain` from `offset` on, at the
- * logical address `address + offset`. Add them in the order of the domains. Returns 0, or -EINVAL,
- * -ENOSPC. */
+ * logical address `address + offset`. Add them in the order of the domains. `group` is -1, or the
+ * group of optional slaves (0 to ECAT_MAX_GROUPS - 1) of which it has all of these bytes: they may be
+ * absent, and then the working counter of this datagram says nothing about the domain. Returns 0, or
+ * -EINVAL, -ENOSPC. */
 CYCLIC_API int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
-                                   uint32_t offset, uint32_t length, uint32_t wkc_expected);
+                                   uint32_t offset, uint32_t length, uint32_t wkc_expected,
+                                   int group);
 /* Makes the cycle follow a reference clock, and distributes its time to the slaves in each cycle.
  * Call it before cyclic_start(). */
 CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);

@@ -20,6 +20,7 @@ static void take_part(cyclic_t *c, uint32_t number) {
   if (left_out > 0) counter_add(&domain->status->overruns, left_out);
   domain->wkc = 0;
   domain->complete = 1;
+  domain->absent = 0;
   memcpy(domain->image, c->outputs + domain->output_base, domain->output_bytes);
 }
 

@@ -49,6 +49,7 @@ struct datagram {
   uint32_t domain, offset, length;
   uint32_t outputs;      /* bytes at its start that are sent from the image */
   uint32_t wkc_expected;
+  uint64_t group;        /* bit of the group of optional slaves whose bytes it has, 0: none */
 };
 
 /* A frame of this cycle: where its datagrams are, and who has answered. */
@@ -72,6 +73,7 @@ struct domain {
   uint32_t wkc, wkc_state, told_state;
   uint32_t bad;            /* exchanges in a row without a complete working counter */
   int32_t complete;        /* all datagrams of this cycle so far had their expected counter */
+  uint64_t absent;         /* groups of optional slaves that did not */
 };
 
 /* How the deadlines follow the reference clock; see clock.c. */

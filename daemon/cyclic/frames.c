@@ -29,10 +29,10 @@ void cyclic_frames_init(cyclic_t *c) {
 }
 
 int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
-                        uint32_t offset, uint32_t length, uint32_t wkc_expected) {
+                        uint32_t offset, uint32_t length, uint32_t wkc_expected, int group) {
   struct datagram *d = &c->datagram[c->datagrams];
   uint32_t output_bytes;
-  if (domain >= c->domains || length == 0 || length > DOMAIN_DATAGRAM_MAX ||
+  if (domain >= c->domains || group >= ECAT_MAX_GROUPS || length == 0 || length > DOMAIN_DATAGRAM_MAX ||
       offset > c->domain[domain].image_bytes || length > c->domain[domain].image_bytes - offset)
     return -EINVAL;
   if (c->datagrams == MAX_DATAGRAMS - 1) return -ENOSPC; /* one for the clock */
@@ -44,6 +44,7 @@ int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t addr
                : length < output_bytes - offset ? length
                                                 : output_bytes - offset;
   d->wkc_expected = wkc_expected;
+  d->group = group < 0 ? 0 : (uint64_t)1 << group;
   c->datagrams++;
   return 0;
 }
@@ -198,6 +199,8 @@ static void take_domain(cyclic_t *c, const struct datagram *d, const uint8_t *da
   domain->wkc += wkc;
   if (wkc == d->wkc_expected)
     memcpy(domain->image + d->offset + d->outputs, data + d->outputs, d->length - d->outputs);
+  else if (d->group != 0)
+    domain->absent |= d->group;
   else
     domain->complete = 0;
 }

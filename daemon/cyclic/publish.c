@@ -13,6 +13,7 @@ void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns)
   __atomic_thread_fence(__ATOMIC_RELEASE);
   __atomic_store_n(&page->cycle, c->cycle, __ATOMIC_RELAXED);
   __atomic_store_n(&page->time_ns, time_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&page->absent, domain->absent, __ATOMIC_RELAXED);
   __atomic_store_n(&page->wkc, domain->wkc, __ATOMIC_RELAXED);
   __atomic_store_n(&page->wkc_state, domain->wkc_state, __ATOMIC_RELAXED);
 #pragma GCC unroll 8

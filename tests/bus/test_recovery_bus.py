@@ -109,7 +109,7 @@ def in_op(bench: Bench) -> None:
     bench.wait_for_op()
 
     def fine() -> bool:
-        rows = bench.daemon.slave_rows("slaves")
+        rows = bench.daemon.ctl_json("slaves")["slaves"]
         return all(row["state"] == "OP" and row["recovery"] == "" for row in rows)
 
     bench.wait_for(fine)
@@ -124,7 +124,7 @@ def in_op(bench: Bench) -> None:
 
 
 def condition(bench: Bench, position: int) -> str:
-    return str(bench.daemon.slave_rows("slaves")[position]["recovery"])
+    return str(bench.daemon.ctl_json("slaves")["slaves"][position]["recovery"])
 
 
 both = pytest.mark.parametrize("clocks", [False, True], ids=["", "dc"])

@@ -55,7 +55,7 @@ def start(start_daemon: Callable[..., Daemon]) -> Iterator[Start]:
 
 def conditions(bench: Bench) -> dict[int, str]:
     """What is said of slaves that are not in OP."""
-    rows = bench.daemon.slave_rows("state")
+    rows = bench.daemon.ctl_json("state")["slaves"]
     return {row["position"]: row["recovery"] for row in rows if row["recovery"]}
 
 

@@ -99,7 +99,7 @@ def test_the_start_up_list_is_written_before_the_drive_is_enabled(
 
 def test_the_list_is_written_again_when_the_drive_comes_back(play: Play, drives: Daemon) -> None:
     rows = [(0x6083, 0, UNSIGNED32, 80_000)]
-    with play(generic(Mode.CYCLIC_VELOCITY), GENERIC, rows) as player:
+    with play(generic(Mode.CYCLIC_VELOCITY, max_dropout=0.01), GENERIC, rows) as player:
         player.enable()
         in_the_meantime(
             player, lambda: drives.ctl("sdo-write", str(GENERIC), "0x6083", "0", "90000")
@@ -250,7 +250,7 @@ def test_the_reaction_to_a_fault(play: Play) -> None:
 
 
 def test_short_dropouts_are_bridged_and_long_ones_switch_off(play: Play, record: Record) -> None:
-    with play(settings(Mode.CYCLIC_POSITION)) as player:
+    with play(settings(Mode.CYCLIC_POSITION, max_dropout=0.01)) as player:
         player.enable()
         player.set(valid=False)
         player.run(0.008)

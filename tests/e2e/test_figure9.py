@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import SHM, Daemon, names
+from conftest import SHM, Daemon, names, wait_for
 from ecatd import shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
@@ -85,8 +85,7 @@ def test_an_interrupt_gives_the_outputs_back(figure9: Path, troll: Daemon, tmp_p
                 client.wait()
             program.send_signal(signal.SIGINT)
             assert program.wait() == 130
-            client.wait(3)
-            assert client.slaves()[0].outputs == shm.Outputs.SAFE
+            wait_for(lambda: client.slaves()[0].outputs == shm.Outputs.SAFE, troll)
         assert program.stderr
         assert "interrupted" in program.stderr.read()
 

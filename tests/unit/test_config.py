@@ -49,6 +49,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         [expected]
         policy = "tolerant"
         unlisted = false
+        description = "full.json"
         [[slave]]
         position = 3
         name = "drive-2"
@@ -58,6 +59,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         revision_min = 0x00100000
         serial = 12
         policy = "strict"
+        group = "tool"
         watchdog_ms = 20.5
         pdi_watchdog_ms = 0
         pdos = ["0x1605", 0x1A02]
@@ -152,6 +154,8 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             12,
             None,
             "strict",
+            True,
+            "tool",
             20.5,
             0.0,
             [0x1605, 0x1A02],
@@ -162,7 +166,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             ],
         )
     ]
-    assert config.expected == ExpectedConfig("tolerant", False)
+    assert config.expected == ExpectedConfig("tolerant", False, str(tmp_path / "full.json"))
     assert [item.data for item in config.slave[0].startup] == [b"\xd2\x04\0\0", b"\1\0"]
     assert config.domain == [DomainConfig("fast"), DomainConfig("slow", 4, 3, [3, 5, 6, 7, 9])]
     assert config.dc == DcConfig(

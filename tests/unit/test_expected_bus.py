@@ -149,6 +149,48 @@ def test_an_alias_finds_a_slave_wherever_it_stands() -> None:
     assert [item.kind for item in other.differences] == ["other device"]
 
 
+@pytest.mark.parametrize(
+    ("found", "places", "absent"),
+    [
+        ([1, 2, 3, 2, 4], [0, 1, 2, 3, 4], []),
+        ([1, 2, 4], [0, None, None, 1, 2], [1, 2]),  # the slave that must be there is there
+        ([1, 2, 2, 4], [0, 1, None, 2, 3], [2]),
+        ([1, 3, 2, 4], [0, None, 1, 2, 3], [1]),
+    ],
+)
+def test_optional_slaves_may_be_absent(
+    found: list[int], places: list[int | None], absent: list[int]
+) -> None:
+    wanted = expect(1, 2, 3, 2, 4, n1={"optional": True}, n2={"group": "tool"})
+    comparison = compare(wanted, bus(*found))
+    assert kinds(comparison) == []
+    assert [comparison.places.get(n) for n in range(5)] == places
+    assert [slave.position for slave in comparison.absent] == absent
+    others = compare(wanted, bus(*found[:-1]))
+    assert kinds(others) == [("missing", (4,), ())]
+
+
+def test_a_group_stands_behind_its_first_slave() -> None:
+    rows = [
+        {"position": 0, "vendor": VENDOR, "product": 1},
+        {"name": "a", "alias": 7, "group": "tool", "vendor": VENDOR, "product": 2},
+        {"name": "b", "group": "tool", "vendor": VENDOR, "product": 3},
+        {"position": 1, "vendor": VENDOR, "product": 3},
+    ]
+    wanted = read_config({"slave": rows, "expected": {"unlisted": False}})
+    a, b = (slave.position for slave in wanted.slave[1:3])
+    there = compare(wanted, bus(1, 2, 3, 3, aliases={1: 7}))
+    assert (kinds(there), there.places) == ([], {0: 0, a: 1, b: 2, 1: 3})
+    behind = compare(wanted, bus(1, 3, 2, 3, aliases={2: 7}))
+    assert (kinds(behind), behind.places) == ([], {0: 0, 1: 1, a: 2, b: 3})
+    away = compare(wanted, bus(1, 3))
+    assert (kinds(away), away.places) == ([], {0: 0, 1: 1})
+    assert [slave.name for slave in away.absent] == ["a", "b"]
+    other = compare(wanted, bus(1, 3, 2, 4, aliases={2: 7}))
+    assert kinds(other) == [("other device", (b,), (3,))]
+    assert read_config(wanted.to_dict()) == wanted
+
+
 def test_the_tables_follow_their_slaves() -> None:
     config = expect(
         1,

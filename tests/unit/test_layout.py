@@ -20,6 +20,7 @@ from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.config import DomainConfig
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.pdo import Entry, Pdo
+from ecatd.shm import MAX_GROUPS
 
 
 def pdos(index: int, bits: int) -> list[Pdo]:
@@ -76,6 +77,16 @@ def test_more_than_a_datagram_for_one_slave_is_refused() -> None:
         lay_out(bus(slave(0, 8, 8), slave(1, 12000, 8)), {1})
 
 
+def test_more_groups_than_a_domain_has_bits_for_are_refused() -> None:
+    made = bus(*(slave(n, 8, 0) for n in range(MAX_GROUPS + 1)))
+    for item in made.slaves:
+        item.group = f"slave {item.position}"
+    with pytest.raises(StateError, match=naming("domain 0", MAX_GROUPS + 1, MAX_GROUPS)):
+        lay_out(made, set())
+    made.slaves[0].group = "slave 1"
+    assert len(lay_out(made, set()).domains[0].datagrams) == MAX_GROUPS
+
+
 def test_slaves_are_where_the_configuration_puts_them() -> None:
     made = bus(*(slave(n, 8, 8) for n in range(5)))
     assign_domains(
@@ -122,6 +133,8 @@ def buses(draw: st.DrawFn) -> tuple[Bus, set[int]]:
     made = bus(
         *(slave(n, draw(bits), draw(bits), draw(st.integers(0, domains - 1))) for n in range(count))
     )
+    for item in made.slaves:
+        item.group = draw(st.sampled_from(("", "", "tool", "station")))
     return made, draw(st.sets(st.integers(0, count - 1)))
 
 
@@ -168,6 +181,17 @@ def test_every_byte_is_exchanged_once_and_the_right_way(case: tuple[Bus, set[int
             for byte in range(d.offset, d.offset + d.length):
                 assert carried[byte] == 0
                 carried[byte] = d.command
+            groups = {
+                s.group
+                for s in made.slaves
+                if s.domain == domain.number
+                for first, count in (
+                    (s.output_offset, s.output_bytes),
+                    (s.input_offset, s.input_bytes),
+                )
+                if count and d.offset <= first < d.offset + d.length
+            }
+            assert groups == {domain.groups[d.group] if d.group >= 0 else ""}
         assert 0 not in carried.values()
         owned: set[int] = set()
         for item in (item for item in made.slaves if item.domain == domain.number):
@@ -178,7 +202,7 @@ def test_every_byte_is_exchanged_once_and_the_right_way(case: tuple[Bus, set[int
             assert owned.isdisjoint(outputs)
             assert owned.isdisjoint(inputs)
             owned.update(outputs, inputs)
-            split = item.position in without_lrw
+            split = item.position in without_lrw or item.group
             assert {carried[byte] for byte in outputs} <= {LWR if split else LRW}
             assert {carried[byte] for byte in inputs} <= {LRD if split else LRW}
             # Outputs of a slave, and its inputs, travel whole.

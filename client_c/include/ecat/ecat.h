@@ -75,6 +75,8 @@ typedef struct ecat_slave_info {
   unsigned al_state;    /* AL status register: enum ecat_al_state, + 0x10 with an error */
   unsigned al_code;     /* AL status code */
   int domain;           /* 0 first */
+  int optional;         /* 1: it may come and go while the bus runs */
+  int absent;           /* 1: it is optional, and it or its group did not take part in the last sample */
   int has_outputs;      /* 1: the slave has outputs to claim */
   int outputs;          /* enum ecat_outputs */
   int owned;            /* 1: by this client */

@@ -83,6 +83,7 @@ typedef struct ecat_session_slave {
   struct ecat_session_entry *entries;
   int same_bus, claimed, domain;
   int told;                      /* it was reported that it is not in OP */
+  int missed;                    /* it is not in OP, and it is not an optional slave that is away */
 } ecat_session_slave;
 
 typedef struct ecat_session_entry {

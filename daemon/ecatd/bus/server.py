@@ -259,10 +259,11 @@ class BusServer:
         up = self._up
         try:
             if up.master is not None and self.bus.slaves:
+                # Slaves that are gone cannot be asked; their watchdog takes care of them.
+                here = [item.position for item in up.master.states() if item.al_state]
                 for state in (AlState.SAFEOP, AlState.INIT):
-                    # Slaves that are gone cannot be asked; their watchdog takes care of them.
                     with suppress(StateError):
-                        up.master.wait_for_state(state, _STOP_TIMEOUT)
+                        up.master.wait_for_state(state, _STOP_TIMEOUT, here)
             if up.clocks is not None:
                 up.clocks.sync_signals.stop()
         finally:

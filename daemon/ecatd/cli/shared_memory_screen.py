@@ -193,8 +193,9 @@ def _slots(rows: list[Document]) -> list[str]:
 def _slot(row: Document, room: int) -> tuple[Any, ...]:
     since = "?"
     if row["since"] is not None:
-        form = "%H:%M:%S" if row["seconds"] < 86400 else "%Y-%m-%d"
-        since = time.strftime(form, time.localtime(row["since"])) + f" ({duration(row['seconds'])})"
+        days = int(row["seconds"] // 86400)
+        when = time.strftime("%Y-%m-%d" if days else "%H:%M:%S", time.localtime(row["since"]))
+        since = f"{when} ({f'{days} d' if days else duration(row['seconds'])})"
     return (
         row["slot"],
         "?" if row["pid"] is None else row["pid"],

@@ -155,6 +155,8 @@ class Client:
                     raw.al_state,
                     raw.al_code,
                     raw.domain,
+                    bool(raw.optional),
+                    bool(raw.absent),
                     bool(raw.has_outputs),
                     shm.Outputs(raw.outputs),
                     bool(raw.owned),

@@ -25,6 +25,8 @@ class SlaveInfo:
         al_state: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP, with 0x10 where there is an error; 0: no answer.
         al_code: AL status code.
         domain: Its domain, 0 first.
+        optional: Whether it may come and go while the bus runs.
+        absent: Whether it is optional, and it or its group did not take part in the last sample.
         has_outputs: Whether there is something to claim.
         outputs: Who decides them, as a whole.
         owned: Whether this client owns one of them.
@@ -39,6 +41,8 @@ class SlaveInfo:
     al_state: int
     al_code: int
     domain: int
+    optional: bool
+    absent: bool
     has_outputs: bool
     outputs: shm.Outputs
     owned: bool

@@ -19,6 +19,8 @@ class SlaveStruct(ctypes.Structure):
         ("al_state", ctypes.c_uint),
         ("al_code", ctypes.c_uint),
         ("domain", ctypes.c_int),
+        ("optional", ctypes.c_int),
+        ("absent", ctypes.c_int),
         ("has_outputs", ctypes.c_int),
         ("outputs", ctypes.c_int),
         ("owned", ctypes.c_int),

@@ -38,6 +38,8 @@ class Slave:
         problems: What is wrong with its EEPROM, and how the master handles that.
         profiles: Device profiles that its entries have their meanings from, each with its source.
         given_name: Its name in this machine, from the configuration; empty for none.
+        group: The optional slaves that come and go with it: the name of their group in the
+            configuration, or `slave N` for a slave alone. Empty for a slave that must be there.
         outputs: RxPDOs; `pdo_layout` computes where they lie.
         inputs: TxPDOs.
         domain: Number of the domain, 0 first.
@@ -64,6 +66,7 @@ class Slave:
     problems: list[str] = field(default_factory=list)
     profiles: list[str] = field(default_factory=list)
     given_name: str = ""
+    group: str = ""
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
     domain: int = 0

@@ -210,6 +210,7 @@ class _Reader:
             "problems": lambda value: _list(value, _PROBLEMS_MAX, lambda _, item: _text(item)),
             "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),
             "given_name": _text,
+            "group": _text,
             "outputs": self._pdos,
             "inputs": self._pdos,
             "domain": _integer(0, DOMAINS_MAX - 1),

@@ -14,7 +14,7 @@ from .bus import Slave
 from .config import POSITION_MAX, STRICT, Config, SlaveConfig
 
 _TOLD = 4  # slaves in one message
-_OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY = 4, 8, 7, 6, 2
+_OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY, _ABSENT = 4, 8, 7, 6, 2, 1
 """Costs of differences. An exchanged device costs less than one that is missing and another one
 that is extra; two slaves that have changed places cost as much as either."""
 
@@ -46,10 +46,12 @@ class Comparison:
     Attributes:
         places: Position of the slave found, by position in the configuration.
         differences: The differences in the order of the bus.
+        absent: Optional slaves that are not there, which is no difference.
     """
 
     places: dict[int, int] = field(default_factory=dict)
     differences: list[Difference] = field(default_factory=list)
+    absent: list[SlaveConfig] = field(default_factory=list)
 
     @property
     def unexpected(self) -> dict[int, str]:
@@ -73,7 +75,7 @@ class _Comparer:
     def __init__(self, config: Config, slaves: Sequence[Slave]) -> None:
         self._config = config
         self._slaves = slaves
-        by_position = {item.position: item for item in config.slave if item.alias is None}
+        by_position = {n.position: n for n in config.slave if n.position <= POSITION_MAX}
         last = max((n for n, item in by_position.items() if item.product is not None), default=-1)
         # Any slave may stand in a position without a table.
         self._expected = [by_position.get(n, SlaveConfig(n)) for n in range(last + 1)]
@@ -102,7 +104,8 @@ class _Comparer:
                 places[position] = position + behind - count
         self._tell_exchanged()
         self._tell_moved(missing, extra)
-        for alike in self._rows(missing):
+        self._found.absent += [item for item in missing if item.optional]
+        for alike in self._rows([item for item in missing if not item.optional]):
             self._add("missing", alike, (), self._missing(alike))
         for slave in extra:
             self._add("extra", [], (slave.position,), _extra(slave))
@@ -149,9 +152,7 @@ class _Comparer:
             with_it = [slave for slave in self._slaves if slave.alias == wanted.alias]
             label = _label(wanted)
             if len(with_it) == 1:
-                taken.add(with_it[0].position)
-                self._found.places[wanted.position] = with_it[0].position
-                self._compare_pair(wanted, with_it[0])
+                taken |= self._take(wanted, with_it[0])
             elif with_it:
                 positions = tuple(slave.position for slave in with_it)
                 taken.update(positions)
@@ -162,6 +163,8 @@ class _Comparer:
                     f"slaves {', '.join(map(str, positions))} have the same station alias, "
                     f"{wanted.alias}, so it is not clear which is {label}: give each its own",
                 )
+            elif wanted.optional:
+                self._found.absent += [wanted, *self._config.followers(wanted)]
             else:
                 self._add(
                     "missing",
@@ -172,6 +175,20 @@ class _Comparer:
                 )
         return taken
 
+    def _take(self, wanted: SlaveConfig, slave: Slave) -> set[int]:
+        """Takes a slave that is found by its alias, with those of its group behind it."""
+        taken = set()
+        for place, one in enumerate(
+            [wanted, *self._config.followers(wanted)], start=slave.position
+        ):
+            if place >= len(self._slaves):
+                self._found.absent.append(one)
+                continue
+            taken.add(place)
+            self._found.places[one.position] = place
+            self._compare_pair(one, self._slaves[place])
+        return taken
+
     def _align(self, taken: set[int]) -> Iterator[tuple[SlaveConfig | None, Slave | None]]:
         """Pairs expected slaves with found ones, with the fewest differences (edit distance)."""
         expected, slaves = self._expected, list(self._slaves)
@@ -180,6 +197,7 @@ class _Comparer:
         while (
             first < min(len(expected), len(slaves))
             and expected[first].product is not None
+            and not expected[first].optional
             and not self._cost(expected[first], slaves[first], taken)
         ):
             yield expected[first], slaves[first]
@@ -306,6 +324,8 @@ class _Comparer:
 
 
 def _cost_missing(wanted: SlaveConfig) -> float:
+    if wanted.optional:
+        return _ABSENT
     return _MISSING_ANY if wanted.product is None else _MISSING
 
 

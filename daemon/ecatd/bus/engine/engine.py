@@ -144,7 +144,7 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_set_clock.restype = None
     lib.cyclic_set_socket.argtypes = [pointer, u32, ctypes.c_int]
     lib.cyclic_set_socket.restype = None
-    lib.cyclic_add_datagram.argtypes = [pointer, u32, ctypes.c_int, u32, u32, u32, u32]
+    lib.cyclic_add_datagram.argtypes = [pointer, u32, i32, u32, u32, u32, u32, i32]
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
     lib.cyclic_set_limit.argtypes = [pointer, u32, ctypes.c_double, ctypes.c_double]
     lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
@@ -242,6 +242,7 @@ class Engine:
                 item.offset,
                 item.length,
                 item.wkc_expected,
+                item.group,
             )
             if code != 0:
                 raise EcatError(f"datagram refused by the engine: {os.strerror(-code)}")

@@ -3,14 +3,17 @@
 ecatd assigns the addresses itself instead of taking SOEM's, so that there can be several domains,
 and the bits of two slaves never share a byte.
 
-The image of a domain has four parts, each with one slave after the other. "No LRW" are the slaves
-that do not support the LRW command:
+The image of a domain has six parts, each with one slave after the other. "No LRW" are the slaves
+that do not support the LRW command, "optional" those that come and go:
 
-    outputs, no LRW | outputs, other slaves | inputs, other slaves | inputs, no LRW
+    outputs, no LRW | outputs, optional | outputs, other slaves
+    inputs, other slaves | inputs, optional | inputs, no LRW
 
-Outputs lie before inputs, as clients expect. The first part is exchanged by LWR, the two in the
-middle together by LRW, and the last by LRD. So only slaves without LRW cost extra datagrams. A
-datagram always ends at the boundary of a slave, so that its working counter is known.
+Outputs lie before inputs, as clients expect. The two parts in the middle are exchanged together by
+LRW, those before by LWR, and those behind by LRD. So only slaves without LRW and optional slaves
+cost extra datagrams. A datagram always ends at the boundary of a slave, so that its working counter
+is known. Each group of optional slaves has datagrams of its own: their working counters tell in
+every cycle whether the group is there, and those of the others do not depend on it.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from dataclasses import dataclass, field
 from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.config import DomainConfig
 from ecatd.model.errors import ConfigError, StateError
+from ecatd.shm import MAX_GROUPS
 
 from .framing import DOMAIN_DATAGRAM_MAX
 
@@ -35,17 +39,38 @@ _COUNTS = {LWR: (1, 0), LRW: (2, 1), LRD: (0, 1)}
 
 @dataclass(slots=True)
 class Datagram:
-    """A piece of a domain's image that one datagram carries. Offset and length are in bytes."""
+    """A piece of a domain's image that one datagram carries.
+
+    Attributes:
+        command: `LRD`, `LWR` or `LRW`.
+        offset: Its first byte in the image.
+        length: Its bytes.
+        wkc_expected: Working counter when all its slaves take part.
+        group: Number of the group of optional slaves in the domain that it carries; -1: none.
+    """
 
     command: int
     offset: int
     length: int
     wkc_expected: int
+    group: int = -1
 
 
 @dataclass(slots=True)
 class DomainImage:
-    """Sizes and datagrams of one domain."""
+    """Sizes and datagrams of one domain.
+
+    Attributes:
+        number: Number of the domain, 0 first.
+        output_base: Where its outputs begin in the output image of all domains.
+        output_bytes: Bytes of outputs, at the start of its image.
+        input_bytes: Bytes of inputs.
+        name: Name from the configuration; may be empty.
+        divider: It is exchanged in every n-th base cycle; this is n.
+        phase: Remainder of cycle number / divider in these cycles.
+        groups: Its groups of optional slaves, see `Slave.group`; their places are their numbers.
+        datagrams: What is exchanged.
+    """
 
     number: int
     output_base: int
@@ -54,6 +79,7 @@ class DomainImage:
     name: str = ""
     divider: int = 1
     phase: int = 0
+    groups: list[str] = field(default_factory=list)
     datagrams: list[Datagram] = field(default_factory=list)
 
     @property
@@ -125,7 +151,8 @@ def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
         without_lrw: Positions of slaves that do not support LRW.
 
     Raises:
-        StateError: A slave has more process data than one datagram can carry.
+        StateError: A slave has more process data than one datagram can carry, or a domain has too
+            many groups of optional slaves.
     """
     count = max([len(bus.domains), 1, *(slave.domain + 1 for slave in bus.slaves)])
     image = Image([])
@@ -139,6 +166,13 @@ def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
             phase=facts.phase,
         )
         slaves = [slave for slave in bus.slaves if slave.domain == number]
+        domain.groups = list(dict.fromkeys(slave.group for slave in slaves if slave.group))
+        if len(domain.groups) > MAX_GROUPS:
+            raise StateError(
+                f"{bus.domain_label(number)} has {len(domain.groups)} groups of optional slaves, "
+                f"but at most {MAX_GROUPS} are possible: give slaves that come and go together the "
+                "same group, or put some into another [[domain]]"
+            )
         _place(domain, slaves, without_lrw)
         image.domains.append(domain)
     return image
@@ -146,22 +180,24 @@ def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
 
 def _place(domain: DomainImage, slaves: list[Slave], without_lrw: Set[int]) -> None:
     """Places the slaves of a domain in its image, and adds the datagrams that carry it."""
-    whole = [slave for slave in slaves if slave.position not in without_lrw]
-    split = [slave for slave in slaves if slave.position in without_lrw]
-    rows: dict[int, list[_Part]] = {LWR: [], LRW: [], LRD: []}
+    always = [slave for slave in slaves if not slave.group]
+    whole = [slave for slave in always if slave.position not in without_lrw]
+    split = [slave for slave in always if slave.position in without_lrw]
+    groups = [[slave for slave in slaves if slave.group == group] for group in domain.groups]
+    lrw: list[_Part] = []
     offset = 0
-    for command, group in ((LWR, split), (LRW, whole)):
-        for slave in group:
-            slave.output_offset = offset
-            offset = _append(rows[command], slave, offset, output=True)
-    domain.output_bytes = offset
-    for command, group in ((LRW, whole), (LRD, split)):
-        for slave in group:
-            slave.input_offset = offset
-            offset = _append(rows[command], slave, offset, output=False)
+    for number, members in enumerate([split, *groups], -1):
+        parts: list[_Part] = []
+        offset = _append(parts, members, offset, output=True)
+        domain.datagrams += _datagrams(LWR, parts, number)
+    offset = domain.output_bytes = _append(lrw, whole, offset, output=True)
+    offset = _append(lrw, whole, offset, output=False)
+    domain.datagrams += _datagrams(LRW, lrw)
+    for number, members in [*enumerate(groups), (-1, split)]:
+        parts = []
+        offset = _append(parts, members, offset, output=False)
+        domain.datagrams += _datagrams(LRD, parts, number)
     domain.input_bytes = offset - domain.output_bytes
-    for command, parts in rows.items():
-        domain.datagrams += _datagrams(command, parts)
 
 
 @dataclass(slots=True)
@@ -173,30 +209,35 @@ class _Part:
     length: int
 
 
-def _append(parts: list[_Part], slave: Slave, offset: int, *, output: bool) -> int:
-    """Adds a slave's outputs or inputs to `parts`, if it has any; returns the offset after them.
+def _append(parts: list[_Part], slaves: Iterable[Slave], offset: int, *, output: bool) -> int:
+    """Places the outputs or the inputs of slaves from `offset` on; returns the offset after them.
 
     Raises:
-        StateError: One datagram cannot carry that many bytes.
+        StateError: One datagram cannot carry all bytes of a slave.
     """
-    length = slave.output_bytes if output else slave.input_bytes
-    if length > DOMAIN_DATAGRAM_MAX:
-        raise StateError(
-            f"{slave.label} has {length} bytes of {'outputs' if output else 'inputs'}, but one "
-            f"datagram carries at most {DOMAIN_DATAGRAM_MAX}: choose a smaller PDO assignment"
-        )
-    if length:
-        parts.append(_Part(output, offset, length))
-    return offset + length
+    for slave in slaves:
+        if output:
+            slave.output_offset, length = offset, slave.output_bytes
+        else:
+            slave.input_offset, length = offset, slave.input_bytes
+        if length > DOMAIN_DATAGRAM_MAX:
+            raise StateError(
+                f"{slave.label} has {length} bytes of {'outputs' if output else 'inputs'}, but one "
+                f"datagram carries at most {DOMAIN_DATAGRAM_MAX}: choose a smaller PDO assignment"
+            )
+        if length:
+            parts.append(_Part(output, offset, length))
+        offset += length
+    return offset
 
 
-def _datagrams(command: int, parts: Iterable[_Part]) -> list[Datagram]:
+def _datagrams(command: int, parts: Iterable[_Part], group: int = -1) -> list[Datagram]:
     """Makes datagrams of `parts`, each as long as possible; one slave's bytes stay together."""
     written, read = _COUNTS[command]
     datagrams: list[Datagram] = []
     for part in parts:
         if not datagrams or datagrams[-1].length + part.length > DOMAIN_DATAGRAM_MAX:
-            datagrams.append(Datagram(command, part.offset, 0, 0))
+            datagrams.append(Datagram(command, part.offset, 0, 0, group))
         datagrams[-1].length += part.length
         datagrams[-1].wkc_expected += written if part.output else read
     return datagrams

@@ -50,6 +50,7 @@ class SharedMemory:
         out: `ecat_out_header`, a copy of what was written.
         header: `ecat_shm_header`, mapped: clients see every assignment at once. So they do with
             the tables below.
+        slaves: `ecat_shm_slave` table.
         signals: `ecat_shm_signal` table.
         slave_status: `ecat_shm_slave_status` table.
         settings: `ecat_shm_setting` table.
@@ -133,7 +134,7 @@ class SharedMemory:
         # `_at` gives a plain struct for one entry; these are arrays always, so that they can be
         # indexed.
         kind = shm.struct("ecat_shm_slave") * count
-        table = kind.from_buffer(self._map, plan.offsets["slaves"])
+        self.slaves = table = kind.from_buffer(self._map, plan.offsets["slaves"])
         status = shm.struct("ecat_shm_slave_status") * count
         self.slave_status = status.from_buffer(self._map, plan.offsets["slave_status"])
         for row, slave in zip(table, self._bus.slaves, strict=False):
@@ -146,6 +147,8 @@ class SharedMemory:
             row.output_offset, row.output_bytes = slave.output_offset, slave.output_bytes
             row.input_offset, row.input_bytes = slave.input_offset, slave.input_bytes
             row.signals_first, row.signals_count = plan.ranges[slave.position]
+            groups = self._image.domains[slave.domain].groups
+            row.group = groups.index(slave.group) if slave.group else -1
             row.name = _text(slave.given_name or slave.name, 64)
 
     def _fill_signals(self, plan: _Plan) -> None:

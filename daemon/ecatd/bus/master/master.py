@@ -70,6 +70,7 @@ class Master:
         relay: The relay that carries all frames of the master; set by `scan`.
         registers: Access to the registers of many slaves at once; set by `scan`.
         stations: Configured station addresses by position; set by `scan`.
+        wire: Positions of the slaves that the scan has found, in the order of the wire.
 
     Raises:
         UnreachableError: There is no such interface.
@@ -95,6 +96,7 @@ class Master:
         self._share = share
         self._priority = priority
         self.stations: list[int] = []
+        self.wire: list[int] = []
         self._names: list[str] = []
         self._lines: list[Line] = []
         with contextlib.ExitStack() as stack:
@@ -114,7 +116,7 @@ class Master:
         """
         self.relay.set_socket(port, open_for_control(self._interfaces[port]))
 
-    def scan(self, timeout: float) -> str:
+    def scan(self, timeout: float, *, may_be_empty: bool = False) -> str:
         """Finds the slaves, numbers them, sets their mailboxes up, and leaves them in INIT.
 
         SOEM scans first, and closes the interfaces before the relay opens them. If its result does
@@ -122,6 +124,7 @@ class Master:
 
         Args:
             timeout: Seconds that slaves have to reach INIT.
+            may_be_empty: Whether a bus without slaves, and without a carrier, is no error.
 
         Returns:
             Why SOEM's numbers were not used, as a sentence; empty if they were used.
@@ -132,11 +135,15 @@ class Master:
             StateError: There are too many slaves, they come and go meanwhile, an EEPROM cannot be
                 read, or a slave does not reach INIT.
         """
-        wait_for_carriers(self._interfaces, self._cancelled)
+        try:
+            wait_for_carriers(self._interfaces, self._cancelled)
+        except UnreachableError:
+            if not may_be_empty:
+                raise
         self._names = soem.scan(self._interfaces)
         self._open_relay()
         count = count_slaves(self.registers)
-        if count == 0:
+        if count == 0 and not may_be_empty:
             raise UnreachableError(
                 f"no EtherCAT slave answers on '{self._interfaces[0]}': check cable and power of "
                 f"the first slave, and that this is the right interface"
@@ -151,10 +158,33 @@ class Master:
             number_slaves(self.registers, count)
             self._names = []
         self.stations = [*stations(count)]
+        self.wire = [*range(count)]
         self._lines = [Line() for _ in self.stations]
         self.wait_for_state(AlState.INIT, timeout)
         self._set_mailboxes_up()
         return why
+
+    def arrange(self, places: Sequence[int | None]) -> None:
+        """Gives the slaves other positions than those of the scan.
+
+        Args:
+            places: By new position, the position of the scan; None for a slave that is absent. It
+                gets a station address of its own, for when it comes.
+
+        Raises:
+            StateError: There are more slaves than a bus can have.
+        """
+        if len(places) > shm.MAX_SLAVES:
+            raise StateError(
+                f"there are {len(places)} slaves with those that are optional, but a bus can have "
+                f"{shm.MAX_SLAVES} at most"
+            )
+        spare = iter(stations(len(places))[len(self.stations) :])
+        self.stations = [next(spare) if at is None else self.stations[at] for at in places]
+        self._names = ["" if at is None else self.name(at) for at in places]
+        self._lines = [Line() if at is None else self._lines[at] for at in places]
+        there = {at: position for position, at in enumerate(places) if at is not None}
+        self.wire = [there[at] for at in sorted(there)]
 
     def _why_not_as_soem(self, count: int) -> str:
         """Says why SOEM's numbers do not match the slaves on the wire; empty if they match."""
@@ -177,12 +207,30 @@ class Master:
 
     def _set_mailboxes_up(self) -> None:
         """Sets sync managers 0 and 1 up, in one datagram, in each slave that has a mailbox."""
-        writes = []
-        for position, managers in enumerate(self.read_eeproms(read_mailbox)):
-            rows = [struct.pack("<HHBBBB", m.start, m.length, m.control, 0, 1, 0) for m in managers]
-            if rows:
-                writes.append((position, _SYNC_MANAGERS, b"".join(rows)))
-        self.write_registers(writes)
+        positions = range(len(self.stations))
+        self.write_registers(
+            [
+                (position, _SYNC_MANAGERS, data)
+                for position, data in zip(positions, self.read_mailboxes(positions), strict=True)
+                if data
+            ]
+        )
+
+    def read_mailboxes(self, positions: Sequence[int]) -> list[bytes]:
+        """Reads from EEPROMs what the registers of sync managers 0 and 1 must be.
+
+        Returns:
+            16 bytes for each slave, or none if it has no mailbox.
+
+        Raises:
+            StateError: An EEPROM cannot be read.
+        """
+        return [
+            b"".join(
+                struct.pack("<HHBBBB", m.start, m.length, m.control, 0, 1, 0) for m in managers
+            )
+            for managers in self.read_eeproms(read_mailbox, positions)
+        ]
 
     def name(self, position: int) -> str:
         """The name that SOEM has read for a slave, for messages; empty if SOEM has none."""

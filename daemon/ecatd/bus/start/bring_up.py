@@ -32,6 +32,7 @@ from ..engine.layout import Image, assign_domains, lay_out
 from ..engine.shared_memory import SharedMemory
 from ..master.emergencies import tell_emergencies
 from ..master.master import Master
+from .absent import arrange
 from .clocks import Clocks, clock_bits
 from .doubtful import Doubt, fitting, settle
 from .identify import Finder, branch_ends
@@ -67,6 +68,7 @@ class RunningBus:
         master: The master.
         engine: The cyclic engine.
         clocks: The distributed clocks, where they are used.
+        absent: Positions of the optional slaves that were absent at the start.
         doubtful: Slaves whose process data are in doubt, by position, and why.
         idle: Positions of the doubtful slaves that stay in PREOP and are not exchanged.
         set_up: Sets up slaves that have restarted.
@@ -82,6 +84,7 @@ class RunningBus:
     master: Master
     engine: Engine
     clocks: Clocks | None
+    absent: set[int]
     doubtful: dict[int, Doubt]
     idle: list[int]
     set_up: SetUp
@@ -163,6 +166,7 @@ class BringUp:
             master,
             engine,
             self.clocks,
+            self._absent,
             self._doubtful,
             self._idle,
             SetUp(
@@ -176,7 +180,7 @@ class BringUp:
                 self._doubtful,
                 self.config.state_timeout_s,
             ),
-            Finder(master.registers, self.bus.slaves, self._ends),
+            Finder(master.registers, self.bus.slaves, self._ends, self._anywhere),
             self.config.recovery,
             self.config.state_timeout_s,
         )
@@ -209,7 +213,10 @@ class BringUp:
 
     def _scan(self, master: Master) -> None:
         """Finds the slaves and takes them to PREOP."""
-        why = master.scan(self.config.state_timeout_s)
+        # A bus of optional slaves may be empty.
+        slaves = self.config.slave
+        may_be_empty = bool(slaves) and all(item.optional for item in slaves)
+        why = master.scan(self.config.state_timeout_s, may_be_empty=may_be_empty)
         count = len(master.stations)
         text = f"{count} slave{'s' * (count != 1)} found on {self._interface}"
         self._log.info(f"{text} (numbered by ecatd: {why})" if why else text)
@@ -217,7 +224,7 @@ class BringUp:
 
     def _read(self, master: Master) -> None:
         """Reads SII and PDOs of every slave into the bus description."""
-        self._scanned = identify_slaves(master)
+        self._scanned = arrange(master, identify_slaves(master), self.config, self._log.warning)
         unexpected = self._compare()
         configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
         for item in self._scanned:
@@ -231,11 +238,27 @@ class BringUp:
             self.config.state_timeout_s,
             self._log.warning,
         )
-        for item, bits in zip(self._scanned, clock_bits(master), strict=True):
-            item.slave.dc_bits = bits
+        for position, bits in clock_bits(master).items():
+            self._scanned[position].slave.dc_bits = bits
         self.bus.slaves = [item.slave for item in self._scanned]
         self._mailboxes = read_mailboxes(master)
-        self._ends = branch_ends(count_links(master), ring=bool(self.config.second_interface))
+        self._ends = self._branch_ends(master)
+
+    @property
+    def _anywhere(self) -> dict[int, list[int]]:
+        """Positions of the optional slaves that are found by the alias of the first one."""
+        return {
+            wanted.alias: [wanted.position, *(n.position for n in self.config.followers(wanted))]
+            for wanted in self.config.slave
+            if wanted.optional and wanted.alias is not None
+        }
+
+    def _branch_ends(self, master: Master) -> list[int]:
+        """See `branch_ends`. Where slaves are absent, nobody knows who is reached through whom."""
+        count = len(self._scanned)
+        if master.wire != [*range(count)]:
+            return [position + 1 for position in range(count)]
+        return branch_ends(count_links(master), ring=bool(self.config.second_interface))
 
     def _compare(self) -> dict[int, str]:
         """Compares the slaves with those that the configuration expects, and follows them.
@@ -265,6 +288,15 @@ class BringUp:
         return unexpected
 
     @property
+    def _absent(self) -> set[int]:
+        """Positions of the optional slaves that have not been there yet."""
+        return {item.slave.position for item in self._scanned if not item.known}
+
+    @property
+    def _present(self) -> list[Scanned]:
+        return [item for item in self._scanned if item.known]
+
+    @property
     def _idle(self) -> list[int]:
         """Positions of doubtful slaves without process data; they are not exchanged."""
         slaves = self.bus.slaves
@@ -275,8 +307,8 @@ class BringUp:
 
         A doubtful slave that does not reach the state is no error: recovery takes care of it.
         """
-        idle = set(self._idle)
-        used = [n for n in range(len(self.bus.slaves)) if n not in idle] if idle else None
+        out = {*self._idle, *self._absent}
+        used = [n for n in range(len(self.bus.slaves)) if n not in out] if out else None
         master.wait_for_state(state, self.config.state_timeout_s, used, optional=self._doubtful)
 
     def _map(self, master: Master) -> Image:
@@ -288,7 +320,7 @@ class BringUp:
         safe = fitting(self.config.outputs.safe, self.bus, self._doubtful)
         self.safe = safe_outputs(self.bus, safe)
         assign_domains(self.bus, self.config.domain, self._idle)
-        self.image = image = lay_out(self.bus, without_lrw(master, self._scanned))
+        self.image = image = lay_out(self.bus, without_lrw(master, self._present))
         self.wire = wire_time(
             image,
             self.config.cycle_time_us,
@@ -298,8 +330,8 @@ class BringUp:
         )
         if warning := self.wire.check():
             self._log.warning(warning)
-        configure(master, self._scanned, image)
-        for warning in check_watchdogs(master, self.bus, self._scanned):
+        configure(master, self._present, image)
+        for warning in check_watchdogs(master, self.bus, self._present):
             self._log.warning(warning)
         if self.config.dc.slave and not self.config.dc.enabled:
             self._log.warning(
@@ -376,7 +408,8 @@ class BringUp:
             f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{self.clocks.reference.label} (after {seconds:.1f} s)"
         )
-        failed = finish(self.clocks.sync_signals.start(shared), _CLOCK_PAUSE)
+        here = {item.slave.position for item in self._present}
+        failed = finish(self.clocks.sync_signals.start(shared, here), _CLOCK_PAUSE)
         for position, why in failed.items():
             raise StateError(f"{self.bus.slaves[position].label}: {why}")
 
@@ -393,7 +426,7 @@ class BringUp:
         """Requests OP after outputs have been sent a few times: slaves need valid ones first."""
         timeout = self.config.state_timeout_s
         # A doubtful slave must not keep the others from OP, and may be in PREOP.
-        sure = [item for item in self._scanned if item.slave.position not in self._doubtful]
+        sure = [item for item in self._present if item.slave.position not in self._doubtful]
         told, refused = finish(write_before_op(master, sure), _MAILBOX_PAUSE)
         for text in told:
             self._log.warning(text)
@@ -403,9 +436,11 @@ class BringUp:
         self._reach(master, AlState.OP)
 
     def _summarise(self, image: Image) -> str:
-        count = len(self.bus.slaves)
+        absent = len(self._absent)
+        count = len(self.bus.slaves) - absent
+        away = f" (and {absent} optional, absent)" if absent else ""
         return (
-            f"bus '{self.bus.name}' is in OP: {count} slave{'s' * (count != 1)}, "
+            f"bus '{self.bus.name}' is in OP: {count} slave{'s' * (count != 1)}{away}, "
             f"{image.output_bytes} bytes of outputs, "
             f"{sum(domain.input_bytes for domain in image.domains)} of inputs, every "
             f"{self.config.cycle_time_us} µs (after {time.monotonic() - self._begin:.1f} s)"

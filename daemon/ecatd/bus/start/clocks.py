@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ecatd.coroutine_steps import Steps
@@ -28,7 +28,7 @@ from ecatd.shm import DcState, Ring
 
 from ..engine.engine import Clock
 from ..engine.shared_memory import SharedMemory
-from ..frames.datagrams import Place, Station, bwr
+from ..frames.datagrams import Place, Station, brd, bwr
 from ..master.master import Master
 from .clock_registers import (
     DELAY,
@@ -45,7 +45,7 @@ from .sync_signals import SyncSignals
 
 _FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08
 _LOOP_CONTROL, _LOOP_CLOSED = 0x0101, 0x03  # two bits a port
-_DL_STATUS = 0x0110
+_STATION_ADDRESS, _DL_STATUS = 0x0010, 0x0110
 _PORT_TIMES = 0x0900
 _UNIT_TIME = 0x0918
 
@@ -61,18 +61,19 @@ _RING_OPEN_NS = 100_000
 does not reach all slaves; the others follow the engine's estimate of it."""
 
 
-def clock_bits(master: Master) -> list[int]:
-    """Width of the distributed clock of each slave: 64, 32, or 0 if it has none.
+def clock_bits(master: Master) -> dict[int, int]:
+    """Width of the distributed clock of each slave that is there: 64, 32, or 0 if it has none.
 
     The EEPROM may switch the clock of an ESC off. Register 0x0910 then does not answer, and only
     the receive times of the ports are left.
     """
-    wanted = [(position, _FEATURES, 2) for position in range(len(master.stations))]
-    bits = []
-    times = master.registers.read_all(master.stations, SYSTEM_TIME, 4)
-    for data, time_ in zip(master.read_registers(wanted), times, strict=True):
+    features = master.read_registers([(position, _FEATURES, 2) for position in master.wire])
+    stations = [master.stations[position] for position in master.wire]
+    times = master.registers.read_all(stations, SYSTEM_TIME, 4)
+    bits = {}
+    for position, data, time_ in zip(master.wire, features, times, strict=True):
         has_clock = number(data) & _HAS_CLOCK and time_.wkc
-        bits.append(0 if not has_clock else 64 if number(data) & _HAS_64_BITS else 32)
+        bits[position] = 0 if not has_clock else 64 if number(data) & _HAS_64_BITS else 32
     return bits
 
 
@@ -98,9 +99,11 @@ class Clocks:
         self._config = config
         self._master = master
         self._clocks = [slave for slave in bus.slaves if slave.dc_bits]
+        self._measured = set(master.wire)  # positions of the slaves whose delays are known
         self.reference = self._choose_reference()
-        self.followers = [s for s in self._clocks if s.position > self.reference.position]
-        self._hearing = self.followers  # those that get the real time, not only an estimate
+        self.followers = [s for s in self._clocks if self._is_behind(s)]
+        # Those that are there, and get the real time, not only an estimate.
+        self._hearing = [s for s in self.followers if s.position in self._measured]
         self.sync_signals = SyncSignals(bus, config, master, self._check_follower)
 
     def _choose_reference(self) -> Slave:
@@ -109,9 +112,29 @@ class Clocks:
             raise ConfigError(
                 f"dc: no slave of bus '{self._bus.name}' has a distributed clock: leave [dc] out"
             )
-        if wanted < 0:
-            return self._clocks[0]
-        return self._with_clock("dc.reference", wanted)
+        if wanted >= 0:
+            slave = self._with_clock("dc.reference", wanted)
+            if slave.group:
+                raise ConfigError(
+                    f"dc.reference: {slave.label} is optional, but the cycle needs a clock that is "
+                    "always there: choose another one"
+                )
+            return slave
+        order = {position: place for place, position in enumerate(self._master.wire)}
+        always = [slave for slave in self._clocks if not slave.group]
+        if not always:
+            raise ConfigError(
+                f"dc: all slaves of bus '{self._bus.name}' with a distributed clock are optional, "
+                "but the cycle needs a clock that is always there: leave [dc] out"
+            )
+        return min(always, key=lambda slave: order[slave.position])
+
+    def _is_behind(self, slave: Slave) -> bool:
+        """Whether the time of the reference clock comes to a slave, as far as that is known."""
+        wire = self._master.wire
+        if slave.position not in wire:
+            return slave.position > self.reference.position
+        return wire.index(slave.position) > wire.index(self.reference.position)
 
     def _with_clock(self, key: str, position: int) -> Slave:
         slaves = self._bus.slaves
@@ -130,7 +153,7 @@ class Clocks:
     def _check_follower(self, position: int) -> Slave:
         """Returns the slave at a position; raises `ConfigError` if it cannot have SYNC signals."""
         slave, reference = self._with_clock("dc.slave", position), self.reference
-        if slave.position < reference.position:
+        if slave is not reference and not self._is_behind(slave):
             raise ConfigError(
                 f"dc.slave: {slave.label} cannot follow the reference clock, {reference.label}: "
                 f"the frame that brings its time passes only the slaves behind it; choose a "
@@ -157,12 +180,10 @@ class Clocks:
         with self._ring_open():
             times, now = self._latch()
         origin = times[self.reference.position] or 0.0
-        places = [slave.position for slave in self._clocks]
-        units = self._read(
-            [(slave.position, _UNIT_TIME, slave.dc_bits // 8) for slave in self._clocks]
-        )
+        here = [slave for slave in self._clocks if slave.position in times]
+        units = self._read([(slave.position, _UNIT_TIME, slave.dc_bits // 8) for slave in here])
         writes = []
-        for slave, then in zip(self._clocks, units, strict=True):
+        for slave, then in zip(here, units, strict=True):
             # The frame came to this clock later than to the reference clock, by the delay.
             delay = round((times[slave.position] or 0.0) - origin)
             offset = (now + delay - then) % (1 << slave.dc_bits)
@@ -171,9 +192,28 @@ class Clocks:
             # Resets the control loop of the clock, which may still have learnt from another master.
             writes.append((slave.position, SPEED_START, struct.pack("<H", SPEED_START_DEFAULT)))
         self._master.write_registers(writes)
-        delays = self._read([(place, DELAY, 4) for place in places])
-        for slave, delay in zip(self._clocks, delays, strict=True):
+        delays = self._read([(slave.position, DELAY, 4) for slave in here])
+        for slave, delay in zip(here, delays, strict=True):
             slave.dc_delay_ns = delay
+
+    def _measure_new(self, slaves: Iterable[Slave]) -> None:
+        """Measures the delays of slaves that were absent at the start.
+
+        A closed ring would have to be opened for that. There the delay of the slave before counts.
+        """
+        new = [slave for slave in slaves if slave.position not in self._measured]
+        if not new:
+            return
+        times: dict[int, float | None] = {}
+        if not self._config.second_interface:
+            times, _ = self._latch()
+        origin = times.get(self.reference.position) or 0.0
+        for slave in new:
+            before = [s.dc_delay_ns for s in self._clocks if s.position < slave.position]
+            arrival = times.get(slave.position)
+            estimate = max(before, default=0)
+            slave.dc_delay_ns = estimate if arrival is None else max(0, round(arrival - origin))
+            self._measured.add(slave.position)
 
     @contextmanager
     def _ring_open(self) -> Iterator[None]:
@@ -188,7 +228,8 @@ class Clocks:
         if end is None:
             yield
             return
-        position, port = end
+        place, port = end
+        position = self._master.wire[place]
         control = self._master.register_read(position, _LOOP_CONTROL, 1)
         closed = bytes([control[0] | _LOOP_CLOSED << 2 * port])
         self._master.register_write(position, _LOOP_CONTROL, closed)
@@ -197,12 +238,12 @@ class Clocks:
         finally:
             self._master.register_write(position, _LOOP_CONTROL, control)
 
-    def _latch(self) -> tuple[list[float | None], int]:
+    def _latch(self) -> tuple[dict[int, float | None], int]:
         """Sends the frame whose way is measured (a write to 0x0900).
 
         Returns:
-            The frame's time of arrival at each slave, as `arrivals`, and the computer's time in ns
-            since 2000.
+            The frame's time of arrival at each slave that is there, by position, as `arrivals`, and
+            the computer's time in ns since 2000.
 
         Raises:
             StateError: Frames get lost, or the times make no sense.
@@ -218,23 +259,32 @@ class Clocks:
                     raise StateError(f"propagation delays cannot be measured: {error}") from error
         raise StateError("propagation delays cannot be measured: frames get lost")
 
-    def _arrivals(self) -> list[float | None]:
+    def _arrivals(self) -> dict[int, float | None]:
         """Returns when the frame came to each slave; a broken ring counts as if it were closed."""
         ports = self._ports()
+        addresses = self._read_places([*range(len(ports))], _STATION_ADDRESS, 2)
+        positions = {slave.address: slave.position for slave in self._bus.slaves}
+        wire = [positions.get(number(address), -1) for address in addresses]
         count = reached(ports)
         if count == len(ports) or not self._config.second_interface:
-            return arrivals(ports)
-        near = self.reference.position < count
-        self._hearing = [slave for slave in self.followers if (slave.position < count) == near]
-        return arrivals_at_both_ends(ports, count)
+            return dict(zip(wire, arrivals(ports), strict=True))
+        near = self.reference.position in wire[:count]
+        self._hearing = [
+            s for s in self.followers if s.position in wire and (s.position in wire[:count]) == near
+        ]
+        return dict(zip(wire, arrivals_at_both_ends(ports, count), strict=True))
 
     def _ports(self) -> list[Ports]:
-        """Reads which ports of each slave have a link, and their receive times if it has any."""
-        places = [slave.position for slave in self._bus.slaves]
-        status = self._read([(place, _DL_STATUS, 2) for place in places])
-        features = self._read([(place, _FEATURES, 2) for place in places])
+        """Reads which ports of each slave have a link, and their receive times if it has any.
+
+        In the order of the wire, also of slaves that are strangers.
+        """
+        (all_,) = self._master.registers.exchange([brd(_DL_STATUS, 2)])
+        places = range(all_.wkc)
+        status = [number(data) for data in self._read_places(places, _DL_STATUS, 2)]
+        features = [number(data) for data in self._read_places(places, _FEATURES, 2)]
         timed = [place for place in places if features[place] & _HAS_CLOCK]
-        latched = self._master.read_registers([(place, _PORT_TIMES, 16) for place in timed])
+        latched = self._read_places(timed, _PORT_TIMES, 16)
         times = {
             place: struct.unpack("<4I", data) for place, data in zip(timed, latched, strict=True)
         }
@@ -246,6 +296,20 @@ class Clocks:
             )
             for place in places
         ]
+
+    def _read_places(self, places: Sequence[int], register: int, size: int) -> list[bytes]:
+        """Reads a register of slaves on the wire.
+
+        Raises:
+            StateError: A slave does not answer.
+        """
+        for _ in range(_TRIES):
+            answers = self._master.registers.exchange(
+                [Place(place).read(register, size) for place in places]
+            )
+            if all(answer.wkc for answer in answers):
+                return [answer.data for answer in answers]
+        raise StateError("slaves come and go meanwhile")
 
     def _read(self, wanted: list[tuple[int, int, int]]) -> list[int]:
         """Reads numbers in registers; `wanted` has position, address and bytes of each."""
@@ -360,13 +424,17 @@ class Clocks:
     def rejoin(self, positions: Iterable[int], shared: SharedMemory) -> Steps[dict[int, str]]:
         """Brings restarted clocks in step again, and starts their SYNC signals.
 
-        The slaves are at their old places, so the delays measured at the start still hold.
+        The slaves are at their old places, so the delays measured at the start still hold. Those of
+        slaves that are there for the first time are measured now.
 
         Returns:
             By position, why the clock of a slave does not come in step.
         """
         chosen = [slave for slave in self._clocks if slave.position in set(positions)]
         failed: dict[int, str] = {}
+        self._measure_new(chosen)
+        for slave in chosen:
+            shared.slaves[slave.position].dc_delay_ns = slave.dc_delay_ns
         for slave in chosen:
             if slave is not self.reference and not self._set_time(slave):
                 failed[slave.position] = (

@@ -69,7 +69,8 @@ def settle(
     doubtful = [
         item
         for item in scanned
-        if (item.silence or item.sii.damaged or item.unplaced)
+        if item.known
+        and (item.silence or item.sii.damaged or item.unplaced)
         and item.slave.position not in unexpected
     ]
     described = [

@@ -10,12 +10,15 @@ the wire has changed meanwhile.
 If a gap has fewer devices than slaves are missing there, the topology helps: a slave is reachable
 only through the slave that it is plugged into. On a line, the first of the missing slaves are
 back; at a junction, whole branches are missing.
+
+Groups of optional slaves whose first one has a station alias in the configuration may be plugged
+in anywhere. They are identified first, and the places of the others are counted without them.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Slave
@@ -209,12 +212,21 @@ class Finder:
         registers: The way to the slaves.
         slaves: The slaves of the scan.
         ends: See `branch_ends`.
+        anywhere: Groups that may be plugged in anywhere: by the station alias of the first one, the
+            positions of the slaves, as they follow each other. They come after all others.
     """
 
-    def __init__(self, registers: Datagrams, slaves: Sequence[Slave], ends: Sequence[int]) -> None:
+    def __init__(
+        self,
+        registers: Datagrams,
+        slaves: Sequence[Slave],
+        ends: Sequence[int],
+        anywhere: Mapping[int, Sequence[int]],
+    ) -> None:
         self._registers = registers
         self._slaves = slaves
         self._ends = ends
+        self._anywhere = anywhere
         self._wire: list[int] = []
 
     def look(self) -> Found:
@@ -226,12 +238,56 @@ class Finder:
         wire = self._addresses()
         known = {slave.address for slave in self._slaves}
         strangers = [place for place, address in enumerate(wire) if address not in known]
-        identities = self._read_identities([Place(place) for place in strangers])
+        read = self._read_identities([Place(place) for place in strangers])
         if self._addresses() != wire:
             raise StateError("slaves come and go while they are looked for")
-        found = match(self._slaves, wire, dict(zip(strangers, identities, strict=True)), self._ends)
         self._wire = wire
+        found = Found()
+        identities = self._find_anywhere(found, dict(zip(strangers, read, strict=True)))
+        groups = [position for group in self._anywhere.values() for position in group]
+        settled = {self._slaves[position].address for position in groups}
+        # What is left are the slaves with a fixed order.
+        places = [n for n, at in enumerate(wire) if n in identities or at in known - settled]
+        fixed = match(
+            self._slaves[: len(self._slaves) - len(groups)],
+            [wire[place] for place in places],
+            {n: identities[place] for n, place in enumerate(places) if place in identities},
+            self._ends,
+        )
+        found.places |= {position: places[n] for position, n in fixed.places.items()}
+        found.exchanged |= fixed.exchanged
+        found.unclear |= fixed.unclear
         return found
+
+    def _find_anywhere(
+        self, found: Found, strangers: Mapping[int, tuple[Identity, int]]
+    ) -> dict[int, Identity]:
+        """Finds groups by their alias; returns the identities of the strangers that are left."""
+        others = {place: identity for place, (identity, _) in strangers.items()}
+        for alias, group in self._anywhere.items():
+            first = self._slaves[group[0]]
+            heads = [place for place, (_, its) in strangers.items() if its == alias]
+            heads += [place for place, at in enumerate(self._wire) if at == first.address]
+            if len(heads) > 1:
+                text = f"several slaves have the station alias {alias}: give each its own"
+                found.unclear |= dict.fromkeys(group, text)
+                for place in heads:
+                    others.pop(place, None)
+            elif heads:
+                self._find_group(found, others, heads[0], group)
+        return others
+
+    def _find_group(
+        self, found: Found, others: dict[int, Identity], place: int, group: Sequence[int]
+    ) -> None:
+        """Identifies the slaves of a group, of which the first one is at a place."""
+        for at, position in enumerate(group, start=place):
+            if at not in others:
+                continue  # it still has its address, or there is none
+            if text := compare(self._slaves[position], others.pop(at)):
+                found.exchanged[position] = text
+            else:
+                found.places[position] = at
 
     def check(self, position: int) -> str:
         """Checks that the device with a slave's address is that slave; says why not, else "".
@@ -240,9 +296,10 @@ class Finder:
             StateError: Its EEPROM cannot be read.
         """
         slave = self._slaves[position]
-        return compare(slave, self._read_identities([Station(slave.address)])[0])
+        ((identity, _),) = self._read_identities([Station(slave.address)])
+        return compare(slave, identity)
 
-    def _read_identities(self, places: Sequence[Place | Station]) -> list[Identity]:
+    def _read_identities(self, places: Sequence[Place | Station]) -> list[tuple[Identity, int]]:
         labels = [(item, f"the device at {item}") for item in places]
         return read_eeproms(self._registers, labels, _read_identity) if labels else []
 
@@ -291,6 +348,8 @@ class Finder:
         self._registers.exchange([at.write(_STATION_ADDRESS, struct.pack("<H", value))])
 
 
-def _read_identity(words: Words) -> Identity:
+def _read_identity(words: Words) -> tuple[Identity, int]:
+    """Reads identity and configured station alias of a slave from its SII."""
+    (alias,) = struct.unpack("<H", words(0x04, 1))
     vendor, product, revision = struct.unpack("<III", words(0x08, 6))
-    return vendor, product, revision
+    return (vendor, product, revision), alias

@@ -53,6 +53,8 @@ class Scanned:
         silence: If its mailbox did not answer, or with malformed messages: what was asked, and why
             that failed. Its process data are then those of its SII.
         nonsense: Whether it has answered with malformed messages.
+        known: Whether it was there once, so that its SII is known; false for an optional slave that
+            has been absent since the start.
     """
 
     slave: Slave
@@ -62,6 +64,7 @@ class Scanned:
     emergencies: list[tuple[int, int]] = field(default_factory=list)
     silence: str = ""
     nonsense: bool = False
+    known: bool = True
 
     @property
     def unplaced(self) -> str:
@@ -121,10 +124,13 @@ def configure_slaves(
     for item in expected:
         item.settings = config.settings_of(item.slave.position)
         item.slave.given_name = item.settings.name
+        if item.settings.optional:
+            item.slave.group = item.settings.group or f"slave {item.slave.position}"
+        if not item.known:
+            continue
         if not item.slave.coe:
-            _take_from_sii(item.slave, item.sii)
-            choose_from_sii(item.slave, item.sii, item.settings)
-    with_coe = [item for item in expected if item.slave.coe]
+            take_pdos_from_sii(item)
+    with_coe = [item for item in expected if item.slave.coe and item.known]
     coe = [master.coe(item.slave.position) for item in with_coe]
     converse(master.registers, list(map(_configure_and_read, with_coe, coe)), cancelled)
     for item, way in zip(with_coe, coe, strict=True):
@@ -154,6 +160,12 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
         item.nonsense = isinstance(error, StateError)
         if not item.settings.is_told:  # else it has other PDOs than those of its EEPROM
             _take_from_sii(item.slave, item.sii)
+
+
+def take_pdos_from_sii(item: Scanned) -> None:
+    """Gives a slave without CoE the PDOs of its SII, or those of them that are configured."""
+    _take_from_sii(item.slave, item.sii)
+    choose_from_sii(item.slave, item.sii, item.settings)
 
 
 def _take_from_sii(slave: Slave, sii: Sii) -> None:

@@ -23,20 +23,24 @@ _LONGEST_NS = 1_000_000
 
 
 def measure_round_trip(master: Master) -> int | None:
-    """Returns the time in ns; None if the first slave has no receive times, or frames get lost.
+    """Returns the time in ns.
+
+    It is None if there is no slave, if the first one has no receive times, or if frames get lost.
 
     Raises:
         StateError: The first slave does not answer.
     """
-    read = master.register_read
-    if not int.from_bytes(read(0, _FEATURES, 2), "little") & _HAS_CLOCK:
+    if not master.wire:
+        return None
+    first, read = master.wire[0], master.register_read
+    if not int.from_bytes(read(first, _FEATURES, 2), "little") & _HAS_CLOCK:
         return None
     for _ in range(_TRIES):
         (latch,) = master.registers.exchange([bwr(_PORT_TIMES, bytes(4))], repeat=False)
         if latch.wkc == 0:
             continue  # it was lost on the way; slaves without a clock need not count it
-        status = int.from_bytes(read(0, _DL_STATUS, 2), "little")
-        data = read(0, _PORT_TIMES, 16)
+        status = int.from_bytes(read(first, _DL_STATUS, 2), "little")
+        data = read(first, _PORT_TIMES, 16)
         times = [int.from_bytes(data[4 * port : 4 * port + 4], "little") for port in range(4)]
         # Two bits a port: loop closed, communication established.
         behind = [times[port] for port in _PORTS if status >> 8 + 2 * port & 3 == 2]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 from ecatd.coroutine_steps import Steps
@@ -16,6 +17,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import StateError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import SiiMailbox
+from ecatd.model.sii_reader import read_sii
 
 from ..engine.layout import Image
 from ..engine.shared_memory import SharedMemory
@@ -25,8 +27,9 @@ from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
 from .doubtful import Doubt
-from .mapping import Scanned, configure
+from .mapping import Scanned, configure, take_pdos_from_sii
 from .slave_configuration import RefusedError, SlaveConfiguration
+from .watchdogs import check_watchdogs
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
 _ACTIVATE = (0x0806, 0x080E)
@@ -53,24 +56,23 @@ class Missed:
 def read_mailboxes(master: Master) -> list[bytes]:
     """Reads how the sync managers of all mailboxes are set up: registers 0x0800 to 0x080F.
 
-    Slaves must be in PREOP. Returns 16 bytes for each slave, or none if it has no mailbox.
+    Slaves must be in PREOP. Returns 16 bytes for each slave by position, or none if it has no
+    mailbox, or is absent.
     """
-    wanted = [
-        (position, _SYNC_MANAGERS, _MAILBOXES_SIZE) for position in range(len(master.stations))
-    ]
-    found = []
-    for data in master.read_registers(wanted):
+    wanted = [(position, _SYNC_MANAGERS, _MAILBOXES_SIZE) for position in master.wire]
+    found = [b""] * len(master.stations)
+    for position, data in zip(master.wire, master.read_registers(wanted), strict=True):
         managers = [struct.unpack("<HHBBBB", data[at : at + 8]) for at in (0, 8)]
         enabled = any(manager[4] & 1 for manager in managers)
         # Without the status (0x0805), which is the slave's.
         kept = [struct.pack("<HHBBBB", *m[:3], 0, m[4], 0) for m in managers]
-        found.append(b"".join(kept) if enabled else b"")
+        found[position] = b"".join(kept) if enabled else b""
     return found
 
 
 def count_links(master: Master) -> list[int]:
-    """Counts the ports with a link of each slave (DL status, ETG.1000.4)."""
-    wanted = [(position, _DL_STATUS, 2) for position in range(len(master.stations))]
+    """Counts the ports with a link of each slave along the wire (DL status, ETG.1000.4)."""
+    wanted = [(position, _DL_STATUS, 2) for position in master.wire]
     status = [int.from_bytes(data, "little") for data in master.read_registers(wanted)]
     # Two bits a port: loop closed, communication established.
     return [sum(bits >> 8 + 2 * port & 3 == 2 for port in range(4)) for bits in status]
@@ -160,10 +162,39 @@ class SetUp:
         self._bus = bus
         self._scanned = scanned
         self._image = image
-        self._mailboxes = mailboxes
+        self._mailboxes = list(mailboxes)
         self._clocks = clocks
         self._doubtful = doubtful
         self._timeout_s = timeout_s
+
+    def _learn(self, positions: Iterable[int]) -> dict[int, Missed]:
+        """Reads the SII of optional slaves that are there for the first time.
+
+        Returns:
+            Why slaves cannot be used, by position.
+        """
+        new = [position for position in sorted(positions) if not self._scanned[position].known]
+        missed = {}
+        mailboxes = self._master.read_mailboxes(new)
+        for position, sii, mailbox in zip(
+            new, self._master.read_eeproms(read_sii, new), mailboxes, strict=True
+        ):
+            item = self._scanned[position]
+            was = copy(item.slave)
+            item.sii = sii
+            self._mailboxes[position] = mailbox
+            if not item.slave.coe:
+                try:
+                    take_pdos_from_sii(item)
+                except RefusedError as error:
+                    missed[position] = Missed(str(error), changed=True)
+                text = _difference(was, item.slave.outputs, item.slave.inputs, described=True)
+                item.slave.outputs, item.slave.inputs = was.outputs, was.inputs
+                if text:
+                    missed.setdefault(position, Missed(text, changed=True))
+            if item.unplaced:
+                missed.setdefault(position, Missed(item.unplaced, changed=True))
+        return missed
 
     def has_boot(self, position: int) -> bool:
         """Whether the EEPROM of a slave describes a mailbox for BOOT (ETG.1000.6)."""
@@ -198,8 +229,11 @@ class SetUp:
             StateError: A slave does not answer any more.
         """
         here = set(positions)
+        missed = self._learn(here)
+        here -= missed.keys()
         first = AlState.BOOT if state == AlState.BOOT else AlState.PREOP
-        missed = (yield from self._begin_anew(here, first)) if begin == AlState.INIT else {}
+        if begin == AlState.INIT:
+            missed |= yield from self._begin_anew(here, first)
         if state == first:
             return missed
         here -= missed.keys()
@@ -209,6 +243,8 @@ class SetUp:
         missed |= yield from self._compare(here)
         here -= missed.keys()
         configure(self._master, [self._scanned[position] for position in sorted(here)], self._image)
+        missed |= self._check_new(here)
+        here -= missed.keys()
         if self._clocks is not None:
             late = yield from self._clocks.rejoin(here, self._shared)
             missed |= {position: Missed(text) for position, text in late.items()}
@@ -223,6 +259,21 @@ class SetUp:
         here -= refused.keys()
         yield from wait_for_outputs(self._shared, self._bus, self._timeout_s)
         missed |= yield from self.ask(here, AlState.OP)
+        return missed
+
+    def _check_new(self, positions: Iterable[int]) -> dict[int, Missed]:
+        """Checks the watchdogs of slaves that are there for the first time, as at the start."""
+        missed = {}
+        for position in sorted(positions):
+            item = self._scanned[position]
+            if item.known:
+                continue
+            try:
+                check_watchdogs(self._master, self._bus, [item])
+            except StateError as error:
+                missed[position] = Missed(str(error), changed=True)
+            else:
+                item.known = True
         return missed
 
     def _begin_anew(self, positions: Iterable[int], state: AlState) -> Steps[dict[int, Missed]]:
@@ -279,7 +330,7 @@ class SetUp:
         for number, (outputs, inputs) in found.items():
             item = items[number]
             position = item.slave.position
-            if text := _difference(item.slave, outputs, inputs):
+            if text := _difference(item.slave, outputs, inputs, described=not item.known):
                 missed[position] = Missed(text, changed=True)
                 continue
             item.silence = ""
@@ -297,8 +348,18 @@ def _for_boot(mailboxes: bytes, box: SiiMailbox) -> bytes:
     )
 
 
-def _difference(slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo]) -> str:
-    """Says how the PDOs differ from those at the start, and what to do; empty if they do not."""
+def _difference(
+    slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo], *, described: bool
+) -> str:
+    """Says how the PDOs differ from those before, and what to do; empty if they do not.
+
+    Args:
+        slave: The slave with its PDOs before.
+        outputs: Its RxPDOs now.
+        inputs: Its TxPDOs now.
+        described: Whether those before are those of the file with the description of the bus.
+    """
+    then = "in the description of the bus" if described else "at the start"
     for name, assigned, before, now in (
         ("outputs", "0x1C12", slave.outputs, outputs),
         ("inputs", "0x1C13", slave.inputs, inputs),
@@ -306,17 +367,17 @@ def _difference(slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo]) -> 
         if _layout(before) == _layout(now):
             continue
         again = (
-            f"then ask for OP (`ecatctl state OP -p {slave.position}`), or restart ecatd to use "
-            f"what it has now"
+            f"then ask for OP (`ecatctl state OP -p {slave.position}`), or restart ecatd "
+            f"{'with a description of it as it is' if described else 'to use what it has now'}"
         )
         for was, pdo in zip(before, now, strict=False):
             if was.index == pdo.index and _entries(was) != _entries(pdo):
                 return (
-                    f"its PDO 0x{pdo.index:04X} carries other entries than at the start "
+                    f"its PDO 0x{pdo.index:04X} carries other entries than {then} "
                     f"({_changed_entry(was, pdo)}): write its mapping as it was, {again}"
                 )
         return (
-            f"its {name} are other PDOs than at the start ({_names(now)}, not {_names(before)}): "
+            f"its {name} are other PDOs than {then} ({_names(now)}, not {_names(before)}): "
             f"assign them as they were ({assigned}), {again}"
         )
     return ""

@@ -9,7 +9,6 @@ import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Container
-from contextlib import suppress
 from dataclasses import dataclass
 
 from ecatd.coroutine_steps import Steps
@@ -19,6 +18,7 @@ from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.sii_reader import read_dc_modes
 
 from ..engine.shared_memory import SharedMemory
+from ..frames.datagrams import Station
 from ..master.master import Master
 from .clock_registers import SYNC_CONTROL, SYSTEM_TIME, number, signed
 
@@ -36,17 +36,18 @@ _LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
 _NEAR_NS = 2_000_000_000  # a clock of 32 bits takes a start further ahead for one in the past
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _SlaveSignals:
     """The SYNC signals of a slave.
 
     Attributes:
         slave: The slave, with their times.
-        activation: The word for the registers 0x0980 and 0x0981.
+        activation: The word for the registers 0x0980 and 0x0981; 0 while an optional slave has not
+            been there yet.
     """
 
     slave: Slave
-    activation: int
+    activation: int = 0
 
 
 class SyncSignals:
@@ -86,8 +87,15 @@ class SyncSignals:
                 f"dc.slave: {slave.label} has a clock of 32 bits, which cannot tell times that are "
                 f"more than {_NEAR_NS * 1e-9:g} s away: its signals must come more often"
             )
-        self._check_pulse_length(slave)
-        return _SlaveSignals(slave, self._activation(slave))
+        signals = _SlaveSignals(slave)
+        if slave.position in self._master.wire:
+            self._ask(signals)
+        return signals
+
+    def _ask(self, signals: _SlaveSignals) -> None:
+        """Checks the signals against what the slave can do, and notes how it wants them."""
+        self._check_pulse_length(signals.slave)
+        signals.activation = self._activation(signals.slave)
 
     def _check_pulse_length(self, slave: Slave) -> None:
         length = number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
@@ -124,9 +132,11 @@ class SyncSignals:
         begun = []
         for signals in chosen:
             try:
+                if not signals.activation:
+                    self._ask(signals)
                 self._start(signals, shared, zero)
                 begun.append((signals.slave, time.monotonic() + _patience(signals.slave)))
-            except StateError as error:
+            except (ConfigError, StateError) as error:
                 failed[signals.slave.position] = str(error)
             yield
         for slave, deadline in begun:
@@ -190,9 +200,8 @@ class SyncSignals:
 
     def stop(self) -> None:
         """Stops all SYNC signals. Slaves that use them should be in INIT by then."""
-        for signals in self._signals:
-            with suppress(StateError):  # one that is gone has none any more
-                self._master.register_write(signals.slave.position, SYNC_CONTROL, bytes(2))
+        slaves = [Station(signals.slave.address) for signals in self._signals]
+        self._master.registers.exchange([slave.write(SYNC_CONTROL, bytes(2)) for slave in slaves])
 
 
 def _patience(slave: Slave) -> float:

@@ -15,19 +15,26 @@ def name_slaves(bus: Bus, positions: Sequence[int]) -> str:
 
 
 def describe_presence(
-    bus: Bus, found: int, lost: Sequence[int], added: int = 0, *, by_hand: bool = False
+    bus: Bus,
+    found: int,
+    lost: Sequence[int],
+    added: int = 0,
+    *,
+    absent: int = 0,
+    by_hand: bool = False,
 ) -> str:
     """What is wrong with the number of slaves, in words; empty if nothing is.
 
     Args:
         bus: The bus as it was brought up.
         found: Slaves that answer a broadcast.
-        lost: Positions of those that do not answer at their address.
+        lost: Positions of those that do not answer at their address, and must be there.
         added: Where there are more: position of the first new one.
+        absent: Number of optional slaves that do not answer at their address.
         by_hand: Whether slaves that were without power do not come back by themselves.
     """
-    count = len(bus.slaves)
-    if found > count:
+    count = len(bus.slaves) - absent
+    if found > count + absent:  # up to that, they may be optional slaves that are coming
         who = "a slave was" if found == count + 1 else f"{found - count} slaves were"
         where = f"behind {bus.slaves[added - 1].label}" if added else "in front of all others"
         return (

@@ -7,7 +7,8 @@ has lost its address, is set up as at the start. A slave that gives another reas
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -40,6 +41,7 @@ class Condition(StrEnum):
     """What is known of a slave that is not in OP, or whose process data are in doubt."""
 
     FINE = ""
+    ABSENT = "absent"  # an optional slave that is not there
     MISSING = "missing"
     EXCHANGED = "exchanged"
     RECOVERING = "recovering"
@@ -72,7 +74,8 @@ class Plan:
         fallen: Have left OP, or the bus, since the last look.
         ask: To be asked for OP now.
         set_up: To be set up anew now.
-        recovered: Are back in OP, and the seconds that it took.
+        recovered: Are back in OP, and the seconds that it took; infinity where a slave is there for
+            the first time.
         slow: Have used their quick tries; told once.
         refused: Have a reason of their own, in words; told once.
     """
@@ -121,10 +124,24 @@ class Recovery:
         count: Number of slaves; all of them are wanted in OP.
         mode: `recovery.slaves` of the configuration: "all", "watchdog" or "none".
         retry_s: Seconds between slow tries.
+        optional: Positions of the slaves that may be absent.
+        absent: Positions of those that are absent from the start.
     """
 
-    def __init__(self, count: int, mode: str = "all", retry_s: float = 10.0) -> None:
+    def __init__(
+        self,
+        count: int,
+        mode: str = "all",
+        retry_s: float = 10.0,
+        optional: Collection[int] = (),
+        absent: Collection[int] = (),
+    ) -> None:
         self._slaves = [_Slave() for _ in range(count)]
+        self._optional = optional
+        for position in absent:
+            slave = self._slaves[position]
+            slave.state, slave.missing, slave.condition = AlState.NONE, True, Condition.ABSENT
+            slave.down_since = -math.inf
         self._mode = mode
         self._retry_s = retry_s
         self._strangers = 0
@@ -233,7 +250,9 @@ class Recovery:
     def _explain(self, plan: Plan, slave: _Slave, item: SlaveState) -> None:
         """Sets why nothing is done for a slave; reports it once if a person has to act."""
         if not item.al_state & 0x0F:
-            slave.condition, slave.text = Condition.MISSING, ""
+            absent = item.position in self._optional
+            slave.condition = Condition.ABSENT if absent else Condition.MISSING
+            slave.text = ""
         elif self._mode != "all" or item.al_state & 0x0F == AlState.BOOT:
             slave.condition, slave.text = Condition.LEFT, ""
         elif slave.condition != Condition.REFUSED:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -53,7 +54,11 @@ class Repair:
         self._retry_s = running.recovery.retry_s
         self._state_timeout_s = running.state_timeout_s
         self._recovery = Recovery(
-            len(running.bus.slaves), running.recovery.slaves, running.recovery.retry_s
+            len(running.bus.slaves),
+            running.recovery.slaves,
+            running.recovery.retry_s,
+            {slave.position for slave in running.bus.slaves if slave.group},
+            running.absent,
         )
         self._recovery.want(running.idle, AlState.PREOP)
         self._settled(running.idle)
@@ -255,11 +260,17 @@ class Repair:
             self._tell_one(position, Condition.REFUSED, text=text)
 
     def _tell_recovered(self, recovered: dict[int, float]) -> None:
-        for position, seconds in recovered.items():
+        joined = [position for position, seconds in recovered.items() if math.isinf(seconds)]
+        for position in joined:
+            self._tell_one(position, "joined")
+        if joined:
+            self._log.info(f"{name_slaves(self._bus, joined)}: there for the first time, and in OP")
+        back = {n: seconds for n, seconds in recovered.items() if n not in joined}
+        for position, seconds in back.items():
             self._tell_one(position, "recovered", seconds=seconds)
-        if recovered:
-            names = name_slaves(self._bus, list(recovered))
-            self._log.info(f"{names}: back in OP after {max(recovered.values()):.1f} s")
+        if back:
+            names = name_slaves(self._bus, list(back))
+            self._log.info(f"{names}: back in OP after {max(back.values()):.1f} s")
 
     def _tell_one(self, position: int, state: str, **facts: object) -> None:
         self._tell("recovery", slave=position, state=str(state), **facts)

@@ -12,7 +12,7 @@ from contextlib import suppress
 from itertools import groupby
 
 from ecatd.log import Log
-from ecatd.model.al import AlState
+from ecatd.model.al import AL_ERROR_FLAG, AlState
 
 from ..frames.datagrams import aprd
 from ..master.master import SlaveState
@@ -70,6 +70,7 @@ class SlaveWatch:
         self._changed = asyncio.Event()
         self._pause = _PAUSE
         self._found = self._added = 0
+        self._absent = set(running.absent)
         self._told = ""  # what was last told about missing and new slaves
         self.states: list[SlaveState] = []
 
@@ -102,8 +103,10 @@ class SlaveWatch:
         for _ in range(_TRIES):
             self.states = self._master.states()
             self._found = int(self._health.slaves_found)
-            # If the engine sees all slaves, it was perhaps only the answer that got lost.
-            if self._found < len(self.states) or all(item.al_state for item in self.states):
+            # If the engine sees more slaves, it was perhaps only the answer that got lost.
+            if sum(bool(item.al_state) for item in self.states) >= min(
+                self._found, len(self.states)
+            ):
                 break
         changed = [now for i, now in enumerate(self.states) if not before or now != before[i]]
         self._added = self._find_added(self._found) if self._found > len(self.states) else 0
@@ -126,17 +129,24 @@ class SlaveWatch:
 
     async def watch(self) -> None:
         """Waits for the next change, or for a while, and looks."""
-        healthy = all(item.al_state == AlState.OP for item in self.states) and not self._told
+        healthy = self._is_well() and not self._told
         with suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), _SLOW_PERIOD if healthy else _PERIOD)
         self._changed.clear()
         something = await self.look()
         present = sum(bool(item.al_state & 0x0F) for item in self.states)
-        well = all(item.al_state == AlState.OP for item in self.states)
-        foreign = not well and self._foreign()
+        foreign = not self._is_well() and self._foreign()
         self._repair.act(self.states, max(0, self._found - present), foreign=foreign)
         await asyncio.sleep(self._pause)
         self._pause = min(2 * self._pause, _LONGEST_PAUSE) if something else _PAUSE
+
+    def _is_well(self) -> bool:
+        """Whether all slaves are in OP, but for optional ones that are absent."""
+        slaves = self._bus.slaves
+        return all(
+            item.al_state == AlState.OP or (not item.al_state and slaves[item.position].group)
+            for item in self.states
+        )
 
     async def look(self) -> bool:
         """Reads the AL states, and tells of every change; returns whether there was one."""
@@ -153,23 +163,39 @@ class SlaveWatch:
             )
         for positions, item in _group(present):
             # OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
-            tell = self._log.info if item.al_state == AlState.OP else self._log.warning
+            # Optional slaves pass the other states each time they come.
+            optional = self._bus.slaves[item.position].group and not item.al_state & AL_ERROR_FLAG
+            expected = item.al_state == AlState.OP or optional
+            tell = self._log.info if expected else self._log.warning
             tell(f"{name_slaves(self._bus, positions)}: {item.describe()}")
         return bool(changed)
 
     def _tell_presence(self) -> None:
         """Tells, once, that slaves are missing or that there are more, and when that is over."""
         found = self._found
-        lost = [item.position for item in self.states if not item.al_state & 0x0F]
-        text = describe_presence(self._bus, found, lost, self._added, by_hand=self._by_hand)
+        gone = [item.position for item in self.states if not item.al_state & 0x0F]
+        slaves = self._bus.slaves
+        lost = [position for position in gone if not slaves[position].group]
+        absent = [position for position in gone if slaves[position].group]
+        self._tell_absent(absent)
+        text = describe_presence(
+            self._bus, found, lost, self._added, absent=len(absent), by_hand=self._by_hand
+        )
         if text == self._told:
             return
         self._told = text
         if text:
             self._log.error(text)
         else:
-            self._log.info(f"all {len(self._bus.slaves)} slaves answer, and no others")
+            self._log.info(f"all {len(slaves) - len(absent)} slaves answer, and no others")
         self._tell("slaves", found=found, expected=len(self._bus.slaves), missing=lost, text=text)
+
+    def _tell_absent(self, absent: list[int]) -> None:
+        """Tells that optional slaves have left; recovery tells that they are back."""
+        left = [position for position in absent if position not in self._absent]
+        self._absent = set(absent)
+        if left:
+            self._log.info(f"{name_slaves(self._bus, left)} left the bus (optional)")
 
 
 def _group(states: Iterable[SlaveState]) -> list[tuple[list[int], SlaveState]]:

@@ -44,6 +44,8 @@ def load_config(file: Path) -> Config:
     """
     config = _read(read_toml(file))
     config.profiles = [str(file.parent / folder) for folder in config.profiles]
+    if config.expected.description:
+        config.expected.description = str(file.parent / config.expected.description)
     return config
 
 

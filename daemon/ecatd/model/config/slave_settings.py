@@ -35,11 +35,20 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
     slaves: list[SlaveConfig] = []
     names = top.document.names
     for number, row in enumerate(top.tables(key)):
-        values = row.read(_SLAVE, required=[] if "alias" in row else ["position"])
+        group = row.data.get("group")
+        follows = "alias" not in row and any(
+            slave.alias is not None and slave.group == group for slave in slaves if group
+        )
+        found = "alias" in row or follows
+        values = row.read(_SLAVE, required=[] if found else ["position"])
         _check_identity(row)
+        in_group = bool(values.get("group"))
+        if not values.setdefault("optional", in_group) and in_group:
+            row.fail("optional", "a slave in a group is optional: leave one of them out")
         stand_in = POSITION_MAX + 1 + number
-        if "alias" in row and values.setdefault("position", stand_in) <= POSITION_MAX:
-            row.fail("position", "alias finds the slave wherever it stands: leave this out")
+        if found and values.setdefault("position", stand_in) <= POSITION_MAX:
+            how = "it stands behind the first of its group" if follows else "alias finds the slave"
+            row.fail("position", f"{how} wherever that is plugged in: leave this out")
         slave = SlaveConfig(**values)
         for other in slaves:
             if other.position == slave.position:
@@ -68,13 +77,24 @@ def _check_identity(row: Table) -> None:
     for part in ("revision", "revision_min", "serial", "policy"):
         if part in row and "product" not in row and not (part == "policy" and "alias" in row):
             row.fail(part, "needs vendor and product: which device is expected?")
+    for part in ("optional", "group"):
+        if row.data.get(part) and "product" not in row:
+            row.fail(part, "needs vendor and product: which device may come and go?")
     if "revision" in row and "revision_min" in row:
         row.fail("revision_min", "stands in place of revision: leave one of them out")
 
 
 def _position(table: Table, key: Key) -> int:
-    """Reads a position; `Config.to_dict` also writes one for a slave that is found by its alias."""
-    return table.integer(key, 0, 2 * POSITION_MAX if "alias" in table else POSITION_MAX)
+    """Reads a position; `Config.to_dict` also writes one for a slave that is found otherwise."""
+    found = "alias" in table or table.data.get("group")
+    return table.integer(key, 0, 2 * POSITION_MAX if found else POSITION_MAX)
+
+
+def _file(table: Table, key: Key) -> str:
+    path = table.text(key)
+    if path and not path.isprintable():
+        table.fail(key, f"{path!r} is no file: write its path in quotes")
+    return path
 
 
 def _name(table: Table, key: Key) -> str:
@@ -82,8 +102,8 @@ def _name(table: Table, key: Key) -> str:
     if (name and not _NAME.fullmatch(name)) or len(name.encode()) > _NAME_BYTES:
         table.fail(
             key,
-            f"{show(name)} is no name for a slave: write a letter, then letters, digits, '_' and "
-            f"'-', at most {_NAME_BYTES} bytes",
+            f"{show(name)} is no name for a {'group' if key == 'group' else 'slave'}: write a "
+            f"letter, then letters, digits, '_' and '-', at most {_NAME_BYTES} bytes",
         )
     return name
 
@@ -220,7 +240,7 @@ _STARTUP: Rules = {
 }
 _UNSIGNED32 = integer(0, 0xFFFFFFFF)
 _POLICY = choice({policy: policy for policy in (STRICT, TOLERANT)})
-_EXPECTED: Rules = {"policy": _POLICY, "unlisted": Table.boolean}
+_EXPECTED: Rules = {"policy": _POLICY, "unlisted": Table.boolean, "description": _file}
 _SLAVE: Rules = {
     "position": _position,
     "name": _name,
@@ -232,6 +252,8 @@ _SLAVE: Rules = {
     "serial": _UNSIGNED32,
     "alias": integer(1, 0xFFFF),
     "policy": _POLICY,
+    "optional": Table.boolean,
+    "group": _name,
     "watchdog_ms": _watchdog,
     "pdi_watchdog_ms": _watchdog,
     "pdos": array(_pdo_index),

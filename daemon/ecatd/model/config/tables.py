@@ -104,10 +104,14 @@ class ExpectedConfig:
             the others take no part. A `[[slave]]` may have its own.
         unlisted: Whether slaves behind those with a `[[slave]]` are used; else each of them is a
             difference.
+        description: File with the description of the complete bus, as `ecatctl scan -o` writes it:
+            it says which process data optional slaves have that are not there at the start. Empty
+            for none.
     """
 
     policy: str = STRICT
     unlisted: bool = True
+    description: str = ""
 
 
 @dataclass(slots=True)
@@ -115,8 +119,9 @@ class SlaveConfig:
     """`[[slave]]`: which slave is expected, and what it is told whenever it starts or comes back.
 
     Attributes:
-        position: Its expected position. Where `alias` finds the slave, a number above
-            `POSITION_MAX` that stands for the slave until the bus is known.
+        position: Its expected position. Where `alias` finds the slave, or it stands behind the
+            first slave of its group, which has an alias, a number above `POSITION_MAX` that stands
+            for the slave until the bus is known.
         name: Its name in this machine; other tables and requests may use it. Empty for none.
         type: Its order code, for messages.
         vendor: Expected vendor ID; None: any slave may stand there.
@@ -126,6 +131,9 @@ class SlaveConfig:
         serial: The only serial number that is accepted; None for any.
         alias: Station alias that finds the slave wherever it stands.
         policy: `STRICT` or `TOLERANT`, in place of that of `[expected]`; None for that one.
+        optional: Whether it may be absent, and come and go while the bus runs.
+        group: Optional slaves with the same group come and go together (hot connect); empty for a
+            slave alone.
         watchdog_ms: Time of its process data watchdog in milliseconds, 0 switches it off; None:
             as the slave has it.
         pdi_watchdog_ms: The same for the watchdog between its ESC and its processor (PDI).
@@ -144,6 +152,8 @@ class SlaveConfig:
     serial: int | None = None
     alias: int | None = None
     policy: str | None = None
+    optional: bool = False
+    group: str = ""
     watchdog_ms: float | None = None
     pdi_watchdog_ms: float | None = None
     pdos: list[int] | None = None
@@ -464,6 +474,14 @@ class Config:
         yield from (rule.slave for rule in self.signal)
         if self.dc.reference >= 0:
             yield self.dc.reference
+
+    def followers(self, head: SlaveConfig) -> list[SlaveConfig]:
+        """The slaves that stand behind the first one of their group, which an alias finds."""
+        return [
+            slave
+            for slave in self.slave
+            if head.group and slave.group == head.group and slave.alias is None
+        ]
 
     def moved(self, places: Mapping[int, int]) -> Config:
         """The configuration with other positions.

@@ -1,0 +1,128 @@
+"""Gives optional slaves that are absent at the start their places on the bus.
+
+Positions must not depend on who is there: clients and generated blocks name slaves by them. So an
+absent slave stands where the configuration expects it. Its process data come from a description of
+the complete bus, the file `description` of `[expected]`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.bus_file import load
+from ecatd.model.config import POSITION_MAX, Config, SlaveConfig
+from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.expected_bus import Comparison, compare
+from ecatd.model.sii import Sii
+
+from ..master.master import Master
+from .mapping import Scanned
+
+
+def arrange(
+    master: Master, scanned: Sequence[Scanned], config: Config, tell: Callable[[str], None]
+) -> list[Scanned]:
+    """Numbers the slaves as the configuration expects them, with optional ones that are absent.
+
+    Slaves on the wire keep their order. Optional slaves that are found by something else than their
+    place come after all others, so that positions do not depend on where they are plugged in.
+
+    Args:
+        master: The master; its slaves get the new positions.
+        scanned: The slaves that were found.
+        config: The configuration.
+        tell: Called with a warning about each absent slave of which too little is known.
+
+    Returns:
+        All slaves by position.
+
+    Raises:
+        ConfigError: The description of the bus cannot be read.
+        StateError: There are too many slaves.
+    """
+    if not any(wanted.optional for wanted in config.slave):
+        return list(scanned)
+    comparison = compare(config, [item.slave for item in scanned])
+    known = _described(config)
+    rows: list[tuple[tuple[float, int], int | None, Scanned]] = []
+    elsewhere = {
+        comparison.places[wanted.position]: wanted.position
+        for wanted in config.slave
+        if wanted.optional and wanted.position > POSITION_MAX
+        if wanted.position in comparison.places
+    }
+    for place, item in enumerate(scanned):
+        at_end = place in elsewhere
+        order = (math.inf, elsewhere[place]) if at_end else (float(place), 0)
+        rows.append((order, place, item))
+    for wanted in comparison.absent:
+        if wanted.position not in known:
+            tell(_unknown(wanted, config))
+            continue
+        order = (_behind(wanted, comparison), wanted.position)
+        item = Scanned(_stand_in(known[wanted.position], wanted), Sii(), wanted, known=False)
+        rows.append((order, None, item))
+    rows.sort(key=lambda row: row[0])
+    master.arrange([place for _, place, _ in rows])
+    for position, (_, _, item) in enumerate(rows):
+        item.slave.position = position
+        item.slave.address = master.stations[position]
+    return [item for _, _, item in rows]
+
+
+def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:
+    """The place behind which an absent slave is expected, plus a half."""
+    if wanted.position > POSITION_MAX:
+        return math.inf
+    before = [n for expected, n in comparison.places.items() if expected < wanted.position]
+    return max(before, default=-1) + 0.5
+
+
+def _described(config: Config) -> dict[int, Slave]:
+    """The slaves of the description, by their position in the configuration."""
+    if not config.expected.description:
+        return {}
+    try:
+        bus: Bus = load(Path(config.expected.description))
+    except UsageError as error:
+        raise ConfigError(
+            f"expected.description: {error} (write it with `ecatctl scan -o` while all slaves are "
+            "there)"
+        ) from error
+    found = compare(config, bus.slaves)
+    return {
+        expected: bus.slaves[place]
+        for expected, place in found.places.items()
+        if place not in found.unexpected
+    }
+
+
+def _stand_in(described: Slave, wanted: SlaveConfig) -> Slave:
+    """An absent slave, with what is known of it."""
+    slave = replace(
+        deepcopy(described), problems=[], profiles=[], dc_delay_ns=0, sync0_ns=0, sync1_ns=0
+    )
+    slave.given_name = wanted.name
+    slave.alias = wanted.alias or slave.alias
+    slave.watchdog_ms = None
+    return slave
+
+
+def _unknown(wanted: SlaveConfig, config: Config) -> str:
+    label = wanted.name or wanted.type or f"slave {wanted.position}"
+    file = config.expected.description
+    why = (
+        f"{file} does not describe it"
+        if file
+        else "no file says which process data it has (description in [expected])"
+    )
+    return (
+        f"optional slave {label} is absent, and {why}: it gets no place in the process image, and "
+        "is used only after a restart of ecatd; write a description with `ecatctl scan -o FILE` "
+        "while all slaves are there"
+    )
