@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.model.bus import Bus, Slave
+from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import Config, load_config
 from ecatd.model.config.origins import DEFAULT, flatten
 from ecatd.model.config.writer import value_text, write_config
@@ -23,10 +24,12 @@ _DIFFERENT = 1
 
 _ACTIONS = """\
 actions:
-  init         write a commented configuration that expects the slaves of the bus as they are
-  check FILE   compare the slaves that a file expects with those of the bus
-  diff FILE    compare a file with the configuration that the daemon uses
-  show         print all that the daemon uses, and where it comes from
+  init            write a commented configuration that expects the slaves of the bus as they are
+  from-eni FILE   write one from an ENI file, which TwinCAT, EC-Engineer and others write; needs no
+                  daemon
+  check FILE      compare the slaves that a file expects with those of the bus
+  diff FILE       compare a file with the configuration that the daemon uses
+  show            print all that the daemon uses, and where it comes from
 
 exit status:
   0 done, or no difference   1 diff: there are differences   7 check: there are differences
@@ -39,24 +42,32 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.formatter_class = argparse.RawDescriptionHelpFormatter
     command.set_defaults(alone=config)
     command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
-    command.add_argument("file", nargs="?", type=Path, metavar="FILE", help="a configuration")
     command.add_argument(
-        "-o", dest="out", metavar="FILE", type=Path, help="init: write it to this file"
+        "file", nargs="?", type=Path, metavar="FILE", help="a configuration, or an ENI file"
     )
-    command.add_argument("--force", action="store_true", help="init: overwrite the file")
+    command.add_argument(
+        "-o", dest="out", metavar="FILE", type=Path, help="init, from-eni: write it to this file"
+    )
+    command.add_argument("--force", action="store_true", help="init, from-eni: overwrite the file")
     add_options(command)
 
 
 def config(options: argparse.Namespace) -> int:
     """Carries out one action; returns the exit status."""
-    needs_file = options.action in ("check", "diff")
+    needs_file = options.action in ("check", "diff", "from-eni")
     if needs_file and options.file is None:
-        raise UsageError(f"config {options.action} needs a FILE: the configuration to compare")
+        what = "the ENI file" if options.action == "from-eni" else "the configuration to compare"
+        raise UsageError(f"config {options.action} needs a FILE: {what}")
     if options.file is not None and not needs_file:
         what = "; write it with -o FILE" if options.action == "init" else ""
         raise UsageError(f"config {options.action} takes no FILE{what}")
-    if options.action != "init" and (options.out is not None or options.force):
-        raise UsageError("-o and --force go with config init")
+    writes = options.action in ("init", "from-eni")
+    if not writes and (options.out is not None or options.force):
+        raise UsageError("-o and --force go with config init and config from-eni")
+    if options.action == "from-eni" and (
+        options.sources or options.devices or options.config or options.connect
+    ):
+        raise UsageError("config from-eni reads FILE alone: leave other sources out")
     if options.action in ("diff", "show") and options.sources:
         raise UsageError(f"config {options.action} asks the daemon: leave --from out")
     return _RUN[options.action](options)
@@ -81,23 +92,56 @@ def _init(options: argparse.Namespace) -> int:
     else:
         bus, known, _ = _remote(options)
     text = write_config(known.moved(compare(known, bus.slaves).places), bus, VERSION)
+    _write(options, bus, text, "give them names, then", {})
+    return 0
+
+
+def _write(
+    options: argparse.Namespace, bus: Bus, text: str, then: str, more: dict[str, Any]
+) -> None:
+    """Writes a configuration to its file, and says so; without a file, to the standard output.
+
+    Args:
+        options: Those of the command.
+        bus: The bus.
+        text: The configuration.
+        then: What the user should do before ecatd uses it.
+        more: Further keys for `--json`.
+    """
     if options.out is None:
-        sys.stdout.write(text)
-        return 0
+        if options.json:
+            print_json({"bus": bus.name, "slaves": len(bus.slaves), "text": text, **more})
+        else:
+            sys.stdout.write(text)
+        return
     if options.out.exists() and not options.force:
         raise StateError(
             f"{options.out} exists: --force overwrites it; `ecatctl config diff {options.out}` "
             "compares it with what the daemon uses"
         )
     save(options.out, text)
-    if options.json:
-        print_json({"bus": bus.name, "file": str(options.out), "slaves": len(bus.slaves)})
-        return 0
     count = len(bus.slaves)
+    if options.json:
+        print_json({"bus": bus.name, "file": str(options.out), "slaves": count, **more})
+        return
     print(
-        f"{options.out}: bus {bus.name}, {count} slave{'s' * (count != 1)}; give them names, then "
+        f"{options.out}: bus {bus.name}, {count} slave{'s' * (count != 1)}; {then} "
         f"`ecatd --config {options.out}`"
     )
+
+
+# --- from-eni ------------------------------------------------------------------------------------
+
+
+def _from_eni(options: argparse.Namespace) -> int:
+    from ecatd.eni import convert, read_network
+
+    found = convert(read_network(options.file), check_bus_name(options.bus))
+    text = write_config(found.config, found.bus, VERSION, found.notes)
+    if not options.json:
+        labels = {slave.position: slave.label for slave in found.bus.slaves}
+        print("\n".join(found.report.lines(str(options.file), labels)), file=sys.stderr)
+    _write(options, found.bus, text, "go through it, then", found.report.to_dict())
     return 0
 
 
@@ -249,4 +293,4 @@ def _shown(key: str, value: Any) -> str:
     return "(not set)" if value is None else value_text(key.rpartition(".")[2], value)
 
 
-_RUN = {"init": _init, "check": _check, "diff": _diff, "show": _show}
+_RUN = {"init": _init, "from-eni": _from_eni, "check": _check, "diff": _diff, "show": _show}

@@ -196,7 +196,7 @@ def _pdos(elements: Iterable[Element], device: EsiDevice) -> list[EsiPdo]:
             index,
             element.name(),
             manager,
-            [_entry(item) for item in element.all("Entry")],
+            [read_entry(item) for item in element.all("Entry")],
             fixed=element.flag("Fixed"),
             mandatory=element.flag("Mandatory"),
             excludes=[item.number(high=0xFFFF) for item in element.all("Exclude")],
@@ -204,7 +204,12 @@ def _pdos(elements: Iterable[Element], device: EsiDevice) -> list[EsiPdo]:
     return list(result.values())
 
 
-def _entry(element: Element) -> Entry:
+def read_entry(element: Element) -> Entry:
+    """Reads an <Entry> of a PDO, which ESI and ENI files write alike.
+
+    Raises:
+        ConfigError: The element is malformed; the message begins with file and line.
+    """
     index = element.number_of("Index", high=0xFFFF)
     bits = element.number_of("BitLen", low=1, high=0xFF)
     if index == 0:

@@ -1,7 +1,7 @@
 """Reads XML from untrusted sources, and keeps the line of each element.
 
-A document type (<!DOCTYPE>) is refused: ESI files need none, and it could define entities that
-expand without end or read other files. Size, depth and number of elements are limited.
+A document type (<!DOCTYPE>) is refused: ESI and ENI files need none, and it could define entities
+that expand without end or read other files. Size, depth and number of elements are limited.
 """
 
 from __future__ import annotations
@@ -118,10 +118,16 @@ class Element:
         Raises:
             ConfigError: The attribute is none of true, false, 1 and 0.
         """
-        text = self.attributes.get(name, "").strip().lower()
-        if text not in ("", "0", "1", "true", "false"):
-            self.fail(f"{name} of <{self.tag}> is '{text}': true, false, 1 and 0 are allowed")
-        return text in ("1", "true")
+        return self._flag(self.attributes.get(name, ""), f"{name} of <{self.tag}>")
+
+    def flag_of(self, tag: str) -> bool:
+        """The boolean in a child; false if there is no such child, or it is empty.
+
+        Raises:
+            ConfigError: The text is none of true, false, 1 and 0.
+        """
+        child = self.find(tag)
+        return child is not None and child._flag(child.text, f"<{tag}>")
 
     def octets(self, most: int = 1 << 20) -> bytes:
         """The text as hexadecimal bytes.
@@ -137,6 +143,12 @@ class Element:
         if len(data) > most:
             self.fail(f"<{self.tag}> has {len(data)} bytes: at most {most} are allowed")
         return data
+
+    def _flag(self, text: str, what: str) -> bool:
+        word = text.strip().lower()
+        if word not in ("", "0", "1", "true", "false"):
+            self.fail(f"{what} is '{_short(word)}': true, false, 1 and 0 are allowed")
+        return word in ("1", "true")
 
     def _number(self, text: str, what: str, low: int, high: int) -> int:
         digits = text.strip().lower()
@@ -214,7 +226,7 @@ class _Builder:
 
     def _doctype(self, *arguments: object) -> None:
         del arguments
-        self._fail("a document type (<!DOCTYPE>) is not allowed: ESI files have none")
+        self._fail("a document type (<!DOCTYPE>) is not allowed: ESI and ENI files have none")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._count += 1

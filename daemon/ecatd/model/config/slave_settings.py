@@ -23,8 +23,11 @@ from .tables import (
 OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 """Indices of RxPDOs and TxPDOs (ETG.1000.6)."""
 
-_PDOS_MAX, _ENTRIES_MAX, _BYTES_MAX = 64, 254, 1 << 15
-_WATCHDOG_MIN_MS, _WATCHDOG_MAX_MS = 0.1, 6553.5
+PDOS_MAX, ENTRIES_MAX = 64, 254
+"""Most PDOs of a slave, and most entries of a PDO."""
+
+_BYTES_MAX = 1 << 15
+WATCHDOG_MIN_MS, WATCHDOG_MAX_MS = 0.1, 6553.5
 _NAME_BYTES = 31
 _NAME = re.compile(r"[^\W\d][\w-]*")
 _INDEX = re.compile(r"0x[0-9A-Fa-f]{1,4}")
@@ -110,9 +113,9 @@ def _name(table: Table, key: Key) -> str:
 
 def _watchdog(table: Table, key: Key) -> float:
     """Reads the time of a watchdog, which the slave counts in steps of 100 µs."""
-    time = table.number(key, low=0, high=_WATCHDOG_MAX_MS)
-    if 0 < time < _WATCHDOG_MIN_MS:
-        table.fail(key, f"is {time:g}, but must be 0, or at least {_WATCHDOG_MIN_MS:g}")
+    time = table.number(key, low=0, high=WATCHDOG_MAX_MS)
+    if 0 < time < WATCHDOG_MIN_MS:
+        table.fail(key, f"is {time:g}, but must be 0, or at least {WATCHDOG_MIN_MS:g}")
     return time
 
 
@@ -133,8 +136,8 @@ def _pdo_index(table: Table, key: Key) -> int:
 def _check_pdos(row: Table, slave: SlaveConfig) -> None:
     """Refuses PDOs that are named twice, and entries for a PDO that is not assigned."""
     assigned = slave.pdos or []
-    if len(assigned) > _PDOS_MAX:
-        row.fail("pdos", f"has {len(assigned)} PDOs, but at most {_PDOS_MAX} can be assigned")
+    if len(assigned) > PDOS_MAX:
+        row.fail("pdos", f"has {len(assigned)} PDOs, but at most {PDOS_MAX} can be assigned")
     for number, index in enumerate(assigned):
         if index in assigned[:number]:
             row.elements("pdos").fail(number, f"PDO 0x{index:04X} is named twice")
@@ -153,8 +156,8 @@ def _entries(table: Table, key: Key) -> list[PdoEntryConfig]:
     if key not in table:
         table.fail(key, "is missing: write the entries of the PDO, or entries = [] for none")
     rows = table.tables(key)
-    if len(rows) > _ENTRIES_MAX:
-        table.fail(key, f"has {len(rows)} entries, but a PDO has at most {_ENTRIES_MAX}")
+    if len(rows) > ENTRIES_MAX:
+        table.fail(key, f"has {len(rows)} entries, but a PDO has at most {ENTRIES_MAX}")
     return [PdoEntryConfig(**row.read(_ENTRY, required=["bits"])) for row in rows]
 
 

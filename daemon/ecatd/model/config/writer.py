@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Iterator
-from dataclasses import MISSING, fields, replace
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import MISSING, dataclass, field, fields, replace
 from textwrap import wrap
 from typing import Any
 
@@ -22,7 +22,24 @@ _NAME_BYTES = 31
 _TABLES = ("dc", "mailbox", "recovery", "realtime", "outputs", "gateway")
 
 
-def write_config(config: Config, bus: Bus, version: str) -> str:
+@dataclass(slots=True)
+class Notes:
+    """Lines that files about the bus add to its configuration, as comments.
+
+    Attributes:
+        top: Below the first lines.
+        slaves: Above the table of a slave, by position.
+        pdos: Beside its `pdos`, by position.
+        clocks: In `[dc]`, by position.
+    """
+
+    top: list[str] = field(default_factory=list)
+    slaves: dict[int, list[str]] = field(default_factory=dict)
+    pdos: dict[int, list[str]] = field(default_factory=dict)
+    clocks: dict[int, list[str]] = field(default_factory=dict)
+
+
+def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = None) -> str:
     """Makes a configuration that expects the slaves of a bus as they are.
 
     What is configured stays as it is. Keys with default values are written as comments.
@@ -31,15 +48,18 @@ def write_config(config: Config, bus: Bus, version: str) -> str:
         config: What is configured already; it is about the slaves where they are on this bus.
         bus: The bus.
         version: Version of the program, for the first line.
+        notes: What files say about the bus besides.
 
     Returns:
         A file in TOML.
     """
+    notes = notes or Notes()
     names = dict(zip((s.position for s in bus.slaves), _names(bus.slaves), strict=True))
     expected = replace(config.expected, unlisted=False)
     lines = [
         f"# Configuration of bus '{bus.name}' with its slaves, written by ecatctl {version}.",
         f"# Install it as /etc/ecatd/{bus.name}.toml. docs/configuration.md describes every key.",
+        *_comment(notes.top),
         "",
         *_scalars(config, always=("bus", "cycle_time_us")),
     ]
@@ -47,13 +67,15 @@ def write_config(config: Config, bus: Bus, version: str) -> str:
     lines += ["", "[expected]", *_scalars(expected, always=("policy", "unlisted"))]
     for slave in bus.slaves:
         settings = config.settings_of(slave.position)
-        lines += ["", *_about(slave), *_slave(slave, settings, names[slave.position])]
+        lines += ["", *_about(slave), *_comment(notes.slaves.get(slave.position, ()))]
+        beside = notes.pdos.get(slave.position, ())
+        lines += _slave(slave, settings, names[slave.position], beside)
     for domain in config.domain:
         row = replace(domain, slaves=[])
         slaves = ", ".join(value_text("", names.get(n, n)) for n in domain.slaves)
         lines += ["", "[[domain]]", *_scalars(row, without=("slaves",)), f"slaves = [{slaves}]"]
     for name in _TABLES:
-        lines += ["", f"[{name}]", *_table(config, name, names)]
+        lines += ["", f"[{name}]", *_table(config, name, names, notes)]
     for signal in config.signal:
         lines += ["", "[[signal]]", *_rule(signal, names)]
     return "\n".join(lines) + "\n"
@@ -63,17 +85,19 @@ def _names(slaves: list[Slave]) -> Iterator[str]:
     """A unique name for each slave: its own, or one made of its order code."""
     taken = {slave.given_name for slave in slaves}
     for slave in slaves:
-        if slave.given_name:
-            yield slave.given_name
-            continue
-        stem = re.sub(r"[^\w-]", "_", slave.name)
-        stem = stem if re.match(r"[^\W\d]", stem) else f"slave_{stem}".rstrip("_")
-        name, number = _cut(stem, ""), 1
-        while name in taken:
-            number += 1
-            name = _cut(stem, f"_{number}")
-        taken.add(name)
-        yield name
+        yield slave.given_name or unique_name(slave.name, taken)
+
+
+def unique_name(text: str, taken: set[str]) -> str:
+    """Makes a name for a slave of a text; adds it to the names that are taken."""
+    stem = re.sub(r"[^\w-]", "_", text)
+    stem = stem if re.match(r"[^\W\d]", stem) else f"slave_{stem}".rstrip("_")
+    name, number = _cut(stem, ""), 1
+    while name in taken:
+        number += 1
+        name = _cut(stem, f"_{number}")
+    taken.add(name)
+    return name
 
 
 def _cut(stem: str, end: str) -> str:
@@ -91,15 +115,20 @@ def _about(slave: Slave) -> Iterator[str]:
         for pdo in pdos:
             entries = [_entry(entry) for entry in pdo.entries if not entry.is_gap]
             text = f"{title}, PDO 0x{pdo.index:04X} {_plain(pdo.name)}".rstrip()
-            text = f"{text}: {'; '.join(entries) or 'no entries'}"
-            yield from wrap(
-                text,
-                _WIDTH,
-                initial_indent="# ",
-                subsequent_indent="#   ",
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
+            yield from _comment([f"{text}: {'; '.join(entries) or 'no entries'}"])
+
+
+def _comment(texts: Iterable[str]) -> Iterator[str]:
+    """Texts as lines of a comment."""
+    for text in texts:
+        yield from wrap(
+            _plain(text),
+            _WIDTH,
+            initial_indent="# ",
+            subsequent_indent="#   ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
 
 
 def _entry(entry: Entry) -> str:
@@ -107,7 +136,7 @@ def _entry(entry: Entry) -> str:
     return f"{entry.address} {_plain(entry.name)}".rstrip() + unit
 
 
-def _slave(slave: Slave, settings: SlaveConfig, name: str) -> Iterator[str]:
+def _slave(slave: Slave, settings: SlaveConfig, name: str, beside: Iterable[str]) -> Iterator[str]:
     by_alias = settings.alias is not None
     identity = replace(
         settings,
@@ -133,6 +162,7 @@ def _slave(slave: Slave, settings: SlaveConfig, name: str) -> Iterator[str]:
         pdos = assigned
     if pdos is not None:
         yield f"pdos = {value_text('pdos', pdos)}"
+    yield from _comment(beside)
     for pdo in settings.pdo:
         yield from ("", "[[slave.pdo]]", f"index = {value_text('index', pdo.index)}", "entries = [")
         for entry in pdo.entries:
@@ -144,7 +174,7 @@ def _slave(slave: Slave, settings: SlaveConfig, name: str) -> Iterator[str]:
         yield from _scalars(parameter, always=("object",), comments=False)
 
 
-def _table(config: Config, name: str, names: dict[int, str]) -> Iterator[str]:
+def _table(config: Config, name: str, names: dict[int, str], notes: Notes) -> Iterator[str]:
     table = getattr(config, name)
     yield from _scalars(table, without=("reference",))
     if name == "dc" and table.reference >= 0:
@@ -152,6 +182,12 @@ def _table(config: Config, name: str, names: dict[int, str]) -> Iterator[str]:
     for key in ("slave", "safe"):
         for rule in getattr(table, key, ()):
             yield from ("", f"[[{name}.{key}]]", *_rule(rule, names))
+            if key == "slave":
+                yield from _comment(notes.clocks.get(rule.slave, ()))
+    signals = {rule.slave for rule in config.dc.slave}
+    for position, texts in notes.clocks.items() if name == "dc" else ():
+        if position not in signals:
+            yield from ("", *_comment(texts))
 
 
 def _rule(rule: Any, names: dict[int, str]) -> Iterator[str]:
@@ -168,19 +204,19 @@ def _scalars(
     comments: bool = True,
 ) -> Iterator[str]:
     """The keys of a table that hold no tables; those with default values as comments."""
-    for field in fields(table):
-        value = getattr(table, field.name)
-        default = field.default
-        if field.default_factory is not MISSING:
-            default = field.default_factory()
+    for key in fields(table):
+        value = getattr(table, key.name)
+        default = key.default
+        if key.default_factory is not MISSING:
+            default = key.default_factory()
         tables = isinstance(value, list) and any(not isinstance(v, str | int) for v in value)
         simple = isinstance(value, str | int | float | dict | list)
-        if field.name in without or tables or not simple or value in ("", {}):
+        if key.name in without or tables or not simple or value in ("", {}):
             continue
-        line = f"{field.name} = {value_text(field.name, value)}"
-        if value != default or field.name in always:
+        line = f"{key.name} = {value_text(key.name, value)}"
+        if value != default or key.name in always:
             yield line
-        elif comments and field.name not in ("slave", "domain", "signal", "safe"):
+        elif comments and key.name not in ("slave", "domain", "signal", "safe"):
             yield f"# {line}"
 
 
