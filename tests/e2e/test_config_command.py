@@ -1,12 +1,20 @@
 """`ecatctl config`: the configuration that the bus as it is would have, and what is in force."""
 
+import json
+import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from conftest import Daemon, names, one_line_error, run_module
-from ecatd.model.config import load_config
+from ecatd.model import bus_file
+from ecatd.model.config import load_config, read_config
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
+
+from eni_sample import MACHINE, eni, ids, slave
 
 pytestmark = pytest.mark.bus
 
@@ -145,6 +153,8 @@ def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon
     ("arguments", "tokens"),
     [
         ("check", "FILE"),
+        ("from-eni", "FILE"),
+        ("from-eni x.xml --from troll", "FILE"),
         ("diff", "FILE"),
         ("init x.toml", "-o FILE"),
         ("show x.toml", "no FILE"),
@@ -157,3 +167,50 @@ def test_wrong_usage_says_what_to_do(arguments: str, tokens: str) -> None:
     result = run_module("ecatd.cli", "config", *arguments.split())
     assert result.returncode == 2
     names(one_line_error(result.stderr, "ecatctl"), tokens)
+
+
+# --- ENI files -----------------------------------------------------------------------------------
+
+
+def test_from_an_eni_file_to_a_bus_that_runs(
+    machine: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    source, file = tmp_path / "press.xml", tmp_path / "machine.toml"
+    source.write_text(MACHINE)
+    made = run_module("ecatd.cli", "config", "from-eni", str(source), "-o", str(file))
+    assert made.returncode == 0, made.stderr
+    names(made.stdout, str(file), "4 slaves")
+    names(made.stderr, "taken", "Press", "not taken", f"{source}:", "0x1018:01", "FMMUs")
+    text = file.read_text().replace("# lock_us = 20.0", "lock_us = 900")
+    text = text.replace("# timeout_s = 5.0", "timeout_s = 60").partition("\n[gateway]")[0]
+
+    daemon = machine(["EK1100", "EL2008", "CiA402", "ElmoGold"], f"{text}\n[gateway]\nlisten = []")
+    names(daemon.ctl("config", "check", str(daemon.config_file)).stdout, "4 slaves")
+    assert daemon.ctl_json("sdo-read", "Press", "0x6065")["value"] == 1234
+    rows = daemon.ctl_json("slaves")["slaves"]
+    assert [row["domain"] for row in rows] == [0, 1, 0, 0]
+    assert (rows[2]["sync0_ns"], rows[2]["sync_shift_ns"]) == (2_000_000, 250_000)
+    assert rows[1]["watchdog_ms"] == 50
+    slaves = bus_file.parse(daemon.ctl("scan").stdout, "scan").slaves
+    assert [item.given_name for item in slaves] == ["Term_1", "Term_2", "Press", "Term_3"]
+    mapping = [(e.index, e.bit_length) for e in slaves[2].inputs[0].entries]
+    assert mapping == [(0x6041, 16), (0x6064, 32), (0, 16)]
+    assert [pdo.index for pdo in slaves[3].outputs + slaves[3].inputs] == [0x1605, 0x1A02, 0x1A0A]
+
+
+def test_an_eni_file_for_programs(tmp_path: Path) -> None:
+    source = tmp_path / "press.xml"
+    source.write_text(eni(slave("x", ids(2, 3), more="<Strange/>")))
+    made = run_module("ecatd.cli", "config", "from-eni", str(source), "--json", "--bus", "press")
+    document = json.loads(made.stdout)
+    assert (made.stderr, document["bus"], document["slaves"]) == ("", "press", 1)
+    assert read_config(tomllib.loads(document["text"])).slave[0].product == 3
+    (left,) = document["unsupported"]
+    assert left["slave"] == 0
+    names(left["text"], "<Strange>")
+    plain = run_module("ecatd.cli", "config", "from-eni", str(source), "--bus", "press")
+    assert plain.stdout == document["text"]
+    source.write_text("<EtherCATInfo/>")
+    refused = run_module("ecatd.cli", "config", "from-eni", str(source))
+    assert (refused.returncode, refused.stdout) == (2, "")
+    names(one_line_error(refused.stderr, "ecatctl"), "press.xml:1", "ESI")

@@ -192,6 +192,7 @@ class _Converter:
         self._report.take(position, "identity")
         if slave.identification:
             self._take_identification(slave, settings, aliases)
+            description.alias = settings.alias or 0
         if option:
             settings.policy = TOLERANT
             self._report.take(position, "member of a hot connect group")
