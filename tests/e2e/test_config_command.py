@@ -15,6 +15,7 @@ from ecatd.model.config import load_config, read_config
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 from eni_sample import MACHINE, eni, ids, slave
+from esi_sample import SAMPLE
 
 pytestmark = pytest.mark.bus
 
@@ -155,6 +156,7 @@ def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon
         ("check", "FILE"),
         ("from-eni", "FILE"),
         ("from-eni x.xml --from troll", "FILE"),
+        ("show --esi x", "config init"),
         ("diff", "FILE"),
         ("init x.toml", "-o FILE"),
         ("show x.toml", "no FILE"),
@@ -214,3 +216,39 @@ def test_an_eni_file_for_programs(tmp_path: Path) -> None:
     refused = run_module("ecatd.cli", "config", "from-eni", str(source))
     assert (refused.returncode, refused.stdout) == (2, "")
     names(one_line_error(refused.stderr, "ecatctl"), "press.xml:1", "ESI")
+
+
+# --- ESI files -----------------------------------------------------------------------------------
+
+COMMANDS = """<InitCmds><InitCmd><Transition>PS</Transition><Index>#x2000</Index>
+<SubIndex>1</SubIndex><Data>05</Data></InitCmd></InitCmds></CoE>"""
+
+
+def test_esi_files_add_to_the_configuration_and_check_it(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    files, rig, file = tmp_path / "esi", tmp_path / "rig.toml", tmp_path / "machine.toml"
+    files.mkdir()
+    coe = 'PdoConfig="1" CompleteAccess="0"'
+    (files / "ax.xml").write_text(SAMPLE.replace(f"{coe}/>", f"{coe}>{COMMANDS}"))
+    devices = f'[[slave]]\nesi = "{files / "ax.xml"}"\ntype = "AX2"\nrevision = 0x20001\n'
+    rig.write_text(f'name = "m"\n[[slave]]\ndevice = "EK1100"\n{devices}')
+    daemon = start_daemon(str(rig), config="[gateway]\nlisten = []\n")
+    made = daemon.ctl("config", "init", "--esi", str(files), "-o", str(file))
+    names(made.stderr, "EK1100", "esi")
+    names(file.read_text(), "ax.xml", "AX2", "not with 0x1602", "AssignActivate 0x0700")
+    assert daemon.ctl_json("sdo-read", "1", "0x2000", "1")["value"] != 5
+    good = daemon.ctl("config", "check", str(file), "--esi", str(files))
+    names(good.stdout, "2 slaves", str(file))
+    assert daemon.stop() == 0
+
+    text = file.read_text()
+    daemon = start_daemon(str(rig), config=text)
+    assert daemon.ctl_json("sdo-read", "AX2", "0x2000", "1")["value"] == 5
+    bad = text.replace("pdos = [0x1600, 0x1601", "pdos = [0x1600, 0x1602")
+    assert bad != text
+    file.write_text(bad)
+    found = daemon.ctl("config", "check", str(file), "--esi", str(files / "ax.xml"), check=False)
+    assert found.returncode == 7
+    (forbidden,) = [line for line in found.stdout.splitlines() if "forbidden" in line]
+    names(forbidden, "slave 1", "AX2", "0x1600", "0x1602", "ax.xml")

@@ -7,10 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import naming
-from ecatd.model import abort_codes
+from ecatd.model import abort_codes, unit_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError, UsageError
-from ecatsim.slave import units
 from ecatsim.slave.coe import CoeServer
 from ecatsim.slave.mailbox import MailboxServer, Protocol
 from ecatsim.slave.objects import Access, Dictionary, ObjectCode, Variable
@@ -252,7 +251,7 @@ def entry_description(client, index, subindex, wanted):
 def described():
     client = Client()
     entry = client.objects[0x2000, 0]
-    entry.unit, entry.minimum, entry.maximum = units.code("mV"), -300, 300
+    entry.unit, entry.minimum, entry.maximum = unit_codes.code("mV"), -300, 300
     client.objects.remember()
     entry.value = 77
     return client
@@ -296,14 +295,14 @@ def test_only_wanted_and_existing_parts_are_given():
     ],
 )
 def test_unit_codes(text, expected):
-    assert units.code(text) == expected
+    assert unit_codes.code(text) == expected
 
 
 def test_unknown_units():
     for text in ("parsec", "m/parsec", "/s", "kk"):
         with pytest.raises(UsageError, match=naming(f"'{text}'", "unit")):
-            units.code(text)
-        assert units.known(text) == 0
+            unit_codes.code(text)
+        assert unit_codes.known(text) == 0
 
 
 def test_lists_of_mappable_and_stored_objects():

@@ -43,7 +43,7 @@ def written(found: Converted) -> str:
             other.policy,
             other.watchdog_ms,
         )
-        assert one.pdos in (None, other.pdos)
+        assert one.pdos == other.pdos
     found.config.dc.enabled |= config.dc.enabled
     assert (found.config.domain, found.config.dc) == (config.domain, config.dc)
     return text

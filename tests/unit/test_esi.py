@@ -167,6 +167,7 @@ def test_record(tmp_path: Path) -> None:
             DataType.UNSIGNED8,
             8,
             R | W_UP_TO_SAFEOP | 0x300,
+            values={0: "off"},
             line=record.entries[1].line,
         ),
         EsiEntry(

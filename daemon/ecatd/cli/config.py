@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_name import check_bus_name
@@ -19,6 +19,9 @@ from ecatd.version import VERSION
 from .bus_source import add_options, get_bus
 from .output import print_json, print_table
 from .scan import save
+
+if TYPE_CHECKING:
+    from ecatd.esi import EsiDevice
 
 _DIFFERENT = 1
 
@@ -49,6 +52,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "-o", dest="out", metavar="FILE", type=Path, help="init, from-eni: write it to this file"
     )
     command.add_argument("--force", action="store_true", help="init, from-eni: overwrite the file")
+    command.add_argument(
+        "--esi",
+        metavar="PATH",
+        help="init: take over what this ESI file, or a folder of them, says about the slaves; "
+        "check: compare pdos with it, too",
+    )
     add_options(command)
 
 
@@ -68,6 +77,8 @@ def config(options: argparse.Namespace) -> int:
         options.sources or options.devices or options.config or options.connect
     ):
         raise UsageError("config from-eni reads FILE alone: leave other sources out")
+    if options.esi is not None and options.action not in ("init", "check"):
+        raise UsageError("--esi goes with config init and config check")
     if options.action in ("diff", "show") and options.sources:
         raise UsageError(f"config {options.action} asks the daemon: leave --from out")
     return _RUN[options.action](options)
@@ -91,9 +102,27 @@ def _init(options: argparse.Namespace) -> int:
         known.cycle_time_us = bus.cycle_time_us
     else:
         bus, known, _ = _remote(options)
-    text = write_config(known.moved(compare(known, bus.slaves).places), bus, VERSION)
-    _write(options, bus, text, "give them names, then", {})
+    known = known.moved(compare(known, bus.slaves).places)
+    notes, more = None, {}
+    if options.esi is not None:
+        from ecatd.esi.configure import add_esi
+
+        devices = _described(bus, options.esi)
+        notes = add_esi(known, bus, devices)
+        more = {"described": sorted(devices)}
+    _write(options, bus, write_config(known, bus, VERSION, notes), "give them names, then", more)
     return 0
+
+
+def _described(bus: Bus, source: str) -> dict[int, EsiDevice]:
+    """The ESI descriptions of the slaves; warns about those without one."""
+    from .esi_devices import describe
+
+    devices = describe(bus.slaves, source)
+    missing = [slave.label for slave in bus.slaves if slave.position not in devices]
+    if missing:
+        print(f"ecatctl: {source} does not describe {', '.join(missing)}", file=sys.stderr)
+    return devices
 
 
 def _write(
@@ -152,7 +181,10 @@ def _check(options: argparse.Namespace) -> int:
     wanted = load_config(options.file)
     bus = get_bus(options)
     found = compare(wanted, bus.slaves)
-    differences = found.differences + _other_pdos(wanted.moved(found.places), bus)
+    wanted = wanted.moved(found.places)
+    differences = found.differences + _other_pdos(wanted, bus)
+    if options.esi is not None:
+        differences += _forbidden_pdos(wanted, bus, _described(bus, options.esi))
     if options.json:
         rows = [
             {
@@ -194,6 +226,24 @@ def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
             place = (settings.position,)
             differences.append(Difference("other PDOs", place, place, text, strict=False))
     return differences
+
+
+def _forbidden_pdos(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[Difference]:
+    """PDOs of the configuration that the ESI files do not allow."""
+    from ecatd.esi.check import pdo_problems
+
+    return [
+        Difference(
+            "forbidden PDOs",
+            (settings.position,),
+            (settings.position,),
+            f"{bus.slaves[settings.position].label} {problem} ({Path(device.path).name})",
+            strict=False,
+        )
+        for settings in wanted.slave
+        if (device := devices.get(settings.position)) is not None
+        for problem in pdo_problems(settings, device)
+    ]
 
 
 def _indices(indices: list[int]) -> str:

@@ -1,4 +1,4 @@
-"""Makes a rig from ESI files and a list of devices such as `EK1100,EL1018,3*EL2008`."""
+"""Finds devices in ESI files: those of slaves, and those of a list such as `EK1100,3*EL2008`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ecatd.esi import EsiChoice, choose, list_devices
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.esi import EsiChoice, EsiDevice, choose, list_devices, read_device
+from ecatd.model.bus import Slave
+from ecatd.model.errors import ConfigError, StateError, UsageError
 from ecatd.model.text_file import read_text
 
 _ITEM = re.compile(r"(?:(\d{1,4})\s*\*\s*)?(.+?)(?:\s*:\s*(0x[0-9A-Fa-f]{1,8}|\d{1,10}))?")
@@ -77,6 +78,57 @@ def esi_files(sources: Sequence[str]) -> list[Path]:
             raise UsageError(f"{source}: there are no ESI files (.xml) in this folder")
         found |= dict.fromkeys(inside)
     return list(found)
+
+
+def describe(slaves: Sequence[Slave], source: str) -> dict[int, EsiDevice]:
+    """The descriptions of slaves, by position: of the revision of each, or the newest before it.
+
+    Args:
+        slaves: The slaves.
+        source: An ESI file, or a folder with ESI files.
+
+    Raises:
+        UsageError: The folder has no ESI files.
+        ConfigError: A file is malformed.
+    """
+    choices = [(path, choice) for path in esi_files([source]) for choice in list_devices(path)]
+    found: dict[tuple[int, int, int], EsiDevice | None] = {}
+    for slave in slaves:
+        identity = slave.vendor, slave.product, slave.revision
+        if identity not in found:
+            found[identity] = _description(slave, choices)
+    devices = ((s.position, found[s.vendor, s.product, s.revision]) for s in slaves)
+    return {position: device for position, device in devices if device is not None}
+
+
+def _description(slave: Slave, choices: list[tuple[Path, EsiChoice]]) -> EsiDevice | None:
+    fitting = [
+        (path, choice)
+        for path, choice in choices
+        if choice.product == slave.product and choice.revision <= slave.revision
+    ]
+    for path, choice in sorted(fitting, key=lambda item: item[1].revision, reverse=True):
+        device = read_device(path, choice)
+        if device.vendor == slave.vendor:
+            return device
+    return None
+
+
+def device_of(slave: Slave, source: str) -> EsiDevice:
+    """The description of one slave, found as in `describe`.
+
+    Raises:
+        StateError: No file describes it.
+        UsageError: As `describe`.
+        ConfigError: As `describe`.
+    """
+    devices = describe([slave], source)
+    if not devices:
+        raise StateError(
+            f"{source}: no device has vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X} "
+            f"and at most revision 0x{slave.revision:08X}, as {slave.label}"
+        )
+    return devices[slave.position]
 
 
 def _wanted(devices: str) -> Iterator[_Wanted]:

@@ -17,7 +17,7 @@ from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageEr
 from ecatd.model.expected_bus import compare
 
 from .arguments import slave
-from .esi_devices import esi_files
+from .esi_devices import device_of
 from .output import print_json, print_table
 from .scan import save
 
@@ -143,7 +143,7 @@ def _shown(parameter: StartupConfig, data: bytes) -> str:
 def _capture(remote: Remote, options: argparse.Namespace) -> int:
     bus = remote.describe()
     found = bus.find(options.slave)
-    device = _device(found, options.esi)
+    device = device_of(found, options.esi)
     rows = list(_changed(remote, found, device))
     if options.json:
         print_json({"bus": bus.name, "slave": found.position, "parameters": rows})
@@ -163,30 +163,6 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
     count = len(rows)
     print(f"{options.out}: {count} parameter{'s' * (count != 1)}; append them to its [[slave]]")
     return 0
-
-
-def _device(found: Slave, source: str) -> EsiDevice:
-    """The description of a slave: of its revision, or else of the newest before it.
-
-    Raises:
-        StateError: No file describes it.
-    """
-    from ecatd.esi import list_devices, read_device
-
-    fitting = [
-        (choice.revision, path, choice)
-        for path in esi_files([source])
-        for choice in list_devices(path)
-        if choice.product == found.product and choice.revision <= found.revision
-    ]
-    for _, path, choice in sorted(fitting, key=lambda item: item[0], reverse=True):
-        device = read_device(path, choice)
-        if device.vendor == found.vendor:
-            return device
-    raise StateError(
-        f"{source}: no device has vendor 0x{found.vendor:08X}, product 0x{found.product:08X} and "
-        f"at most revision 0x{found.revision:08X}, as {found.label}"
-    )
 
 
 def _changed(remote: Remote, found: Slave, device: EsiDevice) -> Iterator[dict[str, Any]]:

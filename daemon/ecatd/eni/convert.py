@@ -183,9 +183,9 @@ class _Converter:
             serial=slave.serial,
             coe=slave.coe,
             given_name=unique_name(given, names),
-            outputs=data.outputs,
-            inputs=data.inputs,
         )
+        if data.pdos is not None or not slave.coe:  # else they would be written as all of them
+            description.outputs, description.inputs = data.outputs, data.inputs
         settings = SlaveConfig(position)
         self._bus.slaves.append(description)
         self._config.slave.append(settings)
@@ -262,7 +262,7 @@ class _Converter:
                     continue
                 try:
                     parameter = startup_parameter(
-                        types,
+                        types.find(command.index, command.subindex),
                         (command.index, command.subindex),
                         command.data,
                         complete=command.complete,
@@ -286,7 +286,7 @@ class _Converter:
             description.watchdog_ms = 0.0
             settings.watchdog_ms = 0.0
             self._report.take(settings.position, "watchdog off")
-        elif data is not None and description.outputs:
+        elif data is not None and (outputs or slave.output_bits != 0):
             settings.watchdog_ms = self._watchdog(slave, settings, "watchdog", data)
         if pdi is not None:
             settings.pdi_watchdog_ms = self._watchdog(slave, settings, "PDI watchdog", pdi)

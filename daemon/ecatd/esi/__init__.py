@@ -10,15 +10,17 @@ and dictionaries in other files, are not read; `EsiDevice.slots` and `dictionary
 a device has them.
 
 `reader` reads files, `dictionary` reads object dictionaries, and both use `xml`. `device` has the
-classes of the result. The daemon itself reads no ESI files.
+classes of the result. `configure` adds to a configuration what a file knows, and `check` compares
+the PDOs of a configuration with a file. The daemon itself reads no ESI files.
 """
 
-from .device import EsiChoice, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
+from .device import EsiChoice, EsiCommand, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
 from .dictionary import EsiEntry, EsiObject
 from .reader import choose, list_devices, read_device
 
 __all__ = [
     "EsiChoice",
+    "EsiCommand",
     "EsiDcMode",
     "EsiDevice",
     "EsiEntry",

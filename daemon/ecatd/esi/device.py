@@ -90,6 +90,29 @@ class EsiDcMode:
     shift_time1: int
 
 
+@dataclass(frozen=True, slots=True)
+class EsiCommand:
+    """A start-up command for an object (`<CoE>`, `<InitCmd>`).
+
+    Attributes:
+        line: Line in the file.
+        transitions: When it is written, such as "PS".
+        index: Index of the object.
+        subindex: Its subindex.
+        data: What is written.
+        complete: Whether the whole object is written at once (complete access).
+        comment: Why.
+    """
+
+    line: int
+    transitions: tuple[str, ...]
+    index: int
+    subindex: int
+    data: bytes
+    complete: bool
+    comment: str
+
+
 @dataclass(slots=True)
 class EsiDevice:
     """A device as its ESI file describes it.
@@ -113,7 +136,8 @@ class EsiDevice:
         inputs: TxPDOs.
         protocols: Mailbox protocols, as in SII word 0x1C; 0 without a mailbox.
         coe_details: CoE details, as in SII category 30.
-        dc: Operation modes of the distributed clocks.
+        commands: Start-up commands.
+        dc: Operation modes of the distributed clocks; the first one is the default.
         eeprom_size: Size of the EEPROM in bytes, 0 if the file does not say it.
         config_data: First bytes of the EEPROM.
         bootstrap: Words 0x14 to 0x17 of the EEPROM: the mailbox in BOOT.
@@ -141,6 +165,7 @@ class EsiDevice:
     inputs: list[EsiPdo] = field(default_factory=list)
     protocols: int = 0
     coe_details: int = 0
+    commands: list[EsiCommand] = field(default_factory=list)
     dc: list[EsiDcMode] = field(default_factory=list)
     eeprom_size: int = 0
     config_data: bytes = b""

@@ -70,6 +70,7 @@ class EsiEntry:
         minimum: Smallest value as SDO data, or None.
         maximum: Largest value as SDO data, or None.
         unit: Unit code (ETG.1004), 0 for none.
+        values: What numbers stand for.
         line: Line in the file.
     """
 
@@ -82,6 +83,7 @@ class EsiEntry:
     minimum: bytes | None = None
     maximum: bytes | None = None
     unit: int = 0
+    values: dict[int, str] = field(default_factory=dict)
     line: int = 0
 
 
@@ -172,6 +174,7 @@ class _Reader:
             size = element.number_of("BitSize", 0, high=_MAX_BITS)
             kind, bits = self._resolve(type_name, size, element)
             entries, code = [EsiEntry(0, name, kind, bits, _access(flags))], ObjectCode.VAR
+            entries[0].values = self._values(type_name)
             entries[0].line = element.line
         info = element.find("Info")
         if info is not None:
@@ -200,7 +203,9 @@ class _Reader:
                 size = item.number_of("BitSize", 0, high=_MAX_BITS)
                 kind, bits = self._resolve(item.text_of("Type"), size, item)
                 subindex = item.number_of("SubIdx", len(found), high=0xFF)
-                entries = iter((replace(template, subindex=subindex, data_type=kind, bits=bits),))
+                values = self._values(item.text_of("Type"))
+                entry = replace(template, subindex=subindex, data_type=kind, bits=bits)
+                entries = iter((replace(entry, values=values),))
             for entry in entries:
                 if entry.subindex in found:
                     item.fail(f"subindex {entry.subindex} is defined a second time")
@@ -223,7 +228,18 @@ class _Reader:
                 name=f"SubIndex {number:03d}",
                 data_type=kind,
                 bits=bits,
+                values=self._values(array.text_of("BaseType")),
             )
+
+    def _values(self, name: str) -> dict[int, str]:
+        """What the numbers of an enumeration stand for."""
+        definition = self._types.get(name)
+        found = {}
+        for item in definition.all("EnumInfo") if definition else ():
+            text = item.name("Text")
+            if text:
+                found[item.number_of("Enum", low=-(1 << 31))] = text
+        return found
 
     def _resolve(self, name: str, bits: int, where: Element) -> tuple[DataType, int]:
         """Returns data type and bits of an entry; guesses a type without definition by its size."""

@@ -10,7 +10,7 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry
 from ecatd.model.sii import UNASSIGNED
 
-from .device import EsiChoice, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
+from .device import EsiChoice, EsiCommand, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
 from .dictionary import read_dictionary, simple_type
 from .xml import Element, read_xml
 
@@ -232,6 +232,21 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
         device.coe_details = _SDO
         for name, bit in _COE_DETAILS.items():
             device.coe_details |= bit * coe.flag(name)
+        commands = coe.find("InitCmds")
+        device.commands = [_command(item) for item in commands.all("InitCmd")] if commands else []
+
+
+def _command(element: Element) -> EsiCommand:
+    data = element.find("Data")
+    return EsiCommand(
+        element.line,
+        tuple(dict.fromkeys(item.text.upper() for item in element.all("Transition"))),
+        element.number_of("Index", high=0xFFFF),
+        element.number_of("SubIndex", 0, high=0xFF),
+        data.octets() if data else b"",
+        element.flag("CompleteAccess"),
+        element.text_of("Comment"),
+    )
 
 
 def _signed(value: int, bits: int) -> int:

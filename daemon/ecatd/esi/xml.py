@@ -73,9 +73,9 @@ class Element:
         found = self.find(*tags)
         return found.text if found else ""
 
-    def name(self) -> str:
+    def name(self, tag: str = "Name") -> str:
         """The text of <Name>, if there are several languages that in English (LcId 1033)."""
-        names = list(self.all("Name"))
+        names = list(self.all(tag))
         english = [name for name in names if name.attributes.get("LcId") == "1033"]
         return next((name.text for name in (*english, *names) if name.text), "")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ecatd.model import unit_codes
 from ecatd.model.datatypes import (
     STRINGS,
     DataType,
@@ -17,7 +18,6 @@ from ecatd.model.errors import SdoAbortError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.toml_file import REQUIRED, Key, Table
 
-from ..slave import units
 from ..slave.objects import Access, Dictionary, ObjectCode, Value, Variable
 from ..slave.sii import UNASSIGNED
 
@@ -284,7 +284,7 @@ def _variable(
     _read_limits(table, new)
     new.default = _value(table, kind, bits, "default")
     if "unit" in table:
-        new.unit = table.explain("unit", lambda: units.code(table.text("unit")))
+        new.unit = table.explain("unit", lambda: unit_codes.code(table.text("unit")))
     new.zero_keeps = table.boolean("zero_keeps", False)
     if "abort" in table:
         new.on_read = _refuse(table.integer("abort", 1, 0xFFFFFFFF))

@@ -10,13 +10,12 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
-from ecatd.model import abort_codes
+from ecatd.model import abort_codes, unit_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError, UsageError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import byte_length
 
-from . import units
 from .objects import Access, Dictionary, DictionaryObject, ObjectCode, Value, Variable
 from .sii import UNASSIGNED
 
@@ -107,7 +106,7 @@ class ProcessDataObjects:
             kind,
             entry.bit_length,
             access,
-            unit=units.known(entry.unit) if entry.scale == 1.0 else 0,
+            unit=unit_codes.known(entry.unit) if entry.scale == 1.0 else 0,
         )
         if entry.index in objects:
             item = objects.object(entry.index)

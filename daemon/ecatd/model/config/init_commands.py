@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..datatypes import STRINGS, decode, type_alias
 from ..errors import UsageError
-from ..object_types import ObjectTypes
+from ..object_types import ObjectType
 from .signals import NAME_BYTES
 from .tables import StartupConfig
 
@@ -14,7 +14,7 @@ DATA_MAX = 1 << 15
 
 
 def startup_parameter(
-    types: ObjectTypes,
+    known: ObjectType,
     address: tuple[int, int],
     data: bytes,
     *,
@@ -27,7 +27,7 @@ def startup_parameter(
     It has a type and a value if they give the same bytes again, else hexadecimal bytes.
 
     Args:
-        types: What is known about objects of the slave.
+        known: What is known about the object.
         address: Index and subindex.
         data: The bytes.
         complete: Whether the whole object is written at once.
@@ -50,7 +50,7 @@ def startup_parameter(
         transition=transition,
         comment=words.encode()[:COMMENT_BYTES].decode("utf-8", "ignore"),
     )
-    kind = types.find(*address).of(data).data_type
+    kind = known.of(data).data_type
     parameter.type = None if complete or kind in STRINGS else type_alias(kind)
     if parameter.type is not None:
         parameter.value = str(decode(kind, data))

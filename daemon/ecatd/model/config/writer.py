@@ -186,7 +186,7 @@ def _table(config: Config, name: str, names: dict[int, str], notes: Notes) -> It
                 yield from _comment(notes.clocks.get(rule.slave, ()))
     signals = {rule.slave for rule in config.dc.slave}
     for position, texts in notes.clocks.items() if name == "dc" else ():
-        if position not in signals:
+        if position not in signals and texts:
             yield from ("", *_comment(texts))
 
 

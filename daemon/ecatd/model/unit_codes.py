@@ -1,4 +1,4 @@
-"""Unit codes for the SDO information service (ETG.1004, CiA 303-2).
+"""Unit codes of the SDO information service and of ESI files (ETG.1004, CiA 303-2).
 
 An UNSIGNED32 has, from its highest byte on: the power of ten of the prefix, the notation index of
 the numerator, that of the denominator, and 0. Millivolt is 0xFD260000, rev/min 0x00B44700.
@@ -6,7 +6,7 @@ the numerator, that of the denominator, and 0. Millivolt is 0xFD260000, rev/min 
 
 from __future__ import annotations
 
-from ecatd.model.errors import UsageError
+from .errors import UsageError
 
 _INDEX = {
     "1": 0x00,
@@ -71,3 +71,22 @@ def known(text: str) -> int:
         return code(text)
     except UsageError:
         return 0
+
+
+def meaning(number: int) -> tuple[str, float] | None:
+    """The unit of a code, and the factor from raw values to that unit; None for an unknown code.
+
+    Millivolt, 0xFD260000, is ("V", 0.001).
+    """
+    names = {known: name for name, known in _NAMES.items()}
+    if number in names:
+        return names[number], 1.0
+    indices = {index: name for name, index in reversed(_INDEX.items())}
+    power = (number >> 24) - (number >> 31 << 8)
+    top, bottom = number >> 16 & 0xFF, number >> 8 & 0xFF
+    if number & 0xFF or top not in indices or bottom not in indices:
+        return None
+    scale = float(f"1e{power}")
+    if number & 0xFFFFFF in names:
+        return names[number & 0xFFFFFF], scale
+    return f"{indices[top]}/{indices[bottom]}" if bottom else indices[top], scale

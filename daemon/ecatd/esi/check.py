@@ -1,0 +1,50 @@
+"""Compares the PDOs of a configuration with what an ESI file allows (ETG.2000)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ecatd.model.config.tables import SlaveConfig
+
+from .device import EsiDevice, EsiPdo
+
+
+def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
+    """Says what is wrong with `pdos` and `[[slave.pdo]]` of a slave.
+
+    Yields:
+        Sentences without a subject, such as `lacks PDO 0x1600, which is mandatory: …`.
+    """
+    offered: dict[int, EsiPdo] = {pdo.index: pdo for pdo in (*device.outputs, *device.inputs)}
+    for own in settings.pdo:
+        pdo = offered.get(own.index)
+        if pdo is None or not pdo.fixed:
+            continue
+        wanted = [(*entry.address, entry.bits) for entry in own.entries]
+        if wanted != [(entry.index, entry.subindex, entry.bit_length) for entry in pdo.entries]:
+            yield (
+                f"maps entries into PDO 0x{own.index:04X}, which is fixed: remove that "
+                "[[slave.pdo]], or choose another PDO"
+            )
+    if settings.pdos is None:
+        return
+    assigned = [offered[index] for index in settings.pdos if index in offered]
+    if not device.slots:  # modules bring PDOs of their own
+        for index in settings.pdos:
+            if index not in offered:
+                all_ = ", ".join(f"0x{known:04X}" for known in offered) or "none"
+                yield f"has PDO 0x{index:04X}, which the device does not offer: it offers {all_}"
+    excluded = {index for pdo in assigned for index in pdo.excludes}
+    for pdo in offered.values():
+        if pdo.mandatory and pdo not in assigned and pdo.index not in excluded:
+            yield f"lacks PDO 0x{pdo.index:04X}, which is mandatory: add it to pdos"
+    seen: set[frozenset[int]] = set()
+    for pdo in assigned:
+        for index in pdo.excludes:
+            pair = frozenset((pdo.index, index))
+            if index in settings.pdos and index != pdo.index and pair not in seen:
+                seen.add(pair)
+                yield (
+                    f"has PDO 0x{pdo.index:04X} together with 0x{index:04X}, which exclude each "
+                    "other: remove one of them from pdos"
+                )

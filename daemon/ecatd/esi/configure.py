@@ -1,0 +1,254 @@
+"""Adds to the configuration of a bus what ESI files say about its slaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.config import Config, DcSlaveConfig, SignalConfig
+from ecatd.model.config.init_commands import startup_parameter
+from ecatd.model.config.signals import UNIT_BYTES
+from ecatd.model.config.slave_settings import INPUT_PDOS, OUTPUT_PDOS
+from ecatd.model.config.slaves import SYNC_MAX_US
+from ecatd.model.config.tables import TRANSITIONS, SlaveConfig
+from ecatd.model.config.writer import Notes
+from ecatd.model.datatypes import decode, is_real, value_range
+from ecatd.model.errors import UsageError
+from ecatd.model.object_types import ObjectType, ObjectTypes
+from ecatd.model.pdo import Entry
+from ecatd.model.unit_codes import meaning
+
+from .device import EsiCommand, EsiDcMode, EsiDevice, EsiPdo
+from .dictionary import EsiEntry
+
+_ASSIGNMENTS = range(0x1C10, 0x1C30)
+_SYNC0, _SYNC1 = 0x0300, 0x0400
+_SIGNAL_BITS = 64
+
+
+def add_esi(config: Config, bus: Bus, devices: Mapping[int, EsiDevice]) -> Notes:
+    """Adds what ESI files say to a configuration; what is configured already stays.
+
+    Start-up commands, units, limits and named values of process data, and the default mode of the
+    distributed clocks become tables. The rest becomes comments.
+
+    Args:
+        config: The configuration, which is changed; it is about the slaves where they are.
+        bus: The bus; slaves and entries without a name get that of their device.
+        devices: The description of slaves, by position.
+    """
+    notes = Notes()
+    for position, device in sorted(devices.items()):
+        slave = bus.slaves[position]
+        settings = config.settings_of(position)
+        if settings not in config.slave:
+            config.slave.append(settings)
+        _Adder(config, slave, settings, device, notes).add()
+    config.slave.sort(key=lambda item: item.position)
+    return notes
+
+
+class _Adder:
+    """Adds what one device says to the configuration of its slave."""
+
+    def __init__(
+        self, config: Config, slave: Slave, settings: SlaveConfig, device: EsiDevice, notes: Notes
+    ) -> None:
+        self._config, self._slave, self._settings = config, slave, settings
+        self._device = device
+        self._about = notes.slaves.setdefault(slave.position, [])
+        self._beside = notes.pdos.setdefault(slave.position, [])
+        self._modes = notes.clocks.setdefault(slave.position, [])
+        self._known = {(o.index, e.subindex): e for o in device.objects for e in o.entries}
+
+    def add(self) -> None:
+        device, slave = self._device, self._slave
+        other = device.revision != slave.revision
+        self._about.append(
+            f"{Path(device.path).name}: {device.type}, {device.name}, of {device.vendor_name}"
+            + (f"; it describes revision 0x{device.revision:08X}" if other else "")
+        )
+        slave.name = slave.name or device.type
+        described = [*device.outputs, *device.inputs]
+        names = {(e.index, e.subindex): e.name for pdo in described for e in pdo.entries if e.name}
+        configured = {rule.address for rule in self._config.signal if rule.slave == slave.position}
+        for outputs in (True, False):
+            for _, entry, _ in slave.entries(outputs=outputs):
+                address = entry.index, entry.subindex
+                known = self._known.get(address)
+                entry.name = entry.name or names.get(address, known.name if known else "")
+                if known is not None and address not in configured:
+                    configured.add(address)
+                    self._add_signal(entry, known, outputs=outputs)
+        self._describe_pdos()
+        if slave.coe:
+            for command in device.commands:
+                self._add_command(command)
+        self._add_modes()
+
+    # --- process data --------------------------------------------------------------------------
+
+    def _describe_pdos(self) -> None:
+        for title, pdos in (("outputs", self._device.outputs), ("inputs", self._device.inputs)):
+            texts = [_offer(pdo) for pdo in pdos]
+            if texts:
+                self._beside.append(f"{title} that it offers: {'; '.join(texts)}")
+
+    def _add_signal(self, entry: Entry, known: EsiEntry, *, outputs: bool) -> None:
+        if entry.bit_length > _SIGNAL_BITS:
+            return
+        rule = SignalConfig(self._slave.position, entry.address)
+        scale = entry.scale
+        if known.unit and not entry.is_physical:
+            found = meaning(known.unit)
+            if found is None or len(found[0].encode()) > UNIT_BYTES:
+                self._about.append(f"{entry.address} has an unknown unit code, 0x{known.unit:08X}")
+            else:
+                rule.unit, scale = found[0] or None, found[1]
+                rule.scale = None if scale == 1 else scale
+        if known.values and not entry.values:
+            named = {n: t for n, t in known.values.items() if t.isprintable() and abs(n) < 10**10}
+            rule.values = {str(number): text for number, text in named.items()}
+        offset = entry.offset if entry.is_physical else 0.0
+        if outputs and entry.minimum is None and entry.maximum is None:
+            self._add_limits(rule, entry, known, scale, offset)
+        if rule != SignalConfig(self._slave.position, entry.address):
+            self._config.signal.append(rule)
+
+    def _add_limits(
+        self, rule: SignalConfig, entry: Entry, known: EsiEntry, scale: float, offset: float
+    ) -> None:
+        if known.minimum is None or known.maximum is None or known.bits != entry.bit_length:
+            return
+        try:
+            low, high = (decode(known.data_type, data) for data in (known.minimum, known.maximum))
+        except UsageError:
+            return
+        if not isinstance(low, int | float) or not isinstance(high, int | float) or low >= high:
+            return
+        real, bits = is_real(known.data_type), entry.bit_length
+        whole = (-math.inf, math.inf) if real else value_range(known.data_type, bits)
+        if (low, high) == whole or not math.isfinite(high - low):
+            return
+        if low <= 0 <= high:
+            rule.minimum, rule.maximum = low * scale + offset, high * scale + offset
+        else:  # the safe value, zero, must be in the range
+            self._about.append(
+                f"{entry.address} has raw values from {low} to {high}, which is no limit here, "
+                "since its safe value is 0"
+            )
+
+    # --- start-up commands ---------------------------------------------------------------------
+
+    def _add_command(self, command: EsiCommand) -> None:
+        address = command.index, command.subindex
+        text = f"0x{command.index:04X}:{command.subindex:02X}"
+        if command.index in (*_ASSIGNMENTS, *OUTPUT_PDOS, *INPUT_PDOS):
+            self._about.append(f"Start-up command for {text}: pdos and [[slave.pdo]] do that.")
+            return
+        known = self._known.get(address)
+        kind = ObjectType(data_type=known.data_type) if known else None
+        for transition in command.transitions:
+            if any(
+                (item.address, item.transition) == (address, transition)
+                for item in self._settings.startup
+            ):
+                continue
+            try:
+                if transition not in TRANSITIONS:
+                    raise UsageError(f"the transition is one of {', '.join(TRANSITIONS)}")
+                self._settings.startup.append(
+                    startup_parameter(
+                        kind or ObjectTypes(self._slave).find(*address),
+                        address,
+                        command.data,
+                        complete=command.complete,
+                        transition=transition,
+                        comment=command.comment or self._name(command),
+                    )
+                )
+            except UsageError as error:
+                where = f"{Path(self._device.path).name}, line {command.line}"
+                self._about.append(
+                    f"Start-up command for {text} in {transition} ({where}) left out: {error}."
+                )
+
+    def _name(self, command: EsiCommand) -> str:
+        """The names of the object and of the entry that a command writes."""
+        names = [item.name for item in self._device.objects if item.index == command.index]
+        known = self._known.get((command.index, command.subindex))
+        if known is not None and not command.complete:
+            names.append(known.name)
+        return ", ".join(dict.fromkeys(filter(None, names)))
+
+    # --- distributed clocks --------------------------------------------------------------------
+
+    def _add_modes(self) -> None:
+        dc = self._config.dc
+        configured = any(rule.slave == self._slave.position for rule in dc.slave)
+        if self._device.dc:
+            file = Path(self._device.path).name
+            self._modes.append(f"DC modes of {self._slave.label} in {file}, the default first:")
+        for number, mode in enumerate(self._device.dc):
+            words = filter(None, (mode.description, f"AssignActivate 0x{mode.assign_activate:04X}"))
+            text = f"- {mode.name} ({', '.join(words)}): "
+            rule = self._signals(mode)
+            if rule is None:
+                self._modes.append(f"{text}no [[dc.slave]]")
+                continue
+            problem = self._problem(rule)
+            self._modes.append(f"{text}[[dc.slave]] with {_keys(rule)}{problem and f'; {problem}'}")
+            if number == 0 and not configured and not problem:
+                dc.slave.append(rule)
+                dc.enabled = True
+
+    def _signals(self, mode: EsiDcMode) -> DcSlaveConfig | None:
+        """The SYNC signals of a mode; None if it has none."""
+        if mode.assign_activate & _SYNC0 != _SYNC0:
+            return None
+        cycle_ns = self._config.domain_cycle_us(self._slave.position) * 1000
+        sync0 = _scaled(cycle_ns, mode.cycle_factor0) or mode.cycle_time0 or cycle_ns
+        sync1 = 0.0
+        if mode.assign_activate & _SYNC1:
+            # Register 0x09A4 is the time from SYNC0 to SYNC1: whole periods, then the shift.
+            period = _scaled(sync0, mode.cycle_factor1) or mode.cycle_time1
+            sync1 = max(0.0, period - sync0) + mode.shift_time1
+        return DcSlaveConfig(
+            self._slave.position,
+            0.0 if sync0 == cycle_ns else sync0 / 1000,
+            mode.shift_time0 / 1000 if mode.shift_time0 else None,
+            sync1 / 1000,
+        )
+
+    def _problem(self, rule: DcSlaveConfig) -> str:
+        """Why signals cannot be had here, or nothing."""
+        cycle = self._config.domain_cycle_us(self._slave.position)
+        sync0 = self._config.sync0_us(rule)
+        if not self._slave.dc_bits:
+            return "this slave has no clock"
+        times = (sync0, abs(rule.shift_us or 0), abs(rule.sync1_us))
+        ns, frames = round(sync0 * 1000), cycle * 1000
+        if max(times) > SYNC_MAX_US or rule.sync1_us < 0 or ns < 1 or (ns % frames and frames % ns):
+            return f"this does not fit the cycle, {cycle} µs"
+        return ""
+
+
+def _scaled(cycle_ns: float, factor: int) -> float:
+    """A multiple of a cycle, with a negative factor a fraction; 0 without a factor."""
+    return cycle_ns * factor if factor >= 0 else cycle_ns / -factor
+
+
+def _keys(rule: DcSlaveConfig) -> str:
+    keys = {"sync0_us": rule.sync0_us, "shift_us": rule.shift_us, "sync1_us": rule.sync1_us}
+    texts = [f"{key} = {value}" for key, value in keys.items() if value]
+    return ", ".join(texts) or "its defaults"
+
+
+def _offer(pdo: EsiPdo) -> str:
+    words = ["mandatory"] * pdo.mandatory + ["fixed"] * pdo.fixed
+    if pdo.excludes:
+        words.append(f"not with {', '.join(f'0x{index:04X}' for index in pdo.excludes)}")
+    text = f"0x{pdo.index:04X} {pdo.name}".rstrip()
+    return f"{text} ({', '.join(words)})" if words else text

@@ -1,0 +1,44 @@
+"""Mutated ENI files: made into configurations that can be read, or refused."""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from mutations import mutants, mutated_elements
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
+
+from eni_sample import MACHINE
+
+from ecatd.eni import convert, read_network
+from ecatd.model.config import read_config
+from ecatd.model.config.writer import write_config
+from ecatd.model.errors import ConfigError
+
+pytestmark = pytest.mark.long
+
+FILES = 3_000
+VALUES = ["0", "1", "-1", "254", "65535", "#xFFFFFFFF", "", "PS", "0003", "00" * 40, "Inputs"]
+
+
+def test_mutated_files_become_configurations_or_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.xml"
+    accepted = refused = 0
+    half = FILES // 2
+    for data in (
+        *mutants([MACHINE.encode()], half, 1),
+        *mutated_elements(MACHINE, VALUES, half, 1),
+    ):
+        path.write_bytes(data)
+        try:
+            found = convert(read_network(path), "ecat0")
+        except ConfigError as error:
+            refused += 1
+            if not str(error).startswith(f"{path}:"):
+                pytest.fail(str(error))
+            continue
+        accepted += 1
+        read_config(tomllib.loads(write_config(found.config, found.bus, "1.0", found.notes)))
+    assert refused > FILES / 4, "mutations must do harm"
+    assert accepted > FILES / 10, "and not always"
