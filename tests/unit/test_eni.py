@@ -36,11 +36,11 @@ def written(found: Converted) -> str:
     config = config.moved(compare(config, found.bus.slaves).places)
     assert write_config(config, found.bus, "1.0", found.notes) == text
     for one, other in zip(found.config.slave, config.slave, strict=True):
-        assert (one.startup, one.pdo, one.alias, one.policy, one.watchdog_ms) == (
+        assert (one.startup, one.pdo, one.alias, one.group, one.watchdog_ms) == (
             other.startup,
             other.pdo,
             other.alias,
-            other.policy,
+            other.group,
             other.watchdog_ms,
         )
         assert one.pdos == other.pdos
@@ -119,24 +119,39 @@ def test_hot_connect_groups_are_options_with_an_alias(tmp_path: Path) -> None:
     check = (
         "<Cmd>1</Cmd><Adp>0</Adp><Ado>{}</Ado><Data>0000</Data><Validate><Data>{}</Data></Validate>"
     )
-    group = "<HotConnect><GroupName>g</GroupName><GroupMemberCnt>2</GroupMemberCnt><IdentifyCmd>{}"
+    group = (
+        "<HotConnect><GroupName>tool</GroupName><GroupMemberCnt>2</GroupMemberCnt><IdentifyCmd>{}"
+    )
     group += "</IdentifyCmd></HotConnect>"
+    clock = "<DC><ReferenceClock>1</ReferenceClock></DC>"
     named = '<Identification Value="{}"><Ado>{}</Ado></Identification>'
     found = converted(
         tmp_path,
         eni(
-            slave("first", ids(2, 3), more=group.format(check.format(18, "0510"))),
+            slave("first", ids(2, 3), more=group.format(check.format(18, "0510")) + clock),
             slave("second", ids(2, 4)),
             slave("third", named.format(7, 18) + ids(2, 5)),
             slave("fourth", named.format(7, 18) + ids(2, 6)),
             slave("fifth", named.format(8, 0x134) + ids(2, 6)),
+            slave("sixth", ids(2, 7), more="<HotConnect><GroupName>tool</GroupName></HotConnect>"),
         ),
     )
-    written(found)
-    rows = [(item.alias, item.policy) for item in found.config.slave]
-    assert rows == [(0x1005, "tolerant"), (None, "tolerant"), (7, None), (None, None), (None, None)]
-    same, other = found.report.unsupported
-    assert (same.slave, other.slave) == (3, 4)
+    text = written(found)
+    rows = [(item.alias, item.group, item.optional) for item in found.config.slave]
+    # A group that an alias finds has its place behind all other slaves.
+    assert rows == [
+        (7, "", False),
+        (None, "", False),
+        (None, "", False),
+        (None, "tool_2", True),
+        (0x1005, "tool", True),
+        (None, "tool", True),
+    ]
+    assert text.count("position = ") == 3
+    assert (found.config.dc.reference, found.config.dc.enabled) == (-1, True)
+    same, other, clock = found.report.unsupported
+    assert (same.slave, other.slave, clock.slave) == (1, 2, 4)
+    names(clock.text, "reference clock")
     names(same.text, "alias", 7)
     names(other.text, "0x0134")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import DOMAINS_MAX, TOLERANT, Config, DcSlaveConfig, DomainConfig
+from ecatd.model.config import DOMAINS_MAX, Config, DcSlaveConfig, DomainConfig
 from ecatd.model.config.init_commands import startup_parameter
 from ecatd.model.config.slave_settings import WATCHDOG_MAX_MS, WATCHDOG_MIN_MS
 from ecatd.model.config.slaves import SYNC_MAX_US
@@ -64,9 +64,10 @@ class _Converter:
     def __init__(self, network: EniNetwork, bus: str) -> None:
         self._network = network
         self._file = Path(network.path).name
-        self._slaves = _in_order(network.slaves)
+        self._slaves = _behind(_in_order(network.slaves))
         self._memories = [Memory(slave) for slave in self._slaves]
         self._syncs = [memory.sync() for memory in self._memories]
+        self._groups = _group_names(network.slaves)
         self._config = Config(bus=bus)
         self._bus = Bus(bus, self._config.cycle_time_us)
         self._notes = Notes([f"Made of {self._file}, the ENI file of '{network.name}'."])
@@ -76,11 +77,8 @@ class _Converter:
         self._take_cycles()
         names: set[str] = set()
         aliases: set[int] = set()
-        members = 0  # slaves that belong to a hot connect group which has begun
         for position, slave in enumerate(self._slaves):
-            members = max(members, slave.hot_connect)
-            self._take_slave(position, slave, names, aliases, option=members > 0)
-            members -= members > 0
+            self._take_slave(position, slave, names, aliases)
         self._take_clocks()
         if self._network.commands:
             self._report.ours[_MASTER] += self._network.commands
@@ -170,7 +168,7 @@ class _Converter:
     # --- slaves --------------------------------------------------------------------------------
 
     def _take_slave(
-        self, position: int, slave: EniSlave, names: set[str], aliases: set[int], *, option: bool
+        self, position: int, slave: EniSlave, names: set[str], aliases: set[int]
     ) -> None:
         given, kind = _split_name(slave.name)
         data = find_process_data(slave)
@@ -193,9 +191,9 @@ class _Converter:
         if slave.identification:
             self._take_identification(slave, settings, aliases)
             description.alias = settings.alias or 0
-        if option:
-            settings.policy = TOLERANT
-            self._report.take(position, "member of a hot connect group")
+        if slave.group:
+            settings.group, settings.optional = self._groups[slave.group], True
+            self._report.take(position, f"hot connect group {settings.group}")
         self._report.ours[_UNUSED] += len(data.unused)
         for line, text in data.problems:
             self._report.leave(line, position, text)
@@ -309,6 +307,10 @@ class _Converter:
     def _take_clocks(self) -> None:
         dc = self._config.dc
         dc.reference = self._reference()
+        if dc.reference >= 0 and self._config.slave[dc.reference].optional:
+            text = "it is the reference clock, but it may be absent: the first other clock is it"
+            self._report.leave(self._slaves[dc.reference].line, dc.reference, text)
+            dc.reference, dc.enabled = -1, True
         for position, sync in enumerate(self._syncs):
             if sync is not None:
                 self._take_sync(position, sync)
@@ -318,7 +320,7 @@ class _Converter:
                     position,
                     "<CycleTime0> of <DC>, since no <InitCmd> starts SYNC signals (0x0980)",
                 )
-        dc.enabled = bool(dc.slave) or dc.reference >= 0
+        dc.enabled |= bool(dc.slave) or dc.reference >= 0
         if dc.reference >= 0:
             self._report.take(dc.reference, "reference clock")
 
@@ -379,6 +381,24 @@ def _in_order(slaves: list[EniSlave]) -> list[EniSlave]:
     if sorted(places) == list(range(len(slaves))):
         return [places[position] for position in range(len(slaves))]
     return slaves
+
+
+def _behind(slaves: list[EniSlave]) -> list[EniSlave]:
+    """Puts groups that an alias finds behind all other slaves, where the configuration has them."""
+    found = {
+        slave.group
+        for slave in slaves
+        if slave.group_name is not None and slave.identification and slave.identification[1]
+        and slave.identification[0] == _ALIAS
+    }  # fmt: skip
+    return sorted(slaves, key=lambda slave: slave.group if slave.group in found else 0)
+
+
+def _group_names(slaves: list[EniSlave]) -> dict[int, str]:
+    """A unique name for each hot connect group, by its number."""
+    taken: set[str] = set()
+    heads = [slave for slave in slaves if slave.group_name is not None]
+    return {head.group: unique_name(head.group_name or "group", taken) for head in heads}
 
 
 def _split_name(text: str) -> tuple[str, str]:

@@ -108,7 +108,8 @@ class EniSlave:
         revision: Revision number.
         serial: Serial number, 0 if it is not known.
         identification: Register and value that identify the slave, such as its alias; or None.
-        hot_connect: Number of slaves of the hot connect group that begins here; 0: none does.
+        group: Number of its hot connect group, 1 and following; 0: it is in none.
+        group_name: Name of the group that begins here; None if none does.
         sync_managers: Those of its process data, in the order of their numbers.
         outputs: RxPDOs that the file describes, assigned or not.
         inputs: TxPDOs.
@@ -130,7 +131,8 @@ class EniSlave:
     revision: int
     serial: int = 0
     identification: tuple[int, int] | None = None
-    hot_connect: int = 0
+    group: int = 0
+    group_name: str | None = None
     sync_managers: list[EniSyncManager] = field(default_factory=list)
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)

@@ -56,10 +56,27 @@ def read_network(path: Path) -> EniNetwork:
         str(path),
         master.text_of("Info", "Name") if master else "",
         len(list(commands.all("InitCmd"))) if commands else 0,
-        [_named(number, element) for number, element in enumerate(slaves)],
+        _slaves(slaves),
         [_task(element) for element in config.all("Cyclic")],
         [(item.line, item.tag) for item in config.children if item.tag not in _KNOWN_IN_CONFIG],
     )
+
+
+def _slaves(elements: list[Element]) -> list[EniSlave]:
+    """Reads the slaves; those behind the first one of a hot connect group belong to it."""
+    slaves: list[EniSlave] = []
+    group = members = 0
+    for number, element in enumerate(elements):
+        slave = _named(number, element)
+        begin = element.find("HotConnect")
+        if begin is not None:
+            group += 1
+            members = max(1, begin.number_of("GroupMemberCnt", 1, high=_SLAVES_MAX))
+            slave.group_name = begin.text_of("GroupName")
+        slave.group = group if members else 0
+        members -= members > 0
+        slaves.append(slave)
+    return slaves
 
 
 def _named(number: int, element: Element) -> EniSlave:
@@ -85,9 +102,6 @@ def _slave(element: Element) -> EniSlave:
         _unsigned(info.find("SerialNo")),
         _identification(info, element.find("HotConnect")),
     )
-    group = element.find("HotConnect")
-    if group is not None:
-        slave.hot_connect = max(1, group.number_of("GroupMemberCnt", 1, high=_SLAVES_MAX))
     data = element.find("ProcessData")
     if data is not None:
         _read_process_data(data, slave)

@@ -56,6 +56,8 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
     notes = notes or Notes()
     names = dict(zip((s.position for s in bus.slaves), _names(bus.slaves), strict=True))
     expected = replace(config.expected, unlisted=False)
+    heads = [item for item in config.slave if item.alias is not None]
+    found = {item.position for head in heads for item in (head, *config.followers(head))}
     lines = [
         f"# Configuration of bus '{bus.name}' with its slaves, written by ecatctl {version}.",
         f"# Install it as /etc/ecatd/{bus.name}.toml. docs/configuration.md describes every key.",
@@ -69,7 +71,8 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         settings = config.settings_of(slave.position)
         lines += ["", *_about(slave), *_comment(notes.slaves.get(slave.position, ()))]
         beside = notes.pdos.get(slave.position, ())
-        lines += _slave(slave, settings, names[slave.position], beside)
+        by_alias = slave.position in found
+        lines += _slave(slave, settings, names[slave.position], beside, by_alias=by_alias)
     for domain in config.domain:
         row = replace(domain, slaves=[])
         slaves = ", ".join(value_text("", names.get(n, n)) for n in domain.slaves)
@@ -136,8 +139,9 @@ def _entry(entry: Entry) -> str:
     return f"{entry.address} {_plain(entry.name)}".rstrip() + unit
 
 
-def _slave(slave: Slave, settings: SlaveConfig, name: str, beside: Iterable[str]) -> Iterator[str]:
-    by_alias = settings.alias is not None
+def _slave(
+    slave: Slave, settings: SlaveConfig, name: str, beside: Iterable[str], *, by_alias: bool
+) -> Iterator[str]:
     identity = replace(
         settings,
         name=name,
