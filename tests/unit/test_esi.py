@@ -310,3 +310,13 @@ def test_a_file_that_is_too_large(tmp_path: Path) -> None:
         hole.truncate((128 << 20) + 1)
     with pytest.raises(ConfigError, match=naming(path, "128 MiB")):
         list_devices(path)
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"),
+    [("#x00B44700", 0x00B44700), ("00b44700", 0x00B44700), ("FD260000", 0xFD260000), ("257", 257)],
+)
+def test_unit_codes_are_written_in_several_ways(tmp_path: Path, written: str, unit: int) -> None:
+    found = axis(tmp_path, SAMPLE.replace("#xFD440000", written))
+    record = next(item for item in found.objects if item.index == 0x2000)
+    assert record.entries[2].unit == unit

@@ -44,6 +44,8 @@ _TYPES = {
 }
 _STRING = re.compile(r"(STRING|WSTRING|UNICODE_STRING|OCTET_STRING)\s*\(\s*(\d{1,5})\s*\)")
 _BYTES = re.compile(r"ARRAY\s*\[\s*(\d{1,5})\s*\.\.\s*(\d{1,5})\s*\]\s*OF\s*(BYTE|USINT|SINT)")
+_BARE_UNIT = re.compile(r"(?=0|\d*[A-Fa-f])[0-9A-Fa-f]{8}")
+"""A unit code that a file writes without #x, as some do."""
 _STATES = {"preop": 1, "safeop": 2, "op": 4}
 _ALL_STATES = 7
 _READS = {"ro": True, "rw": True, "wo": False}
@@ -319,7 +321,11 @@ def _read_values(info: Element, entry: EsiEntry) -> None:
     entry.default = _value(info, "Default", entry)
     entry.minimum = _value(info, "Min", entry)
     entry.maximum = _value(info, "Max", entry)
-    entry.unit = info.number_of("Unit", 0)
+    unit = info.find("Unit")
+    if unit is not None and _BARE_UNIT.fullmatch(unit.text):
+        entry.unit = int(unit.text, 16)
+    else:
+        entry.unit = info.number_of("Unit", 0)
 
 
 def _value(info: Element, kind: str, entry: EsiEntry) -> bytes | None:
