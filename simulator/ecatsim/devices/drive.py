@@ -29,7 +29,7 @@ from .modes import (
 )
 from .positioning import CyclicPosition, ProfilePosition
 
-FOLLOWING_ERROR, ENCODER_FAULT = 0x8611, 0x7305
+FOLLOWING_ERROR, ENCODER_FAULT, PARAMETER_FAULT = 0x8611, 0x7305, 0x6320
 """Error codes in object 0x603F that the drive can report."""
 
 _REMOTE, _LIMIT = 0x0200, 0x0800

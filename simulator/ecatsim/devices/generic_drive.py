@@ -8,11 +8,13 @@ from ecatd.model.pdo import Entry, Pdo
 from ..plants.motor import Motor, MotorData
 from ..slave.sii import DcMode, Mailbox
 from .axis import Switches
-from .drive import Drive
+from .cia402 import PowerState
+from .drive import PARAMETER_FAULT, Drive
 from .parameters import Parameter
 
 _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
 _U16, _U32 = DataType.UNSIGNED16, DataType.UNSIGNED32
+_MAX_TORQUE = 0x6072
 _GAP = Entry(0, 0, "", DataType.PADDING, 8)
 _CONTROL = Entry(0x6040, 0, "Controlword", _U16, 16)
 _MODE = Entry(0x6060, 0, "Modes of operation", _I8, 8)
@@ -42,6 +44,9 @@ class CiA402Drive(Drive):
         encoder: Counts per revolution.
         inertia: Inertia of motor and load in kg m².
         seed: Seed of the noise in the measured current.
+        forgetful: Whether it loses its maximum torque with its power, as drives do that keep no
+            parameters. It is then 0, and to enable the drive before a master has written 0x6072
+            is a fault (0x6320).
     """
 
     vendor = 0x0000FFFF
@@ -75,6 +80,7 @@ class CiA402Drive(Drive):
         Parameter("encoder", "counts per revolution", 65536, 100, 16777216),
         Parameter("inertia", "motor and load in kg m²", 2.5e-4, 1e-6, 1),
         Parameter("seed", "of the noise of the measured current", 1),
+        Parameter("forgetful", "0x6072 is 0 after power-on, and a fault while it is", False),
     )
 
     def __init__(
@@ -84,7 +90,21 @@ class CiA402Drive(Drive):
         encoder: int = 65536,
         inertia: float = 2.5e-4,
         seed: int = 1,
+        forgetful: bool = False,
     ) -> None:
+        self._forgetful = forgetful
         motor = Motor(MotorData(encoder=encoder, inertia=inertia), seed)
         low, high = (-travel, travel) if travel else (None, None)
         super().__init__(motor, Switches(low, high, home))
+
+    def describe(self) -> None:
+        """Adds the objects of the drive profile."""
+        super().describe()
+        if self._forgetful:
+            self.dictionary[_MAX_TORQUE, 0].value = 0
+
+    def _watch(self, elapsed: float) -> None:
+        super()._watch(elapsed)
+        enabled = self.power.state == PowerState.OPERATION_ENABLED
+        if self._forgetful and enabled and not self[_MAX_TORQUE, 0]:
+            self.fault(PARAMETER_FAULT)
