@@ -181,3 +181,39 @@ def test_a_silent_slave_holds_up_nobody(start_daemon: Callable[..., Daemon]) -> 
     daemon = start_daemon(str(rig), config=config)
     states = [row["text"] for row in daemon.slave_rows("state")]
     assert (states[3], states[1]) == ("PREOP", "OP")
+
+
+def test_slaves_are_told_on_the_way_down(start: Start) -> None:
+    rows = [
+        ("SO", "0x6083", 1000),
+        ("OS", "0x6083", 2000),
+        ("SP", "0x6084", 3000),
+        ("OS", "0x6041", 4),
+    ]
+    config = "[gateway]\nlisten = []\n[[slave]]\nposition = 1\n" + "".join(
+        f'[[slave.startup]]\nobject = "{index}:00"\ntype = "uint{16 if value < 100 else 32}"\n'
+        f'value = {value}\ntransition = "{transition}"\n'
+        for transition, index, value in rows
+    )
+    daemon = start(config).daemon
+
+    def has(index: str) -> int:
+        return int(daemon.ctl_json("sdo-read", str(AXIS), index, "0")["value"])
+
+    def ask(state: str) -> tuple[int, int]:
+        daemon.ctl("state", state, "-p", str(AXIS))
+        return has("0x6083"), has("0x6084")
+
+    at_first = has("0x6084")
+    assert has("0x6083") == 1000
+    assert ask("SAFEOP") == (2000, at_first)
+    assert ask("PREOP") == (2000, 3000)
+    daemon.ctl("sdo-write", str(AXIS), "0x6084", "0", "7")
+    assert ask("OP") == (1000, 7)
+    assert ask("PREOP") == (2000, 3000), "both on the way through SAFEOP"
+    assert ask("OP") == (1000, 3000)
+    # What is refused on the way down is told, and holds nobody up, also at the end.
+    said = daemon.log.count("refuses its start-up parameter 0x6041:00 = 4")
+    assert said == 2
+    assert daemon.stop() == 0
+    assert daemon.log.count("refuses its start-up parameter 0x6041:00 = 4") == said + 1

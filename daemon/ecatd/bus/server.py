@@ -263,6 +263,7 @@ class BusServer:
                 here = [item.position for item in up.master.states() if item.al_state]
                 for state in (AlState.SAFEOP, AlState.INIT):
                     with suppress(StateError):
+                        up.leave(state, _STOP_TIMEOUT)
                         up.master.wait_for_state(state, _STOP_TIMEOUT, here)
             if up.clocks is not None:
                 up.clocks.sync_signals.stop()

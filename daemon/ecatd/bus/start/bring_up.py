@@ -44,8 +44,8 @@ from .set_up import (
     count_links,
     read_mailboxes,
     wait_for_outputs,
-    write_before_op,
 )
+from .telling import leave, write_parameters
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
@@ -194,6 +194,13 @@ class BringUp:
         self._load_profiles()
         self._describe()
         return self.bus
+
+    def leave(self, state: AlState, timeout_s: float) -> None:
+        """Tells the slaves what they are told on the way down to a state; see `leave`."""
+        if self.master is not None:
+            steps = leave(self.master, self._present, state, timeout_s)
+            for text in finish(steps, _MAILBOX_PAUSE):
+                self._log.warning(text)
 
     def _load_profiles(self) -> None:
         """Loads the device profiles first: their mistakes show before anything is sent."""
@@ -427,7 +434,7 @@ class BringUp:
         timeout = self.config.state_timeout_s
         # A doubtful slave must not keep the others from OP, and may be in PREOP.
         sure = [item for item in self._present if item.slave.position not in self._doubtful]
-        told, refused = finish(write_before_op(master, sure), _MAILBOX_PAUSE)
+        told, refused = finish(write_parameters(master, sure, "SO"), _MAILBOX_PAUSE)
         for text in told:
             self._log.warning(text)
         if refused:

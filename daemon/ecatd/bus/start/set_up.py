@@ -9,7 +9,6 @@ import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass
 
 from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
@@ -21,7 +20,7 @@ from ecatd.model.sii_reader import read_sii
 
 from ..engine.layout import Image
 from ..engine.shared_memory import SharedMemory
-from ..mailbox.mailboxes import Talk, talk_all
+from ..mailbox.mailboxes import talk_all
 from ..master.master import Master
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
@@ -29,6 +28,7 @@ from .clocks import Clocks
 from .doubtful import Doubt
 from .mapping import Scanned, configure, take_pdos_from_sii
 from .slave_configuration import RefusedError, SlaveConfiguration
+from .telling import Missed, leave, tell, write_parameters
 from .watchdogs import check_watchdogs
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
@@ -38,19 +38,6 @@ _DL_STATUS = 0x0110
 
 _FIRST_CYCLES = 3
 """Number of cycles with valid outputs before OP is requested."""
-
-
-@dataclass(frozen=True, slots=True)
-class Missed:
-    """Why a slave did not reach the requested state.
-
-    Attributes:
-        text: The reason, for messages.
-        changed: Whether its process data differ from those at the start: trying again is useless.
-    """
-
-    text: str
-    changed: bool = False
 
 
 def read_mailboxes(master: Master) -> list[bytes]:
@@ -95,39 +82,6 @@ def wait_for_outputs(
         if cancelled():
             raise StateError("stopped while outputs were sent for the first time")
         yield
-
-
-def write_before_op(
-    master: Master, items: Sequence[Scanned]
-) -> Steps[tuple[list[str], dict[int, Missed]]]:
-    """Writes the start-up parameters of transition SO to slaves, which are in SAFEOP.
-
-    Returns:
-        Messages about optional parameters that were refused, and why slaves cannot go on.
-    """
-    items = [item for item in items if item.settings.parameters("SO")]
-    return (yield from _tell(master, items, lambda told: told.write_parameters("SO")))
-
-
-def _tell(
-    master: Master,
-    items: Sequence[Scanned],
-    talk: Callable[[SlaveConfiguration], Talk[list[str]]],
-) -> Steps[tuple[list[str], dict[int, Missed]]]:
-    """Tells slaves a part of their configuration; returns as `write_before_op`."""
-    talks = [
-        talk(
-            SlaveConfiguration(item.slave, item.sii, master.coe(item.slave.position), item.settings)
-        )
-        for item in items
-    ]
-    found, failed = yield from talk_all(master.registers, talks)
-    refused = [text for number in sorted(found) for text in found[number]]
-    missed = {
-        items[number].slave.position: Missed(f"{error}", changed=isinstance(error, RefusedError))
-        for number, error in sorted(failed.items())
-    }
-    return refused, missed
 
 
 class SetUp:
@@ -210,6 +164,11 @@ class SetUp:
             for item in missed
         }
 
+    def leave(self, positions: Iterable[int], state: AlState) -> Steps[list[str]]:
+        """Tells slaves what they are told before they go down to a state; see `leave`."""
+        items = [self._scanned[position] for position in sorted(positions)]
+        return (yield from leave(self._master, items, state, self._timeout_s))
+
     def run(
         self,
         positions: Iterable[int],
@@ -254,7 +213,7 @@ class SetUp:
         if state == AlState.SAFEOP or not here:
             return missed
         items = [self._scanned[position] for position in sorted(here)]
-        _, refused = yield from write_before_op(self._master, items)
+        _, refused = yield from write_parameters(self._master, items, "SO")
         missed |= refused
         here -= refused.keys()
         yield from wait_for_outputs(self._shared, self._bus, self._timeout_s)
@@ -309,7 +268,7 @@ class SetUp:
         """Tells slaves in PREOP their configuration as at the start; a restart loses it."""
         items = [self._scanned[position] for position in sorted(positions)]
         items = [item for item in items if item.slave.coe and item.settings.is_told]
-        _, missed = yield from _tell(self._master, items, SlaveConfiguration.tell)
+        _, missed = yield from tell(self._master, items, SlaveConfiguration.tell)
         return missed
 
     def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:

@@ -5,6 +5,8 @@ This is done whenever the slave starts or comes back, in this order (ETG.1000.6)
 - in PREOP: the parameters of transition IP, then the PDOs, then the parameters of PS;
 - in SAFEOP, before OP: the parameters of SO.
 
+On the way down it is told the parameters of OS in OP, and those of SP in SAFEOP (`telling.leave`).
+
 PDOs are written only where they differ from what the slave has, since some slaves refuse to write
 what they cannot change. Before an assignment or a mapping is written, its count is set to 0.
 """

@@ -19,7 +19,7 @@ from ..master.master import SlaveState
 from ..master.worker import Worker
 from ..start.bring_up import RunningBus
 from ..start.identify import Found
-from ..start.set_up import Missed
+from ..start.telling import Missed
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 
@@ -126,6 +126,8 @@ class Repair:
     def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         """Sets up on the way what has begun anew; on the worker."""
         running, timeout = self._running, self._state_timeout_s
+        for text in (yield from running.set_up.leave(positions, state)):
+            self._log.warning(text)
         seen = {item.position: item.al_state & 0x0F for item in running.master.states()}
         lost = [position for position in positions if not seen[position]]
         found, failures = self._find(lost)

@@ -13,7 +13,7 @@ POSITION_MAX = 65535
 
 _R = TypeVar("_R", "DcSlaveConfig", "SafeConfig", "SignalConfig")
 
-TRANSITIONS = ("IP", "PS", "SO")
+TRANSITIONS = ("IP", "PS", "SO", "OS", "SP")
 """Transitions of the state machine in which start-up parameters are written (ETG.1000.6): I INIT,
 P PREOP, S SAFEOP, O OP."""
 

@@ -1,0 +1,103 @@
+"""Tells many slaves at once what belongs to a transition of their AL states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from ecatd.coroutine_steps import Steps
+from ecatd.model.al import AlState
+
+from ..mailbox.mailboxes import Talk, talk_all
+from ..master.master import Master
+from .mapping import Scanned
+from .slave_configuration import RefusedError, SlaveConfiguration
+
+
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """Why a slave did not reach the requested state.
+
+    Attributes:
+        text: The reason, for messages.
+        changed: Whether its process data differ from those at the start: trying again is useless.
+    """
+
+    text: str
+    changed: bool = False
+
+
+def write_parameters(
+    master: Master, items: Sequence[Scanned], transition: str
+) -> Steps[tuple[list[str], dict[int, Missed]]]:
+    """Writes the start-up parameters of one transition.
+
+    Returns:
+        Messages about optional parameters that were refused, and why slaves cannot go on.
+    """
+    items = [item for item in items if item.settings.parameters(transition)]
+    return (yield from tell(master, items, lambda told: told.write_parameters(transition)))
+
+
+def tell(
+    master: Master,
+    items: Sequence[Scanned],
+    talk: Callable[[SlaveConfiguration], Talk[list[str]]],
+) -> Steps[tuple[list[str], dict[int, Missed]]]:
+    """Tells slaves a part of their configuration; returns as `write_parameters`."""
+    talks = [
+        talk(
+            SlaveConfiguration(item.slave, item.sii, master.coe(item.slave.position), item.settings)
+        )
+        for item in items
+    ]
+    found, failed = yield from talk_all(master.registers, talks)
+    refused = [text for number in sorted(found) for text in found[number]]
+    missed = {
+        items[number].slave.position: Missed(f"{error}", changed=isinstance(error, RefusedError))
+        for number, error in sorted(failed.items())
+    }
+    return refused, missed
+
+
+def leave(
+    master: Master, items: Sequence[Scanned], state: AlState, timeout_s: float
+) -> Steps[list[str]]:
+    """Writes the start-up parameters of the transitions on the way down to a state.
+
+    Those of OS are written to slaves in OP, those of SP to slaves in SAFEOP. A slave that has some
+    of SP is brought to SAFEOP here, since it may be asked to leave OP for PREOP at once. Slaves in
+    other states, or with an error, are told nothing.
+
+    Args:
+        master: The master.
+        items: The slaves.
+        state: The state that will be requested.
+        timeout_s: Seconds that slaves have to reach SAFEOP.
+
+    Returns:
+        Messages about what was refused, or could not be written. Nothing of it is a reason to stay.
+    """
+    told = [
+        item for item in items if item.settings.parameters("OS") or item.settings.parameters("SP")
+    ]
+    if state == AlState.OP or not told:
+        return []
+    now = {item.position: item.al_state for item in master.states()}
+    texts: list[str] = []
+    in_op = [item for item in told if now[item.slave.position] == AlState.OP]
+    texts += yield from _write(master, in_op, "OS")
+    if state == AlState.SAFEOP:
+        return texts
+    further = [item for item in told if item.settings.parameters("SP")]
+    leaving = [item.slave.position for item in further if item in in_op]
+    if leaving:
+        missed = yield from master.request_state(AlState.SAFEOP, timeout_s, leaving)
+        now |= dict.fromkeys(leaving, AlState.SAFEOP) | {m.position: m.al_state for m in missed}
+    in_safeop = [item for item in further if now[item.slave.position] == AlState.SAFEOP]
+    return texts + (yield from _write(master, in_safeop, "SP"))
+
+
+def _write(master: Master, items: Sequence[Scanned], transition: str) -> Steps[list[str]]:
+    refused, missed = yield from write_parameters(master, items, transition)
+    return refused + [item.text for item in missed.values()]
