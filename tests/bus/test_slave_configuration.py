@@ -217,3 +217,15 @@ def test_slaves_are_told_on_the_way_down(start: Start) -> None:
     assert said == 2
     assert daemon.stop() == 0
     assert daemon.log.count("refuses its start-up parameter 0x6041:00 = 4") == said + 1
+
+
+def test_a_slow_slave_has_the_time_that_it_needs(start: Start) -> None:
+    config = "[gateway]\nlisten = []\n[[slave]]\nposition = 1\nmailbox_timeout_ms = 9000\n"
+    bench = start(config)
+    daemon = bench.daemon
+    for slave in (AXIS, DRIVE):
+        bench.ctl("mailbox", str(slave), "slow", "--delay-s", "2.5")
+    answer = daemon.ctl("sdo-read", str(AXIS), "0x1018", "1")
+    names(answer.stdout, "0x0000FFFF")
+    silent = daemon.ctl("sdo-read", str(DRIVE), "0x1018", "1", check=False)
+    assert silent.returncode == 4, silent.stderr

@@ -62,6 +62,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         group = "tool"
         watchdog_ms = 20.5
         pdi_watchdog_ms = 0
+        mailbox_timeout_ms = 5000
         pdos = ["0x1605", 0x1A02]
         [[slave.pdo]]
         index = "0x1605"
@@ -158,6 +159,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             "tool",
             20.5,
             0.0,
+            5000,
             [0x1605, 0x1A02],
             [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],
             [

@@ -36,7 +36,8 @@ is sent their answers; its value is the result. An empty list means that it wait
 for its turn."""
 
 _ANSWER_S = 1.0
-"""Seconds a slave has, by default, to take a message and answer it; most need less than 1 ms."""
+"""Seconds a slave has to take a message and answer it, unless its line says otherwise; most need
+less than 1 ms."""
 
 _TURN_S = 12.0
 """Seconds that a conversation waits for the conversations before it."""
@@ -116,10 +117,12 @@ class Line:
         marks: Subindices for the requests that find out whether it has come; see
             `Coe._synchronize`.
         last: The last message that the slave has sent.
+        answer_s: Seconds that the slave has to take a message and answer it.
     """
 
     def __init__(self) -> None:
         self.last = b""
+        self.answer_s = _ANSWER_S
         self.counter = itertools.cycle(range(1, 8))
         self.marks = itertools.cycle(range(0x80, 0x100))
         self.unanswered = False
@@ -237,7 +240,7 @@ class Mailbox:
             NoAnswerError: The slave does not answer.
             StateError: No usable mailbox is set up in the slave.
         """
-        self._deadline = time.monotonic() + _ANSWER_S
+        self._deadline = time.monotonic() + self._line.answer_s
         managers = self._managers or (yield from self._look())
         self._out = _area(managers, 0, _WRITTEN_BY_MASTER, least)
         self._in = _area(managers, 1, _READ_BY_MASTER, least)
@@ -262,9 +265,9 @@ class Mailbox:
             protocol: Protocol of the message and its answer.
             body: What follows the mailbox header.
             take: Decodes the body of a message; returns None if it is not the answer.
-            patience_s: Seconds that the slave has; None for `_ANSWER_S`.
+            patience_s: Seconds that the slave has, if that is longer than `Line.answer_s`.
         """
-        self._deadline = time.monotonic() + (_ANSWER_S if patience_s is None else patience_s)
+        self._deadline = time.monotonic() + max(patience_s or 0, self._line.answer_s)
         yield from self._write(protocol, body)
         return (yield from self._answer(protocol, take))
 
@@ -275,7 +278,7 @@ class Mailbox:
             NoAnswerError: The slave does not answer.
             StateError: It answers with a mailbox error, or its message is malformed.
         """
-        self._deadline = time.monotonic() + _ANSWER_S
+        self._deadline = time.monotonic() + self._line.answer_s
         return (yield from self._answer(protocol, take))
 
     def collect(self, most: int) -> Talk[list[tuple[int, bytes]]]:
@@ -284,7 +287,7 @@ class Mailbox:
         Raises:
             NoAnswerError: The slave does not answer any more.
         """
-        self._deadline = time.monotonic() + _ANSWER_S
+        self._deadline = time.monotonic() + self._line.answer_s
         found: list[tuple[int, bytes]] = []
         while self._has_mail and len(found) < most:
             mail = yield from self._read()

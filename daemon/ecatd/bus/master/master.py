@@ -317,6 +317,10 @@ class Master:
         """Writes ESC memory of one slave; raises as `write_registers`."""
         self.write_registers([(position, address, data)])
 
+    def set_mailbox_timeout(self, position: int, seconds: float) -> None:
+        """Sets how long a slave may take to answer over its mailbox."""
+        self._lines[position].answer_s = seconds
+
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         """Returns CoE of a slave, for one conversation; `alone` as in `Mailbox`."""
         return Coe(position, self.stations[position], self._lines[position], alone=alone)

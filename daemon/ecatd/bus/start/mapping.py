@@ -124,6 +124,8 @@ def configure_slaves(
     for item in expected:
         item.settings = config.settings_of(item.slave.position)
         item.slave.given_name = item.settings.name
+        if item.settings.mailbox_timeout_ms is not None:
+            master.set_mailbox_timeout(item.slave.position, item.settings.mailbox_timeout_ms / 1000)
         if item.settings.optional:
             item.slave.group = item.settings.group or f"slave {item.slave.position}"
         if not item.known:

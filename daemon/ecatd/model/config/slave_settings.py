@@ -6,7 +6,7 @@ import math
 import re
 
 from ..datatypes import DataType, bit_length, is_real, parse_type
-from ..toml_file import Key, Rules, Table, array, choice, integer, printable, show
+from ..toml_file import Key, Rules, Table, array, choice, integer, number, printable, show
 from .signals import NAME_BYTES
 from .tables import (
     POSITION_MAX,
@@ -37,7 +37,7 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
     """Reads all `[[slave]]` tables."""
     slaves: list[SlaveConfig] = []
     names = top.document.names
-    for number, row in enumerate(top.tables(key)):
+    for at, row in enumerate(top.tables(key)):
         group = row.data.get("group")
         follows = "alias" not in row and any(
             slave.alias is not None and slave.group == group for slave in slaves if group
@@ -48,7 +48,7 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
         in_group = bool(values.get("group"))
         if not values.setdefault("optional", in_group) and in_group:
             row.fail("optional", "a slave in a group is optional: leave one of them out")
-        stand_in = POSITION_MAX + 1 + number
+        stand_in = POSITION_MAX + 1 + at
         if found and values.setdefault("position", stand_in) <= POSITION_MAX:
             how = "it stands behind the first of its group" if follows else "alias finds the slave"
             row.fail("position", f"{how} wherever that is plugged in: leave this out")
@@ -138,9 +138,9 @@ def _check_pdos(row: Table, slave: SlaveConfig) -> None:
     assigned = slave.pdos or []
     if len(assigned) > PDOS_MAX:
         row.fail("pdos", f"has {len(assigned)} PDOs, but at most {PDOS_MAX} can be assigned")
-    for number, index in enumerate(assigned):
-        if index in assigned[:number]:
-            row.elements("pdos").fail(number, f"PDO 0x{index:04X} is named twice")
+    for at, index in enumerate(assigned):
+        if index in assigned[:at]:
+            row.elements("pdos").fail(at, f"PDO 0x{index:04X} is named twice")
     seen: set[int] = set()
     for table, pdo in zip(row.tables("pdo"), slave.pdo, strict=True):
         if pdo.index in seen:
@@ -259,6 +259,7 @@ _SLAVE: Rules = {
     "group": _name,
     "watchdog_ms": _watchdog,
     "pdi_watchdog_ms": _watchdog,
+    "mailbox_timeout_ms": number(10, 9000),
     "pdos": array(_pdo_index),
     "pdo": lambda row, key: [
         PdoConfig(**table.read(_PDO, required=["index", "entries"])) for table in row.tables(key)

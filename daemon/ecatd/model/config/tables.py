@@ -137,6 +137,8 @@ class SlaveConfig:
         watchdog_ms: Time of its process data watchdog in milliseconds, 0 switches it off; None:
             as the slave has it.
         pdi_watchdog_ms: The same for the watchdog between its ESC and its processor (PDI).
+        mailbox_timeout_ms: Time in milliseconds that it has to answer over its mailbox; None for
+            the usual one.
         pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
         startup: Start-up parameters in the order in which they are written.
@@ -156,6 +158,7 @@ class SlaveConfig:
     group: str = ""
     watchdog_ms: float | None = None
     pdi_watchdog_ms: float | None = None
+    mailbox_timeout_ms: float | None = None
     pdos: list[int] | None = None
     pdo: list[PdoConfig] = field(default_factory=list)
     startup: list[StartupConfig] = field(default_factory=list)
