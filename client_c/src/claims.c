@@ -60,6 +60,10 @@ int ecat_check_output(ecat_t *bus, int number) {
                    ecat_shown(bus->slaves[entry->slave].name));
 }
 
+int ecat_is_copy(const ecat_t *bus, int number) {
+  return __atomic_load_n(&bus->outputs[number].state, __ATOMIC_RELAXED) == ECAT_OUTPUTS_COPIED;
+}
+
 /* The program name in a slot. The client wrote it, so characters that could change a terminal or a log
  * are replaced. */
 static void name_of(const ecat_out_slot *slot, char name[33]) {
@@ -77,6 +81,12 @@ static int refused(ecat_t *bus, int conflict) {
   if (conflict < 0 || conflict >= ecat_signal_count(bus))
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
   entry = &bus->signals[conflict];
+  if (ecat_is_copy(bus, conflict))
+    return ecat_fail(bus, ECAT_EOWNED,
+                     "output 0x%04X:%02X of slave %d (%s) of bus '%s' cannot be claimed: the daemon copies "
+                     "an input to it ([[copy]] in its configuration)",
+                     entry->index, entry->subindex, entry->slave,
+                     ecat_shown(bus->slaves[entry->slave].name), bus->name);
   other = ecat_slot_of(bus, __atomic_load_n(&bus->outputs[conflict].owner, __ATOMIC_ACQUIRE));
   if (other == NULL)
     return ecat_fail(bus, ECAT_EOWNED, "the outputs of slave %d were owned a moment ago; try again",
@@ -205,12 +215,12 @@ int ecat_claim_entry(ecat_t *bus, int number, double lease) {
 
 int ecat_release_entry(ecat_t *bus, int number) { return ecat_release_entries(bus, &number, 1); }
 
-/* Adds all outputs of a slave to `bus->wish`. */
+/* Adds all outputs of a slave that may have an owner to `bus->wish`. */
 static void wish_slave(ecat_t *bus, int position) {
   const ecat_shm_slave *slave = &bus->slaves[position];
   uint32_t i;
   for (i = slave->signals_first; i < slave->signals_first + slave->signals_count; i++)
-    if (bus->signal[i].output) set_add(bus->wish, i);
+    if (bus->signal[i].output && !ecat_is_copy(bus, (int)i)) set_add(bus->wish, i);
 }
 
 int ecat_claim(ecat_t *bus, int position, double lease) {

@@ -117,6 +117,9 @@ __attribute__((format(printf, 3, 4))) int ecat_fail(ecat_t *bus, int code, const
 uint64_t ecat_now(void);
 uint64_t ecat_ns(double seconds);
 
+/* claims.c: whether the daemon copies an input to an output, so that nobody can own it. */
+int ecat_is_copy(const ecat_t *bus, int number);
+
 /* shared_memory.c */
 int ecat_memory_open(ecat_t *bus);
 void ecat_memory_close(ecat_t *bus);

@@ -99,6 +99,11 @@ CYCLIC_API int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, do
  * takes its safe value. Call it before cyclic_start(). */
 CYCLIC_API int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statusword,
                                uint32_t value, uint64_t patience_ns);
+/* Copies an input to an output in every cycle: raw output = raw input * factor + offset, rounded to the
+ * nearest number and held at the limits of the output. While the input is not valid, the output has its
+ * safe value. Nobody can claim the output. Call it before cyclic_start(). */
+CYCLIC_API int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor,
+                               double offset);
 /* Number of drives that are being stopped; valid from two cycles after cyclic_make_safe() on. */
 CYCLIC_API uint32_t cyclic_stopping(const cyclic_t *c);
 /* Starts the thread; 0 or -errno. It also starts if the system refuses a real-time setting: then

@@ -141,6 +141,7 @@ void cyclic_run(cyclic_t *c) {
       cyclic_outputs_make_all_safe(c, ECAT_REASON_STOPPING);
     cyclic_slots_read(c);
     cyclic_outputs_stop_drives(c);
+    if (c->copies > 0) cyclic_copies_run(c);
     choose_domains(c);
     exchange(c, patience(c, period));
     cyclic_slots_publish(c);

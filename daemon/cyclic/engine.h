@@ -5,8 +5,11 @@
 #include "cyclic.h"
 
 #include <ecat/ecat_shm.h>
+#include <math.h>
 #include <pthread.h>
 #include <time.h>
+#include <values.h>
+#include <entries.h>
 
 _Static_assert(ECAT_SLOTS <= 32, "slots in use are the bits of a word");
 
@@ -118,6 +121,18 @@ struct stop {
   int running;
 };
 
+/* An output that an input of another slave decides; see copies.c. */
+struct copy {
+  uint32_t target, target_bit; /* signal, and bit of the output image */
+  uint32_t domain, source_bit; /* of the input: its domain, and bit of its image */
+  uint64_t group;              /* bit of its group of optional slaves, 0: none */
+  uint8_t source_bits, source_sign, source_real;
+  uint8_t plain;               /* the bits are copied as they are */
+  int valid;                   /* the output has the value of the input now */
+  double factor, offset;       /* raw output = raw input * factor + offset */
+  struct rule rule;            /* for the values of the output */
+};
+
 struct cyclic {
   ecat_shm_header *header;
   const ecat_shm_slave *slaves;
@@ -163,10 +178,13 @@ struct cyclic {
   uint32_t claim_turn;            /* slot whose claims are looked at first */
   uint8_t *outputs, *safe, *hold; /* output images */
   uint8_t *slot_image;            /* ecat_out_image and what follows it, as read */
-  uint64_t *claimable, *wanted;   /* sets of signals: all outputs; claims as read */
+  uint64_t *claimable, *wanted;   /* sets of signals: outputs that may have an owner; claims as read */
+  uint64_t *copied;               /* set of signals: outputs that an input decides */
   void *output_memory;            /* of these sets, and those of the slots */
   struct limit *limit;
   struct stop *stop_sequence;
+  struct copy *copy;
+  uint32_t copies;
   uint32_t limits, stops, stopping; /* stopping: drives that are being stopped now */
   int make_safe, restart;         /* set by control */
 
@@ -227,6 +245,9 @@ void cyclic_slots_sent(cyclic_t *c);      /* after sending */
 void cyclic_slots_publish(cyclic_t *c);   /* at the end of the cycle */
 /* All clients with outputs in a domain lose what they own. */
 void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain);
+
+/* copies.c */
+void cyclic_copies_run(cyclic_t *c); /* in every cycle, after the commits of clients */
 
 /* outputs.c */
 enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2 };

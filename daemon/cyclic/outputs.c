@@ -31,13 +31,14 @@ static void tell_owner(cyclic_t *c, uint32_t signal, int32_t owner, uint32_t sta
 static size_t mask_words(const cyclic_t *c) { return ((size_t)c->header->output_bytes + 7) / 8 + 2; }
 
 static size_t memory_words(const cyclic_t *c) {
-  return 2 * claim_words(c) + ECAT_SLOTS * (2 * mask_words(c) + claim_words(c));
+  return 3 * claim_words(c) + ECAT_SLOTS * (2 * mask_words(c) + claim_words(c));
 }
 
 void cyclic_outputs_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size)) {
   prefault(c->output_memory, memory_words(c) * sizeof(uint64_t));
   prefault(c->limit, c->limits * sizeof *c->limit);
   prefault(c->stop_sequence, c->stops * sizeof *c->stop_sequence);
+  prefault(c->copy, c->copies * sizeof *c->copy);
 }
 
 int cyclic_outputs_init(cyclic_t *c) {
@@ -48,7 +49,8 @@ int cyclic_outputs_init(cyclic_t *c) {
   if (at == NULL) return -ENOMEM;
   c->claimable = at;
   c->wanted = at + sets;
-  at += 2 * sets;
+  c->copied = at + 2 * sets;
+  at += 3 * sets;
   for (i = 0; i < ECAT_SLOTS; i++) {
     struct slot *slot = &c->slot[i];
     slot->claims = at;
@@ -138,7 +140,7 @@ void cyclic_outputs_make_all_safe(cyclic_t *c, uint32_t reason) {
   uint32_t i;
   for (i = 0; i < ECAT_SLOTS; i++) cyclic_outputs_drop(c, i, reason);
   for (i = 0; i < c->header->signal_count; i++)
-    if (c->signals[i].output && c->output[i].reason != reason)
+    if (c->signals[i].output && !set_has(c->copied, i) && c->output[i].reason != reason)
       tell_owner(c, i, -1, c->output[i].state, reason);
 }
 
@@ -170,7 +172,7 @@ static int32_t find_conflict(const cyclic_t *c, const struct slot *slot) {
     uint64_t left;
     for (left = c->wanted[word] & ~slot->claims[word]; left != 0; left &= left - 1) {
       uint32_t signal = 64 * word + (uint32_t)__builtin_ctzll(left);
-      if (c->output[signal].owner >= 0) return (int32_t)signal;
+      if (c->output[signal].owner >= 0 || set_has(c->copied, signal)) return (int32_t)signal;
     }
   }
   return -1;
@@ -220,7 +222,7 @@ static void take_back(cyclic_t *c, uint32_t number) {
 int32_t cyclic_outputs_claim(cyclic_t *c, uint32_t number) {
   uint32_t word, words = claim_words(c);
   int32_t conflict;
-  for (word = 0; word < words; word++) c->wanted[word] &= c->claimable[word];
+  for (word = 0; word < words; word++) c->wanted[word] &= c->claimable[word] | c->copied[word];
   conflict = __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED) ? CYCLIC_CONFLICT_STOPPING
                                                               : find_conflict(c, &c->slot[number]);
   if (conflict == CYCLIC_CONFLICT_NONE) grant_set(c, number);

@@ -254,5 +254,6 @@ void cyclic_free(cyclic_t *c) {
   free(c->output_memory);
   free(c->limit);
   free(c->stop_sequence);
+  free(c->copy);
   free(c);
 }

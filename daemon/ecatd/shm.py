@@ -166,6 +166,7 @@ class Outputs(_Open):
     CLAIMED = 1
     ACTIVE = 2
     STOPPING = 3
+    COPIED = 4
 
 
 class Reason(_Open):

@@ -181,9 +181,10 @@ def later_ecatd(tmp_path_factory: pytest.TempPathFactory, compiler: str) -> str:
     (folder / "ecatd" / "_native").mkdir()
     client = sorted((folder / "client_c" / "src").glob("*.c"))
     engine = sorted((ROOT / "daemon" / "cyclic").glob("*.c"))
+    shared = ("histogram.c", "values.c")
     for name, sources in (
         ("ecat", client),
-        ("ecat_cyclic", [*engine, folder / "client_c" / "src" / "histogram.c"]),
+        ("ecat_cyclic", [*engine, *(folder / "client_c" / "src" / n for n in shared)]),
     ):
         subprocess.run(
             [

@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 CYCLIC = ROOT / "daemon" / "cyclic"
 SOURCES = (
-    *("clock", "control", "engine", "frames", "outputs", "publish", "relay", "setup"),
+    *("clock", "control", "copies", "engine", "frames", "outputs", "publish", "relay", "setup"),
     *("slots", "thread", "wake", "wire"),
 )
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
@@ -49,11 +49,9 @@ def driver(tmp_path_factory):
                 *(f"-I{CYCLIC}", f"-I{ROOT / 'client_c' / 'include'}"),
                 f"-I{ROOT / 'client_c' / 'src'}",
                 *(CYCLIC / f"{source}.c" for source in SOURCES),
-                *(
-                    ROOT / "client_c" / "src" / "histogram.c",
-                    HERE / "engine" / f"{name}.c",
-                ),
-                *("-o", program, "-lpthread"),
+                *(ROOT / "client_c" / "src" / f"{source}.c" for source in ("histogram", "values")),
+                HERE / "engine" / f"{name}.c",
+                *("-o", program, "-lpthread", "-lm"),
             ],
             check=True,
         )

@@ -148,6 +148,7 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
     lib.cyclic_set_limit.argtypes = [pointer, u32, ctypes.c_double, ctypes.c_double]
     lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
+    lib.cyclic_set_copy.argtypes = [pointer, u32, u32, ctypes.c_double, ctypes.c_double]
     lib.cyclic_listen.argtypes = [pointer, u32]
     lib.cyclic_listen.restype = None
     lib.cyclic_stopping.argtypes = [pointer]
@@ -279,6 +280,21 @@ class Engine:
         )
         if code != 0:
             raise EcatError(f"stop of signal {controlword} refused: {os.strerror(-code)}")
+
+    def set_copy(self, source: int, target: int, factor: float, offset: float) -> None:
+        """Makes the engine copy an input to an output in every cycle.
+
+        Call it before `start`.
+
+        Args:
+            source: Signal of the input.
+            target: Signal of the output.
+            factor: Raw output = raw input * factor + offset.
+            offset: See `factor`.
+        """
+        code = _LIB.cyclic_set_copy(self._engine, source, target, factor, offset)
+        if code != 0:
+            raise EcatError(f"copy of signal {source} to {target} refused: {os.strerror(-code)}")
 
     @property
     def stopping(self) -> int:

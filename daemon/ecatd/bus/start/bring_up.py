@@ -34,6 +34,7 @@ from ..master.emergencies import tell_emergencies
 from ..master.master import Master
 from .absent import arrange
 from .clocks import Clocks, clock_bits
+from .copies import Copy, find_copies
 from .doubtful import Doubt, fitting, settle
 from .identify import Finder, branch_ends
 from .mapping import Scanned, configure, configure_slaves, identify_slaves, without_lrw
@@ -129,6 +130,7 @@ class BringUp:
         self._doubtful: dict[int, Doubt] = {}
         self._mailboxes: list[bytes] = []
         self._ends: list[int] = []
+        self._copies: list[Copy] = []
         self._interfaces = [name for name in (interface, config.second_interface) if name]
         self._run = secrets.randbits(32)
         self.bus = Bus(config.bus, config.cycle_time_us)
@@ -326,6 +328,7 @@ class BringUp:
             self._log.warning(warning)
         safe = fitting(self.config.outputs.safe, self.bus, self._doubtful)
         self.safe = safe_outputs(self.bus, safe)
+        self._copies = find_copies(self.bus, self.config.copy, self.safe.stops, self._idle)
         assign_domains(self.bus, self.config.domain, self._idle)
         self.image = image = lay_out(self.bus, without_lrw(master, self._present))
         self.wire = wire_time(
@@ -389,7 +392,7 @@ class BringUp:
         return engine
 
     def _guard(self, shared: SharedMemory, engine: Engine) -> None:
-        """Gives the engine the safe values, the ranges of outputs, and how drives are stopped."""
+        """Gives the engine the safe values, ranges and copies, and how drives are stopped."""
         numbers = {}
         for number, row in enumerate(shared.signals[: shared.header.signal_count]):
             numbers[row.slave, row.index, row.subindex, row.output] = number
@@ -403,6 +406,10 @@ class BringUp:
                 numbers[stop.slave, stop.statusword, 0, 0],
                 stop.value,
                 stop.patience,
+            )
+        for copy in self._copies:
+            engine.set_copy(
+                numbers[*copy.source, 0], numbers[*copy.target, 1], copy.factor, copy.offset
             )
 
     def _synchronise(self, shared: SharedMemory) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..bus_name import check_bus_name
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml
+from .copies import read_copies
 from .outputs import read_outputs
 from .signals import read_signals
 from .slave_settings import read_expected, read_slaves
@@ -104,6 +105,7 @@ _TOP: Rules = {
     "realtime": lambda top, key: RealTimeConfig(**top.table(key).read(_REALTIME)),
     "outputs": read_outputs,
     "signal": read_signals,
+    "copy": read_copies,
     "gateway": lambda top, key: GatewayConfig(**top.table(key).read(_GATEWAY)),
 }
 

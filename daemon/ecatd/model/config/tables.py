@@ -174,6 +174,33 @@ class SlaveConfig:
 
 
 @dataclass(slots=True)
+class CopyConfig:
+    """`[[copy]]`: an output that an input decides.
+
+    Attributes:
+        slave: Position of the slave with the output.
+        entry: Address of the output, such as "0x7000:01".
+        from_slave: Position of the slave with the input.
+        from_entry: Address of the input.
+    """
+
+    slave: int
+    entry: str
+    from_slave: int
+    from_entry: str
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the output."""
+        return parse_address(self.entry) or (0, 0)
+
+    @property
+    def from_address(self) -> tuple[int, int]:
+        """Index and subindex of the input."""
+        return parse_address(self.from_entry) or (0, 0)
+
+
+@dataclass(slots=True)
 class RealTimeConfig:
     """`[realtime]`: what the engine asks the system for; the daemon reports what is refused.
 
@@ -418,6 +445,7 @@ class Config:
         realtime: Real-time settings of the engine.
         outputs: Leases and safe values.
         signal: Names, units, scales and limits of entries of the process data.
+        copy: Outputs that an input of another slave decides.
         gateway: Access over Zenoh.
     """
 
@@ -436,6 +464,7 @@ class Config:
     realtime: RealTimeConfig = field(default_factory=RealTimeConfig)
     outputs: OutputsConfig = field(default_factory=OutputsConfig)
     signal: list[SignalConfig] = field(default_factory=list)
+    copy: list[CopyConfig] = field(default_factory=list)
     gateway: GatewayConfig = field(default_factory=GatewayConfig)
 
     def settings_of(self, position: int) -> SlaveConfig:
@@ -475,6 +504,8 @@ class Config:
         yield from (rule.slave for rule in self.dc.slave)
         yield from (rule.slave for rule in self.outputs.safe)
         yield from (rule.slave for rule in self.signal)
+        for copy in self.copy:
+            yield from (copy.slave, copy.from_slave)
         if self.dc.reference >= 0:
             yield self.dc.reference
 
@@ -518,6 +549,11 @@ class Config:
             dc=replace(self.dc, reference=reference, slave=there(self.dc.slave)),
             outputs=replace(self.outputs, safe=there(self.outputs.safe)),
             signal=there(self.signal),
+            copy=[
+                replace(copy, slave=places[copy.slave], from_slave=places[copy.from_slave])
+                for copy in self.copy
+                if copy.slave in places and copy.from_slave in places
+            ],
         )
 
     def to_dict(self) -> dict[str, Any]:

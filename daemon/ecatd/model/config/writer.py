@@ -81,6 +81,8 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         lines += ["", f"[{name}]", *_table(config, name, names, notes)]
     for signal in config.signal:
         lines += ["", "[[signal]]", *_rule(signal, names)]
+    for copy in config.copy:
+        lines += ["", "[[copy]]", *_rule(copy, names)]
     return "\n".join(lines) + "\n"
 
 
@@ -195,9 +197,12 @@ def _table(config: Config, name: str, names: dict[int, str], notes: Notes) -> It
 
 
 def _rule(rule: Any, names: dict[int, str]) -> Iterator[str]:
-    """A table about one slave, which it names."""
-    yield f"slave = {value_text('', names.get(rule.slave, rule.slave))}"
-    yield from _scalars(rule, always=("value", "entry"), without=("slave",), comments=False)
+    """A table about slaves, which it names."""
+    slaves = [key.name for key in fields(rule) if key.name in ("slave", "from_slave")]
+    for key in slaves:
+        position = getattr(rule, key)
+        yield f"{key} = {value_text('', names.get(position, position))}"
+    yield from _scalars(rule, always=("value", "entry"), without=slaves, comments=False)
 
 
 def _scalars(
@@ -220,7 +225,7 @@ def _scalars(
         line = f"{key.name} = {value_text(key.name, value)}"
         if value != default or key.name in always:
             yield line
-        elif comments and key.name not in ("slave", "domain", "signal", "safe"):
+        elif comments and key.name not in ("slave", "domain", "signal", "safe", "copy"):
             yield f"# {line}"
 
 

@@ -1,0 +1,171 @@
+"""Copies: an input of one slave decides an output of another, in every cycle."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, names, one_line_error, wait_for
+from ecatd import Client, shm
+from ecatd.model.errors import StateError
+from ecatsim.control import Simulator
+
+pytestmark = pytest.mark.bus
+
+# What is written to the first outputs comes in at the inputs, is copied, and comes in again.
+RIG = """
+name = "copies"
+[[slave]]
+device = "EL2008"
+[[slave]]
+device = "EL1008"
+[[slave]]
+device = "EL2004"
+[[slave]]
+device = "EL1018"
+[[slave]]
+device = "AnalogIO"
+[[slave]]
+device = "AnalogIO"
+[[wire]]
+from = { slave = 0, entry = "0x7000:01" }
+to = { slave = 1, entry = "0x6000:01" }
+[[wire]]
+from = { slave = 2, entry = "0x7010:01" }
+to = { slave = 3, entry = "0x6010:01" }
+[[wire]]
+from = { slave = 4, entry = "0x7000:01" }
+to = { slave = 4, entry = "0x6000:01" }
+[[wire]]
+from = { slave = 5, entry = "0x7000:01" }
+to = { slave = 5, entry = "0x6000:01" }
+"""
+CONFIG = """
+[gateway]
+listen = []
+[[slave]]
+position = 1
+name = "switches"
+[[slave]]
+position = 2
+name = "lamps"
+[[signal]]
+slave = 4
+entry = "0x6000:01"
+unit = "V"
+scale = 0.01
+[[signal]]
+slave = 5
+entry = "0x7000:01"
+unit = "V"
+scale = 0.001
+offset = 1
+[[outputs.safe]]
+slave = "lamps"
+entry = "0x7010:01"
+value = 1
+[[copy]]
+slave = "lamps"
+entry = "0x7010:01"
+from_slave = "switches"
+from_entry = "0x6000:01"
+[[copy]]
+slave = 5
+entry = "0x7000:01"
+from_slave = 4
+from_entry = "0x6000:01"
+"""
+
+
+@pytest.fixture
+def daemon(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Daemon:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG)
+    return start_daemon(str(rig), config=CONFIG)
+
+
+@pytest.fixture
+def client(daemon: Daemon) -> Iterator[Client]:
+    with daemon.client() as client:
+        for slave in (0, 2, 4):
+            client.claim(slave, lease=30)
+        yield client
+
+
+def arrives(daemon: Daemon, client: Client, output: str, value: int, entry: str, raw: int) -> None:
+    """Writes an output, and waits until an input has a value because of that."""
+    client.signal(output, "output").raw = value
+    client.commit()
+    there = client.signal(entry, "input")
+
+    def has_come() -> bool:
+        client.wait()
+        client.sample()
+        return bool(there.raw == raw)
+
+    wait_for(has_come, daemon)
+
+
+def test_an_input_decides_an_output(daemon: Daemon, client: Client) -> None:
+    for value in (1, 0, 1, 0):
+        arrives(daemon, client, "0/0x7000:01", value, "3/0x6010:01", value)
+    # 100 · 0.01 V is 1 V, which is 0 beyond the offset; 3 V are 2000 · 0.001 V beyond it.
+    for value, raw in ((100, 0), (300, 2000), (0, -1000), (-200, -3000)):
+        arrives(daemon, client, "4/0x7000:01", value, "5/0x6000:01", raw)
+    # Held at the limits of 16 bits: 327.67 V would be 326670.
+    for value, raw in ((32767, 32767), (-32768, -32768)):
+        arrives(daemon, client, "4/0x7000:01", value, "5/0x6000:01", raw)
+
+
+def test_the_output_is_safe_without_its_source(daemon: Daemon, client: Client) -> None:
+    arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
+    arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 0)
+    lamp = client.signal("lamps/0x7010:01", "output")
+    with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
+        rig.faults.power_off(5)  # the last of the domain, so no working counter is complete
+        wait_for(lambda: client.output(lamp).reason == shm.Reason.WKC, daemon)
+        assert rig.get(2, 0x7010, 1) == 1
+        rig.faults.power_on(5)
+        wait_for(lambda: client.output(lamp).reason == shm.Reason.START, daemon)
+    arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
+
+
+def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:
+    lamp = client.signal("lamps/0x7010:01", "output")
+    assert client.output(lamp).state == shm.Outputs.COPIED
+    with pytest.raises(StateError, match=r"copy") as refused:
+        client.claim(lamp)
+    names(refused.value, "0x7010:01", "slave 2 (lamps)", "[[copy]]")
+    # The other outputs of the slave belong to the client, and the copy does not lose by that.
+    client.signal("lamps/0x7000:01", "output").raw = 1
+    client.commit()
+    arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
+    shown = daemon.ctl("claims").stdout
+    names(shown, "copied")
+    init = daemon.ctl("config", "init").stdout
+    assert init.count("[[copy]]") == 2
+    names(init, 'from_slave = "switches"')
+
+
+@pytest.mark.parametrize(
+    ("wrong", "tokens"),
+    [
+        ('from_entry = "0x6FFF:01"', ["copy", "slave 1 (switches, EL1008)", "0x6FFF:01"]),
+        ('from_entry = "0x7000:01"', ["copy", "slave 1 (switches, EL1008)", "input"]),
+        ('from_entry = "0x60:0x"', ["copy[0].from_entry"]),
+        (
+            'from_entry = "0x6000:01"\n[[copy]]\nslave = 2\nentry = "0x7010:1"\nfrom_slave = 1\n'
+            'from_entry = "0x6010:01"',
+            ["copy[1].entry", "slave 2"],
+        ),
+    ],
+)
+def test_wrong_copies_are_refused(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, wrong: str, tokens: list[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG)
+    config = CONFIG.replace('from_entry = "0x6000:01"', wrong, 1)
+    status, log = start_daemon(str(rig), config=config, ready=False).wait_end()
+    assert status == 2
+    names(one_line_error(log, "ecatd"), *tokens)
