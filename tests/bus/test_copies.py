@@ -141,7 +141,7 @@ def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:
     client.commit()
     arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
     shown = daemon.ctl("claims").stdout
-    names(shown, "copied")
+    names(shown, "copied", "an input")
     init = daemon.ctl("config", "init").stdout
     assert init.count("[[copy]]") == 2
     names(init, 'from_slave = "switches"')

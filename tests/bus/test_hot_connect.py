@@ -135,6 +135,11 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
     names(daemon.log, "6 slaves (and 3 optional, absent)")
     rows = daemon.slave_rows("slaves")
     assert [row["recovery"] for row in rows] == [""] * 4 + ["absent"] * 3 + [""] * 2
+    for state in ("PREOP", "OP"):  # of all slaves: who is not there is not waited for
+        daemon.ctl("state", state)
+    refused = daemon.ctl("state", "OP", "-p", "s5", check=False)
+    assert refused.returncode == 7
+    names(one_line_error(refused.stderr, "ecatctl"), "slave 5", "no answer")
     with daemon.client() as client, Simulator(str(simulator)) as rig:
         always = Plant(client, "s1/0x7000:01", "s2/0x6000:01")
         tool = Plant(client, "s5/0x7000:01", "s6/0x6000:01")

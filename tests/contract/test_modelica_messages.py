@@ -125,6 +125,36 @@ def test_a_slave_that_leaves_op_ends_a_model_that_requires_it(model: Start, trol
     names(ended.value, *place, "not in OP", "requireOperational")
 
 
+def test_optional_slaves_may_leave_a_model_that_requires_the_others(
+    model: Start, start_daemon: Callable[..., Daemon]
+) -> None:
+    """The terminals of the rig come and go as a group; values are just not valid meanwhile."""
+    terminals = {
+        2: 0x03FA3052,
+        3: 0x07D83052,
+        4: 0x0BC03052,
+        5: 0x0BC03052,
+        6: 0x1A5F3052,
+        7: 0x1A5F3052,
+    }
+    tables = "".join(
+        f'[[slave]]\nposition = {n}\nvendor = 2\nproduct = {product}\ngroup = "island"\n'
+        for n, product in terminals.items()
+    )
+    daemon = start_daemon("troll", config=f"[gateway]\nlisten = []\n{tables}")
+    running = model(daemon.bus, require_operational=True)
+    running.until(lambda step: step.valid and step.state == OPERATIONAL, 1)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.break_link(2)
+        gone = running.until(lambda step: not step.valid and step.al_state not in (OP, SAFEOP), 1)
+        assert gone.state == OPERATIONAL
+        simulator.faults.heal_link(2)
+        running.until(lambda step: step.valid and step.input, 1)
+    status, said = running.end()
+    assert status == 0
+    names(said, "slave 2 (EL1018)", "optional", "not valid", "in OP again")
+
+
 def test_a_model_that_only_watches_runs_beside_one_that_writes(model: Start, troll: Daemon) -> None:
     writer = model(troll.bus)
     writer.until(lambda step: step.input and step.state == OPERATIONAL, 1)

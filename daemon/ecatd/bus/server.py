@@ -213,9 +213,12 @@ class BusServer:
         }
 
     async def _set_state(self, request: SetState) -> dict[str, Any]:
-        everyone = range(len(self.bus.slaves))
-        one = request.slave
-        chosen = everyone if one is None else [self.bus.find(one).position]
+        if request.slave is None:
+            slaves = self.bus.slaves
+            there = {item.position for item in self._running.states if item.al_state}
+            chosen = [n for n, slave in enumerate(slaves) if n in there or not slave.group]
+        else:
+            chosen = [self.bus.find(request.slave).position]
         await self._running.change(chosen, AlState.parse(request.state))
         return self._state_rows()
 
