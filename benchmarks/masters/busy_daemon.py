@@ -46,7 +46,9 @@ def main() -> int:
     """Runs the service or the bus server; returns its exit status."""
     if sys.argv[1:]:
         config = load_config(Path(sys.argv[1]))
-        return asyncio.run(_Service(config, {}, None, Log("ecatd", _LEVEL), _LEVEL).run())
+        log = Log("ecatd", _LEVEL)
+        service = _Service(config, {}, None, log, _LEVEL, lambda: (config, {}))
+        return asyncio.run(service.run())
     signal.signal(signal.SIGUSR1, _begin)
     signal.signal(signal.SIGUSR2, lambda *_: _working.clear())
     return serve()

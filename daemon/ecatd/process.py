@@ -35,9 +35,12 @@ def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
 
 
 def read_settings() -> dict[str, Any]:
-    """Reads the settings (JSON) from stdin; ends this process if the service was killed before."""
+    """Reads the settings, one line of JSON, from stdin.
+
+    Ends this process if the service was killed before.
+    """
     try:
-        settings: dict[str, Any] = json.load(sys.stdin)
+        settings: dict[str, Any] = json.loads(sys.stdin.buffer.readline())
     except ValueError:
         sys.exit(0)
     return settings

@@ -23,7 +23,15 @@ from ecatd.zenoh_keys import bus_key, session_config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
-PORT = 17451
+
+def _free_port() -> int:
+    """A port that no other run of the tests on this machine uses."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+PORT = _free_port()
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ def test_both_languages_have_the_same_sizes(compiler: str, tmp_path: Path) -> No
     source = tmp_path / "sizes.c"
     source.write_text(f'#include "engine.h"\n#include <stdio.h>\nint main(void) {{ {lines} }}\n')
     program = tmp_path / "sizes"
-    folders = ("daemon/cyclic", "client_c/include")
+    folders = ("daemon/cyclic", "client_c/include", "client_c/src")
     subprocess.run(
         [compiler, *(f"-I{ROOT / folder}" for folder in folders), "-o", program, source], check=True
     )

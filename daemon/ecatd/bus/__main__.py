@@ -1,27 +1,35 @@
 """The process of the bus server: `python -m ecatd.bus`, started by the service.
 
-It reads its settings as one JSON document from stdin: `config`, `interface` and `second_interface`
+It reads its settings as a line of JSON from stdin: `config`, `interface` and `second_interface`
 (which may be those of a simulator instead of those of the configuration), `runtime_dir`,
 `namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent` and
 `log_level`. When the bus is in OP, it writes `ready` and a line about it to stdout, which the
-service logs once the gateway answers, too. If the start fails, it writes `failed` and why. With
+service logs once the gateway answers, too. A later line on stdin has the same settings with a
+configuration that has changed. If the start fails, it writes `failed` and why. With
 `describe` it writes the bus description instead (`ecatd.model.bus_file`), and ends.
 """
 
 from __future__ import annotations
 
 import asyncio
+import json
 import signal
 import sys
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
 from ecatd.process import die_with_parent, read_settings
+
+if TYPE_CHECKING:
+    from .server import BusServer
+
+_LINE_MAX = 1 << 26
+"""Bytes of the settings, at most."""
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
@@ -36,6 +44,8 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
+    reader = asyncio.StreamReader(limit=_LINE_MAX)
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     starting = asyncio.create_task(server.start())
     stopping = asyncio.create_task(stop.wait())
     try:
@@ -45,7 +55,9 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
             await control.open(server)
             print(f"ready {server.summary}", flush=True)
             monitor = asyncio.create_task(server.monitor())
+            changes = asyncio.create_task(_change(server, reader))
             await stopping
+            changes.cancel()
             monitor.cancel()
     finally:
         server.abort()
@@ -55,6 +67,12 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         await control.close()
         await server.stop()
         stopping.cancel()
+
+
+async def _change(server: BusServer, reader: asyncio.StreamReader) -> None:
+    """Takes over what changes in the configuration while the bus runs."""
+    while line := await reader.readline():
+        server.reconfigure(read_config(json.loads(line)["config"]))
 
 
 def _describe(settings: dict[str, Any], log: Log) -> None:

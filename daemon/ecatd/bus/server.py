@@ -38,7 +38,7 @@ from .engine.shared_memory import SharedMemory
 from .master.master import SlaveState
 from .master.worker import Worker
 from .sdo_requests import SdoRequests
-from .start.bring_up import BringUp
+from .start.bring_up import BringUp, leases
 from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
@@ -108,6 +108,12 @@ class BusServer:
         running.shared.publish()
         self._started = time.time()
         return monitor
+
+    def reconfigure(self, config: Config) -> None:
+        """Takes over what can change while the bus runs; see `model.config.reload`."""
+        assert self._up.shared is not None, "asked before the bus was brought up"
+        self._running.set_recovery(config.recovery)
+        self._up.shared.set_leases(*leases(config))
 
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""

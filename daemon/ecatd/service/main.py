@@ -104,7 +104,13 @@ def _main() -> int:
             print(f"{options.config or 'the default configuration'} is valid")
             return 0
         supervisor = Supervisor(
-            config, origins, options.simulate, log, level, describe=options.describe
+            config,
+            origins,
+            options.simulate,
+            log,
+            level,
+            lambda: _configuration(options),
+            describe=options.describe,
         )
         return asyncio.run(supervisor.run())
     except EcatError as error:

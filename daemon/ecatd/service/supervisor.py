@@ -12,16 +12,20 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.config import Config
+from ecatd.model.config.reload import reload
 from ecatd.model.errors import EcatError, StateError
 from ecatd.paths import make_dir
 
 from .notify import notify
 
 _GATEWAY_PAUSE = 1.0
+_KEYS_MAX = 8
+"""Keys of the configuration in one message."""
 
 _PYTHON = (sys.executable, "-P", "-m")
 """-P: Python does not look for modules in the current directory."""
@@ -46,6 +50,7 @@ class Supervisor:
         rig: The rig to simulate, or None.
         log: Where events are told.
         log_level: For the children.
+        read: Reads the configuration and its origins anew, for SIGHUP.
         describe: Only print what bus it is.
     """
 
@@ -56,6 +61,7 @@ class Supervisor:
         rig: str | None,
         log: Log,
         log_level: str,
+        read: Callable[[], tuple[Config, dict[str, str]]],
         *,
         describe: bool = False,
     ) -> None:
@@ -65,7 +71,9 @@ class Supervisor:
         self._log = log
         self._level = log_level
         self._describe = describe
+        self._read = read
         self._stop = asyncio.Event()
+        self._reload = asyncio.Event()
         self._children: list[asyncio.subprocess.Process] = []
 
     async def run(self) -> int:
@@ -74,6 +82,7 @@ class Supervisor:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stop.set)
+        loop.add_signal_handler(signal.SIGHUP, self._reload.set)
         status = 0
         try:
             await self._run()
@@ -204,14 +213,21 @@ class Supervisor:
         settings: dict[str, Any],
     ) -> None:
         stop = asyncio.ensure_future(self._stop.wait())
+        again = asyncio.ensure_future(self._reload.wait())
         ends = {asyncio.ensure_future(child.wait()): child for child in fatal}
         gateway_end = asyncio.ensure_future(gateway.wait())
         while True:
             done, _ = await asyncio.wait(
-                (stop, gateway_end, *ends), return_when=asyncio.FIRST_COMPLETED
+                (stop, again, gateway_end, *ends), return_when=asyncio.FIRST_COMPLETED
             )
             if stop in done:
+                again.cancel()
                 return
+            if again in done:
+                self._reload.clear()
+                again = asyncio.ensure_future(self._reload.wait())
+                if self._use_anew(settings, fatal[-1]):
+                    gateway.terminate()  # it is started again below, with what has changed
             for end in done & set(ends):
                 child = ends[end]
                 what = "the bus server" if child is fatal[-1] else "the simulator"
@@ -226,13 +242,33 @@ class Supervisor:
                 )
                 if others:
                     continue
-                self._log.warning(
-                    f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"
-                )
+                if gateway_end.result() != 0:
+                    self._log.warning(
+                        f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"
+                    )
                 self._children.remove(gateway)
                 gateway = await self._start_python("ecatd.gateway")
                 _give(gateway, settings)
                 gateway_end = asyncio.ensure_future(gateway.wait())
+
+    def _use_anew(self, settings: dict[str, Any], server: asyncio.subprocess.Process) -> bool:
+        """Reads the configuration anew and uses what can change; returns whether anything did."""
+        try:
+            wanted, origins = self._read()
+        except EcatError as error:
+            self._log.error(f"the configuration stays as it was: {error}")
+            return False
+        found = reload(self._config, wanted)
+        if found.later:
+            self._log.warning(f"used after a restart of ecatd: {_keys(found.later)}")
+        if not found.used:
+            self._log.info("configuration read again: nothing can change without a restart")
+            return False
+        self._config, self._origins = found.config, origins
+        settings |= {"config": found.config.to_dict(), "origins": origins}
+        _give(server, settings)
+        self._log.info(f"configuration read again; changed: {_keys(found.used)}")
+        return True
 
     async def _end(self) -> None:
         """Ends the children, the last one first, each given time to clean up."""
@@ -249,11 +285,15 @@ class Supervisor:
                 await child.wait()
 
 
+def _keys(keys: list[str]) -> str:
+    more = len(keys) - _KEYS_MAX
+    return ", ".join(keys[:_KEYS_MAX]) + (f" and {more} more" if more > 0 else "")
+
+
 def _give(child: asyncio.subprocess.Process, settings: dict[str, Any]) -> None:
-    """Has a child begin: it waits for its settings."""
+    """Has a child begin, which waits for its settings, or change them while it runs."""
     assert child.stdin is not None
-    child.stdin.write(json.dumps(settings).encode())
-    child.stdin.close()
+    child.stdin.write(json.dumps(settings).encode() + b"\n")
 
 
 def _leave(cpu: int) -> None:

@@ -243,6 +243,10 @@ class SharedMemory:
             row.wanted, row.value, row.error = int(grant.wanted), grant.value, grant.error
             row.granted = int(grant.wanted and grant.error == 0)
 
+    def set_leases(self, shortest_ns: int, longest_ns: int) -> None:
+        """Changes the leases; those that clients have already stay until they claim again."""
+        self.header.lease_ns, self.header.lease_max_ns = shortest_ns, longest_ns
+
     def publish(self) -> None:
         """Lets clients in: writes the layout version, which is the last word to be written."""
         publish_layout(self.address)

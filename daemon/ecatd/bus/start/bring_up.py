@@ -57,6 +57,12 @@ _CLOCK_PAUSE = 0.01
 """Seconds between two reads of the state of SYNC signals."""
 
 
+def leases(config: Config) -> tuple[int, int]:
+    """The shortest and the longest lease, in ns."""
+    longest = config.outputs.lease_max_ms * 1_000_000
+    return min(config.outputs.lease_cycles * config.cycle_time_us * 1000, longest), longest
+
+
 @dataclass(slots=True)
 class RunningBus:
     """A bus that is in OP, and everything that it consists of.
@@ -359,10 +365,7 @@ class BringUp:
     def _exchange(self, shared: SharedMemory, master: Master, image: Image) -> Engine:
         """Starts the cyclic exchange with all outputs safe."""
         config = self.config
-        cycle_ns = config.cycle_time_us * 1000
-        lease_max = config.outputs.lease_max_ms * 1_000_000
-        lease = min(config.outputs.lease_cycles * cycle_ns, lease_max)
-        shared.fill(self.bus, image, lease, lease_max)
+        shared.fill(self.bus, image, *leases(config))
         self.engine = engine = Engine(
             shared.address,
             shared.out_fd,

@@ -16,7 +16,7 @@ from typing import Any
 from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.config import OutputsConfig
+from ecatd.model.config import OutputsConfig, RecoveryConfig
 from ecatd.model.errors import StateError
 
 from ..engine.engine import Event, EventType
@@ -111,6 +111,10 @@ class Monitor:
     def condition(self, position: int) -> tuple[str, str]:
         """What is known of a slave that should be in OP and is not: a word, and more of them."""
         return self._slaves.condition(position)
+
+    def set_recovery(self, config: RecoveryConfig) -> None:
+        """Changes which slaves are recovered, and how often it is tried."""
+        self._slaves.set_recovery(config)
 
     async def look(self) -> None:
         """Reads the AL states, and tells of every change."""

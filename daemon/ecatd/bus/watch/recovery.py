@@ -146,6 +146,13 @@ class Recovery:
         self._retry_s = retry_s
         self._strangers = 0
 
+    def set_policy(self, mode: str, retry_s: float) -> None:
+        """Changes the policy; arguments as above."""
+        self._mode, self._retry_s = mode, retry_s
+        for slave in self._slaves:
+            if slave.condition == Condition.LEFT:  # perhaps it is no longer left alone
+                slave.condition = Condition.FINE
+
     def want(self, positions: Iterable[int], state: AlState) -> None:
         """Sets the state in which slaves are wanted; recovery leaves them alone until `done`."""
         for position in positions:

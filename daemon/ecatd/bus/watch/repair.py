@@ -12,6 +12,7 @@ from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
+from ecatd.model.config import RecoveryConfig
 from ecatd.model.errors import EcatError, StateError
 
 from ..frames.datagrams import Place
@@ -149,6 +150,11 @@ class Repair:
     def _bring(self, positions: Sequence[int], state: AlState, begin: AlState) -> Steps[None]:
         missed = yield from self._running.set_up.run(positions, state, begin=begin)
         _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
+
+    def set_recovery(self, config: RecoveryConfig) -> None:
+        """Changes which slaves are recovered, and how often it is tried."""
+        self._retry_s = config.retry_s
+        self._recovery.set_policy(config.slaves, config.retry_s)
 
     def close(self) -> None:
         """Ends what is under way."""

@@ -13,6 +13,7 @@ from itertools import groupby
 
 from ecatd.log import Log
 from ecatd.model.al import AL_ERROR_FLAG, AlState
+from ecatd.model.config import RecoveryConfig
 
 from ..frames.datagrams import aprd
 from ..master.master import SlaveState
@@ -84,6 +85,12 @@ class SlaveWatch:
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that should be in OP and is not."""
         return self._repair.condition(position)
+
+    def set_recovery(self, config: RecoveryConfig) -> None:
+        """Changes which slaves are recovered, and how often it is tried."""
+        self._by_hand = config.slaves != "all"
+        self._repair.set_recovery(config)
+        self._changed.set()
 
     def close(self) -> None:
         """Ends what is done to slaves; on the event loop's thread."""

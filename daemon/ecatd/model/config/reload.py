@@ -1,0 +1,49 @@
+"""Says what of a new configuration can be used without a restart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from .origins import flatten
+from .tables import Config
+
+_AT_ONCE = ("gateway.", "recovery.", "outputs.lease_")
+"""Beginnings of the keys, as `flatten` makes them, that can change while the bus runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reload:
+    """What becomes of a new configuration.
+
+    Attributes:
+        config: The configuration that is in force from now on.
+        used: Keys that have changed in it.
+        later: Keys that have changed in the new one, and need a restart.
+    """
+
+    config: Config
+    used: list[str]
+    later: list[str]
+
+
+def reload(before: Config, wanted: Config) -> Reload:
+    """Compares a new configuration with the one in force.
+
+    Args:
+        before: The configuration in force.
+        wanted: The new one.
+    """
+    old, new = flatten(before.to_dict()), flatten(wanted.to_dict())
+    changed = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+    used = [key for key in changed if key.startswith(_AT_ONCE)]
+    config = replace(
+        before,
+        gateway=wanted.gateway,
+        recovery=wanted.recovery,
+        outputs=replace(
+            before.outputs,
+            lease_cycles=wanted.outputs.lease_cycles,
+            lease_max_ms=wanted.outputs.lease_max_ms,
+        ),
+    )
+    return Reload(config, used, [key for key in changed if key not in used])

@@ -1,0 +1,73 @@
+"""SIGHUP: what can change in the configuration is used at once, the rest is named."""
+
+import signal
+from collections.abc import Callable
+
+from conftest import Daemon, names, wait_for
+
+CONFIG = """
+cycle_time_us = 1000
+[gateway]
+listen = []
+publish_hz = 5
+[recovery]
+slaves = "none"
+[outputs]
+lease_max_ms = 60000
+"""
+
+
+def reload(daemon: Daemon, text: str, said: str) -> str:
+    """Sends SIGHUP with another configuration; returns what is logged because of that."""
+    daemon.config_file.write_text(text)
+    before = len(daemon.log)
+    daemon.process.send_signal(signal.SIGHUP)
+    wait_for(lambda: said in daemon.log[before:], daemon)
+    return daemon.log[before:]
+
+
+def in_force(daemon: Daemon) -> dict[str, object]:
+    """The keys that the daemon uses; the gateway begins anew with each change."""
+    wait_for(lambda: daemon.ctl("config", "show", check=False).returncode == 0, daemon)
+    return {row["key"]: row["value"] for row in daemon.ctl_json("config", "show")["keys"]}
+
+
+def test_what_can_change_is_used_at_once(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll", config=CONFIG)
+    with daemon.client() as client:
+        server = daemon.child_pid("ecatd.bus")
+        changed = CONFIG.replace("60000", "50000").replace("publish_hz = 5", "publish_hz = 7")
+        changed = changed.replace('"none"', '"all"\nretry_s = 1.0').replace("= 1000", "= 2000")
+        log = reload(daemon, changed, "configuration read again; changed")
+        names(log, "outputs.lease_max_ms", "gateway.publish_hz", "recovery.slaves")
+        names(log, "restart", "cycle_time_us")
+        now = in_force(daemon)
+        assert (now["outputs.lease_max_ms"], now["gateway.publish_hz"]) == (50000, 7)
+        assert (now["recovery.slaves"], now["cycle_time_us"]) == ("all", 1000)
+        assert daemon.ctl_json("shm")["lease_max_us"] == 50_000_000
+        # Recovery does what it was told: this slave was left alone before.
+        daemon.ctl("state", "PREOP", "-p", "3")
+        daemon.ctl("state", "OP", "-p", "3")
+        assert daemon.child_pid("ecatd.bus") == server
+        client.wait(5)  # the same bus: no client has noticed anything
+        client.sample()
+
+
+def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll", config=CONFIG)
+    log = reload(
+        daemon, CONFIG.replace("lease_max_ms = 60000", "lease_max_ms = -1"), "stays as it was"
+    )
+    names(log, "outputs.lease_max_ms", "-1")
+    assert in_force(daemon)["outputs.lease_max_ms"] == 60000
+    names(reload(daemon, CONFIG, "configuration read again"), "nothing can change")
+    daemon.config_file.unlink()
+    reload(daemon_without_file(daemon), CONFIG, "configuration read again")
+    assert daemon.stop() == 0
+
+
+def daemon_without_file(daemon: Daemon) -> Daemon:
+    """The file is gone for a moment: the daemon goes on with what it has."""
+    daemon.process.send_signal(signal.SIGHUP)
+    wait_for(lambda: "cannot be read" in daemon.log, daemon)
+    return daemon
