@@ -186,9 +186,9 @@ def test_a_silent_slave_holds_up_nobody(start_daemon: Callable[..., Daemon]) -> 
 def test_slaves_are_told_on_the_way_down(start: Start) -> None:
     rows = [
         ("SO", "0x6083", 1000),
-        ("OS", "0x6083", 2000),
         ("SP", "0x6084", 3000),
         ("OS", "0x6041", 4),
+        ("OS", "0x6083", 2000),
     ]
     config = "[gateway]\nlisten = []\n[[slave]]\nposition = 1\n" + "".join(
         f'[[slave.startup]]\nobject = "{index}:00"\ntype = "uint{16 if value < 100 else 32}"\n'
@@ -229,3 +229,38 @@ def test_a_slow_slave_has_the_time_that_it_needs(start: Start) -> None:
     names(answer.stdout, "0x0000FFFF")
     silent = daemon.ctl("sdo-read", str(DRIVE), "0x1018", "1", check=False)
     assert silent.returncode == 4, silent.stderr
+
+
+def test_recovery_tells_a_slave_on_its_way_down(start: Start) -> None:
+    config = f"""
+[gateway]
+listen = []
+[[slave]]
+position = {AXIS}
+[[slave.startup]]
+object = "0x6084:00"
+type = "uint32"
+value = 3000
+transition = "SP"
+"""
+    bench = start(config)
+    daemon = bench.daemon
+    assert value(daemon, AXIS, "0x6084") != 3000
+    # It says that it needs PREOP (ETG.1020), so recovery sets it up anew, from SAFEOP on.
+    bench.ctl("al-error", str(AXIS), "0x0021", "--state", "SAFEOP")
+    bench.wait_for_event("recovery", slave=AXIS, state="set_up")
+    in_op(bench)
+    assert value(daemon, AXIS, "0x6084") == 3000
+
+
+def test_a_dead_mailbox_is_tried_once_at_the_end(start: Start) -> None:
+    rows = [("OS", "0x6083"), ("SP", "0x6084")]
+    config = f"[gateway]\nlisten = []\n[[slave]]\nposition = {AXIS}\n" + "".join(
+        f'[[slave.startup]]\nobject = "{index}:00"\nhex = "01 00 00 00"\ntransition = "{name}"\n'
+        for name, index in rows
+    )
+    bench = start(config)
+    bench.ctl("mailbox", str(AXIS), "stuck")
+    assert bench.daemon.stop() == 0
+    assert bench.daemon.log.count("does not answer its mailbox") == 1
+    assert "is killed" not in bench.daemon.log

@@ -270,9 +270,10 @@ class BusServer:
             if up.master is not None and self.bus.slaves:
                 # Slaves that are gone cannot be asked; their watchdog takes care of them.
                 here = [item.position for item in up.master.states() if item.al_state]
+                with suppress(StateError):
+                    up.leave(AlState.INIT, _STOP_TIMEOUT)
                 for state in (AlState.SAFEOP, AlState.INIT):
                     with suppress(StateError):
-                        up.leave(state, _STOP_TIMEOUT)
                         up.master.wait_for_state(state, _STOP_TIMEOUT, here)
             if up.clocks is not None:
                 up.clocks.sync_signals.stop()

@@ -30,7 +30,8 @@ _KEYS_MAX = 8
 _PYTHON = (sys.executable, "-P", "-m")
 """-P: Python does not look for modules in the current directory."""
 _STOP_PATIENCE = 15.0
-"""Seconds that a child has to clean up, beside those in which drives are brought to a stop."""
+"""Seconds that a child has to clean up, beside those in which drives are brought to a stop, and
+those that a slave may take to answer over its mailbox."""
 
 
 class _EndedError(EcatError):
@@ -277,6 +278,9 @@ class Supervisor:
                 continue
             child.terminate()
             patience = _STOP_PATIENCE + self._config.outputs.stop_patience
+            patience += (
+                max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0) / 1e3
+            )
             try:
                 await asyncio.wait_for(child.wait(), patience)
             except TimeoutError:

@@ -17,7 +17,7 @@ import struct
 from collections.abc import Sequence
 
 from ecatd.model.bus import Slave
-from ecatd.model.config import SlaveConfig, StartupConfig
+from ecatd.model.config import TRANSITIONS_DOWN, SlaveConfig, StartupConfig
 from ecatd.model.errors import SdoAbortError, StateError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
@@ -58,7 +58,7 @@ class SlaveConfiguration:
         """Tells the slave, which is in PREOP, all that it is told there.
 
         Returns:
-            Messages about optional parameters that it has refused.
+            Messages about parameters that it has refused, although it can be used.
 
         Raises:
             RefusedError: It refuses its configuration.
@@ -88,13 +88,18 @@ class SlaveConfiguration:
                     index, subindex, parameter.data, complete=parameter.complete
                 )
             except SdoAbortError as abort:
-                text = f"{self._slave.label} refuses its start-up parameter {_text(parameter)}"
-                if not parameter.optional:
+                text = (
+                    f"{self._slave.label} refuses its start-up parameter {_text(parameter)}: "
+                    f"{_reason(abort)}"
+                )
+                if transition in TRANSITIONS_DOWN:
+                    refused.append(f"{text}; it goes down all the same")
+                elif parameter.optional:
+                    refused.append(f"{text}; it is optional, so the slave is used")
+                else:
                     raise RefusedError(
-                        f"{text}: {_reason(abort)}; correct it in [[slave.startup]], or write "
-                        "optional = true"
+                        f"{text}; correct it in [[slave.startup]], or write optional = true"
                     ) from abort
-                refused.append(f"{text}: {_reason(abort)}; it is optional, so the slave is used")
         return refused
 
     # --- PDOs ----------------------------------------------------------------------------------

@@ -65,9 +65,9 @@ def leave(
 ) -> Steps[list[str]]:
     """Writes the start-up parameters of the transitions on the way down to a state.
 
-    Those of OS are written to slaves in OP, those of SP to slaves in SAFEOP. A slave that has some
-    of SP is brought to SAFEOP here, since it may be asked to leave OP for PREOP at once. Slaves in
-    other states, or with an error, are told nothing.
+    Those of OS are written to slaves in OP, those of SP to slaves in SAFEOP, also to those that
+    are there with an error. A slave that has some of SP is brought to SAFEOP here, since it may be
+    asked to leave OP for PREOP at once. A slave that does not answer is not asked a second time.
 
     Args:
         master: The master.
@@ -83,21 +83,19 @@ def leave(
     ]
     if state == AlState.OP or not told:
         return []
-    now = {item.position: item.al_state for item in master.states()}
-    texts: list[str] = []
+    now = {item.position: item.al_state & 0x0F for item in master.states()}
     in_op = [item for item in told if now[item.slave.position] == AlState.OP]
-    texts += yield from _write(master, in_op, "OS")
+    texts, silent = yield from write_parameters(master, in_op, "OS")
+    texts += [missed.text for missed in silent.values()]
     if state == AlState.SAFEOP:
         return texts
     further = [item for item in told if item.settings.parameters("SP")]
+    further = [item for item in further if item.slave.position not in silent]
     leaving = [item.slave.position for item in further if item in in_op]
     if leaving:
         missed = yield from master.request_state(AlState.SAFEOP, timeout_s, leaving)
-        now |= dict.fromkeys(leaving, AlState.SAFEOP) | {m.position: m.al_state for m in missed}
+        now |= dict.fromkeys(leaving, AlState.SAFEOP)
+        now |= {item.position: item.al_state & 0x0F for item in missed}
     in_safeop = [item for item in further if now[item.slave.position] == AlState.SAFEOP]
-    return texts + (yield from _write(master, in_safeop, "SP"))
-
-
-def _write(master: Master, items: Sequence[Scanned], transition: str) -> Steps[list[str]]:
-    refused, missed = yield from write_parameters(master, items, transition)
-    return refused + [item.text for item in missed.values()]
+    refused, silent = yield from write_parameters(master, in_safeop, "SP")
+    return texts + refused + [missed.text for missed in silent.values()]

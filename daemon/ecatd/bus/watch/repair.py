@@ -127,8 +127,7 @@ class Repair:
     def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         """Sets up on the way what has begun anew; on the worker."""
         running, timeout = self._running, self._state_timeout_s
-        for text in (yield from running.set_up.leave(positions, state)):
-            self._log.warning(text)
+        yield from self._leave(positions, state)
         seen = {item.position: item.al_state & 0x0F for item in running.master.states()}
         lost = [position for position in positions if not seen[position]]
         found, failures = self._find(lost)
@@ -146,6 +145,10 @@ class Repair:
             mapped_anew = [p for p in positions if seen[p] == AlState.PREOP or p in failures]
             yield from self._bring(mapped_anew, state, AlState.PREOP)
         yield from running.master.require_state(state, timeout, positions)
+
+    def _leave(self, positions: Sequence[int], state: AlState) -> Steps[None]:
+        for text in (yield from self._running.set_up.leave(positions, state)):
+            self._log.warning(text)
 
     def _bring(self, positions: Sequence[int], state: AlState, begin: AlState) -> Steps[None]:
         missed = yield from self._running.set_up.run(positions, state, begin=begin)
@@ -186,6 +189,7 @@ class Repair:
                 else:
                     here.append(position)
                 yield
+        yield from self._leave(here, AlState.INIT)
         found, lost = self._find([position for position in positions if position in missing])
         yield
         missed = yield from self._running.set_up.run(here + found)

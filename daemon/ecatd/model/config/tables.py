@@ -17,6 +17,9 @@ TRANSITIONS = ("IP", "PS", "SO", "OS", "SP")
 """Transitions of the state machine in which start-up parameters are written (ETG.1000.6): I INIT,
 P PREOP, S SAFEOP, O OP."""
 
+TRANSITIONS_DOWN = ("OS", "SP")
+"""Those to a lower state, which a slave reaches whatever it refuses."""
+
 
 @dataclass(slots=True)
 class PdoEntryConfig:
