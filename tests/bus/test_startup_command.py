@@ -60,14 +60,17 @@ def test_parameters_are_verified(machine: Callable[[str], Daemon]) -> None:
 def test_what_differs_from_the_defaults_is_captured(
     machine: Callable[[str], Daemon], tmp_path: Path
 ) -> None:
-    daemon = machine("")
+    scaled = '[[slave.startup]]\nobject = "0x2000:03"\ntype = "int16"\nvalue = 20\nunit = "V"\n'
+    meaning = '[[signal]]\nslave = 1\nentry = "0x2000:03"\nunit = "V"\nscale = 0.5\n'
+    daemon = machine(scaled + meaning)
+    assert daemon.ctl_json("sdo-read", "axis", "0x2000", "3")["value"] == 40
     daemon.ctl("sdo-write", "axis", "0x2000", "3", "50")
     daemon.ctl("sdo-write", "axis", "0x2001", "1", "9")
     file = tmp_path / "captured.toml"
     said = daemon.ctl("startup", "capture", "axis", "--esi", str(tmp_path), "-o", str(file)).stdout
     names(said, str(file), "2 parameters")
     tables = file.read_text()
-    names(tables, "slave 1 (axis, AX2)", "Limit; default -2", "axis.xml")
+    names(tables, "slave 1 (axis, AX2)", "Limit; default -2", "axis.xml", "# 25 V")
     config = read_config(tomllib.loads(f"[[slave]]\nposition = 1\n{tables}"))
     found = [(p.object, p.data) for p in config.slave[0].startup]
     assert found == [("0x2000:03", b"\x32\0"), ("0x2001:01", b"\x09\0")]
@@ -76,6 +79,72 @@ def test_what_differs_from_the_defaults_is_captured(
     daemon = machine(tables)  # a slave that is fresh from its box gets them
     assert daemon.ctl_json("sdo-read", "axis", "0x2000", "3")["value"] == 50
     assert daemon.ctl("startup", "verify").stdout.count("as configured") == 2
+
+
+PROFILE = """
+[[device]]
+description = "bench axis"
+has = ["0x6040:00"]
+[[device.entry]]
+index = 0x6083
+unit = "rad/s2"
+scale = 0.01
+"""
+PHYSICAL = """
+profiles = ["FOLDER"]
+[gateway]
+listen = []
+[[slave]]
+position = 0
+name = "axis"
+[[slave.startup]]
+object = "0x6083:00"
+type = "uint32"
+value = 1.506
+unit = "rad/s2"
+[[slave.startup]]
+object = "0x6081:00"
+type = "uint32"
+value = 3.141592653589793
+unit = "rad/s"
+transition = "SO"
+[[signal]]
+slave = "axis"
+entry = "0x6081:00"
+unit = "rpm"
+scale = 0.5
+"""
+
+
+def test_physical_values_become_raw(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    """One object is known by a profile, one by a table; both are outside of the process data."""
+    (tmp_path / "axis.toml").write_text(PROFILE)
+    config = PHYSICAL.replace("FOLDER", str(tmp_path))
+    rig = tmp_path / "rig"
+    rig.mkdir()
+    rig = rig / "rig.toml"
+    rig.write_text('name = "m"\n[[slave]]\ndevice = "CiA402"\n')
+    daemon = start_daemon(str(rig), config=config)
+    raw = [daemon.ctl_json("sdo-read", "axis", at)["value"] for at in ("0x6083", "0x6081")]
+    assert raw == [151, 60], "rounded to the nearest raw value; 30 rpm are pi rad/s"
+    shown = daemon.ctl("startup", "verify").stdout.splitlines()
+    names(shown[1], "0x6083:00", "151 (1.51 rad/s2)", "as configured")
+    names(shown[2], "0x6081:00", "60 (30 rpm)", "as configured")
+    daemon.ctl("sdo-write", "axis", "0x6081", "0", "61")
+    changed = daemon.ctl("startup", "verify", check=False).stdout
+    names(changed, "60 (30 rpm)", "61 (30.5 rpm)", "different")
+    assert daemon.stop() == 0
+    for wrong, tokens in (
+        (
+            ("0x6083:00", "0x6084:00"),
+            ["slave 0 (CiA402)", "0x6084:00", "1.506 rad/s2", "[[signal]]"],
+        ),
+        (("1.506", "-1"), ["slave 0 (CiA402)", "-1 rad/s2", "-100", "UNSIGNED32"]),
+        (('"rad/s2"', '"V"'), ["slave 0 (CiA402)", "0x6083:00 is in rad/s2", "not in V"]),
+    ):
+        status, log = start_daemon(str(rig), config=config.replace(*wrong), ready=False).wait_end()
+        assert status == 2, log
+        names(one_line_error(log, "ecatd"), *tokens)
 
 
 WRONG = [

@@ -78,6 +78,11 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         object = "0x1C32:00"
         hex = "01 00"
         complete = true
+        [[slave.startup]]
+        object = "0x6083:00"
+        type = "uint32"
+        value = 1.5
+        unit = "rad/s2"
         [[domain]]
         name = "fast"
         [[domain]]
@@ -163,13 +168,16 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             [0x1605, 0x1A02],
             [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],
             [
-                StartupConfig("0x6065:00", "uint32", "1234", None, False, "IP", True, "window"),
+                StartupConfig(
+                    "0x6065:00", "uint32", "1234", None, None, False, "IP", True, "window"
+                ),
                 StartupConfig("0x1C32:00", hex="01 00", complete=True),
+                StartupConfig("0x6083:00", "uint32", "1.5", "rad/s2"),
             ],
         )
     ]
     assert config.expected == ExpectedConfig("tolerant", False, str(tmp_path / "full.json"))
-    assert [item.data for item in config.slave[0].startup] == [b"\xd2\x04\0\0", b"\1\0"]
+    assert [item.data for item in config.slave[0].startup[:2]] == [b"\xd2\x04\0\0", b"\1\0"]
     assert config.domain == [DomainConfig("fast"), DomainConfig("slow", 4, 3, [3, 5, 6, 7, 9])]
     assert config.dc == DcConfig(
         True,  # since there is a table for a slave
@@ -239,6 +247,11 @@ def test_clocks_can_be_switched_off_with_tables_in_place(tmp_path: Path) -> None
 SLAVE = "[[slave]]\nposition = 0\n"
 PDO = "[[slave.pdo]]\nindex = 0x1600\nentries = []\n"
 START = "[[slave.startup]]\nobject = '0x6065:00'\n"
+RPM = "type = 'int16'\nunit = 'rpm'\n"
+SCALED = (
+    "[[signal]]\nslave = 0\nentry = '0x6065:00'\nunit = 'rpm'\nscale = 0.1\n"
+    "minimum = -900\nmaximum = 900"
+)
 INT8 = "type = 'int8'\n"
 
 
@@ -267,6 +280,37 @@ INT8 = "type = 'int8'\n"
         (f"{SLAVE}{START}{INT8}value = 128", ":6: slave[0].startup[0].value:", "128 | -128 | 127"),
         (f"{SLAVE}{START}{INT8}value = 1.5", ":6: slave[0].startup[0].value:", "1.5 | int8"),
         (f"{SLAVE}{START}{INT8}value = nan", ":6: slave[0].startup[0].value:", "nan"),
+        (f"{SLAVE}{START}type = 'float'\nvalue = 'inf'", ":6: slave[0].startup[0].value:", "inf"),
+        (f"{SLAVE}{START}{RPM}value = inf", ":7: slave[0].startup[0].value:", "finite | inf"),
+        (f"{SLAVE}{START}{RPM}value = 'nan'", ":7: slave[0].startup[0].value:", "finite | nan"),
+        (f"{SLAVE}{START}{RPM}value = 'x'", ":7: slave[0].startup[0].value:", "number | unit"),
+        (f"{SLAVE}{START}{RPM}value = true", ":7: slave[0].startup[0].value:", "number | true"),
+        (
+            f"{SLAVE}{START}{RPM}value = 1e9\n{SCALED}",
+            ":7: slave[0].startup[0].value:",
+            "1000000000 rpm | INTEGER16",
+        ),
+        (
+            f"{SLAVE}{START}{RPM}value = 901\n{SCALED}",
+            ":7: slave[0].startup[0].value:",
+            "901 rpm | 0x6065:00 | -900 to 900 rpm",
+        ),
+        (
+            f"{SLAVE}{START}{RPM}value = 1\n{SCALED.replace('rpm', 'V')}",
+            ":7: slave[0].startup[0].value:",
+            "in V | not in rpm",
+        ),
+        (
+            f"{SLAVE}{START}type = 'string'\nvalue = 1\nunit = 'V'",
+            ":7: slave[0].startup[0].unit:",
+            "numbers | string",
+        ),
+        (f"{SLAVE}{START}hex = '00'\nunit = 'V'", ":5: slave[0].startup[0].hex:", "unit"),
+        (
+            f"{SLAVE}{START}{INT8}value = 1\nunit = ''",
+            ":7: slave[0].startup[0].unit:",
+            "empty | rad/s",
+        ),
         (f"{SLAVE}{START}{INT8}value = []", ":6: slave[0].startup[0].value:", "array"),
         (f"{SLAVE}{START}{INT8}hex = '00'", ":6: slave[0].startup[0].hex:", "type | value"),
         (f"{SLAVE}{START}type = 'tiny'", ":5: slave[0].startup[0].type:", "'tiny' | uint8"),

@@ -5,16 +5,22 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, StartupConfig, load_config
 from ecatd.model.config.writer import value_text
-from ecatd.model.datatypes import STRINGS, decode, parse_type, type_alias
+from ecatd.model.datatypes import STRINGS, bit_length, decode, parse_type, type_alias
 from ecatd.model.dictionary import Access
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
 from ecatd.model.expected_bus import compare
+from ecatd.model.meanings import object_meaning
+from ecatd.model.pdo import Entry
+from ecatd.model.physical import physical_text
+from ecatd.model.profiles import load_profiles
+from ecatd.paths import profile_folders
 
 from .arguments import slave
 from .esi_devices import device_of
@@ -108,19 +114,52 @@ def _compared(
 ) -> Iterator[dict[str, Any]]:
     places = compare(used, bus.slaves).places
     position = None if chosen is None else bus.find(chosen).position
-    for settings in used.moved(places).slave:
+    here = used.moved(places)
+    meanings = _Meanings(here)
+    for settings in here.slave:
         if position not in (None, settings.position) or settings.position >= len(bus.slaves):
             continue
         for parameter in settings.startup:
+            row = {"slave": settings.position, "object": parameter.object}
+            known = meanings.of(bus.slaves[settings.position], parameter.entry)
+            try:
+                raw = parameter.raw(known)
+            except UsageError as error:
+                configured = f"{parameter.value} {parameter.unit}"
+                yield {**row, "configured": configured, "has": None, "result": str(error)}
+                continue
             yield {
-                "slave": settings.position,
-                "object": parameter.object,
-                "configured": _shown(parameter, parameter.data),
-                **_value_of(remote, settings.position, parameter),
+                **row,
+                "configured": _shown(raw, known, raw.data),
+                **_value_of(remote, settings.position, raw, known),
             }
 
 
-def _value_of(remote: Remote, position: int, parameter: StartupConfig) -> dict[str, Any]:
+class _Meanings:
+    """What objects of slaves mean: as the daemon says, or the profiles of this computer.
+
+    Args:
+        used: The configuration, with the positions of the bus.
+    """
+
+    def __init__(self, used: Config) -> None:
+        self._rules = used.signal
+        named = [folder for folder in map(Path, used.profiles) if folder.is_dir()]
+        self._profiles = load_profiles(named, profile_folders())
+
+    def of(self, slave: Slave, entry: Entry) -> Entry:
+        """An object with its meaning."""
+        for outputs in (True, False):
+            for _, mapped, _ in slave.entries(outputs=outputs):
+                same = (mapped.index, mapped.subindex) == (entry.index, entry.subindex)
+                if same and mapped.is_physical:
+                    return replace(mapped, data_type=entry.data_type, bit_length=entry.bit_length)
+        return object_meaning(slave, entry, self._profiles, self._rules)
+
+
+def _value_of(
+    remote: Remote, position: int, parameter: StartupConfig, known: Entry
+) -> dict[str, Any]:
     """What a slave has for a parameter, and the result of the comparison."""
     index, subindex = parameter.address
     try:
@@ -128,13 +167,16 @@ def _value_of(remote: Remote, position: int, parameter: StartupConfig) -> dict[s
     except (SdoAbortError, NoAnswerError, StateError) as error:
         return {"has": None, "result": f"cannot be read: {error}"}
     same = data[: len(parameter.data)] == parameter.data
-    return {"has": _shown(parameter, data), "result": "as configured" if same else "different"}
+    result = "as configured" if same else "different"
+    return {"has": _shown(parameter, known, data), "result": result}
 
 
-def _shown(parameter: StartupConfig, data: bytes) -> str:
+def _shown(parameter: StartupConfig, known: Entry, data: bytes) -> str:
     if parameter.type is None:
         return data.hex(" ")
-    return str(decode(parse_type(parameter.type), data))
+    physical = physical_text(known, data)
+    text = str(decode(parse_type(parameter.type), data))
+    return f"{text} ({physical})" if physical else text
 
 
 # --- capture -------------------------------------------------------------------------------------
@@ -144,16 +186,22 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
     bus = remote.describe()
     found = bus.find(options.slave)
     device = device_of(found, options.esi)
-    rows = list(_changed(remote, found, device))
+    used = remote.configuration()[0]
+    meanings = _Meanings(used.moved(compare(used, bus.slaves).places))
+    rows = list(_changed(remote, found, device, meanings))
     if options.json:
         print_json({"bus": bus.name, "slave": found.position, "parameters": rows})
         return 0
     lines = [f"# {found.label}: objects that differ from the defaults in {Path(device.path).name}"]
     for row in rows:
         name = f"  # {row['name']}; default {row['default']}"
+        physical = f"  # {row['physical']}" if row["physical"] else ""
         lines += ["", "[[slave.startup]]", f'object = "{row["object"]}"{name}']
         if row["type"]:
-            lines += [f'type = "{row["type"]}"', f"value = {value_text('', row['value'])}"]
+            lines += [
+                f'type = "{row["type"]}"',
+                f"value = {value_text('', row['value'])}{physical}",
+            ]
         else:
             lines += [f'hex = "{row["value"]}"']
     if options.out is None:
@@ -165,7 +213,9 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
     return 0
 
 
-def _changed(remote: Remote, found: Slave, device: EsiDevice) -> Iterator[dict[str, Any]]:
+def _changed(
+    remote: Remote, found: Slave, device: EsiDevice, meanings: _Meanings
+) -> Iterator[dict[str, Any]]:
     """Reads the objects that can be written and have a default; yields those that differ."""
     mapped = {
         (entry.index, entry.subindex)
@@ -191,7 +241,12 @@ def _changed(remote: Remote, found: Slave, device: EsiDevice) -> Iterator[dict[s
             continue  # the file describes more than this slave has
         assert entry.default is not None
         if data != entry.default:
-            yield _row(index, entry, data, entry.default)
+            bits = bit_length(entry.data_type)
+            known = meanings.of(found, Entry(index, entry.subindex, "", entry.data_type, bits))
+            yield {
+                **_row(index, entry, data, entry.default),
+                "physical": physical_text(known, data),
+            }
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr)
 

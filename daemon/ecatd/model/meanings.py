@@ -8,26 +8,33 @@ generated blocks and FMUs take the meaning from the description, or compare thei
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from .bus import Bus, Slave
-from .config import SignalConfig
+from .config import SignalConfig, SlaveConfig
 from .datatypes import is_real, type_name, value_range
-from .errors import ConfigError
+from .errors import ConfigError, UsageError
 from .pdo import Entry, Pdo, Value
 from .profiles import DeviceProfile, Profiles
 
 _BITS_MAX = 64  # longest entry that can be a signal in the shared memory
 
 
-def give_meanings(bus: Bus, profiles: Profiles, rules: Sequence[SignalConfig] = ()) -> Bus:
+def give_meanings(
+    bus: Bus,
+    profiles: Profiles,
+    rules: Sequence[SignalConfig] = (),
+    told: Collection[tuple[int, tuple[int, int]]] = (),
+) -> Bus:
     """Gives name, unit, scale, limits and named values to the entries for which they are known.
 
     Args:
         bus: The scanned bus; its slaves are changed in place.
         profiles: Device profiles.
         rules: `[[signal]]` tables of the configuration, which take precedence.
+        told: Slave and address of the start-up parameters. A rule may be about one of them that is
+            not in the process data.
 
     Returns:
         The same bus.
@@ -38,8 +45,54 @@ def give_meanings(bus: Bus, profiles: Profiles, rules: Sequence[SignalConfig] = 
     for slave in bus.slaves:
         _apply_profiles(slave, profiles.of(slave))
     for rule in rules:
-        _apply_rule(find_slave(bus, rule.slave, "signal"), rule)
+        slave = find_slave(bus, rule.slave, "signal")
+        _apply_rule(slave, rule, told=(rule.slave, rule.address) in told)
     return bus
+
+
+def object_meaning(
+    slave: Slave, entry: Entry, profiles: Profiles, rules: Sequence[SignalConfig]
+) -> Entry:
+    """What an object means that is written, though it need not be in the process data.
+
+    Args:
+        slave: The slave; its PDOs say which profiles fit.
+        entry: The object.
+        profiles: Device profiles.
+        rules: `[[signal]]` tables of the configuration, which take precedence.
+
+    Raises:
+        ConfigError: It has no value within its limits.
+    """
+    _, known = _profiled(slave, entry, profiles.of(slave), output=True)
+    for rule in rules:
+        if (rule.slave, rule.address) == (slave.position, (entry.index, entry.subindex)):
+            known = _declared(slave, known, rule, output=True)
+    return known
+
+
+def raw_parameters(
+    settings: SlaveConfig, slave: Slave, profiles: Profiles, rules: Sequence[SignalConfig]
+) -> SlaveConfig:
+    """Makes the physical values of the start-up parameters of a slave raw.
+
+    Args:
+        settings: The table of the slave in the configuration.
+        slave: See `object_meaning`, as the others.
+        profiles: Device profiles.
+        rules: `[[signal]]` tables of the configuration.
+
+    Raises:
+        ConfigError: Nothing says what unit a parameter has, or its value does not fit.
+    """
+    startup = []
+    for item in settings.startup:
+        known = object_meaning(slave, item.entry, profiles, rules) if item.unit else item.entry
+        try:
+            startup.append(item.raw(known))
+        except UsageError as error:
+            raise ConfigError(f"slave.startup: {slave.label}: {error}") from error
+    return replace(settings, startup=startup)
 
 
 def find_slave(bus: Bus, position: int, table: str) -> Slave:
@@ -75,33 +128,41 @@ def _apply_profiles(slave: Slave, devices: list[DeviceProfile]) -> None:
     used: list[DeviceProfile] = []
 
     def meant(entry: Entry, *, output: bool) -> Entry:
-        for device in devices:
-            meaning = device.meaning(entry)
-            if meaning is None or entry.bit_length > _BITS_MAX:
-                continue
-            if device not in used:
-                used.append(device)
-            known = replace(
-                entry,
-                name=meaning.name or entry.name,
-                unit=meaning.unit,
-                scale=meaning.scale,
-                offset=meaning.offset,
-                minimum=meaning.minimum if output else None,
-                maximum=meaning.maximum if output else None,
-                display_unit=meaning.display_unit,
-                quantity=meaning.quantity,
-                values=list(meaning.values),
-                note=meaning.note,
-                connector=meaning.connector,
-            )
-            _check_limits(known, f"{device.source}: {entry.address} of {slave.label}")
-            return known
-        return entry
+        device, known = _profiled(slave, entry, devices, output=output)
+        if device is not None and device not in used:
+            used.append(device)
+        return known
 
     slave.outputs = _changed(slave.outputs, lambda entry: meant(entry, output=True))
     slave.inputs = _changed(slave.inputs, lambda entry: meant(entry, output=False))
     slave.profiles = [device.label for device in used]
+
+
+def _profiled(
+    slave: Slave, entry: Entry, devices: list[DeviceProfile], *, output: bool
+) -> tuple[DeviceProfile | None, Entry]:
+    """The profile that knows an entry, and the entry as it describes it."""
+    for device in devices:
+        meaning = device.meaning(entry)
+        if meaning is None or entry.bit_length > _BITS_MAX:
+            continue
+        known = replace(
+            entry,
+            name=meaning.name or entry.name,
+            unit=meaning.unit,
+            scale=meaning.scale,
+            offset=meaning.offset,
+            minimum=meaning.minimum if output else None,
+            maximum=meaning.maximum if output else None,
+            display_unit=meaning.display_unit,
+            quantity=meaning.quantity,
+            values=list(meaning.values),
+            note=meaning.note,
+            connector=meaning.connector,
+        )
+        _check_limits(known, f"{device.source}: {entry.address} of {slave.label}")
+        return device, known
+    return None, entry
 
 
 def _changed(pdos: list[Pdo], change: Callable[[Entry], Entry]) -> list[Pdo]:
@@ -112,7 +173,7 @@ def _changed(pdos: list[Pdo], change: Callable[[Entry], Entry]) -> list[Pdo]:
     ]
 
 
-def _apply_rule(slave: Slave, rule: SignalConfig) -> None:
+def _apply_rule(slave: Slave, rule: SignalConfig, *, told: bool) -> None:
     found = {True: False, False: False}
 
     def meant(entry: Entry, *, output: bool) -> Entry:
@@ -128,7 +189,7 @@ def _apply_rule(slave: Slave, rule: SignalConfig) -> None:
             f"signal: {rule.entry} of {slave.label} is an input: minimum and maximum are for "
             f"outputs, what is measured cannot be refused"
         )
-    if not any(found.values()):
+    if not any(found.values()) and not told:
         raise ConfigError(
             f"signal: {slave.label} has no {rule.entry} in its process data; "
             f"`ecatctl pdos -p {slave.position}` lists what it has"
@@ -143,18 +204,8 @@ def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -
             f"{where} has {entry.bit_length} bits: only entries of up to {_BITS_MAX} are signals"
         )
     known = replace(entry, name=rule.name or entry.name)
-    if (rule.unit, rule.scale, rule.offset) != (None, None, None):
-        known = replace(
-            known,
-            unit=rule.unit or "",
-            scale=1.0 if rule.scale is None else rule.scale,
-            offset=rule.offset or 0.0,
-            # The profile gives these in its own unit, so they would be wrong now.
-            minimum=None,
-            maximum=None,
-            display_unit="",
-            quantity="",
-        )
+    if rule.is_scaled:  # the profile gives its limits in its own unit
+        known = replace(rule.scaled(known), minimum=None, maximum=None)
     if rule.values:
         known.values = [Value(int(number), name) for number, name in rule.values.items()]
     if output and rule.minimum is not None:

@@ -12,7 +12,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ecatd.coroutine_steps import finish
@@ -22,7 +22,7 @@ from ecatd.model.bus import Bus
 from ecatd.model.config import Config, RecoveryConfig
 from ecatd.model.errors import StateError
 from ecatd.model.expected_bus import compare
-from ecatd.model.meanings import give_meanings, unused_profiles
+from ecatd.model.meanings import give_meanings, raw_parameters, unused_profiles
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.paths import profile_folders
 from ecatd.real_time import SETTINGS
@@ -241,6 +241,7 @@ class BringUp:
         """Reads SII and PDOs of every slave into the bus description."""
         self._scanned = arrange(master, identify_slaves(master), self.config, self._log.warning)
         unexpected = self._compare()
+        self._make_raw()
         configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
         for item in self._scanned:
             for text in item.refused:
@@ -302,6 +303,27 @@ class BringUp:
         self.config = self.config.moved({n: at for n, at in places if at not in unexpected})
         return unexpected
 
+    def _make_raw(self) -> None:
+        """Makes the physical values of start-up parameters raw, before any of them is written.
+
+        The PDOs of the EEPROM say which device profiles fit: those in use are not known yet.
+
+        Raises:
+            ConfigError: A value has no meaning, or does not fit.
+        """
+        raw = []
+        for wanted in self.config.slave:
+            if wanted.position < len(self._scanned):
+                item = self._scanned[wanted.position]
+                slave = replace(
+                    item.slave,
+                    outputs=[*item.slave.outputs, *item.sii.outputs],
+                    inputs=[*item.slave.inputs, *item.sii.inputs],
+                )
+                wanted = raw_parameters(wanted, slave, self._profiles, self.config.signal)
+            raw.append(wanted)
+        self.config = replace(self.config, slave=raw)
+
     @property
     def _absent(self) -> set[int]:
         """Positions of the optional slaves that have not been there yet."""
@@ -329,7 +351,8 @@ class BringUp:
     def _map(self, master: Master) -> Image:
         """Lays out the process image, checks its timing, and configures the slaves for it."""
         signals = fitting(self.config.signal, self.bus, self._doubtful)
-        give_meanings(self.bus, self._profiles, signals)
+        told = {(item.position, one.address) for item in self.config.slave for one in item.startup}
+        give_meanings(self.bus, self._profiles, signals, told)
         for warning in unused_profiles(self.bus, self._profiles):
             self._log.warning(warning)
         safe = fitting(self.config.outputs.safe, self.bus, self._doubtful)

@@ -10,7 +10,7 @@ from ..toml_file import Document, Key, Rules, Table, array, choice, integer, num
 from .copies import read_copies
 from .outputs import read_outputs
 from .signals import read_signals
-from .slave_settings import read_expected, read_slaves
+from .slave_settings import check_physical, read_expected, read_slaves
 from .slaves import check_clocks, read_clocks, read_domains
 from .tables import (
     RECOVERY_MODES,
@@ -119,4 +119,5 @@ def _read(top: Table) -> Config:
             f"this computer needs an interface of its own",
         )
     check_clocks(top, config)
+    check_physical(top, config)
     return config

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 
 from ..datatypes import DataType, bit_length, is_real, parse_type
 from ..toml_file import Key, Rules, Table, array, choice, integer, number, printable, show
-from .signals import NAME_BYTES
+from .signals import NAME_BYTES, UNIT_BYTES
 from .tables import (
     POSITION_MAX,
     STRICT,
     TOLERANT,
     TRANSITIONS,
+    Config,
     ExpectedConfig,
     PdoConfig,
     PdoEntryConfig,
@@ -170,8 +172,8 @@ def _parameter(row: Table, key: Key) -> StartupConfig:
     table = row.table(key)
     values = table.read(_STARTUP, required=["object"])
     if "hex" in values:
-        if "type" in values or "value" in values:
-            table.fail("hex", "stands in place of type and value: leave them out")
+        if values.keys() & {"type", "value", "unit"}:
+            table.fail("hex", "stands in place of type, value and unit: leave them out")
     elif "value" not in values or "type" not in values:
         missing = "type" if "value" in values else "value"
         table.fail(
@@ -184,6 +186,13 @@ def _parameter(row: Table, key: Key) -> StartupConfig:
         table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
     if parameter.complete and parameter.address[1] > 1:
         table.fail("object", "complete access begins at subindex 00 or 01")
+    if parameter.unit is not None:
+        kind = parse_type(parameter.type or "")
+        if not bit_length(kind) or kind == DataType.BOOLEAN:
+            table.fail("unit", f"is for numbers, but the type is {parameter.type}")
+        if parameter.complete:
+            table.fail("complete", "needs hex: a whole object has no single type")
+        return parameter
     given = "value" if parameter.hex is None else "hex"
     if parameter.complete and given == "value":
         table.fail("complete", "needs hex: a whole object has no single type")
@@ -202,22 +211,50 @@ def _type(table: Table, key: Key) -> str:
     return name
 
 
+def _unit(table: Table, key: Key) -> str:
+    unit = printable(UNIT_BYTES)(table, key)
+    return unit or table.fail(key, 'is empty: write the unit of the value, such as "rad/s"')
+
+
 def _value(table: Table, key: Key) -> str:
     """Reads a number, a text or true and false; returns it as `sdo-write` takes it."""
+    if "unit" in table:
+        return _physical(table, key)
     value = table.data[key]
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, float) and not math.isfinite(value):
-        table.fail(key, f"must be a finite number, not {value}")
+    kind = None
+    if "type" in table:
+        kind = table.explain("type", lambda: parse_type(table.text("type")))
+    real = kind is not None and is_real(kind)
+    if isinstance(value, float) or (real and isinstance(value, str)):
+        _check_finite(table, key)
     if isinstance(value, int | float):
-        if isinstance(value, float) and "type" in table:
-            kind = table.explain("type", lambda: parse_type(table.text("type")))
-            if not is_real(kind):
-                table.fail(key, f"{value!r} has a fraction, but the type is {table.text('type')}")
+        if isinstance(value, float) and kind is not None and not real:
+            table.fail(key, f"{value!r} has a fraction, but the type is {table.text('type')}")
         return repr(value)
     if isinstance(value, str):
         return value
     table.fail(key, f"must be a number, a text in quotes, or true or false, not {table.show(key)}")
+
+
+def _physical(table: Table, key: Key) -> str:
+    """Reads a number with a unit; `Config.to_dict` writes it as a text."""
+    value = table.data[key]
+    if not isinstance(value, str):
+        return repr(table.number(key))
+    if not _check_finite(table, key):
+        table.fail(key, f"must be a number, since it has a unit, not {table.show(key)}")
+    return value
+
+
+def _check_finite(table: Table, key: Key) -> bool:
+    """Refuses NaN and infinity, also in a text; returns whether the value is a number."""
+    try:
+        finite = math.isfinite(float(table.data[key]))
+    except ValueError:
+        return False
+    return finite or table.fail(key, f"must be a finite number, not {table.data[key]}")
 
 
 def _hex(table: Table, key: Key) -> str:
@@ -229,12 +266,30 @@ def _hex(table: Table, key: Key) -> str:
     return text
 
 
+def check_physical(top: Table, config: Config) -> None:
+    """Checks the physical values of parameters whose unit and scale a `[[signal]]` gives.
+
+    Those that a device profile knows are checked when the bus starts.
+
+    Raises:
+        ConfigError: A value does not fit.
+    """
+    rules = {(rule.slave, rule.address): rule for rule in config.signal if rule.is_scaled}
+    for row, slave in zip(top.tables("slave"), config.slave, strict=True):
+        for table, parameter in zip(row.tables("startup"), slave.startup, strict=True):
+            rule = rules.get((slave.position, parameter.address))
+            if rule is not None and parameter.unit is not None:
+                known = rule.scaled(parameter.entry)
+                table.explain("value", partial(parameter.raw, known))
+
+
 _ENTRY: Rules = {"object": _object, "bits": integer(1, 8 * 1486)}
 _PDO: Rules = {"index": _pdo_index, "entries": _entries}
 _STARTUP: Rules = {
     "object": _object,
     "type": _type,
     "value": _value,
+    "unit": _unit,
     "hex": _hex,
     "complete": Table.boolean,
     "transition": choice({name: name for name in TRANSITIONS}),

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
-from ..datatypes import DataType, encode, parse_type
-from ..pdo import parse_address
+from ..datatypes import DataType, bit_length, encode, parse_type
+from ..pdo import Entry, parse_address
+from ..physical import to_raw
 
 POSITION_MAX = 65535
 
@@ -59,7 +60,9 @@ class StartupConfig:
     Attributes:
         object: Address such as "0x6065:00"; with complete access, where the data begin.
         type: Data type of `value`, such as "uint32".
-        value: The value, as `sdo-write` takes it.
+        value: The value, as `sdo-write` takes it; with `unit`, a physical one.
+        unit: Unit of a physical value. `meanings.raw_parameters` makes it raw, when it is known
+            which slave it is.
         hex: Hexadecimal bytes, in place of `type` and `value`.
         complete: Whether the whole object is written at once (complete access).
         transition: When it is written, one of `TRANSITIONS`.
@@ -70,6 +73,7 @@ class StartupConfig:
     object: str
     type: str | None = None
     value: str | None = None
+    unit: str | None = None
     hex: str | None = None
     complete: bool = False
     transition: str = "PS"
@@ -85,14 +89,35 @@ class StartupConfig:
 
     @property
     def data(self) -> bytes:
-        """The value as the slave gets it.
+        """The raw value as the slave gets it.
 
         Raises:
             UsageError: The value does not fit the type.
         """
+        assert self.unit is None, "made raw when it was known which slave it is"
         if self.hex is not None:
             return encode(DataType.OCTET_STRING, self.hex)
         return encode(parse_type(self.type or ""), self.value or "")
+
+    @property
+    def entry(self) -> Entry:
+        """The object as an entry without a meaning; padding if `hex` gives its bytes."""
+        kind = DataType.PADDING if self.type is None else parse_type(self.type)
+        return Entry(*self.address, "", kind, bit_length(kind))
+
+    def raw(self, entry: Entry) -> StartupConfig:
+        """Makes a physical value raw.
+
+        Args:
+            entry: The object with its meaning.
+
+        Raises:
+            UsageError: Nothing says what its unit is, or the value does not fit.
+        """
+        if self.unit is None:
+            return self
+        raw = to_raw(entry, float(self.value or ""), self.unit)
+        return replace(self, value=repr(raw), unit=None)
 
 
 STRICT, TOLERANT = "strict", "tolerant"
@@ -411,6 +436,24 @@ class SignalConfig:
         address = parse_address(self.entry)
         assert address is not None, "checked when the configuration was read"
         return address
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether it gives unit, scale and offset, instead of those of a profile."""
+        return (self.unit, self.scale, self.offset) != (None, None, None)
+
+    def scaled(self, entry: Entry) -> Entry:
+        """The entry with the unit, scale, offset and limits of this table."""
+        return replace(
+            entry,
+            unit=self.unit or "",
+            scale=1.0 if self.scale is None else self.scale,
+            offset=self.offset or 0.0,
+            minimum=self.minimum,
+            maximum=self.maximum,
+            display_unit="",
+            quantity="",
+        )
 
 
 @dataclass(slots=True)
