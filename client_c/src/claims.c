@@ -74,6 +74,19 @@ static void name_of(const ecat_out_slot *slot, char name[33]) {
     if (name[i] < ' ' || name[i] > '~') name[i] = '?';
 }
 
+/* Says that a copy cannot be claimed, and what is copied. */
+static int refused_copy(ecat_t *bus, int number) {
+  uint32_t source = bus->outputs[number].source;
+  const ecat_shm_signal *entry = &bus->signals[number];
+  const ecat_shm_signal *from = &bus->signals[source < bus->header->signal_count ? source : 0];
+  return ecat_fail(bus, ECAT_EOWNED,
+                   "output 0x%04X:%02X of slave %d (%s) of bus '%s' cannot be claimed: the daemon copies "
+                   "input 0x%04X:%02X of slave %d (%s) to it ([[copy]] in its configuration)",
+                   entry->index, entry->subindex, entry->slave,
+                   ecat_shown(bus->slaves[entry->slave].name), bus->name, from->index, from->subindex,
+                   from->slave, ecat_shown(bus->slaves[from->slave].name));
+}
+
 static int refused(ecat_t *bus, int conflict) {
   const ecat_out_slot *other;
   const ecat_shm_signal *entry;
@@ -81,12 +94,7 @@ static int refused(ecat_t *bus, int conflict) {
   if (conflict < 0 || conflict >= ecat_signal_count(bus))
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
   entry = &bus->signals[conflict];
-  if (ecat_is_copy(bus, conflict))
-    return ecat_fail(bus, ECAT_EOWNED,
-                     "output 0x%04X:%02X of slave %d (%s) of bus '%s' cannot be claimed: the daemon copies "
-                     "an input to it ([[copy]] in its configuration)",
-                     entry->index, entry->subindex, entry->slave,
-                     ecat_shown(bus->slaves[entry->slave].name), bus->name);
+  if (ecat_is_copy(bus, conflict)) return refused_copy(bus, conflict);
   other = ecat_slot_of(bus, __atomic_load_n(&bus->outputs[conflict].owner, __ATOMIC_ACQUIRE));
   if (other == NULL)
     return ecat_fail(bus, ECAT_EOWNED, "the outputs of slave %d were owned a moment ago; try again",

@@ -1,31 +1,36 @@
 /* Copies: outputs that an input of another slave decides, in every cycle.
  *
- * An input of one cycle goes out with the next. While its slave does not take part in the exchange, the
- * output has its safe value. Nobody can claim such an output. */
+ * An input of one cycle goes out with the next. While the input is not valid, the output has its safe
+ * value; also while the drive that it belongs to is brought to a stop. Nobody can claim such an output. */
 #include "engine.h"
 
 #include <errno.h>
 #include <stdlib.h>
+
+enum { OP = 8 }; /* AL status without the error flag (ETG.1000.6) */
 
 static uint32_t bit_of(const cyclic_t *c, uint32_t signal) {
   const ecat_shm_signal *s = &c->signals[signal];
   return 8 * c->domain[s->domain].output_base + s->bit_offset;
 }
 
-static void tell(cyclic_t *c, const struct copy *copy, uint32_t reason) {
+static void tell(cyclic_t *c, struct copy *copy, uint32_t reason) {
   ecat_shm_output *output = &c->output[copy->target];
+  copy->told = reason;
   __atomic_store_n(&output->state, ECAT_OUTPUTS_COPIED, __ATOMIC_RELAXED);
   __atomic_store_n(&output->reason, reason, __ATOMIC_RELAXED);
   __atomic_store_n(&output->since_cycle, c->cycle, __ATOMIC_RELAXED);
   __atomic_store_n(&output->since_ns, c->now_ns, __ATOMIC_RELEASE);
 }
 
-/* The value of the input as bits of the output; 0 if there is none. An input that is not a number has
- * none either. */
+/* The value of the input as bits of the output; 0 if it is not valid. It is valid as `valid` of a session
+ * is, and a finite number. */
 static int read_source(const cyclic_t *c, const struct copy *copy, uint64_t *bits) {
   const struct domain *domain = &c->domain[copy->domain];
   struct value value = {.scale = 1, .analog = 1};
-  if (domain->wkc_state != ECAT_WKC_COMPLETE || (domain->absent & copy->group) != 0) return 0;
+  if (domain->wkc_state != ECAT_WKC_COMPLETE || (domain->absent & copy->group) != 0 ||
+      __atomic_load_n(copy->al_state, __ATOMIC_RELAXED) != OP)
+    return 0;
   *bits = bits_get(domain->image, copy->source_bit, copy->source_bits);
   if (copy->plain) return 1;
   value.real = raw_to_double(*bits, copy->source_bits, copy->source_sign, copy->source_real) *
@@ -33,31 +38,48 @@ static int read_source(const cyclic_t *c, const struct copy *copy, uint64_t *bit
   return value_encode(&copy->rule, &value, bits) == 0;
 }
 
+/* Why an output must have its safe value; ECAT_REASON_START: it has the value of the input, `bits`. */
+static uint32_t why_safe(const cyclic_t *c, const struct copy *copy, int stopping, uint64_t *bits) {
+  if (stopping) return ECAT_REASON_STOPPING;
+  if (copy->stop >= 0 && c->stop_sequence[copy->stop].running)
+    return c->output[c->stop_sequence[copy->stop].signal].reason;
+  return read_source(c, copy, bits) ? ECAT_REASON_START : ECAT_REASON_SOURCE;
+}
+
 void cyclic_copies_run(cyclic_t *c) {
   int stopping = __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED);
   uint32_t i;
   for (i = 0; i < c->copies; i++) {
     struct copy *copy = &c->copy[i];
-    uint64_t bits;
-    int valid = !stopping && read_source(c, copy, &bits);
-    if (!valid) {
+    uint64_t bits = 0;
+    uint32_t reason = why_safe(c, copy, stopping, &bits);
+    if (reason != ECAT_REASON_START) {
       uint64_t hold = bits_get(c->hold, copy->target_bit, copy->rule.bits);
       bits = (bits_get(c->outputs, copy->target_bit, copy->rule.bits) & hold) |
              (bits_get(c->safe, copy->target_bit, copy->rule.bits) & ~hold);
     }
     bits_put(c->outputs, copy->target_bit, copy->rule.bits, bits);
-    if (valid == copy->valid) continue;
-    copy->valid = valid;
-    tell(c, copy, valid ? ECAT_REASON_START : stopping ? ECAT_REASON_STOPPING : ECAT_REASON_WKC);
+    if (reason != copy->told) tell(c, copy, reason);
   }
 }
 
-int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor, double offset) {
+/* The stop of the drive with this controlword, -1: none. */
+static int32_t find_stop(const cyclic_t *c, int32_t controlword) {
+  int32_t i = (int32_t)c->stops;
+  while (--i >= 0 && (int32_t)c->stop_sequence[i].signal != controlword) continue;
+  return i;
+}
+
+int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor, double offset,
+                    int32_t controlword) {
+  const ecat_shm_slave_status *status =
+      (const void *)((const uint8_t *)c->header + c->header->slave_status_offset);
   const ecat_shm_signal *from, *to;
   struct copy *grown, *copy;
   int32_t group;
   if (source >= c->header->signal_count || target >= c->header->signal_count ||
-      c->signals[source].output || !c->signals[target].output || c->started)
+      c->signals[source].output || !c->signals[target].output || set_has(c->copied, target) ||
+      c->started)
     return -EINVAL;
   grown = realloc(c->copy, (c->copies + 1) * sizeof *grown);
   if (grown == NULL) return -ENOMEM;
@@ -70,6 +92,8 @@ int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor
                         .target_bit = bit_of(c, target),
                         .domain = from->domain,
                         .group = group < 0 ? 0 : (uint64_t)1 << group,
+                        .al_state = &status[from->slave].al_state,
+                        .stop = find_stop(c, controlword),
                         .source_bit = from->bit_offset,
                         .source_bits = (uint8_t)from->bit_length,
                         .source_sign = (uint8_t)type_is_signed(from->type),
@@ -82,6 +106,7 @@ int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor
                 to->minimum == -HUGE_VAL && to->maximum == HUGE_VAL;
   set_drop(c->claimable, target);
   set_add(c->copied, target);
-  tell(c, copy, ECAT_REASON_START);
+  c->output[target].source = source;
+  tell(c, copy, ECAT_REASON_SOURCE);
   return 0;
 }

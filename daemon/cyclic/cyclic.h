@@ -101,9 +101,10 @@ CYCLIC_API int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statu
                                uint32_t value, uint64_t patience_ns);
 /* Copies an input to an output in every cycle: raw output = raw input * factor + offset, rounded to the
  * nearest number and held at the limits of the output. While the input is not valid, the output has its
- * safe value. Nobody can claim the output. Call it before cyclic_start(). */
+ * safe value; also while the drive with `controlword` (-1: none) is brought to a stop. Nobody can claim the
+ * output. Call it after cyclic_set_stop() of that drive, and before cyclic_start(). */
 CYCLIC_API int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor,
-                               double offset);
+                               double offset, int32_t controlword);
 /* Number of drives that are being stopped; valid from two cycles after cyclic_make_safe() on. */
 CYCLIC_API uint32_t cyclic_stopping(const cyclic_t *c);
 /* Starts the thread; 0 or -errno. It also starts if the system refuses a real-time setting: then

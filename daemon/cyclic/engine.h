@@ -126,9 +126,11 @@ struct copy {
   uint32_t target, target_bit; /* signal, and bit of the output image */
   uint32_t domain, source_bit; /* of the input: its domain, and bit of its image */
   uint64_t group;              /* bit of its group of optional slaves, 0: none */
+  const uint32_t *al_state;    /* of its slave, in the shared memory */
+  int32_t stop;                /* of the drive that the output belongs to; -1: none */
   uint8_t source_bits, source_sign, source_real;
   uint8_t plain;               /* the bits are copied as they are */
-  int valid;                   /* the output has the value of the input now */
+  uint32_t told;               /* ecat_reason that is published */
   double factor, offset;       /* raw output = raw input * factor + offset */
   struct rule rule;            /* for the values of the output */
 };

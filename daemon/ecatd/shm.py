@@ -178,6 +178,7 @@ class Reason(_Open):
     GONE = 3
     STOPPING = 4
     WKC = 5
+    SOURCE = 6
 
 
 class Request(_Open):

@@ -1,5 +1,6 @@
 """Copies: an input of one slave decides an output of another, in every cycle."""
 
+import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -76,6 +77,20 @@ from_slave = 4
 from_entry = "0x6000:01"
 """
 
+DRIVE = """
+[gateway]
+listen = []
+[[outputs.safe]]
+slave = 0
+value = "quick_stop"
+stop_timeout_s = 20
+[[copy]]
+slave = 0
+entry = "0x60FF:00"
+from_slave = 0
+from_entry = "0x6041:00"
+"""
+
 
 @pytest.fixture
 def daemon(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Daemon:
@@ -123,11 +138,75 @@ def test_the_output_is_safe_without_its_source(daemon: Daemon, client: Client) -
     lamp = client.signal("lamps/0x7010:01", "output")
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.power_off(5)  # the last of the domain, so no working counter is complete
-        wait_for(lambda: client.output(lamp).reason == shm.Reason.WKC, daemon)
+        wait_for(lambda: client.output(lamp).reason == shm.Reason.SOURCE, daemon)
         assert rig.get(2, 0x7010, 1) == 1
         rig.faults.power_on(5)
         wait_for(lambda: client.output(lamp).reason == shm.Reason.START, daemon)
     arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
+
+
+def test_the_output_is_safe_while_its_source_is_not_in_op(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """EL1008 has no outputs, so the working counter is complete in SAFEOP, too."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG)
+    config = CONFIG.replace("[gateway]", '[recovery]\nslaves = "none"\n[gateway]')
+    daemon = start_daemon(str(rig), config=config)
+    with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        client.claim(0, lease=30)
+        arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 0)
+        lamp = client.signal("lamps/0x7010:01", "output")
+        simulator.faults.al_error(1, code=0x001D)
+
+        def is_safe_though_all_is_exchanged() -> bool:
+            client.wait()
+            client.sample()
+            complete = client.domain().wkc_state == shm.WkcState.COMPLETE
+            return complete and (lamp.raw, client.output(lamp).reason) == (1, shm.Reason.SOURCE)
+
+        wait_for(is_safe_though_all_is_exchanged, daemon)
+        since = client.output(lamp).since_cycle
+        for _ in range(5):
+            client.wait()
+        client.sample()
+        assert (lamp.raw, client.output(lamp).since_cycle) == (1, since)
+        daemon.ctl("state", "OP", "-p", "1")
+        wait_for(lambda: client.output(lamp).reason == shm.Reason.START, daemon)
+        arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
+        arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 0)
+
+
+def test_the_stop_of_a_drive_wins(start_daemon: Callable[..., Daemon]) -> None:
+    """The statusword, which is never 0, is the target velocity, but not while the drive stops."""
+    daemon = start_daemon("troll", config=DRIVE)
+    with daemon.client() as client:
+
+        def until(condition: Callable[[], bool]) -> None:
+            def holds() -> bool:
+                client.wait()
+                client.sample()
+                client.commit()
+                return condition()
+
+            wait_for(holds, daemon)
+
+        status, target = client.signal(0, 0x6041), client.signal(0, 0x60FF)
+        word, speed = client.signal(0, 0x6040), client.signal(0, 0x606C)
+        client.sdo_download(0, 0x6085, 0, struct.pack("<I", 100)).result()  # brakes for seconds
+        claim = client.claim(0, lease=30)
+        client.signal(0, 0x6060).raw = 9
+        client.signal(0, 0x6072).raw = 1000
+        for command, state in ((6, 0x21), (7, 0x23), (15, 0x27)):
+            word.raw = command
+            until(lambda wanted=state: int(status.raw) & 0x6F == wanted)  # type: ignore[misc]
+        until(lambda: abs(int(speed.raw)) > 300)
+        assert target.raw == status.raw
+        claim.release()
+        until(lambda: int(status.raw) & 0x6F == 0x07)  # quick stop active
+        assert client.output(word).state == shm.Outputs.STOPPING
+        assert target.raw == 0
+        assert client.output(target).reason == shm.Reason.RELEASED
 
 
 def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:
@@ -135,13 +214,13 @@ def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:
     assert client.output(lamp).state == shm.Outputs.COPIED
     with pytest.raises(StateError, match=r"copy") as refused:
         client.claim(lamp)
-    names(refused.value, "0x7010:01", "slave 2 (lamps)", "[[copy]]")
+    names(refused.value, "0x7010:01", "slave 2 (lamps)", "0x6000:01 of slave 1", "[[copy]]")
     # The other outputs of the slave belong to the client, and the copy does not lose by that.
     client.signal("lamps/0x7000:01", "output").raw = 1
     client.commit()
     arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
     shown = daemon.ctl("claims").stdout
-    names(shown, "copied", "an input")
+    names(shown, "copied", "from 1/0x6000:01")
     init = daemon.ctl("config", "init").stdout
     assert init.count("[[copy]]") == 2
     names(init, 'from_slave = "switches"')

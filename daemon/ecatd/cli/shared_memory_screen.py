@@ -243,8 +243,8 @@ def _outputs(document: Document) -> list[str]:
     def decided(row: Document) -> str:
         if row["owner"] is not None:
             return f"slot {row['owner']} {shortened(programs.get(row['owner'], '?'), 12)}"
-        if row["state"] == "copied":
-            return "an input" if row["reason"] == "start" else "its input is not valid"
+        if row["state"] == "copied" and row["reason"] in ("start", "source"):
+            return f"from {row['source']}{', not valid' * (row['reason'] == 'source')}"
         return str(_REASONS.get(row["reason"], row["reason"]))
 
     def table(room: int) -> list[str]:

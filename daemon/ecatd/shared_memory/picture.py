@@ -232,7 +232,7 @@ class Picture:
     def _owner(self, number: int) -> dict[str, Any]:
         row = _at(self._output_rows, number)
         if row is None:
-            return {"owner": None, "state": None, "reason": None, "since_cycle": None}
+            return dict.fromkeys(("owner", "state", "reason", "source", "since_cycle"))
         fault = output_faults(row, self.head)
         if fault:
             self._fault("outputs", number, fault)
@@ -240,9 +240,15 @@ class Picture:
             "owner": row.owner if row.owner >= 0 and not fault else None,
             "state": _word(shm.Outputs(row.state)),
             "reason": _word(shm.Reason(row.reason)),
+            "source": self._source(row) if row.state == shm.Outputs.COPIED else None,
             "since_cycle": row.since_cycle,
             "since_us": self._age(row.since_ns) if row.since_ns else None,
         }
+
+    def _source(self, row: Any) -> str | None:
+        """The input that is copied to an output, such as "1/0x6000:01"."""
+        source = _at(self._signal_rows, row.source)
+        return source and f"{source.slave}/0x{source.index:04X}:{source.subindex:02X}"
 
     # --- clients --------------------------------------------------------------------------------
 

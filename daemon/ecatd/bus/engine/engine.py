@@ -146,9 +146,10 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_set_socket.restype = None
     lib.cyclic_add_datagram.argtypes = [pointer, u32, i32, u32, u32, u32, u32, i32]
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
-    lib.cyclic_set_limit.argtypes = [pointer, u32, ctypes.c_double, ctypes.c_double]
+    double = ctypes.c_double
+    lib.cyclic_set_limit.argtypes = [pointer, u32, double, double]
     lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
-    lib.cyclic_set_copy.argtypes = [pointer, u32, u32, ctypes.c_double, ctypes.c_double]
+    lib.cyclic_set_copy.argtypes = [pointer, u32, u32, double, double, i32]
     lib.cyclic_listen.argtypes = [pointer, u32]
     lib.cyclic_listen.restype = None
     lib.cyclic_stopping.argtypes = [pointer]
@@ -281,18 +282,22 @@ class Engine:
         if code != 0:
             raise EcatError(f"stop of signal {controlword} refused: {os.strerror(-code)}")
 
-    def set_copy(self, source: int, target: int, factor: float, offset: float) -> None:
+    def set_copy(
+        self, source: int, target: int, factor: float, offset: float, controlword: int = -1
+    ) -> None:
         """Makes the engine copy an input to an output in every cycle.
 
-        Call it before `start`.
+        Call it after `set_stop` of the drive, and before `start`.
 
         Args:
             source: Signal of the input.
             target: Signal of the output.
             factor: Raw output = raw input * factor + offset.
             offset: See `factor`.
+            controlword: Signal of the controlword of the drive with the output: while it is brought
+                to a stop, the output has its safe value. -1: none.
         """
-        code = _LIB.cyclic_set_copy(self._engine, source, target, factor, offset)
+        code = _LIB.cyclic_set_copy(self._engine, source, target, factor, offset, controlword)
         if code != 0:
             raise EcatError(f"copy of signal {source} to {target} refused: {os.strerror(-code)}")
 

@@ -357,7 +357,7 @@ class BringUp:
             self._log.warning(warning)
         safe = fitting(self.config.outputs.safe, self.bus, self._doubtful)
         self.safe = safe_outputs(self.bus, safe)
-        self._copies = find_copies(self.bus, self.config.copy, self.safe.stops, self._idle)
+        self._copies = find_copies(self.bus, self.config.copy, self.safe.stops, self._doubtful)
         assign_domains(self.bus, self.config.domain, self._idle)
         self.image = image = lay_out(self.bus, without_lrw(master, self._present))
         self.wire = wire_time(
@@ -435,7 +435,11 @@ class BringUp:
             )
         for copy in self._copies:
             engine.set_copy(
-                numbers[*copy.source, 0], numbers[*copy.target, 1], copy.factor, copy.offset
+                numbers[*copy.source, 0],
+                numbers[*copy.target, 1],
+                copy.factor,
+                copy.offset,
+                -1 if copy.stop is None else numbers[copy.target[0], copy.stop.controlword, 0, 1],
             )
 
     def _synchronise(self, shared: SharedMemory) -> None:

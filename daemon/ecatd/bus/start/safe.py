@@ -51,6 +51,10 @@ class Stop:
         """The controlword while the drive moves."""
         return _STOP_VALUES[self.how]
 
+    def covers(self, index: int) -> bool:
+        """Whether an object belongs to the axis (ETG.6010)."""
+        return 0 <= index - self.controlword + _CONTROLWORD - _PROFILE < _AXIS_OBJECTS
+
     @property
     def statusword(self) -> int:
         """Object index of its statusword."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..toml_file import Key, Rules, Table
-from .signals import read_entry
+from ..toml_file import Key, Rules, Table, number
+from .signals import read_entry, read_scale
 from .slaves import slave_reference
 from .tables import CopyConfig
 
@@ -13,7 +13,7 @@ def read_copies(top: Table, key: Key) -> list[CopyConfig]:
     copies: list[CopyConfig] = []
     seen: set[tuple[int, tuple[int, int]]] = set()
     for row in top.tables(key):
-        copy = CopyConfig(**row.read(_COPY, required=list(_COPY)))
+        copy = CopyConfig(**row.read(_COPY, required=_REQUIRED))
         if (copy.slave, copy.address) in seen:
             row.fail(
                 "entry", f"{copy.entry} of slave {copy.slave} is the copy of another input, too"
@@ -28,4 +28,7 @@ _COPY: Rules = {
     "entry": read_entry,
     "from_slave": slave_reference,
     "from_entry": read_entry,
+    "factor": read_scale,
+    "offset": number(),
 }
+_REQUIRED = ("slave", "entry", "from_slave", "from_entry")

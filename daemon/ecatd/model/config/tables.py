@@ -210,12 +210,16 @@ class CopyConfig:
         entry: Address of the output, such as "0x7000:01".
         from_slave: Position of the slave with the input.
         from_entry: Address of the input.
+        factor: Physical output = physical input * factor + offset. None: 1.
+        offset: See `factor`. None: 0.
     """
 
     slave: int
     entry: str
     from_slave: int
     from_entry: str
+    factor: float | None = None
+    offset: float | None = None
 
     @property
     def address(self) -> tuple[int, int]:
