@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from conftest import names, naming
 from ecatd.model.config import (
     Config,
+    CopyConfig,
     DcConfig,
     DcSlaveConfig,
     DomainConfig,
@@ -25,6 +26,8 @@ from ecatd.model.config import (
     read_config,
 )
 from ecatd.model.errors import ConfigError
+
+COPY = "[[copy]]\nslave = 1\nentry = '0x7000:01'\nfrom_slave = 0\nfrom_entry = '0x6000:01'\n"
 
 
 def load(tmp_path: Path, text: str) -> Config:
@@ -141,6 +144,18 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         [[signal]]
         slave = 0
         entry = "0x606c:0"
+        [[copy]]
+        slave = 1
+        entry = "0x7000:01"
+        from_slave = "drive-2"
+        from_entry = "0x6000:1"
+        factor = -2
+        offset = 0.5
+        [[copy]]
+        slave = 1
+        entry = "0x7000:02"
+        from_slave = 0
+        from_entry = "0x6000:01"
         [gateway]
         listen = ["tcp/127.0.0.1:7000"]
         publish_hz = 2.5
@@ -206,6 +221,11 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         SignalConfig(0, "0x606c:0"),
     ]
     assert config.signal[1].address == (0x606C, 0)
+    assert config.copy == [
+        CopyConfig(1, "0x7000:01", 3, "0x6000:1", -2.0, 0.5),
+        CopyConfig(1, "0x7000:02", 0, "0x6000:01"),
+    ]
+    assert (config.copy[0].address, config.copy[0].from_address) == ((0x7000, 1), (0x6000, 1))
     assert config.gateway.listen == ["tcp/127.0.0.1:7000"]
     assert config.gateway.publish_hz == 2.5
     assert read_config(json.loads(json.dumps(config.to_dict()))) == config
@@ -407,6 +427,17 @@ INT8 = "type = 'int8'\n"
             "[[outputs.safe]]\nslave = 1\nentry = '60FF'",
             ":3: outputs.safe[0].entry:",
             "address | '60FF'",
+        ),
+        (f"{COPY}factor = 0", ":6: copy[0].factor:", "0"),
+        (f"{COPY}offset = nan", ":6: copy[0].offset:", "finite"),
+        (f"{COPY}divider = 2", ":6: copy[0].divider:", "no key"),
+        (COPY.replace("from_slave = 0\n", ""), ":1: copy[0].from_slave:", "missing"),
+        (COPY.replace("'0x6000:01'", "'6000'"), ":5: copy[0].from_entry:", "address | '6000'"),
+        (COPY.replace("slave = 1\n", "slave = 'lamp'\n", 1), ":2: copy[0].slave:", "'lamp'"),
+        (
+            f"{COPY}{COPY.replace('0x7000:01', '0x7000:1')}",
+            ":8: copy[1].entry:",
+            "0x7000:1 of slave 1 | another input",
         ),
         ("[outputs]\nsafe = [1]", ":2: outputs.safe[0]:", "[[outputs.safe]]"),
         (

@@ -32,7 +32,7 @@ enum {
   SLAVE_BYTES = 8 * WORDS,
   ENTRIES = 16,             /* of 2 bytes: 15 outputs and an input; 2 bytes of outputs have none */
   SIGNALS = SLAVES * ENTRIES,
-  LIMITED = 0, CONTROL = 1, STATUS = ENTRIES - 1, /* entries of each slave */
+  LIMITED = 0, CONTROL = 1, COPIED = 2, STATUS = ENTRIES - 1, /* entries of each slave */
   LIMIT = 100,
   LIAR = 5,                 /* slot of the client that knows the protocol */
   DOMAINS = 2,              /* slave 0 has one for itself; the other one comes every third cycle */
@@ -42,7 +42,7 @@ enum {
 };
 
 static struct {
-  unsigned long answers, damaged, invented, held, swaps, events, snapshots, truncated;
+  unsigned long answers, damaged, invented, held, swaps, events, snapshots, truncated, copied;
 } reached;
 static cyclic_t *engine;
 static int stop;
@@ -70,12 +70,14 @@ static void put_out(const uint8_t *bytes, size_t size, int port) {
   (void)send(far[port], bytes, size, MSG_DONTWAIT);
 }
 
-/* Outputs of the slaves as they arrive: their first entry has a range, their last bytes no entry. */
+/* Outputs of the slaves as they arrive: some entries have a range, their last bytes no entry. */
 static void check_outputs(const uint8_t *data, uint32_t slaves) {
   uint32_t i;
   for (i = 0; i < slaves; i++, data += SLAVE_BYTES) {
-    int16_t value = (int16_t)get16(data + 2 * LIMITED);
+    int16_t value = (int16_t)get16(data + 2 * LIMITED), copy = (int16_t)get16(data + 2 * COPIED);
     if (value < -LIMIT || value > LIMIT) die("a value left its declared range");
+    if (copy < -LIMIT || copy > LIMIT) die("a copy left its declared range");
+    reached.copied += copy != 0;
     if (get16(data + SLAVE_BYTES - 2) != 0) die("bits of no entry were written");
   }
 }
@@ -273,6 +275,7 @@ static void *reader(void *argument) {
 static void *control(void *argument) {
   struct source source = source_from((uint64_t)(uintptr_t)argument + 3);
   const ecat_shm_output *outputs = engine->output;
+  ecat_shm_slave_status *status = (void *)(shm + engine->header->slave_status_offset);
   while (!stopping()) {
     cyclic_event event;
     int i;
@@ -284,9 +287,12 @@ static void *control(void *argument) {
       }
       if (stopping()) return NULL;
     }
+    __atomic_store_n(&status[below(&source, SLAVES)].al_state, one_in(&source, 4) ? 4 : 8,
+                     __ATOMIC_RELAXED);
     for (i = 0; i < SIGNALS; i++) {
       int owner = __atomic_load_n(&outputs[i].owner, __ATOMIC_RELAXED);
       if (owner < -1 || owner >= ECAT_SLOTS) die("an owner that is no slot");
+      if (owner != -1 && i % ENTRIES == COPIED) die("a copy has an owner");
     }
   }
   return NULL;
@@ -374,6 +380,8 @@ static void fill_segment(ecat_shm_header *h) {
     signals[i].output = entry < ENTRIES - 1;
     signals[i].type = 0x0003; /* INTEGER16 */
     signals[i].bit_length = 16;
+    signals[i].minimum = -LIMIT;
+    signals[i].maximum = LIMIT;
     signals[i].bit_offset = 8 * (slaves[slave].output_offset + 2 * entry);
     if (!signals[i].output) signals[i].bit_offset = 8 * (bytes + slaves[slave].output_offset);
   }
@@ -428,6 +436,10 @@ int main(int count, char **arguments) {
     if (cyclic_set_limit(engine, first + LIMITED, -LIMIT, LIMIT) != 0 ||
         cyclic_set_stop(engine, first + CONTROL, first + STATUS, 2, 3 * CYCLE_NS) != 0)
       die("a limit or a stop was refused");
+    /* Twice an input of the next slave, which is in another domain, or not. */
+    if (cyclic_set_copy(engine, (uint32_t)((i + 1) % SLAVES * ENTRIES + STATUS), first + COPIED, 2, -1,
+                        (int32_t)first + CONTROL) != 0)
+      die("a copy was refused");
   }
   cyclic_set_clock(engine, &clock);
   if (cyclic_start(engine, &settings) != 0) die("it does not start");
@@ -446,13 +458,13 @@ int main(int count, char **arguments) {
   printf("{\"answers\": %lu, \"damaged\": %lu, \"invented\": %lu, \"held\": %lu, \"swaps\": %lu, "
          "\"events\": %lu, \"snapshots\": %lu, \"truncated\": %lu, \"lost\": %lu, \"late\": %lu, "
          "\"cycles\": %lu, \"exchanges\": %lu, \"bad\": %lu, \"commits\": %lu, "
-         "\"refused\": %lu, \"malformed\": %lu}\n",
+         "\"refused\": %lu, \"malformed\": %lu, \"copied\": %lu}\n",
          reached.answers, reached.damaged, reached.invented, reached.held, reached.swaps,
          reached.events, reached.snapshots, reached.truncated, (unsigned long)engine->health->lost,
          (unsigned long)engine->health->late, (unsigned long)engine->health->cycles,
          (unsigned long)engine->domain[0].status->exchanges,
          (unsigned long)engine->health->wkc_bad, (unsigned long)engine->health->commits,
-         (unsigned long)engine->health->refused, (unsigned long)engine->health->malformed);
+         (unsigned long)engine->health->refused, (unsigned long)engine->health->malformed, reached.copied);
   cyclic_free(engine);
   for (i = 0; i < ports; i++) close(near[i]), close(far[i]);
   close(out_fd);

@@ -19,6 +19,14 @@ _WIDTH = 100
 _HEX32 = ("vendor", "product", "revision", "revision_min")
 _HEX16 = ("index", "pdos")
 _NAME_BYTES = 31
+_COPY_EXAMPLE = [
+    "",
+    "# [[copy]]  # an input of one slave decides an output of another, in every cycle",
+    '# slave = "lamps"',
+    '# entry = "0x7000:01"',
+    '# from_slave = "switches"',
+    '# from_entry = "0x6000:01"',
+]
 _TABLES = ("dc", "mailbox", "recovery", "realtime", "outputs", "gateway")
 
 
@@ -83,6 +91,7 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         lines += ["", "[[signal]]", *_rule(signal, names)]
     for copy in config.copy:
         lines += ["", "[[copy]]", *_rule(copy, names)]
+    lines += _COPY_EXAMPLE * (not config.copy)
     return "\n".join(lines) + "\n"
 
 
