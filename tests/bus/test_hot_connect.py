@@ -80,9 +80,11 @@ GROUP = tables(KINDS, dict.fromkeys(TOOL, 'group = "tool"'))
 def start(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Start:
     """Starts a daemon on the rig; it has a description of the complete one."""
 
-    def start(config: str, rig: str = RIG, describe: bool = True, ready: bool = True) -> Daemon:
+    def start(
+        config: str, rig: str = RIG, describe: bool = True, ready: bool = True, whole: str = RIG
+    ) -> Daemon:
         file, description = tmp_path / "rig.toml", tmp_path / "full.json"
-        file.write_text(RIG)
+        file.write_text(whole)
         run_module("ecatd.cli", "scan", "--from", str(file), "-o", str(description))
         file.write_text(rig)
         text = config.replace("DESCRIPTION", str(description) if describe else "")
@@ -166,21 +168,25 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
     assert daemon.stop() == 0
 
 
-def test_an_alias_finds_a_group_wherever_it_is_plugged_in(start: Start) -> None:
-    """Its coupler has an alias, and its terminals stand behind that."""
-    config = GROUP.replace('position = 4\nname = "s4"', 'name = "s4"\nalias = 7')
+@pytest.mark.parametrize(("key", "of_rig"), [("alias", "alias"), ("identification", "device_id")])
+def test_a_mark_finds_a_group_wherever_it_is_plugged_in(
+    start: Start, key: str, of_rig: str
+) -> None:
+    """Its coupler has an alias or an identification, and its terminals stand behind that."""
+    config = GROUP.replace('position = 4\nname = "s4"', f'name = "s4"\n{key} = 7')
+    rig_file = RIG.replace("alias = 7", f"{of_rig} = 7")
     for position in (5, 6):
         config = config.replace(f"position = {position}\n", "")
     for now, before in ((4, 7), (5, 8)):
         config = config.replace(f"position = {before}\n", f"position = {now}\n")
     order = [f"s{n}" for n in (0, 1, 2, 3, 7, 8, 4, 5, 6)]
-    daemon = start(config, RIG + AWAY)
+    daemon = start(config, rig_file + AWAY, whole=rig_file)
     assert [row["given_name"] for row in daemon.slave_rows()] == order
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.heal_link(4)
         wait_for_states(daemon, ["OP"] * 9)
     assert daemon.stop() == 0
-    daemon = start(config)
+    daemon = start(config, rig_file, whole=rig_file)
     assert [row["given_name"] for row in daemon.slave_rows()] == order
     assert states(daemon) == ["OP"] * 9
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig, daemon.client() as client:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from conftest import names, naming
 from ecatd.model.config import (
+    POSITION_MAX,
     Config,
     CopyConfig,
     DcConfig,
@@ -86,6 +87,9 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         type = "uint32"
         value = 1.5
         unit = "rad/s2"
+        [[slave]]
+        identification = 42
+        identification_register = 0x0F80
         [[domain]]
         name = "fast"
         [[domain]]
@@ -174,6 +178,8 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             0x00100000,
             12,
             None,
+            None,
+            None,
             "strict",
             True,
             "tool",
@@ -189,7 +195,8 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
                 StartupConfig("0x1C32:00", hex="01 00", complete=True),
                 StartupConfig("0x6083:00", "uint32", "1.5", "rad/s2"),
             ],
-        )
+        ),
+        SlaveConfig(POSITION_MAX + 2, identification=42, identification_register=0x0F80),
     ]
     assert config.expected == ExpectedConfig("tolerant", False, str(tmp_path / "full.json"))
     assert [item.data for item in config.slave[0].startup[:2]] == [b"\xd2\x04\0\0", b"\1\0"]
@@ -293,6 +300,11 @@ INT8 = "type = 'int8'\n"
         (f"{SLAVE}{PDO}{PDO}", ":7: slave[0].pdo[1].index:", "0x1600"),
         (f"{SLAVE}[[slave.pdo]]\nindex = 0x1600", ":3: slave[0].pdo[0].entries:", "entries = []"),
         (f"{SLAVE}{PDO[:-2]}{{}}]", ":5: slave[0].pdo[0].entries[0].bits:", "missing"),
+        ("[[slave]]\nidentification = 0", ":2: slave[0].identification:", "0 | 1 | 65535"),
+        ("[[slave]]\nalias = 1\nidentification = 2", ":3: slave[0].identification:", "alias"),
+        ("[[slave]]\nposition = 1\nidentification = 2", ":2: slave[0].position:", "identification"),
+        (f"{SLAVE}identification_register = 0x130", ":1: slave[0].identification:", "missing"),
+        ("[[slave]]\nidentification = 2\n" * 2, ":4: slave[1].identification:", "identification 2"),
         (f"{SLAVE}{START}", ":3: slave[0].startup[0].value:", "missing | hex"),
         (f"{SLAVE}{START}value = 1", ":3: slave[0].startup[0].type:", "missing | hex"),
         (f"{SLAVE}{START}hex = '0g'", ":5: slave[0].startup[0].hex:", "'0g'"),

@@ -32,6 +32,7 @@ SAMPLES = {
     "mailbox": {"slave": 0, "mode": "slow", "delay_s": 0.5},
     "eeprom": {"slave": 0, "content": "image", "file": "/tmp/x.bin", "at_power_on": True},
     "clock": {"slave": 0, "step_ns": -5000, "drift_ppm": 12.5},
+    "identification": {"slave": 1, "value": 42},
 }
 
 

@@ -35,7 +35,7 @@ class Bench:
             for i, position in enumerate(positions)
         ]
         ends = [len(positions), *range(2, len(positions) + 1)]
-        return Finder(self.registers, slaves, ends, {})
+        return Finder(self.registers, slaves, ends, {}, {})
 
     def forget(self, place: int) -> None:
         self.registers.exchange([apwr(place, ADDRESS, bytes(2))])

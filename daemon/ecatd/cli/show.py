@@ -41,6 +41,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
             {
                 "position": slave.position,
                 "alias": slave.alias,
+                "identification": slave.identification,
                 "state": al_state_text(states[slave.position]["al_state"]),
                 "recovery": states[slave.position]["recovery"],
                 "recovery_text": states[slave.position]["recovery_text"],
@@ -69,11 +70,24 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
         print_json({"bus": bus.name, "fingerprint": f"{bus.fingerprint:016x}", "slaves": rows})
         return
     print_table(
-        ("POS", "ALIAS", "STATE", "NAME", "VENDOR", "PRODUCT", "REVISION", "DOMAIN", "OUT", "IN"),
+        (
+            "POS",
+            "ALIAS",
+            "IDENT",
+            "STATE",
+            "NAME",
+            "VENDOR",
+            "PRODUCT",
+            "REVISION",
+            "DOMAIN",
+            "OUT",
+            "IN",
+        ),
         (
             (
                 slave.position,
                 slave.alias,
+                slave.identification,
                 _state(states[slave.position]),
                 slave.display_name,
                 f"0x{slave.vendor:08X}",
@@ -85,7 +99,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
             )
             for slave in bus.slaves
         ),
-        ">>      >>",
+        ">>>      >>",
     )
     for slave in bus.slaves:
         for problem in slave.problems[:_PROBLEMS_SHOWN]:

@@ -40,6 +40,8 @@ class Slave:
         given_name: Its name in this machine, from the configuration; empty for none.
         group: The optional slaves that come and go with it: the name of their group in the
             configuration, or `slave N` for a slave alone. Empty for a slave that must be there.
+        identification: Explicit device identification that it has told (ETG.1020), such as that of
+            a rotary switch; 0 for none, or if it was not asked.
         outputs: RxPDOs; `pdo_layout` computes where they lie.
         inputs: TxPDOs.
         domain: Number of the domain, 0 first.
@@ -67,6 +69,7 @@ class Slave:
     profiles: list[str] = field(default_factory=list)
     given_name: str = ""
     group: str = ""
+    identification: int = 0
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
     domain: int = 0

@@ -205,7 +205,7 @@ class _Reader:
             "position": _integer(0, POSITION_MAX),
             "name": _text,
             **dict.fromkeys(("vendor", "product", "revision", "serial"), _integer(0, _U32)),
-            **dict.fromkeys(("alias", "address"), _integer(0, _U16)),
+            **dict.fromkeys(("alias", "address", "identification"), _integer(0, _U16)),
             "coe": _truth,
             "problems": lambda value: _list(value, _PROBLEMS_MAX, lambda _, item: _text(item)),
             "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from .bus import Slave
-from .config import POSITION_MAX, STRICT, Config, SlaveConfig
+from .config import POSITION_MAX, STRICT, Config, Mark, SlaveConfig
 
 _TOLD = 4  # slaves in one message
 _OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY, _ABSENT = 4, 8, 7, 6, 2, 1
@@ -83,7 +83,7 @@ class _Comparer:
 
     def compare(self) -> Comparison:
         places = self._found.places
-        taken = self._find_aliases()
+        taken = self._find_marked()
         missing: list[SlaveConfig] = []
         extra: list[Slave] = []
         behind = 0  # the first place behind all expected slaves
@@ -143,13 +143,14 @@ class _Comparer:
 
     # --- which slave is meant --------------------------------------------------------------------
 
-    def _find_aliases(self) -> set[int]:
-        """Finds the slaves that have an alias in the configuration; returns their positions."""
+    def _find_marked(self) -> set[int]:
+        """Finds the slaves that the configuration finds by a mark; returns their positions."""
         taken = set()
         for wanted in self._config.slave:
-            if wanted.alias is None:
+            mark = wanted.mark
+            if mark is None:
                 continue
-            with_it = [slave for slave in self._slaves if slave.alias == wanted.alias]
+            with_it = [slave for slave in self._slaves if _has(slave, mark)]
             label = _label(wanted)
             if len(with_it) == 1:
                 taken |= self._take(wanted, with_it[0])
@@ -160,23 +161,39 @@ class _Comparer:
                     "other device",
                     [wanted],
                     positions,
-                    f"slaves {', '.join(map(str, positions))} have the same station alias, "
-                    f"{wanted.alias}, so it is not clear which is {label}: give each its own",
+                    f"slaves {', '.join(map(str, positions))} have the same {mark.kind}, "
+                    f"{mark.value}, so it is not clear which is {label}: give each its own",
                 )
             elif wanted.optional:
                 self._found.absent += [wanted, *self._config.followers(wanted)]
             else:
-                self._add(
-                    "missing",
-                    [wanted],
-                    (),
-                    f"{label} is missing: no slave has the station alias {wanted.alias}: check its "
-                    "alias (`ecatctl slaves` shows them), its power and its cable",
-                )
+                self._add("missing", [wanted], (), f"{label} is missing: {self._without(wanted)}")
         return taken
 
+    def _without(self, wanted: SlaveConfig) -> str:
+        """Why no slave has the mark of an expected one, and what to do."""
+        mute = [
+            slave
+            for slave in self._slaves
+            if wanted.product is not None
+            and (slave.vendor, slave.product) == (wanted.vendor, wanted.product)
+            and not slave.identification
+        ]
+        if wanted.alias is not None or not mute:
+            has = "has the" if wanted.alias is not None else "tells the"
+            where = "alias" if wanted.alias is not None else "selector"
+            return (
+                f"no slave {has} {wanted.mark}: check its {where} (`ecatctl slaves` shows them), "
+                "its power and its cable"
+            )
+        return (
+            f"no slave tells the {wanted.mark}, and {mute[0].label} cannot tell any: set its "
+            "selector, write identification_register if it has its identification in a register, "
+            "or find it by position"
+        )
+
     def _take(self, wanted: SlaveConfig, slave: Slave) -> set[int]:
-        """Takes a slave that is found by its alias, with those of its group behind it."""
+        """Takes a slave that is found by its mark, with those of its group behind it."""
         taken = set()
         for place, one in enumerate(
             [wanted, *self._config.followers(wanted)], start=slave.position
@@ -335,7 +352,12 @@ def _label(wanted: SlaveConfig) -> str:
         return f"{wanted.name} ({wanted.type})" if wanted.type else wanted.name
     if wanted.product is not None:
         return wanted.type or _device(wanted.vendor or 0, wanted.product)
-    return "a slave" if wanted.alias is None else f"the slave with station alias {wanted.alias}"
+    return "a slave" if wanted.mark is None else f"the slave with {wanted.mark}"
+
+
+def _has(slave: Slave, mark: Mark) -> bool:
+    told = slave.identification if mark.kind == "identification" else slave.alias
+    return told == mark.value
 
 
 def _device(vendor: int, product: int) -> str:

@@ -163,6 +163,8 @@ class Sii:
         order: Order code from the general category, empty if there is none.
         coe: CoE details from the general category; bit 0: SDO, bit 1: SDO information.
         without_lrw: Whether the slave does not support LRW.
+        tells_identification: Whether it tells its identification on request, by its AL status.
+        identification_register: Address in its ESC where its identification is; 0 for none.
         sync_managers: Sync managers in order.
         inputs: TxPDOs.
         outputs: RxPDOs.
@@ -190,6 +192,8 @@ class Sii:
     order: str = ""
     coe: int = 0
     without_lrw: bool = False
+    tells_identification: bool = False
+    identification_register: int = 0
     sync_managers: list[SiiSyncManager] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
     outputs: list[Pdo] = field(default_factory=list)

@@ -327,6 +327,9 @@ class SiiReader:
         sii.name = self.string(at + 3, data[3])
         sii.coe = data[5]
         sii.without_lrw = bool(data[0x0B] & 0x02)
+        sii.tells_identification = bool(data[0x0B] & 0x08)
+        if data[0x0B] & 0x10 and len(data) >= 0x14:  # ETG.1000.6, identification methods
+            (sii.identification_register,) = struct.unpack_from("<H", data, 0x12)
 
     def _fmmus(self, at: int, data: bytes) -> None:
         for i, usage in enumerate(data):

@@ -57,6 +57,7 @@ class FaultMethods:
     mailbox = Method(slaves.Mailbox)
     eeprom = Method(slaves.Eeprom)
     clock = Method(slaves.Clock)
+    identification = Method(slaves.Identification)
 
     def add(self, fault: Fault) -> int:
         """Adds a fault and returns its number."""

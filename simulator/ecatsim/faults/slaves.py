@@ -101,6 +101,18 @@ class Swap(SlaveFault):
 
 
 @dataclass(frozen=True)
+class Identification(SlaveFault):
+    """Somebody sets the selector of a slave, which gives its device identification."""
+
+    kind: ClassVar[str] = "identification"
+    value: Annotated[int, Is("identification; 0 = none", minimum=0, maximum=_MAX_16)]
+
+    def strike(self, target: Target) -> None:
+        """Sets the selector."""
+        target.devices[self.slave].select(self.value)
+
+
+@dataclass(frozen=True)
 class AlError(SlaveFault):
     """A slave falls back to a state by itself, with the error flag and an AL status code.
 

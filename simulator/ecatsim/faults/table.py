@@ -16,6 +16,7 @@ from .slaves import (
     Eeprom,
     Emergency,
     HealLink,
+    Identification,
     Mailbox,
     PowerOff,
     PowerOn,
@@ -27,7 +28,7 @@ FAULTS: dict[str, type[Fault]] = {
     for cls in (
         *(Drop, Delay, Duplicate, Corrupt, Noise, Wkc),
         *(BreakLink, HealLink, PowerOff, PowerOn, Swap),
-        *(AlError, Emergency, Mailbox, Eeprom, Clock),
+        *(AlError, Emergency, Mailbox, Eeprom, Clock, Identification),
     )
 }
 """The class of each fault, by the fault's name."""

@@ -37,6 +37,7 @@ _MAX_PORTS = 4
 _BOUNDS: Bounds = {
     "alias": (0, _U16),
     "device_id": (0, _U16),
+    "device_id_register": (0, 0xFFFE),
     "pdi_control": (0, _U16),
     "pdi_config": (0, _U16),
     "sync_pulse": (0, _U16),

@@ -22,7 +22,8 @@ from . import rig_waveforms as rig_signals
 from .esi import device_from_esi
 
 _KEYS = ("name", "ring", "slave", "wire", "waveform", "plant", "fault")
-_PLACE = ("at", "alias", "serial")
+_IDENTITY = ("alias", "serial", "device_id")
+_PLACE = ("at", *_IDENTITY)
 _SOURCES = ("device", "esi")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 _SHOWN = 8
@@ -87,9 +88,14 @@ def _slave(table: Table, number: int) -> Device:
 
 
 def _identify(table: Table, device: Device) -> None:
-    """Sets `alias` and `serial`, also for a device whose SII image comes from a file."""
-    if "alias" not in table and "serial" not in table:
+    """Sets alias, serial number and device identification.
+
+    Those that are in the SII also for a device whose SII image comes from a file.
+    """
+    if not any(key in table for key in _IDENTITY):
         return
+    if "device_id" in table:
+        device.device_id = table.integer("device_id", 0, _U16)
     device.alias = table.integer("alias", 0, _U16, device.alias)
     device.serial = table.integer("serial", 0, _U32, device.serial)
     if "serial" in table and 0x1018 in device.dictionary:

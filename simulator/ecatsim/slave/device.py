@@ -61,7 +61,7 @@ class Device(DeviceType):
             self._enter,
             self._publish,
             bootstrap=self.bootstrap is not None,
-            identification=lambda: self.device_id,
+            identification=lambda: None if self.device_id_register else self.device_id,
         )
         self._on_bus: Segment | None = None
         self._awaited = Event(0)
@@ -138,6 +138,13 @@ class Device(DeviceType):
             state = now
         self.machine.fall_back(min(state, now), code)
 
+    def select(self, identification: int | None) -> None:
+        """Sets the selector with the device identification, 0 to 65535; None for no selector."""
+        self.device_id = identification
+        if self._on_bus and self.device_id_register:
+            data = (identification or 0).to_bytes(2, "little")
+            self._on_bus.write(self.position, self.device_id_register, data)
+
     def emergency(self, code: int, register: int, data: bytes = b"") -> None:
         """Sets the error register 0x1001 and, from PREOP on, sends an emergency.
 
@@ -174,6 +181,7 @@ class Device(DeviceType):
             self._on_bus.map(self.position)
             self._lock_process_data(True)
             self._mask_events(_EVENTS)
+            self.select(self.device_id)
         self.machine.reset()
 
     @property
@@ -260,6 +268,7 @@ class Device(DeviceType):
         self._process_data.at = (outputs_at, inputs_at)
         self._lock_process_data(True)
         self._mask_events(_EVENTS)
+        self.select(self.device_id)
         if self._services:
             self._services.attach(segment, self.position)
 

@@ -27,6 +27,8 @@ class DeviceType:
         alias: Configured station alias.
         device_id: Device identification (explicit device ID, for example of a rotary switch), or
             None. A master requests it with bit 5 of AL control.
+        device_id_register: Address in the memory of the ESC where the device puts its
+            identification instead; 0 for none.
         order: Order code, which masters show as the name.
         name: Name of the device.
         group: Group type.
@@ -77,6 +79,7 @@ class DeviceType:
     serial: int = 0
     alias: int = 0
     device_id: int | None = None
+    device_id_register: int = 0
     order: str = ""
     name: str = ""
     group: str = ""
@@ -153,6 +156,8 @@ class DeviceType:
                 ebus_current=self.ebus_current,
                 physical_ports=self.physical_ports,
                 no_lrw=not self.chip.lrw,
+                tells_identification=self.device_id is not None,
+                identification_register=self.device_id_register,
                 dc_modes=self.dc_modes,
             )
         )

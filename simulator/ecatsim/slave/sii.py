@@ -157,6 +157,8 @@ class Description:
         ebus_current: Current drawn from the E-bus in mA; negative if the slave feeds it.
         physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
         no_lrw: Whether the slave cannot process LRW.
+        tells_identification: Whether the slave tells its identification on request (AL control).
+        identification_register: Address in its ESC where its identification is; 0 for none.
         dc_modes: The ways in which it can use SYNC signals.
         config_data: First bytes of the image, up to 14, which replace those of the fields above.
         pdo_flags: Flags of PDOs by index: 0x01 mandatory, 0x10 fixed content.
@@ -185,6 +187,8 @@ class Description:
     ebus_current: int = 0
     physical_ports: int = 0x11
     no_lrw: bool = False
+    tells_identification: bool = False
+    identification_register: int = 0
     dc_modes: Sequence[DcMode] = ()
     config_data: bytes = b""
     pdo_flags: Mapping[int, int] = field(default_factory=dict)
@@ -264,7 +268,7 @@ def _general(info: Description, strings: _Strings) -> bytes:
     mailbox = info.mailbox
     group = strings.number(info.group)
     return struct.pack(
-        "<BBBBxBBBBBBBhBxH14x",
+        "<BBBBxBBBBBBBhBxHH12x",
         group,
         0,  # no image
         strings.number(info.order, force=True),
@@ -275,11 +279,18 @@ def _general(info: Description, strings: _Strings) -> bytes:
         0,  # SoE channels
         0,  # DS402 channels
         0,  # SysMan class
-        0x02 if info.no_lrw else 0,
+        (0x02 if info.no_lrw else 0) | _identification_flags(info),
         info.ebus_current,
         strings.number(info.group_name),
         info.physical_ports,
+        info.identification_register,
     )
+
+
+def _identification_flags(info: Description) -> int:
+    if info.identification_register:
+        return 0x10
+    return 0x08 if info.tells_identification else 0
 
 
 def _header(info: Description, size: int) -> bytes:

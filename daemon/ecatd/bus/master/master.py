@@ -26,6 +26,7 @@ from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Line
 
 _AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
+_IDENTIFICATION = 0x20  # bit of AL status, see `start/identification.py`
 _SYNC_MANAGERS = 0x0800
 
 _INSIST = 0.5
@@ -362,11 +363,14 @@ class Master:
     def states(self) -> list[SlaveState]:
         """Reads the AL status of every slave."""
         answers = self.registers.read_all(self.stations, _AL_STATUS, 6)
-        return [
+        states = []
+        for position, answer in enumerate(answers):
             # 0x0132 is reserved.
-            SlaveState(position, *(struct.unpack("<H2xH", answer.data) if answer.wkc else (0, 0)))
-            for position, answer in enumerate(answers)
-        ]
+            state, code = struct.unpack("<H2xH", answer.data) if answer.wkc else (0, 0)
+            if state & _IDENTIFICATION:  # the code is none, but the identification of the slave
+                state, code = state & ~_IDENTIFICATION, 0
+            states.append(SlaveState(position, state, code))
+        return states
 
     def request_state(
         self, state: AlState, timeout: float, positions: Iterable[int] | None = None

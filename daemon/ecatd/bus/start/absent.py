@@ -109,6 +109,7 @@ def _stand_in(described: Slave, wanted: SlaveConfig) -> Slave:
     )
     slave.given_name = wanted.name
     slave.alias = wanted.alias or slave.alias
+    slave.identification = wanted.identification or slave.identification
     slave.watchdog_ms = None
     return slave
 

@@ -19,7 +19,7 @@ from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
-from ecatd.model.config import Config, RecoveryConfig
+from ecatd.model.config import Config, Mark, RecoveryConfig
 from ecatd.model.errors import StateError
 from ecatd.model.expected_bus import compare
 from ecatd.model.meanings import give_meanings, raw_parameters, unused_profiles
@@ -36,6 +36,7 @@ from .absent import arrange
 from .clocks import Clocks, clock_bits
 from .copies import Copy, find_copies
 from .doubtful import Doubt, fitting, settle
+from .identification import identify
 from .identify import Finder, branch_ends
 from .mapping import Scanned, configure, configure_slaves, identify_slaves, without_lrw
 from .round_trip import measure_round_trip
@@ -188,7 +189,7 @@ class BringUp:
                 self._doubtful,
                 self.config.state_timeout_s,
             ),
-            Finder(master.registers, self.bus.slaves, self._ends, self._anywhere),
+            Finder(master.registers, self.bus.slaves, self._ends, self._anywhere, self._identified),
             self.config.recovery,
             self.config.state_timeout_s,
         )
@@ -239,7 +240,9 @@ class BringUp:
 
     def _read(self, master: Master) -> None:
         """Reads SII and PDOs of every slave into the bus description."""
-        self._scanned = arrange(master, identify_slaves(master), self.config, self._log.warning)
+        found = identify_slaves(master)
+        identify(master.registers, found, self.config)
+        self._scanned = arrange(master, found, self.config, self._log.warning)
         unexpected = self._compare()
         self._make_raw()
         configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
@@ -261,12 +264,25 @@ class BringUp:
         self._ends = self._branch_ends(master)
 
     @property
-    def _anywhere(self) -> dict[int, list[int]]:
-        """Positions of the optional slaves that are found by the alias of the first one."""
+    def _anywhere(self) -> dict[Mark, list[int]]:
+        """Positions of the optional slaves that are found by the mark of the first one."""
         return {
-            wanted.alias: [wanted.position, *(n.position for n in self.config.followers(wanted))]
+            wanted.mark: [wanted.position, *(n.position for n in self.config.followers(wanted))]
             for wanted in self.config.slave
-            if wanted.optional and wanted.alias is not None
+            if wanted.optional and wanted.mark is not None
+        }
+
+    @property
+    def _identified(self) -> dict[int, tuple[int, int]]:
+        """See `Finder`."""
+        return {
+            wanted.position: (
+                wanted.identification,
+                wanted.identification_register
+                or self._scanned[wanted.position].sii.identification_register,
+            )
+            for wanted in self.config.slave
+            if wanted.identification is not None
         }
 
     def _branch_ends(self, master: Master) -> list[int]:

@@ -11,8 +11,12 @@ If a gap has fewer devices than slaves are missing there, the topology helps: a 
 only through the slave that it is plugged into. On a line, the first of the missing slaves are
 back; at a junction, whole branches are missing.
 
-Groups of optional slaves whose first one has a station alias in the configuration may be plugged
-in anywhere. They are identified first, and the places of the others are counted without them.
+Groups of optional slaves whose first one has a mark in the configuration (a station alias or an
+identification) may be plugged in anywhere. They are identified first, and the places of the others
+are counted without them.
+
+A slave that the configuration finds by its identification must tell the same one again. To be asked
+it needs a station address, so it is lent one that no slave has.
 """
 
 from __future__ import annotations
@@ -22,13 +26,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Slave
+from ecatd.model.config import Mark
 from ecatd.model.errors import StateError
 
 from ..frames.datagrams import Datagrams, Place, Station, brd
 from ..frames.eeprom import Words, read_eeproms
+from .identification import ask_identifications
 
 _STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130
 _TRIES = 3
+_PATIENCE_S = 0.2
+"""Seconds that devices have to tell their identification; those that start up are asked again."""
+
+_LENT = range(0xFFF0, 0xF000, -1)
+"""Station addresses for devices that are asked; slaves of the scan have lower ones."""
 
 Identity = tuple[int, int, int]
 """Vendor ID, product code, revision number."""
@@ -212,8 +223,10 @@ class Finder:
         registers: The way to the slaves.
         slaves: The slaves of the scan.
         ends: See `branch_ends`.
-        anywhere: Groups that may be plugged in anywhere: by the station alias of the first one, the
+        anywhere: Groups that may be plugged in anywhere: by the mark of the first one, the
             positions of the slaves, as they follow each other. They come after all others.
+        identified: By position, the identification that a slave must tell, and the address in its
+            ESC where that is; 0: it is asked for it.
     """
 
     def __init__(
@@ -221,12 +234,14 @@ class Finder:
         registers: Datagrams,
         slaves: Sequence[Slave],
         ends: Sequence[int],
-        anywhere: Mapping[int, Sequence[int]],
+        anywhere: Mapping[Mark, Sequence[int]],
+        identified: Mapping[int, tuple[int, int]],
     ) -> None:
         self._registers = registers
         self._slaves = slaves
         self._ends = ends
         self._anywhere = anywhere
+        self._identified = identified
         self._wire: list[int] = []
 
     def look(self) -> Found:
@@ -239,11 +254,13 @@ class Finder:
         known = {slave.address for slave in self._slaves}
         strangers = [place for place, address in enumerate(wire) if address not in known]
         read = self._read_identities([Place(place) for place in strangers])
+        there = dict(zip(strangers, read, strict=True))
+        self._wire = wire
+        told = self._ask({place: identity for place, (identity, _) in there.items()})
         if self._addresses() != wire:
             raise StateError("slaves come and go while they are looked for")
-        self._wire = wire
         found = Found()
-        identities = self._find_anywhere(found, dict(zip(strangers, read, strict=True)))
+        identities = self._find_anywhere(found, there, told)
         groups = [position for group in self._anywhere.values() for position in group]
         settled = {self._slaves[position].address for position in groups}
         # What is left are the slaves with a fixed order.
@@ -254,22 +271,73 @@ class Finder:
             {n: identities[place] for n, place in enumerate(places) if place in identities},
             self._ends,
         )
-        found.places |= {position: places[n] for position, n in fixed.places.items()}
+        for position, n in fixed.places.items():
+            self._check_told(found, position, places[n], told.get(places[n], 0))
         found.exchanged |= fixed.exchanged
         found.unclear |= fixed.unclear
         return found
 
+    def _ask(self, strangers: Mapping[int, Identity]) -> dict[int, int]:
+        """Asks devices that may be missing slaves for their identifications, by place.
+
+        Raises:
+            StateError: The wire has changed meanwhile.
+        """
+        missing = [
+            (self._slaves[position], register)
+            for position, (_, register) in self._identified.items()
+            if self._slaves[position].address not in self._wire
+        ]
+        ways = {}
+        for place, identity in strangers.items():
+            for slave, register in missing:
+                if identity == identity_of(slave):
+                    self._lend_address(place)
+                    ways[self._wire[place]] = register
+                    break
+        told = ask_identifications(self._registers, ways, _PATIENCE_S) if ways else {}
+        return {place: told.get(self._wire[place], 0) for place in strangers}
+
+    def _lend_address(self, place: int) -> None:
+        """Sees to it that a device has a station address that no other one has."""
+        now = self._wire[place]
+        if not now or self._wire.count(now) > 1:
+            free = next(address for address in _LENT if address not in self._wire)
+            self._write_address(place, free, "a device was asked who it is")
+
+    def _check_told(self, found: Found, position: int, place: int, told: int) -> None:
+        """Takes a slave that was found by its place, if it tells the right identification."""
+        wanted, _ = self._identified.get(position, (told, 0))
+        label = self._slaves[position].label
+        if told == wanted:
+            found.places[position] = place
+        elif told:
+            found.exchanged[position] = (
+                f"in the place of {label} stands one with the identification {told}, not {wanted}: "
+                "it is left alone; put the right one in, or set its selector"
+            )
+        else:
+            found.unclear[position] = (
+                f"{label} does not tell its identification, which must be {wanted}: it is asked "
+                "again and again; look at its selector"
+            )
+
     def _find_anywhere(
-        self, found: Found, strangers: Mapping[int, tuple[Identity, int]]
+        self,
+        found: Found,
+        strangers: Mapping[int, tuple[Identity, int]],
+        told: Mapping[int, int],
     ) -> dict[int, Identity]:
-        """Finds groups by their alias; returns the identities of the strangers that are left."""
+        """Finds groups by their marks; returns the identities of the strangers that are left."""
         others = {place: identity for place, (identity, _) in strangers.items()}
-        for alias, group in self._anywhere.items():
+        aliases = {place: alias for place, (_, alias) in strangers.items()}
+        for mark, group in self._anywhere.items():
             first = self._slaves[group[0]]
-            heads = [place for place, (_, its) in strangers.items() if its == alias]
+            marks = told if mark.kind == "identification" else aliases
+            heads = [place for place in strangers if marks[place] == mark.value]
             heads += [place for place, at in enumerate(self._wire) if at == first.address]
             if len(heads) > 1:
-                text = f"several slaves have the station alias {alias}: give each its own"
+                text = f"several slaves have the {mark}: give each its own"
                 found.unclear |= dict.fromkeys(group, text)
                 for place in heads:
                     others.pop(place, None)
@@ -291,6 +359,8 @@ class Finder:
 
     def check(self, position: int) -> str:
         """Checks that the device with a slave's address is that slave; says why not, else "".
+
+        It has kept its power, so it is not asked for its identification.
 
         Raises:
             StateError: Its EEPROM cannot be read.
@@ -320,7 +390,12 @@ class Finder:
         Raises:
             StateError: The wire has changed since `look`; the write was undone.
         """
-        address, old = self._slaves[position].address, self._wire[place]
+        slave = self._slaves[position]
+        self._write_address(place, slave.address, f"{slave.label} came back")
+
+    def _write_address(self, place: int, address: int, meanwhile: str) -> None:
+        """Writes the station address of the device at a place; raises as `give_address`."""
+        old = self._wire[place]
         at, new = Place(place), struct.pack("<H", address)
         all_, before, _ = self._registers.exchange(
             [
@@ -336,7 +411,7 @@ class Finder:
             return
         if before.wkc:
             self._take_back(address, was)
-        raise StateError(f"the wire has changed while {self._slaves[position].label} came back")
+        raise StateError(f"the wire has changed while {meanwhile}")
 
     def _take_back(self, address: int, was: int) -> None:
         """Takes an address back that was written to the wrong slave."""

@@ -31,6 +31,7 @@ PDOS_MAX, ENTRIES_MAX = 64, 254
 _BYTES_MAX = 1 << 15
 WATCHDOG_MIN_MS, WATCHDOG_MAX_MS = 0.1, 6553.5
 _NAME_BYTES = 31
+_MARKS = ("alias", "identification")
 _NAME = re.compile(r"[^\W\d][\w-]*")
 _INDEX = re.compile(r"0x[0-9A-Fa-f]{1,4}")
 
@@ -41,10 +42,11 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
     names = top.document.names
     for at, row in enumerate(top.tables(key)):
         group = row.data.get("group")
-        follows = "alias" not in row and any(
-            slave.alias is not None and slave.group == group for slave in slaves if group
+        marked = [key for key in _MARKS if key in row]
+        follows = not marked and any(
+            slave.mark is not None and slave.group == group for slave in slaves if group
         )
-        found = "alias" in row or follows
+        found = bool(marked) or follows
         values = row.read(_SLAVE, required=[] if found else ["position"])
         _check_identity(row)
         in_group = bool(values.get("group"))
@@ -52,14 +54,19 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
             row.fail("optional", "a slave in a group is optional: leave one of them out")
         stand_in = POSITION_MAX + 1 + at
         if found and values.setdefault("position", stand_in) <= POSITION_MAX:
-            how = "it stands behind the first of its group" if follows else "alias finds the slave"
+            how = (
+                "it stands behind the first of its group"
+                if follows
+                else f"{marked[0]} finds the slave"
+            )
             row.fail("position", f"{how} wherever that is plugged in: leave this out")
         slave = SlaveConfig(**values)
         for other in slaves:
             if other.position == slave.position:
                 row.fail("position", f"slave {slave.position} has two tables")
-            if other.alias == slave.alias is not None:
-                row.fail("alias", f"two slaves cannot be found by the same alias, {slave.alias}")
+            if other.mark == slave.mark is not None:
+                key = marked[0]
+                row.fail(key, f"two slaves cannot be found by the same {slave.mark}")
         if slave.name in names:
             row.fail("name", f"'{slave.name}' is the name of another slave, too")
         if slave.name:
@@ -76,12 +83,17 @@ def read_expected(top: Table, key: Key) -> ExpectedConfig:
 
 def _check_identity(row: Table) -> None:
     """Refuses parts of an identity without the others that they need."""
+    marked = [key for key in _MARKS if key in row]
     for one, other in (("vendor", "product"), ("product", "vendor")):
         if one in row and other not in row:
             row.fail(other, f"is missing: {one} alone does not say which device is expected")
     for part in ("revision", "revision_min", "serial", "policy"):
-        if part in row and "product" not in row and not (part == "policy" and "alias" in row):
+        if part in row and "product" not in row and not (part == "policy" and marked):
             row.fail(part, "needs vendor and product: which device is expected?")
+    if len(marked) > 1:
+        row.fail("identification", "stands in place of alias: leave one of them out")
+    if "identification_register" in row and "identification" not in row:
+        row.fail("identification", "is missing: which value shall the register have?")
     for part in ("optional", "group"):
         if row.data.get(part) and "product" not in row:
             row.fail(part, "needs vendor and product: which device may come and go?")
@@ -91,7 +103,7 @@ def _check_identity(row: Table) -> None:
 
 def _position(table: Table, key: Key) -> int:
     """Reads a position; `Config.to_dict` also writes one for a slave that is found otherwise."""
-    found = "alias" in table or table.data.get("group")
+    found = any(key in table for key in _MARKS) or table.data.get("group")
     return table.integer(key, 0, 2 * POSITION_MAX if found else POSITION_MAX)
 
 
@@ -309,6 +321,8 @@ _SLAVE: Rules = {
     "revision_min": _UNSIGNED32,
     "serial": _UNSIGNED32,
     "alias": integer(1, 0xFFFF),
+    "identification": integer(1, 0xFFFF),
+    "identification_register": integer(0x0010, 0xFFFE),
     "policy": _POLICY,
     "optional": Table.boolean,
     "group": _name,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ..datatypes import DataType, bit_length, encode, parse_type
 from ..pdo import Entry, parse_address
@@ -142,14 +142,29 @@ class ExpectedConfig:
     description: str = ""
 
 
+class Mark(NamedTuple):
+    """What tells a slave from all others wherever it stands.
+
+    Attributes:
+        kind: "station alias" or "identification".
+        value: Its value, 1 to 65535.
+    """
+
+    kind: str
+    value: int
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.value}"
+
+
 @dataclass(slots=True)
 class SlaveConfig:
     """`[[slave]]`: which slave is expected, and what it is told whenever it starts or comes back.
 
     Attributes:
-        position: Its expected position. Where `alias` finds the slave, or it stands behind the
-            first slave of its group, which has an alias, a number above `POSITION_MAX` that stands
-            for the slave until the bus is known.
+        position: Its expected position. Where `mark` finds the slave, or it stands behind the
+            first slave of its group, which has one, a number above `POSITION_MAX` that stands for
+            the slave until the bus is known.
         name: Its name in this machine; other tables and requests may use it. Empty for none.
         type: Its order code, for messages.
         vendor: Expected vendor ID; None: any slave may stand there.
@@ -158,6 +173,9 @@ class SlaveConfig:
         revision_min: The lowest revision number that is accepted.
         serial: The only serial number that is accepted; None for any.
         alias: Station alias that finds the slave wherever it stands.
+        identification: Explicit device identification that finds it, in place of `alias`.
+        identification_register: Address in its ESC where its identification is; None: as its
+            EEPROM says, or it tells it on request.
         policy: `STRICT` or `TOLERANT`, in place of that of `[expected]`; None for that one.
         optional: Whether it may be absent, and come and go while the bus runs.
         group: Optional slaves with the same group come and go together (hot connect); empty for a
@@ -181,6 +199,8 @@ class SlaveConfig:
     revision_min: int | None = None
     serial: int | None = None
     alias: int | None = None
+    identification: int | None = None
+    identification_register: int | None = None
     policy: str | None = None
     optional: bool = False
     group: str = ""
@@ -190,6 +210,15 @@ class SlaveConfig:
     pdos: list[int] | None = None
     pdo: list[PdoConfig] = field(default_factory=list)
     startup: list[StartupConfig] = field(default_factory=list)
+
+    @property
+    def mark(self) -> Mark | None:
+        """What finds the slave wherever it stands; None if that is its position."""
+        if self.alias is not None:
+            return Mark("station alias", self.alias)
+        if self.identification is not None:
+            return Mark("identification", self.identification)
+        return None
 
     @property
     def is_told(self) -> bool:
@@ -560,11 +589,11 @@ class Config:
             yield self.dc.reference
 
     def followers(self, head: SlaveConfig) -> list[SlaveConfig]:
-        """The slaves that stand behind the first one of their group, which an alias finds."""
+        """The slaves that stand behind the first one of their group, which its mark finds."""
         return [
             slave
             for slave in self.slave
-            if head.group and slave.group == head.group and slave.alias is None
+            if head.group and slave.group == head.group and slave.mark is None
         ]
 
     def moved(self, places: Mapping[int, int]) -> Config:

@@ -17,7 +17,7 @@ from .tables import Config, SlaveConfig
 
 _WIDTH = 100
 _HEX32 = ("vendor", "product", "revision", "revision_min")
-_HEX16 = ("index", "pdos")
+_HEX16 = ("index", "pdos", "identification_register")
 _NAME_BYTES = 31
 _COPY_EXAMPLE = [
     "",
@@ -64,7 +64,7 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
     notes = notes or Notes()
     names = dict(zip((s.position for s in bus.slaves), _names(bus.slaves), strict=True))
     expected = replace(config.expected, unlisted=False)
-    heads = [item for item in config.slave if item.alias is not None]
+    heads = [item for item in config.slave if item.mark is not None]
     found = {item.position for head in heads for item in (head, *config.followers(head))}
     lines = [
         f"# Configuration of bus '{bus.name}' with its slaves, written by ecatctl {version}.",
@@ -79,8 +79,8 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         settings = config.settings_of(slave.position)
         lines += ["", *_about(slave), *_comment(notes.slaves.get(slave.position, ()))]
         beside = notes.pdos.get(slave.position, ())
-        by_alias = slave.position in found
-        lines += _slave(slave, settings, names[slave.position], beside, by_alias=by_alias)
+        placed = slave.position not in found
+        lines += _slave(slave, settings, names[slave.position], beside, placed=placed)
     for domain in config.domain:
         row = replace(domain, slaves=[])
         slaves = ", ".join(value_text("", names.get(n, n)) for n in domain.slaves)
@@ -123,6 +123,7 @@ def _about(slave: Slave) -> Iterator[str]:
     parts = [f"revision 0x{slave.revision:08X}"]
     parts += [f"serial number {slave.serial}"] if slave.serial else []
     parts += [f"station alias {slave.alias}"] if slave.alias else []
+    parts += [f"identification {slave.identification}"] if slave.identification else []
     name = slave.name or "no order code"
     yield f"# --- slave {slave.position}: {_plain(name)} ({', '.join(parts)})"
     for title, pdos in (("outputs", slave.outputs), ("inputs", slave.inputs)):
@@ -151,7 +152,7 @@ def _entry(entry: Entry) -> str:
 
 
 def _slave(
-    slave: Slave, settings: SlaveConfig, name: str, beside: Iterable[str], *, by_alias: bool
+    slave: Slave, settings: SlaveConfig, name: str, beside: Iterable[str], *, placed: bool
 ) -> Iterator[str]:
     identity = replace(
         settings,
@@ -164,10 +165,13 @@ def _slave(
     )
     yield "[[slave]]"
     off = slave.watchdog_ms == 0 and not settings.watchdog_ms
-    skip = ("pdo", "startup", "pdos", *["position"] * by_alias, *["watchdog_ms"] * off)
+    skip = ("pdo", "startup", "pdos", *["position"] * (not placed), *["watchdog_ms"] * off)
     yield from _scalars(identity, always=("position",), without=skip, comments=False)
     if slave.serial and settings.serial is None:
         yield f"# serial = {slave.serial}"
+    if slave.identification and settings.identification is None:
+        text = "in place of position: finds the slave wherever it stands"
+        yield f"# identification = {slave.identification}  # {text}"
     if off:
         yield "watchdog_ms = 0  # it is off: outputs keep their values if ecatd dies; better: 100"
     pdos = settings.pdos

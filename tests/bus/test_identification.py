@@ -1,0 +1,126 @@
+"""Explicit device identification: it finds a slave wherever it stands, and when it comes back."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from test_bad_conditions import Bench
+
+from conftest import Daemon, names
+
+pytestmark = pytest.mark.bus
+
+DRIVE = "vendor = 0xFFFF\nproduct = 0x402\n"
+CONFIG = f"""
+[gateway]
+listen = []
+[recovery]
+retry_s = 0.5
+[[slave]]
+identification = 42
+name = "spindle"
+{DRIVE}
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 4711
+"""
+SENSOR = """
+[[slave]]
+vendor = 0xF00D
+product = 1
+revision = 1
+order = "Sensor"
+device_id = 42
+device_id_register = 0x0F80
+[[slave.pdo]]
+index = 0x1A00
+entry = [{ index = 0x6000, subindex = 1, type = "UNSIGNED16" }]
+"""
+
+Start = Callable[..., Daemon]
+
+
+def drive(identification: int | None = None) -> str:
+    more = "" if identification is None else f"device_id = {identification}\n"
+    return f'[[slave]]\ndevice = "CiA402"\n{more}'
+
+
+COUPLER = '[[slave]]\ndevice = "EK1100"\n'
+
+
+@pytest.fixture
+def start(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Start:
+    def start(*slaves: str, config: str = CONFIG, ready: bool = True) -> Daemon:
+        rig = tmp_path / "rig.toml"
+        rig.write_text('name = "machine"\n' + "".join(slaves))
+        return start_daemon(str(rig), config=config, ready=ready)
+
+    return start
+
+
+@pytest.fixture
+def bench(start: Start) -> Iterator[Bench]:
+    """Two equal drives with different identifications; the second one is meant."""
+    bench = Bench(start(COUPLER, drive(7), drive(42)))
+    yield bench
+    bench.close()
+
+
+def test_an_identification_finds_a_slave(start: Start) -> None:
+    for slaves, place in (([COUPLER, drive(7), drive(42)], 2), ([drive(42), COUPLER, drive()], 0)):
+        daemon = start(*slaves)
+        assert daemon.slave_rows()[place]["given_name"] == "spindle"
+        assert daemon.ctl_json("sdo-read", "spindle", "0x6065")["value"] == 4711
+        assert {row["state"] for row in daemon.slave_rows()} == {"OP"}
+        assert daemon.slave_rows()[place]["identification"] == 42
+        names(daemon.ctl("slaves").stdout, "IDENT", "42")
+        names(daemon.ctl("config", "init").stdout, "identification = 42", "identification 42")
+        assert daemon.stop() == 0
+
+
+def test_an_identification_may_be_in_a_register(start: Start) -> None:
+    config = CONFIG[: CONFIG.index("[[slave.startup]]")].replace(DRIVE, "")
+    daemon = start(COUPLER, SENSOR, config=config)
+    rows = daemon.slave_rows()
+    assert [row["given_name"] for row in rows] == ["", "spindle"]
+    assert [row["identification"] for row in rows] == [0, 42]
+    assert daemon.stop() == 0
+    # Without a configuration, too, the EEPROM says where it is.
+    daemon = start(COUPLER, SENSOR, config="[gateway]\nlisten = []\n")
+    names(daemon.ctl("config", "init").stdout, "# identification = 42")
+
+
+@pytest.mark.parametrize(
+    ("slaves", "tokens"),
+    [
+        ([drive(42), drive(42)], ["slaves 0, 1", "the same identification", "42", "spindle"]),
+        ([COUPLER, drive(41)], ["spindle", "missing", "tells the identification 42", "selector"]),
+        ([COUPLER, drive()], ["spindle", "missing", "slave 1 (CiA402) cannot tell any"]),
+        ([drive(0)], ["spindle", "missing", "slave 0 (CiA402) cannot tell any"]),
+    ],
+)
+def test_who_is_meant_must_be_clear(start: Start, slaves: list[str], tokens: list[str]) -> None:
+    status, log = start(*slaves, ready=False).wait_end()
+    assert status == 7, log
+    (line,) = [line for line in log.splitlines() if "error: bus not as expected" in line]
+    names(line, *tokens)
+
+
+def test_a_slave_that_comes_back_must_tell_it_again(bench: Bench) -> None:
+    daemon = bench.daemon
+    for value, condition, text in (
+        (7, "exchanged", "stands one with the identification 7, not 42"),
+        (0, "missing", "does not tell its identification, which must be 42"),
+    ):
+        bench.power(2, on=False)
+        bench.wait_for(lambda: bench.health().slaves_found == 2)
+        bench.ctl("identification", "2", str(value))
+        bench.power(2, on=True)
+        bench.wait_for_log(text)
+        row = daemon.slave_rows()[2]
+        assert (row["state"], row["recovery"]) == ("no answer", condition)
+        assert daemon.slave_rows()[1]["state"] == "OP"
+    bench.ctl("identification", "2", "42")  # it has its power, and is asked again
+    bench.wait_for_log("slave 2 (spindle, CiA402): back in OP")
+    assert daemon.ctl_json("sdo-read", "spindle", "0x6065")["value"] == 4711
