@@ -17,9 +17,9 @@ pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 def test_slaves_lists_the_rig(troll: Daemon) -> None:
     lines = troll.ctl("slaves").stdout.splitlines()
-    assert lines[0].startswith("POS  ALIAS  STATE  NAME  ")
+    assert lines[0].startswith("POS  ALIAS  IDENT  STATE  NAME  ")
     assert len(lines) == 9
-    assert lines[3].split()[:6] == ["2", "0", "OP", "EL1018", "0x00000002", "0x03FA3052"]
+    assert lines[3].split()[:6] == ["2", "0", "0", "OP", "EL1018", "0x00000002"]
     document = troll.ctl_json("slaves")
     assert [slave["position"] for slave in document["slaves"]] == list(range(8))
     assert document["slaves"][4]["input_bytes"] == 32
