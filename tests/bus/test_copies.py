@@ -13,7 +13,8 @@ from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
 
-# What is written to the first outputs comes in at the inputs, is copied, and comes in again.
+# What is written to the first outputs comes in at the inputs, is copied, and comes in again. The
+# lamps are in a slower domain than the switches.
 RIG = """
 name = "copies"
 [[slave]]
@@ -44,6 +45,11 @@ to = { slave = 5, entry = "0x6000:01" }
 CONFIG = """
 [gateway]
 listen = []
+[[domain]]
+slaves = [0, 1, 4, 5]
+[[domain]]
+divider = 3
+slaves = [2, 3]
 [[slave]]
 position = 1
 name = "switches"
@@ -89,6 +95,42 @@ slave = 0
 entry = "0x60FF:00"
 from_slave = 0
 from_entry = "0x6041:00"
+"""
+
+REAL_RIG = """
+[[slave]]
+vendor = 0xFFFF
+product = 0x30
+name = "Real"
+[slave.mailbox]
+[[slave.pdo]]
+index = 0x1600
+entry = [{ index = 0x7000, subindex = 1, type = "int16" }]
+[[slave.pdo]]
+index = 0x1A00
+entry = [{ index = 0x6000, subindex = 1, type = "real32" }]
+[[slave.object]]
+index = 0x6000
+entry = [{ subindex = 1, type = "real32", access = "txpdo", data = "00 00 c0 7f" }]
+"""
+REAL = """
+[gateway]
+listen = []
+[[signal]]
+slave = 0
+entry = "0x7000:01"
+maximum = 1000
+[[outputs.safe]]
+slave = 0
+entry = "0x7000:01"
+value = 7
+[[copy]]
+slave = 0
+entry = "0x7000:01"
+from_slave = 0
+from_entry = "0x6000:01"
+factor = -2
+offset = 1
 """
 
 
@@ -207,6 +249,23 @@ def test_the_stop_of_a_drive_wins(start_daemon: Callable[..., Daemon]) -> None:
         assert client.output(word).state == shm.Outputs.STOPPING
         assert target.raw == 0
         assert client.output(target).reason == shm.Reason.RELEASED
+
+
+def test_a_floating_point_number_becomes_an_integer(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    rig = tmp_path / "real.toml"
+    rig.write_text(REAL_RIG)
+    daemon = start_daemon(str(rig), config=REAL)
+    with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        output = client.signal("0/0x7000:01")
+        wait_for(lambda: simulator.get(0, 0x7000, 1) == 7, daemon)  # the input is not a number
+        assert client.output(output).reason == shm.Reason.SOURCE
+        # Rounded to the nearest number; held at the declared maximum, and at the limit of the type.
+        for value, raw in ((-2.7, 6), (-2.8, 7), (2.0, -3), (-1e9, 1000), (1e9, -32768)):
+            simulator.set(0, 0x6000, 1, value)
+            wait_for(lambda wanted=raw: simulator.get(0, 0x7000, 1) == wanted, daemon)  # type: ignore[misc]
+        assert client.output(output).reason == shm.Reason.START
 
 
 def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:

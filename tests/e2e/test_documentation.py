@@ -13,6 +13,7 @@ import pytest
 from conftest import Daemon, names, run_module
 from ecatd.model.config import (
     Config,
+    CopyConfig,
     DomainConfig,
     SignalConfig,
     SlaveConfig,
@@ -139,6 +140,7 @@ def test_the_page_about_commissioning(
 
 
 ARRAYS_OF_TABLES = (
+    "copy",
     "domain",
     "dc.slave",
     "outputs.safe",
@@ -183,6 +185,7 @@ def test_defaults_and_ranges_are_documented() -> None:
         elif default.strip().startswith("`") and key.count(".") == 1:
             table, name = key.split(".")
             rows_of = {
+                "copy": CopyConfig(0, "0x7000:01", 0, "0x6000:01"),
                 "domain": DomainConfig(),
                 "signal": SignalConfig(0, "0x6041:00"),
                 "slave": SlaveConfig(0),

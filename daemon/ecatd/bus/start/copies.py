@@ -96,7 +96,7 @@ def _conversion(rule: CopyConfig, value: Entry, copied: Entry, where: str) -> tu
     Raises:
         ConfigError: The types or the units do not fit.
     """
-    plain = rule.factor is None and rule.offset is None
+    plain = rule.factor is None and rule.offset == 0
     bits = [entry for entry in (value, copied) if not _is_number(entry)]
     same = value.bit_length == copied.bit_length and not any(
         is_signed(entry.data_type) or is_real(entry.data_type) or entry.is_physical
@@ -114,7 +114,7 @@ def _conversion(rule: CopyConfig, value: Entry, copied: Entry, where: str) -> tu
             f"{copied.unit} one {value.unit} makes, such as factor = 1.0"
         )
     factor = 1.0 if rule.factor is None else rule.factor
-    offset = value.offset * factor + (rule.offset or 0.0) - copied.offset
+    offset = value.offset * factor + rule.offset - copied.offset
     factor, offset = value.scale * factor / copied.scale, offset / copied.scale
     if not (math.isfinite(factor) and math.isfinite(offset)):
         raise ConfigError(

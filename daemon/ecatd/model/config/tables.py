@@ -239,8 +239,8 @@ class CopyConfig:
         entry: Address of the output, such as "0x7000:01".
         from_slave: Position of the slave with the input.
         from_entry: Address of the input.
-        factor: Physical output = physical input * factor + offset. None: 1.
-        offset: See `factor`. None: 0.
+        factor: Physical output = physical input * factor + offset. None: 1, if the units are equal.
+        offset: See `factor`.
     """
 
     slave: int
@@ -248,7 +248,7 @@ class CopyConfig:
     from_slave: int
     from_entry: str
     factor: float | None = None
-    offset: float | None = None
+    offset: float = 0.0
 
     @property
     def address(self) -> tuple[int, int]:
