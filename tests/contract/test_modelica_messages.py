@@ -19,6 +19,7 @@ from plant_calls import (
 )
 
 from conftest import Daemon, names
+from ecatd import shm
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
@@ -153,6 +154,25 @@ def test_optional_slaves_may_leave_a_model_that_requires_the_others(
     status, said = running.end()
     assert status == 0
     names(said, "slave 2 (EL1018)", "optional", "not valid", "in OP again")
+
+
+def test_what_a_model_writes_to_a_copied_output_has_no_effect(
+    model: Start, start_daemon: Callable[..., Daemon]
+) -> None:
+    """The block writes channel 1, here a copy of input 2, which is 0. It owns the rest."""
+    copy = (
+        f'[[copy]]\nslave = {DIGITAL_OUTPUTS}\nentry = "0x7000:01"\n'
+        f'from_slave = {DIGITAL_INPUTS}\nfrom_entry = "0x6010:01"\n'
+    )
+    daemon = start_daemon("troll", config=f"[gateway]\nlisten = []\n{copy}")
+    running = model(daemon.bus)
+    with daemon.client() as client:
+        copied, other = (client.signal(DIGITAL_OUTPUTS, index, 1) for index in (0x7000, 0x7010))
+        running.until(lambda _: client.output(other).state == shm.Outputs.ACTIVE, 1)
+        assert client.output(copied).state == shm.Outputs.COPIED
+    assert not any(running.step(1).input for _ in range(20))
+    assert not running.until(valid, 1).input
+    assert running.end() == (0, "")
 
 
 def test_a_model_that_only_watches_runs_beside_one_that_writes(model: Start, troll: Daemon) -> None:
