@@ -95,6 +95,11 @@ def test_validity_says_why(shared: SharedMemory) -> None:
     table(shared, "slave_status", "ecat_shm_slave_status", 0).al_state = 4
     table(shared, "slave_status", "ecat_shm_slave_status", 1).al_state = 4
     assert seen() == ["valid"] * 6 + ["not_operational"]  # SAFEOP has inputs, but no outputs
+    shared.slaves[0].group, page(shared).absent = 3, 1 << 3
+    its = [signal.slave == 0 for signal in shared.signals[:7]]
+    assert [word == "incomplete" for word in seen()] == its  # its group is absent
+    page(shared).absent = 1 << 4
+    assert seen() == ["valid"] * 6 + ["not_operational"]
     table(shared, "slave_status", "ecat_shm_slave_status", 0).al_state = 0x14
     assert set(seen()) == {"not_operational"}
     page(shared).wkc_state = shm.WkcState.INCOMPLETE

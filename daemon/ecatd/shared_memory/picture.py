@@ -213,13 +213,19 @@ class Picture:
             found = shm.Validity.NEVER
         elif not self._delivers():
             found = shm.Validity.STALE
-        elif page.head.wkc_state != shm.WkcState.COMPLETE:
+        elif page.head.wkc_state != shm.WkcState.COMPLETE or self._is_absent(row.slave, page):
             found = shm.Validity.INCOMPLETE
         elif state & AL_ERROR_FLAG or state not in needed:
             found = shm.Validity.NOT_OPERATIONAL
         else:
             found = shm.Validity.VALID
         return _word(found)
+
+    def _is_absent(self, position: int, page: Page) -> bool:
+        """Whether a slave is optional, and its group did not take part."""
+        slave = _at(self._slave_rows, position)
+        group = -1 if slave is None else slave.group
+        return 0 <= group < shm.MAX_GROUPS and bool(page.head.absent >> group & 1)
 
     def _delivers(self) -> bool:
         limit = max(20_000_000, 5 * self.head.cycle_time_ns) + _SILENCE_NS
