@@ -106,9 +106,14 @@ def to_op(master):
 
 def wait_state(slave, *states):
     """Waits until a slave is in one of the states; the state and the AL status code."""
+    import pysoem
+
     for _ in range(3000):
-        status = struct.unpack("<HxxH", slave._fprd(0x0130, 6))
-        if status[0] in states:
+        try:
+            status = struct.unpack("<HxxH", slave._fprd(0x0130, 6))
+        except pysoem.WkcError:  # the frame was lost
+            status = None
+        if status and status[0] in states:
             return list(status)
         time.sleep(0.001)
     raise AssertionError(f"state is {status}")

@@ -235,7 +235,7 @@ def test_the_stop_of_a_drive_wins(start_daemon: Callable[..., Daemon]) -> None:
 
         status, target = client.signal(0, 0x6041), client.signal(0, 0x60FF)
         word, speed = client.signal(0, 0x6040), client.signal(0, 0x606C)
-        client.sdo_download(0, 0x6085, 0, struct.pack("<I", 100)).result()  # brakes for seconds
+        client.sdo_download(0, 0x6085, 0, struct.pack("<I", 1)).result()  # brakes for minutes
         claim = client.claim(0, lease=30)
         client.signal(0, 0x6060).raw = 9
         client.signal(0, 0x6072).raw = 1000
@@ -249,6 +249,7 @@ def test_the_stop_of_a_drive_wins(start_daemon: Callable[..., Daemon]) -> None:
         assert client.output(word).state == shm.Outputs.STOPPING
         assert target.raw == 0
         assert client.output(target).reason == shm.Reason.RELEASED
+        client.sdo_download(0, 0x6085, 0, struct.pack("<I", 10_000_000)).result()
 
 
 def test_a_floating_point_number_becomes_an_integer(

@@ -164,7 +164,7 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
                     for position in TOOL:
                         fault(position)
     assert daemon.log.count("there for the first time, and in OP") >= 1
-    assert "error" not in daemon.log, daemon.log
+    assert "slave count changed" not in daemon.log, "that optional slaves leave is no fault"
     assert daemon.stop() == 0
 
 

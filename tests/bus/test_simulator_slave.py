@@ -335,7 +335,13 @@ def master_kickcat():
     link = kickcat.create_link(INTERFACE, "")
     link.set_timeout(0.02)  # seconds; each scan waits some hundred times this long
     bus = kickcat.Bus(link)
-    bus.init(0.1)
+    for tries_left in reversed(range(5)):  # a busy machine may lose all frames of a scan
+        try:
+            bus.init(0.1)
+            break
+        except RuntimeError:
+            if not tries_left:
+                raise
     (slave,) = bus.slaves()
     status = kickcat.mailbox.request.MessageStatus
 
