@@ -23,18 +23,31 @@ static void tell(cyclic_t *c, struct copy *copy, uint32_t reason) {
   __atomic_store_n(&output->since_ns, c->now_ns, __ATOMIC_RELEASE);
 }
 
+/* An integer that needs no conversion: a 64-bit one would lose digits as a double. */
+static struct value whole_value(const struct copy *copy, uint64_t bits) {
+  struct value value = {.scale = 1, .analog = 1, .is_whole = 1};
+  value.whole = copy->source_sign ? sign_extended(bits, copy->source_bits) : (int64_t)bits;
+  if (value.whole < 0 && copy->source_sign != copy->rule.sign) /* beyond the type of the output */
+    value.whole = copy->source_sign ? 0 : INT64_MAX;
+  return value;
+}
+
+static struct value converted_value(const struct copy *copy, uint64_t bits) {
+  double raw = raw_to_double(bits, copy->source_bits, copy->source_sign, copy->source_real);
+  return (struct value){.scale = 1, .analog = 1, .real = raw * copy->factor + copy->offset};
+}
+
 /* The value of the input as bits of the output; 0 if it is not valid. It is valid as `valid` of a session
  * is, and a finite number. */
 static int read_source(const cyclic_t *c, const struct copy *copy, uint64_t *bits) {
   const struct domain *domain = &c->domain[copy->domain];
-  struct value value = {.scale = 1, .analog = 1};
+  struct value value;
   if (domain->wkc_state != ECAT_WKC_COMPLETE || (domain->absent & copy->group) != 0 ||
       __atomic_load_n(copy->al_state, __ATOMIC_RELAXED) != OP)
     return 0;
   *bits = bits_get(domain->image, copy->source_bit, copy->source_bits);
   if (copy->plain) return 1;
-  value.real = raw_to_double(*bits, copy->source_bits, copy->source_sign, copy->source_real) *
-                   copy->factor + copy->offset;
+  value = copy->whole ? whole_value(copy, *bits) : converted_value(copy, *bits);
   return value_encode(&copy->rule, &value, bits) == 0;
 }
 
@@ -101,9 +114,10 @@ int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor
                         .factor = factor,
                         .offset = offset,
                         .rule = value_rule(to->type, to->bit_length, to->minimum, to->maximum)};
-  copy->plain = factor == 1 && offset == 0 && from->bit_length == to->bit_length &&
-                copy->source_sign == copy->rule.sign && copy->source_real == copy->rule.real &&
-                to->minimum == -HUGE_VAL && to->maximum == HUGE_VAL;
+  copy->whole = factor == 1 && offset == 0 && !copy->source_real && !copy->rule.real;
+  copy->plain = copy->whole && from->bit_length == to->bit_length &&
+                copy->source_sign == copy->rule.sign && to->minimum == -HUGE_VAL &&
+                to->maximum == HUGE_VAL;
   set_drop(c->claimable, target);
   set_add(c->copied, target);
   c->output[target].source = source;

@@ -129,6 +129,7 @@ struct copy {
   const uint32_t *al_state;    /* of its slave, in the shared memory */
   int32_t stop;                /* of the drive that the output belongs to; -1: none */
   uint8_t source_bits, source_sign, source_real;
+  uint8_t whole;               /* an integer becomes an integer without conversion */
   uint8_t plain;               /* the bits are copied as they are */
   uint32_t told;               /* ecat_reason that is published */
   double factor, offset;       /* raw output = raw input * factor + offset */

@@ -269,6 +269,74 @@ def test_a_floating_point_number_becomes_an_integer(
         assert client.output(output).reason == shm.Reason.START
 
 
+NUMBERS_RIG = """
+[[slave]]
+vendor = 0xFFFF
+product = 0x31
+name = "Numbers"
+[slave.mailbox]
+[[slave.pdo]]
+index = 0x1600
+entry = [
+  { index = 0x7000, subindex = 1, type = "real32" },
+  { index = 0x7000, subindex = 2, type = "uint64" },
+  { index = 0x7000, subindex = 3, type = "int64" },
+  { index = 0x7000, subindex = 4, type = "uint64" },
+]
+[[slave.pdo]]
+index = 0x1A00
+entry = [
+  { index = 0x6000, subindex = 1, type = "real32" },
+  { index = 0x6000, subindex = 2, type = "uint64" },
+  { index = 0x6000, subindex = 3, type = "int64" },
+]
+[[slave.object]]
+index = 0x6000
+entry = [
+  { subindex = 1, type = "real32", access = "txpdo", data = "00 00 c0 7f" },
+  { subindex = 2, type = "uint64", access = "txpdo" },
+  { subindex = 3, type = "int64", access = "txpdo" },
+]
+"""
+NUMBERS = """
+[gateway]
+listen = []
+[[outputs.safe]]
+slave = 0
+entry = "0x7000:01"
+value = 7
+""" + "".join(
+    f'[[copy]]\nslave = 0\nentry = "0x7000:0{to}"\nfrom_slave = 0\nfrom_entry = "0x6000:0{source}"\n'
+    for to, source in ((1, 1), (2, 2), (3, 2), (4, 3))
+)
+
+
+def test_numbers_of_the_same_type_are_copied_digit_by_digit(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    rig = tmp_path / "numbers.toml"
+    rig.write_text(NUMBERS_RIG)
+    daemon = start_daemon(str(rig), config=NUMBERS)
+    with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        output = client.signal("0/0x7000:01", "output")
+
+        def becomes(subindex: int, value: float) -> None:
+            wait_for(lambda: simulator.get(0, 0x7000, subindex) == value, daemon)
+
+        becomes(1, 7)  # the safe value: the input is not a number
+        assert client.output(output).reason == shm.Reason.SOURCE
+        simulator.set(0, 0x6000, 1, 0.5)
+        becomes(1, 0.5)
+        # A double has 53 bits. An output of another sign is held at the limits of its type.
+        for value in (2**53 + 1, 2**64 - 1):
+            simulator.set(0, 0x6000, 2, value)
+            becomes(2, value)
+            becomes(3, min(value, 2**63 - 1))
+        for value in (2**62 + 1, -1):
+            simulator.set(0, 0x6000, 3, value)
+            becomes(4, max(value, 0))
+
+
 def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:
     lamp = client.signal("lamps/0x7010:01", "output")
     assert client.output(lamp).state == shm.Outputs.COPIED
