@@ -306,7 +306,8 @@ slave = 0
 entry = "0x7000:01"
 value = 7
 """ + "".join(
-    f'[[copy]]\nslave = 0\nentry = "0x7000:0{to}"\nfrom_slave = 0\nfrom_entry = "0x6000:0{source}"\n'
+    f'[[copy]]\nslave = 0\nentry = "0x7000:0{to}"\n'
+    f'from_slave = 0\nfrom_entry = "0x6000:0{source}"\n'
     for to, source in ((1, 1), (2, 2), (3, 2), (4, 3))
 )
 

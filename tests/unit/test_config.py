@@ -17,6 +17,7 @@ from ecatd.model.config import (
     DcSlaveConfig,
     DomainConfig,
     ExpectedConfig,
+    ModuleConfig,
     PdoConfig,
     PdoEntryConfig,
     SafeConfig,
@@ -68,6 +69,10 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         pdi_watchdog_ms = 0
         mailbox_timeout_ms = 5000
         pdos = ["0x1605", 0x1A02]
+        [[slave.module]]
+        slot = 2
+        ident = 0x11
+        type = "DI8"
         [[slave.pdo]]
         index = "0x1605"
         entries = [{ object = "0x6040:00", bits = 16 }, { bits = 8 }]
@@ -186,6 +191,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             20.5,
             0.0,
             5000,
+            [ModuleConfig(2, 0x11, "DI8")],
             [0x1605, 0x1A02],
             [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],
             [

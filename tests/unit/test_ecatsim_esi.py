@@ -204,11 +204,6 @@ def test_a_device_attaches(tmp_path: Path) -> None:
             '<RxPdo Sm="3">',
             "SII image | AX2 | RxPDO 0x1601 | sync manager 3 | 4 (inputs) | 3 (outputs)",
         ),
-        (
-            "<Fmmu>Outputs</Fmmu>",
-            "<Slots><Slot/></Slots>",
-            "AX2 (product 0x00001234, revision 0x00020001) | slots | TOML | Python",
-        ),
     ],
 )
 def test_contradictions_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:

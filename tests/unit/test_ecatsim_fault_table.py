@@ -27,6 +27,7 @@ SAMPLES = {
     "power-off": {"slave": 2},
     "power-on": {"slave": 2},
     "swap": {"slave": 0, "device": "EL2008"},
+    "module": {"slave": 1, "slot": 3, "module": "DI8"},
     "al-error": {"slave": 1, "code": 0x1D, "state": "PREOP"},
     "emergency": {"slave": 0, "code": 0x8130, "register": 0x10, "data": "0102030405"},
     "mailbox": {"slave": 0, "mode": "slow", "delay_s": 0.5},

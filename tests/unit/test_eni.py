@@ -58,6 +58,21 @@ def one(folder: Path, **parts: str) -> tuple[SlaveConfig, Config, list[str]]:
     return found.config.slave[0], found.config, [item.text for item in found.report.unsupported]
 
 
+@pytest.mark.parametrize(
+    "objects",
+    [
+        coe(0xF030, 0, "0300" + "08010000" + "00000000" + "02030000", ca=1),
+        coe(0xF030, 0, "00") + coe(0xF030, 1, "08010000") + coe(0xF030, 3, "02030000")
+        + coe(0xF030, 0, "03"),
+    ],
+)  # fmt: skip
+def test_modules_of_an_island(tmp_path: Path, objects: str) -> None:
+    settings, _, left = one(tmp_path, objects=objects + coe(0x8000, 1, "05"))
+    assert [(item.slot, item.ident) for item in settings.module] == [(1, 0x108), (3, 0x302)]
+    assert [item.object for item in settings.startup] == ["0x8000:01"]
+    assert left == []
+
+
 def test_a_machine(tmp_path: Path) -> None:
     found = converted(tmp_path, MACHINE)
     text = written(found)

@@ -212,7 +212,7 @@ def test_encodings(tmp_path: Path, encoding: str) -> None:
 
 def test_slots_and_dictionaries_elsewhere_are_told(tmp_path: Path) -> None:
     text = SAMPLE.replace("<Fmmu>Outputs</Fmmu>", "<Slots><Slot/><Slot/></Slots>")
-    assert axis(tmp_path, text).slots == 2
+    assert len(axis(tmp_path, text).slots) == 2
     start, end = text.index("<Dictionary>"), text.index("</Dictionary>")
     text = text[:start] + "<DictionaryFile>od.xml</DictionaryFile>" + text[end + 13 :]
     device = axis(tmp_path, text)

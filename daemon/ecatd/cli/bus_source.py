@@ -41,7 +41,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--devices",
         metavar="LIST",
         help="with ESI files: the slaves in the order of the wire, as EK1100,EL1018,3*EL2008 or "
-        "EL1018:0x00110000 with its revision, or a file with one of these in each line",
+        "EL1018:0x00110000 with its revision, modules in brackets as Island[DI8,-,AI2], or a file "
+        "with one of these in each line",
     )
     command.add_argument(
         "--config",

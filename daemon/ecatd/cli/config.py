@@ -184,7 +184,7 @@ def _check(options: argparse.Namespace) -> int:
     wanted = wanted.moved(found.places)
     differences = found.differences + _other_pdos(wanted, bus)
     if options.esi is not None:
-        differences += _forbidden_pdos(wanted, bus, _described(bus, options.esi))
+        differences += _forbidden(wanted, bus, _described(bus, options.esi))
     if options.json:
         rows = [
             {
@@ -228,22 +228,26 @@ def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
     return differences
 
 
-def _forbidden_pdos(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[Difference]:
-    """PDOs of the configuration that the ESI files do not allow."""
+def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[Difference]:
+    """PDOs and modules of the configuration that the ESI files do not allow."""
     from ecatd.esi.check import pdo_problems
+    from ecatd.esi.modules import module_problems
 
-    return [
-        Difference(
-            "forbidden PDOs",
-            (settings.position,),
-            (settings.position,),
-            f"{bus.slaves[settings.position].label} {problem} ({Path(device.path).name})",
-            strict=False,
-        )
-        for settings in wanted.slave
-        if (device := devices.get(settings.position)) is not None
-        for problem in pdo_problems(settings, device)
-    ]
+    found = []
+    for settings in wanted.slave:
+        device = devices.get(settings.position)
+        if device is None:
+            continue
+        problems = [("forbidden PDOs", text) for text in pdo_problems(settings, device)]
+        idents = [module.ident for module in settings.modules]
+        problems += [("forbidden modules", text) for text in module_problems(device, idents)]
+        place = (settings.position,)
+        label, file = bus.slaves[settings.position].label, Path(device.path).name
+        found += [
+            Difference(kind, place, place, f"{label} {text} ({file})", strict=False)
+            for kind, text in problems
+        ]
+    return found
 
 
 def _indices(indices: list[int]) -> str:

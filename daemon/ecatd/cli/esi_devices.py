@@ -1,4 +1,7 @@
-"""Finds devices in ESI files: those of slaves, and those of a list such as `EK1100,3*EL2008`."""
+"""Finds devices in ESI files: those of slaves, and those of a list such as `EK1100,3*EL2008`.
+
+Modules of a device with slots follow it in brackets, as in `Island[DI8, -, AI2]`.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,14 @@ from ecatd.model.bus import Slave
 from ecatd.model.errors import ConfigError, StateError, UsageError
 from ecatd.model.text_file import read_text
 
-_ITEM = re.compile(r"(?:(\d{1,4})\s*\*\s*)?(.+?)(?:\s*:\s*(0x[0-9A-Fa-f]{1,8}|\d{1,10}))?")
+_ITEM = re.compile(
+    r"(?:(\d{1,4})\s*\*\s*)?"  # how many
+    r"([^[\]]+?)"  # type or product code
+    r"(?:\s*:\s*(0x[0-9A-Fa-f]{1,8}|\d{1,10}))?"  # revision
+    r"(?:\s*\[([^[\]]*)\])?"  # modules
+)
+_COMMA = re.compile(r",(?![^[]*\])")
+"""A comma that is not between the modules of a device."""
 _PRODUCT = re.compile(r"0x[0-9A-Fa-f]{1,8}")
 _SLAVES_MAX = 1024
 _U32 = 0xFFFF_FFFF
@@ -29,6 +39,7 @@ class _Wanted:
         type: Type of the device, or None if the product code is given.
         product: Product code, or None if the type is given.
         revision: Revision, or None: then the files must have only one.
+        modules: Type or ident of the module in each slot; empty for an empty slot.
     """
 
     text: str
@@ -36,6 +47,7 @@ class _Wanted:
     type: str | None
     product: int | None
     revision: int | None
+    modules: list[str | int]
 
 
 def rig(sources: Sequence[str], devices: str) -> str:
@@ -62,6 +74,7 @@ def rig(sources: Sequence[str], devices: str) -> str:
             f"type = {json.dumps(choice.type, ensure_ascii=False)}",
             f"product = {choice.product}",
             f"revision = {choice.revision}",
+            f"modules = {json.dumps(item.modules, ensure_ascii=False)}",
         ]
     return "\n".join(lines) + "\n"
 
@@ -137,7 +150,7 @@ def _wanted(devices: str) -> Iterator[_Wanted]:
         lines = [line.partition("#")[0].strip() for line in read_text(file).splitlines()]
         places = [(f"{file}:{number}", line) for number, line in enumerate(lines, 1) if line]
     else:
-        places = [("--devices", item.strip()) for item in devices.split(",")]
+        places = [("--devices", item.strip()) for item in _COMMA.split(devices)]
     if not places:
         raise UsageError(f"{file}: there is no device in this file")
     for where, text in places:
@@ -147,11 +160,19 @@ def _wanted(devices: str) -> Iterator[_Wanted]:
         if match is None or not count or (revision or 0) > _U32:
             raise UsageError(
                 f"{where}: '{text}' is no device: write EL1018, 3*EL1018, EL1018:0x00110000 (with "
-                "its revision) or 0x03FA3052 (its product code), and a comma between two"
+                "its revision) or 0x03FA3052 (its product code), and a comma between two; the "
+                "modules in its slots follow in brackets, as in Island[DI8, -, AI2]"
             )
         name = match[2]
         product = int(name, 16) if _PRODUCT.fullmatch(name) else None
-        yield _Wanted(text, count, None if product is not None else name, product, revision)
+        modules = [_module(item.strip()) for item in match[4].split(",")] if match[4] else []
+        kind = None if product is not None else name
+        yield _Wanted(text, count, kind, product, revision, modules)
+
+
+def _module(text: str) -> str | int:
+    """The type or the ident of a module; `-` for an empty slot."""
+    return int(text, 16) if _PRODUCT.fullmatch(text) else text.removeprefix("-")
 
 
 def _is_file(path: Path) -> bool:

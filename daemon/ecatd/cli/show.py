@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.al import al_state_text
-from ecatd.model.bus import display_name
+from ecatd.model.bus import Slave, display_name
 from ecatd.model.datatypes import type_name
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import places
@@ -53,6 +54,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
                 "serial": slave.serial,
                 "address": slave.address,
                 "coe": slave.coe,
+                "modules": [asdict(module) for module in slave.modules],
                 "problems": slave.problems,
                 "domain": slave.domain,
                 "domain_name": bus.domain_name(slave.domain),
@@ -102,10 +104,20 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
         ">>>      >>",
     )
     for slave in bus.slaves:
+        if slave.modules:
+            print(f"{slave.label}: {_modules(slave)}")
         for problem in slave.problems[:_PROBLEMS_SHOWN]:
             print(f"{slave.label}: EEPROM, {problem}")
         if (more := len(slave.problems) - _PROBLEMS_SHOWN) > 0:
             print(f"{slave.label}: EEPROM, and {more} more (--json lists all)")
+
+
+def _modules(slave: Slave) -> str:
+    """What is in the slots of a slave: `modules in slots 1 DI8 (0x00000108), 4 0x00000302`."""
+    plugged = [(slot, module) for slot, module in enumerate(slave.modules, 1) if module.ident]
+    if not plugged:
+        return f"no modules in its {len(slave.modules)} slots"
+    return f"modules in slots {', '.join(f'{slot} {module.label}' for slot, module in plugged)}"
 
 
 def _state(row: dict[str, Any]) -> str:

@@ -17,6 +17,7 @@ from ecatd.model.config.writer import Notes, unique_name
 from ecatd.model.errors import UsageError
 from ecatd.model.object_types import ObjectTypes
 
+from .modules import find_modules, is_about_modules
 from .network import EniNetwork, EniSlave, EniTask
 from .process_data import find_process_data, is_about_pdos
 from .registers import Memory, Sync, whose
@@ -237,7 +238,13 @@ class _Converter:
     def _take_objects(self, slave: EniSlave, settings: SlaveConfig, description: Slave) -> None:
         types = ObjectTypes(description)
         late = ""
+        settings.module = find_modules(slave.objects)
+        if settings.module:
+            count = len(settings.module)
+            self._report.take(settings.position, f"{count} module{'s' * (count != 1)}")
         for command in slave.objects:
+            if is_about_modules(command):
+                continue
             what = f"<InitCmd> for {command.address}"
             if is_about_pdos(command):
                 if late:

@@ -5,17 +5,28 @@ choice = choose(list_devices(path), path, type="EL1004", revision=0x00130000)
 device = read_device(path, choice)
 ```
 
-A file may describe hundreds of devices; only the chosen one is read completely. Modules for slots,
-and dictionaries in other files, are not read; `EsiDevice.slots` and `dictionary_file` say whether
-a device has them.
+A file may describe hundreds of devices; only the chosen one is read completely, with the modules
+that its slots may have; `plug` puts some of them in. A dictionary in another file is not read;
+`EsiDevice.dictionary_file` says whether a device has one.
 
 `reader` reads files, `dictionary` reads object dictionaries, and both use `xml`. `device` has the
-classes of the result. `configure` adds to a configuration what a file knows, and `check` compares
-the PDOs of a configuration with a file. The daemon itself reads no ESI files.
+classes of the result. `modules` puts modules into slots, and `shift` moves what depends on these.
+`configure` adds to a configuration what a file knows, and `check` compares the PDOs of a
+configuration with a file. The daemon itself reads no ESI files.
 """
 
-from .device import EsiChoice, EsiCommand, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
+from .device import (
+    EsiChoice,
+    EsiCommand,
+    EsiDcMode,
+    EsiDevice,
+    EsiModule,
+    EsiPdo,
+    EsiSlot,
+    EsiSyncManager,
+)
 from .dictionary import EsiEntry, EsiObject
+from .modules import module_problems, plug
 from .reader import choose, list_devices, read_device
 
 __all__ = [
@@ -24,10 +35,14 @@ __all__ = [
     "EsiDcMode",
     "EsiDevice",
     "EsiEntry",
+    "EsiModule",
     "EsiObject",
     "EsiPdo",
+    "EsiSlot",
     "EsiSyncManager",
     "choose",
     "list_devices",
+    "module_problems",
+    "plug",
     "read_device",
 ]

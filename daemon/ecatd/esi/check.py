@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from ecatd.model.config.tables import SlaveConfig
 
 from .device import EsiDevice, EsiPdo
+from .modules import plug
 
 
 def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
@@ -15,6 +16,8 @@ def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
     Yields:
         Sentences without a subject, such as `lacks PDO 0x1600, which is mandatory: …`.
     """
+    if device.slots:  # modules bring PDOs of their own
+        device = plug(device, [module.ident for module in settings.modules])
     offered: dict[int, EsiPdo] = {pdo.index: pdo for pdo in (*device.outputs, *device.inputs)}
     for own in settings.pdo:
         pdo = offered.get(own.index)
@@ -29,7 +32,7 @@ def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
     if settings.pdos is None:
         return
     assigned = [offered[index] for index in settings.pdos if index in offered]
-    if not device.slots:  # modules bring PDOs of their own
+    if settings.module or not device.slots:
         for index in settings.pdos:
             if index not in offered:
                 all_ = ", ".join(f"0x{known:04X}" for known in offered) or "none"

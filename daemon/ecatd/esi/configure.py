@@ -22,6 +22,7 @@ from ecatd.model.unit_codes import meaning
 
 from .device import EsiCommand, EsiDcMode, EsiDevice, EsiPdo
 from .dictionary import EsiEntry
+from .modules import plug
 
 _ASSIGNMENTS = range(0x1C10, 0x1C30)
 _SYNC0, _SYNC1 = 0x0300, 0x0400
@@ -42,6 +43,7 @@ def add_esi(config: Config, bus: Bus, devices: Mapping[int, EsiDevice]) -> Notes
     notes = Notes()
     for position, device in sorted(devices.items()):
         slave = bus.slaves[position]
+        device = plug(device, [module.ident for module in slave.modules])
         settings = config.settings_of(position)
         if settings not in config.slave:
             config.slave.append(settings)
@@ -71,6 +73,7 @@ class _Adder:
             + (f"; it describes revision 0x{device.revision:08X}" if other else "")
         )
         slave.name = slave.name or device.type
+        self._name_modules()
         described = [*device.outputs, *device.inputs]
         names = {(e.index, e.subindex): e.name for pdo in described for e in pdo.entries if e.name}
         configured = {rule.address for rule in self._config.signal if rule.slave == slave.position}
@@ -87,6 +90,16 @@ class _Adder:
             for command in device.commands:
                 self._add_command(command)
         self._add_modes()
+
+    def _name_modules(self) -> None:
+        types = {module.ident: module.type for module in self._device.modules}
+        for slot, module in enumerate(self._slave.modules, 1):
+            module.name = module.name or types.get(module.ident, "")
+            if module.ident and module.ident not in types:
+                self._about.append(
+                    f"{Path(self._device.path).name} does not describe the module in slot {slot}, "
+                    f"0x{module.ident:08X}"
+                )
 
     # --- process data --------------------------------------------------------------------------
 

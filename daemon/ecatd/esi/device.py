@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from ecatd.model.pdo import Pdo
 
 from .dictionary import EsiObject
+from .xml import Element
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +114,49 @@ class EsiCommand:
     comment: str
 
 
+@dataclass(frozen=True, slots=True)
+class EsiSlot:
+    """A slot for a module.
+
+    Attributes:
+        name: Its name; may be empty.
+        idents: Idents of the modules that it may have, beside those of `classes`.
+        classes: Classes of the modules that it may have.
+        index_step: Distance of the objects of a module from those of the slot before.
+        pdo_step: Distance of its PDOs.
+    """
+
+    name: str
+    idents: tuple[int, ...]
+    classes: tuple[str, ...]
+    index_step: int
+    pdo_step: int
+
+    def takes(self, module: EsiModule) -> bool:
+        """Whether the slot may have a module; one that names none may have any."""
+        anything = not self.idents and not self.classes
+        return anything or module.ident in self.idents or module.module_class in self.classes
+
+
+@dataclass(frozen=True, slots=True)
+class EsiModule:
+    """A type of module. `modules.plug` adds what it brings to a device.
+
+    Attributes:
+        ident: Module ident.
+        module_class: Its class, which slots name.
+        type: Name of the type.
+        name: Name of the module.
+        element: Its element in the file: what it brings depends on the slot.
+    """
+
+    ident: int
+    module_class: str
+    type: str
+    name: str
+    element: Element
+
+
 @dataclass(slots=True)
 class EsiDevice:
     """A device as its ESI file describes it.
@@ -144,7 +188,8 @@ class EsiDevice:
         categories: Further categories of the EEPROM: type and data of each.
         objects: The object dictionary.
         dictionary_file: Name of another file with the dictionary, or empty.
-        slots: Number of slots for modules.
+        slots: Its slots for modules, slot 1 first.
+        modules: The modules that its slots may have.
     """
 
     path: str
@@ -173,4 +218,5 @@ class EsiDevice:
     categories: list[tuple[int, bytes]] = field(default_factory=list)
     objects: list[EsiObject] = field(default_factory=list)
     dictionary_file: str = ""
-    slots: int = 0
+    slots: list[EsiSlot] = field(default_factory=list)
+    modules: list[EsiModule] = field(default_factory=list)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
 from ecatd.model.dictionary import Access, ObjectCode
 
+from .shift import UNMOVED, Shift
 from .xml import Element
 
 _TYPES = {
@@ -132,15 +133,19 @@ def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
     return None
 
 
-def read_dictionary(dictionary: Element) -> list[EsiObject]:
+def read_dictionary(dictionary: Element, shift: Shift = UNMOVED) -> list[EsiObject]:
     """Reads the objects of a <Dictionary>, in ascending order of their indices.
+
+    Args:
+        dictionary: The element.
+        shift: How far the slot of a module moves its objects.
 
     Raises:
         ConfigError: The dictionary is malformed; the message begins with file and line.
     """
     types = dictionary.find("DataTypes")
     known = {item.text_of("Name"): item for item in types.all("DataType")} if types else {}
-    reader = _Reader(known)
+    reader = _Reader(known, shift)
     objects: dict[int, EsiObject] = {}
     parent = dictionary.find("Objects")
     for element in parent.all("Object") if parent else ():
@@ -159,14 +164,16 @@ class _Reader:
 
     Args:
         types: The <DataType> elements of the dictionary, by name.
+        shift: See `read_dictionary`.
     """
 
-    def __init__(self, types: dict[str, Element]) -> None:
+    def __init__(self, types: dict[str, Element], shift: Shift) -> None:
         self._types = types
+        self._shift = shift
         self._count = 0
 
     def object(self, element: Element) -> EsiObject:
-        index = element.number_of("Index", high=0xFFFF)
+        index = self._shift.index(element.need("Index"))
         name, type_name = element.name(), element.text_of("Type")
         definition = self._types.get(type_name)
         flags = element.find("Flags")

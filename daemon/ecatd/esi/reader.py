@@ -10,8 +10,18 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry
 from ecatd.model.sii import UNASSIGNED
 
-from .device import EsiChoice, EsiCommand, EsiDcMode, EsiDevice, EsiPdo, EsiSyncManager
+from .device import (
+    EsiChoice,
+    EsiCommand,
+    EsiDcMode,
+    EsiDevice,
+    EsiModule,
+    EsiPdo,
+    EsiSlot,
+    EsiSyncManager,
+)
 from .dictionary import read_dictionary, simple_type
+from .shift import UNMOVED, Shift
 from .xml import Element, read_xml
 
 _OUTLINE = (
@@ -29,6 +39,7 @@ _FMMU_USAGES = {"Outputs": 1, "Inputs": 2, "MBoxState": 3}
 _PROTOCOLS = {"AoE": 1, "EoE": 2, "CoE": 4, "FoE": 8, "SoE": 16, "VoE": 32}
 _COE_DETAILS = {"SdoInfo": 2, "PdoAssign": 4, "PdoConfig": 8, "PdoUpload": 16, "CompleteAccess": 32}
 _SDO = 1
+_SLOTS_MAX = 254
 _UNUSED = {"ImageData16x14", "ImageFile16x14", "VendorSpecific"}
 
 
@@ -96,9 +107,14 @@ def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
         ConfigError: The file is malformed; the message begins with file and line.
     """
     seen = -1
+    has_slots = False
 
     def wanted(element: Element, depth: int) -> bool:
-        nonlocal seen
+        nonlocal seen, has_slots
+        if depth == _DEVICE_DEPTH + 1 and element.tag == "Slots":
+            has_slots = True
+        if depth == _DEVICE_DEPTH - 1 and element.tag == "Modules":  # they follow the devices
+            return has_slots
         if depth == _DEVICE_DEPTH and element.tag == "Device":
             seen += 1
             return seen == choice.number
@@ -131,15 +147,18 @@ def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
     electrical = element.find("Info", "Electrical")
     if electrical is not None:
         device.ebus_current = electrical.number_of("EBusCurrent", 0, -0x8000, 0x7FFF)
-    device.outputs = _pdos(element.all("RxPdo"), device)
-    device.inputs = _pdos(element.all("TxPdo"), device)
+    device.outputs = read_pdos(element.all("RxPdo"), device)
+    device.inputs = read_pdos(element.all("TxPdo"), device)
     _read_mailbox(element, device)
     dc = element.find("Dc")
     device.dc = [_dc_mode(item) for item in dc.all("OpMode")] if dc else []
     _read_eeprom(element, device)
     _read_profile(element, device)
     slots = element.find("Slots")
-    device.slots = len(list(slots.all("Slot"))) if slots else 0
+    device.slots = _slots(slots) if slots else []
+    modules = root.find("Descriptions", "Modules") if device.slots else None
+    found = [_module(item) for item in modules.all("Module")] if modules else []
+    device.modules = [item for item in found if any(slot.takes(item) for slot in device.slots)]
     return device
 
 
@@ -180,10 +199,57 @@ def _sync_manager(element: Element) -> EsiSyncManager:
     )
 
 
-def _pdos(elements: Iterable[Element], device: EsiDevice) -> list[EsiPdo]:
+def _slots(slots: Element) -> list[EsiSlot]:
+    """The slots, each as often as it may be there."""
+    index_step = slots.attribute("SlotIndexIncrement", high=0xFFFF)
+    pdo_step = slots.attribute("SlotPdoIncrement", high=0xFFFF)
+    most = slots.attribute("MaxSlotCount", _SLOTS_MAX, high=_SLOTS_MAX)
+    found: list[EsiSlot] = []
+    for element in slots.all("Slot"):
+        slot = EsiSlot(
+            element.name(),
+            tuple(item.number() for item in element.all("ModuleIdent")),
+            tuple(item.text for item in _all(element, "ModuleClass", "Class")),
+            element.attribute("SlotIndexIncrement", index_step, high=0xFFFF),
+            element.attribute("SlotPdoIncrement", pdo_step, high=0xFFFF),
+        )
+        found += [slot] * element.attribute("MaxInstances", 1, high=_SLOTS_MAX)
+    return found[:most]
+
+
+def _all(element: Element, tag: str, inner: str) -> Iterable[Element]:
+    """The children of a name; those with children of their own have the text in one of these."""
+    for child in element.all(tag):
+        yield child.find(inner) or child
+
+
+def _module(element: Element) -> EsiModule:
+    kind = element.need("Type")
+    return EsiModule(
+        kind.attribute("ModuleIdent"),
+        kind.attributes.get("ModuleClass", ""),
+        kind.text,
+        element.name(),
+        element,
+    )
+
+
+def read_pdos(
+    elements: Iterable[Element], device: EsiDevice, shift: Shift = UNMOVED
+) -> list[EsiPdo]:
+    """Reads PDOs of a device, or those of a module in a slot.
+
+    Args:
+        elements: `<RxPdo>` or `<TxPdo>`.
+        device: The device.
+        shift: How far the slot moves them.
+
+    Raises:
+        ConfigError: An element is malformed; the message begins with file and line.
+    """
     result: dict[int, EsiPdo] = {}
     for element in elements:
-        index = element.number_of("Index", high=0xFFFF)
+        index = shift.index(element.need("Index"))
         manager = element.attribute("Sm", UNASSIGNED, high=0xFF)
         if manager != UNASSIGNED and manager >= len(device.sync_managers):
             element.fail(
@@ -196,21 +262,25 @@ def _pdos(elements: Iterable[Element], device: EsiDevice) -> list[EsiPdo]:
             index,
             element.name(),
             manager,
-            [read_entry(item) for item in element.all("Entry")],
+            [read_entry(item, shift) for item in element.all("Entry")],
             fixed=element.flag("Fixed"),
             mandatory=element.flag("Mandatory"),
-            excludes=[item.number(high=0xFFFF) for item in element.all("Exclude")],
+            excludes=[shift.index(item) for item in element.all("Exclude")],
         )
     return list(result.values())
 
 
-def read_entry(element: Element) -> Entry:
+def read_entry(element: Element, shift: Shift = UNMOVED) -> Entry:
     """Reads an <Entry> of a PDO, which ESI and ENI files write alike.
+
+    Args:
+        element: The element.
+        shift: How far the slot of a module moves it.
 
     Raises:
         ConfigError: The element is malformed; the message begins with file and line.
     """
-    index = element.number_of("Index", high=0xFFFF)
+    index = shift.index(element.need("Index"))
     bits = element.number_of("BitLen", low=1, high=0xFF)
     if index == 0:
         return Entry(0, 0, element.name(), DataType.PADDING, bits)
@@ -232,16 +302,21 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
         device.coe_details = _SDO
         for name, bit in _COE_DETAILS.items():
             device.coe_details |= bit * coe.flag(name)
-        commands = coe.find("InitCmds")
-        device.commands = [_command(item) for item in commands.all("InitCmd")] if commands else []
+        device.commands = read_commands(coe)
 
 
-def _command(element: Element) -> EsiCommand:
+def read_commands(coe: Element, shift: Shift = UNMOVED) -> list[EsiCommand]:
+    """Reads the start-up commands in a `<CoE>`; arguments and errors as `read_pdos`."""
+    commands = coe.find("InitCmds")
+    return [_command(item, shift) for item in commands.all("InitCmd")] if commands else []
+
+
+def _command(element: Element, shift: Shift) -> EsiCommand:
     data = element.find("Data")
     return EsiCommand(
         element.line,
         tuple(dict.fromkeys(item.text.upper() for item in element.all("Transition"))),
-        element.number_of("Index", high=0xFFFF),
+        shift.index(element.need("Index")),
         element.number_of("SubIndex", 0, high=0xFF),
         data.octets() if data else b"",
         element.flag("CompleteAccess"),

@@ -22,6 +22,26 @@ SCHEMA = 1
 
 
 @dataclass(slots=True)
+class Module:
+    """A module in a slot of a modular device (ETG.5001).
+
+    Attributes:
+        ident: Module ident, which says what kind of module it is; 0 for an empty slot.
+        name: Its type, from the configuration; may be empty.
+    """
+
+    ident: int
+    name: str = ""
+
+    @property
+    def label(self) -> str:
+        """The module as messages name it: `DI8 (0x00000108)`, `empty`."""
+        if not self.ident:
+            return "empty"
+        return f"{self.name} (0x{self.ident:08X})" if self.name else f"0x{self.ident:08X}"
+
+
+@dataclass(slots=True)
 class Slave:
     """One slave.
 
@@ -42,6 +62,8 @@ class Slave:
             configuration, or `slave N` for a slave alone. Empty for a slave that must be there.
         identification: Explicit device identification that it has told (ETG.1020), such as that of
             a rotary switch; 0 for none, or if it was not asked.
+        modules: The modules that it has detected in its slots (object 0xF050), slot 1 first; none
+            for a device without slots.
         outputs: RxPDOs; `pdo_layout` computes where they lie.
         inputs: TxPDOs.
         domain: Number of the domain, 0 first.
@@ -70,6 +92,7 @@ class Slave:
     given_name: str = ""
     group: str = ""
     identification: int = 0
+    modules: list[Module] = field(default_factory=list)
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
     domain: int = 0

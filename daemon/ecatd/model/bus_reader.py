@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .bus import SCHEMA, Bus, Domain, Slave
+from .bus import SCHEMA, Bus, Domain, Module, Slave
 from .bus_name import BUS_NAME
 from .config import DOMAINS_MAX, POSITION_MAX
 from .datatypes import bit_length, is_real, type_name
@@ -19,6 +19,7 @@ _PDOS_MAX = 4096
 _ENTRIES_MAX = 65536
 _PROFILES_MAX = 256
 _PROBLEMS_MAX = 256
+_MODULES_MAX = 255
 _VALUES_MAX = 4096
 _SHOWN = 40
 _SAFE_WORDS = ("hold", "quick_stop", "disable")
@@ -163,6 +164,7 @@ _ENTRY: dict[str, Check] = {
     "connector": _truth,
     "safe": _safe,
 }
+_MODULE: dict[str, Check] = {"ident": _integer(0, _U32), "name": _text}
 _VALUE: dict[str, Check] = {"number": _integer(-_I64, _I64), "name": _text}
 _DOMAIN: dict[str, Check] = {
     "name": _text,
@@ -211,6 +213,7 @@ class _Reader:
             "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),
             "given_name": _text,
             "group": _text,
+            "modules": lambda value: _list(value, _MODULES_MAX, self._module),
             "outputs": self._pdos,
             "inputs": self._pdos,
             "domain": _integer(0, DOMAINS_MAX - 1),
@@ -294,6 +297,9 @@ class _Reader:
 
     def _pdo(self, number: int, data: Any) -> Pdo:
         return Pdo(**self._keys(data, self._pdo_keys, ("index", "name", "sync_manager")))
+
+    def _module(self, number: int, data: Any) -> Module:
+        return Module(**self._keys(data, _MODULE, ("ident",)))
 
     def _values(self, value: Any) -> list[Value]:
         return _list(value, _VALUES_MAX, self._value)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from .bus import Slave
 from .config import POSITION_MAX, STRICT, Config, Mark, SlaveConfig
+from .modules import module_differences
 
 _TOLD = 4  # slaves in one message
 _OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY, _ABSENT = 4, 8, 7, 6, 2, 1
@@ -24,8 +25,8 @@ class Difference:
     """One difference between the expected bus and the one that was found.
 
     Attributes:
-        kind: "missing", "extra", "other device", "other revision", "other serial number" or
-            "wrong place".
+        kind: "missing", "extra", "other device", "other revision", "other serial number",
+            "other modules" or "wrong place".
         expected: Positions of the slaves in the configuration, none for an extra slave.
         found: Positions of the slaves that were found, none for missing ones.
         text: What is different, and what to do about it.
@@ -393,6 +394,14 @@ def _difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
             f"{slave.label} has serial number {slave.serial}, not {wanted.serial}: put the right "
             "one in, or correct serial in its [[slave]] table",
         )
+    if wanted.module and slave.modules:
+        text = module_differences(wanted.modules, slave.modules)
+        if text:
+            return (
+                "other modules",
+                f"{slave.label} has other modules: {text}; put the right ones in, or correct its "
+                "[[slave.module]] tables",
+            )
     return "", ""
 
 

@@ -23,6 +23,7 @@ from . import beckhoff
 from .elmo import ElmoGold
 from .generic import AnalogIO, DigitalIO, Loopback
 from .generic_drive import CiA402Drive
+from .modular import ModularIO
 from .parameters import Parameter
 
 _CLASSES: Mapping[str, type[Device]] = {
@@ -31,6 +32,7 @@ _CLASSES: Mapping[str, type[Device]] = {
     "ElmoGold": ElmoGold,
     "DigitalIO": DigitalIO,
     "AnalogIO": AnalogIO,
+    "ModularIO": ModularIO,
     "Loopback32": Loopback,
 }
 

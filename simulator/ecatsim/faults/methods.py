@@ -52,6 +52,7 @@ class FaultMethods:
     power_off = Method(slaves.PowerOff)
     power_on = Method(slaves.PowerOn)
     swap = Method(slaves.Swap)
+    module = Method(slaves.Module)
     al_error = Method(slaves.AlError)
     emergency = Method(slaves.Emergency)
     mailbox = Method(slaves.Mailbox)

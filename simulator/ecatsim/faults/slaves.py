@@ -101,6 +101,27 @@ class Swap(SlaveFault):
 
 
 @dataclass(frozen=True)
+class Module(SlaveFault):
+    """Somebody puts another module into a slot of a modular device, which restarts.
+
+    Wires, waveforms and plants of the rig stay with the device that was there first, as with
+    `swap`; `swap SLAVE original` puts that one back.
+    """
+
+    kind: ClassVar[str] = "module"
+    slot: Annotated[int, Is("the slot, 1 first", minimum=1, maximum=0xFF)]
+    module: Annotated[str, Is("type of the module, such as DI8; `-` = the slot is empty")]
+
+    def check(self, target: Target) -> None:
+        """Checks that the device takes the module."""
+        target.devices[self.slave].with_module(self.slot, self.module)
+
+    def strike(self, target: Target) -> None:
+        """Puts the module in."""
+        target.swap(self.slave, target.devices[self.slave].with_module(self.slot, self.module))
+
+
+@dataclass(frozen=True)
 class Identification(SlaveFault):
     """Somebody sets the selector of a slave, which gives its device identification."""
 

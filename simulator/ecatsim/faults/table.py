@@ -18,6 +18,7 @@ from .slaves import (
     HealLink,
     Identification,
     Mailbox,
+    Module,
     PowerOff,
     PowerOn,
     Swap,
@@ -27,7 +28,7 @@ FAULTS: dict[str, type[Fault]] = {
     cls.kind: cls
     for cls in (
         *(Drop, Delay, Duplicate, Corrupt, Noise, Wkc),
-        *(BreakLink, HealLink, PowerOff, PowerOn, Swap),
+        *(BreakLink, HealLink, PowerOff, PowerOn, Swap, Module),
         *(AlError, Emergency, Mailbox, Eeprom, Clock, Identification),
     )
 }

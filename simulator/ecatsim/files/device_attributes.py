@@ -45,6 +45,7 @@ _BOUNDS: Bounds = {
     "ebus_current": (-32768, 32767),
     "file_limit": (0, 1 << 30),
     "file_busy": (0, 1000),
+    "module_distance": (1, 0x0800),
 }
 _CHIP: Bounds = {
     "type": (0, _U8),
@@ -85,6 +86,7 @@ _DC_MODE: Rules = {
     "sync1_shift_ns": integer(-(1 << 31), (1 << 31) - 1),
 }
 _MAX_MAPPED = 1486
+_MAX_SLOTS = 0xFE
 
 
 def attributes() -> dict[str, str]:
@@ -235,6 +237,13 @@ def _mapping_limits(table: Table, key: str, known: dict[str, Any]) -> None:
     known[key] = (limits[0], limits[1])
 
 
+def _modules(table: Table, key: str, known: dict[str, Any]) -> None:
+    modules = table.array(key, integer(0, _U32))
+    if len(modules) > _MAX_SLOTS:
+        table.fail(key, f"has {len(modules)} slots, but a device has at most {_MAX_SLOTS}")
+    known[key] = tuple(modules)
+
+
 def _firmware_files(table: Table, key: str, known: dict[str, Any]) -> None:
     known[key] = tuple(table.array(key, Table.text))
 
@@ -262,6 +271,7 @@ _READERS = {
     "fmmus": _fmmus,
     "variable_mapping": _variable_mapping,
     "mapping_limits": _mapping_limits,
+    "modules": _modules,
     "firmware_files": _firmware_files,
     "files": _files,
 }

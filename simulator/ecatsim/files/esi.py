@@ -15,6 +15,8 @@ from ecatd.esi import (
     EsiPdo,
     choose,
     list_devices,
+    module_problems,
+    plug,
     read_device,
 )
 from ecatd.model import abort_codes
@@ -25,6 +27,7 @@ from ecatd.model.sii_check import check_sii, is_description
 
 from ..slave import sii
 from ..slave.device import Device
+from ..slave.modules import MODULE_OBJECTS
 from ..slave.objects import Access, ObjectCode, Value, Variable
 from ..slave.pdo_objects import ASSIGNMENTS
 from ..slave.sync_managers import channels_of
@@ -34,6 +37,7 @@ _PORTS = {" ": 0, "Y": 1, "H": 1, "K": 3}
 _IDENTITY = 0x1018
 _MANDATORY, _FIXED = 0x01, 0x10  # flags of a PDO in the SII
 _SMALLEST_EEPROM = 128
+_SHOWN = 8
 _MAPPABLE = Access.RX_PDO | Access.TX_PDO
 
 
@@ -42,6 +46,7 @@ def device_from_esi(
     type: str | None = None,
     product: int | None = None,
     revision: int | None = None,
+    modules: Sequence[str | int] = (),
 ) -> Device:
     """Makes a device from its description in an ESI file.
 
@@ -50,9 +55,12 @@ def device_from_esi(
         type: Name of the type (the text of <Type>), or None for any.
         product: Product code, or None for any.
         revision: Revision number, or None for any.
+        modules: Type or ident of the module in each slot, slot 1 first; "" or 0 for an empty slot.
+            Slots behind the last one are empty.
 
     Raises:
-        ConfigError: The file cannot be used, or not exactly one of its devices fits.
+        ConfigError: The file cannot be used, or not exactly one of its devices fits, or not exactly
+            one module.
     """
     path = Path(path)
     state = _state(path)
@@ -60,17 +68,37 @@ def device_from_esi(
     chosen = choose(choices, path, type=type, product=product, revision=revision)
     esi = _device(path, state, chosen)
     where = f"{path}:{esi.line}"
-    if esi.slots:
-        raise ConfigError(
-            f"{where}: {chosen} takes modules in slots, which cannot be simulated from an "
-            "ESI file: describe the device with its modules in TOML or Python"
-        )
     try:
-        return DeviceFromEsi(esi)
+        idents = _idents(esi, modules)
+        for problem in module_problems(esi, idents):
+            raise UsageError(f"{esi.type} {problem}")
+        return DeviceFromEsi(plug(esi, idents), idents)
     except ConfigError:
         raise
     except UsageError as error:
         raise ConfigError(f"{where}: {error}") from error
+
+
+def _idents(esi: EsiDevice, modules: Sequence[str | int]) -> list[int]:
+    """The ident of the module in each slot of a device, slot 1 first.
+
+    Raises:
+        UsageError: The file has no such module, or several with this type.
+    """
+    idents: list[int] = []
+    for module in modules:
+        found = {item.ident for item in esi.modules if module == item.type}
+        if module == "" or isinstance(module, int):
+            found = {int(module or 0)}
+        if len(found) != 1:
+            known = ", ".join(item.type for item in esi.modules[:_SHOWN]) or "none"
+            count = f"{len(found)} modules have" if found else "no module has"
+            raise UsageError(
+                f"{count} the type '{module}' in the slots of {esi.type}: write the ident, such as "
+                f"0x00000108, or one of {known}"
+            )
+        idents += found
+    return idents + [0] * (len(esi.slots) - len(idents))
 
 
 def _state(path: Path) -> tuple[int, int]:
@@ -176,11 +204,15 @@ class DeviceFromEsi(DeviceFromSii):
     """A device that behaves as its ESI file says.
 
     Args:
-        esi: The description.
+        esi: The description, with the modules in its slots.
+        modules: Ident of the module in each slot.
     """
 
-    def __init__(self, esi: EsiDevice) -> None:
+    def __init__(self, esi: EsiDevice, modules: Sequence[int] = ()) -> None:
         self._esi = esi
+        self.modules = modules
+        if esi.slots:
+            self.module_distance = esi.slots[0].index_step
         image = image_from_esi(esi)
         content = check_sii(image)
         if content.damaged:
@@ -214,6 +246,8 @@ class DeviceFromEsi(DeviceFromSii):
 
     def _add_object(self, item: EsiObject) -> None:
         objects = self.dictionary
+        if self.modules and item.index in MODULE_OBJECTS:
+            return
         if is_description(item.index):
             if item.index in objects:
                 objects.object(item.index).name = item.name

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.model.errors import ConfigError
-from ecatd.model.toml_file import Table, read_toml, show
+from ecatd.model.toml_file import Key, Table, read_toml, show
 
 from .. import faults
 from ..core import MAX_SLAVES
@@ -153,15 +153,21 @@ def _call(path: Path, function: Any, parameters: dict[str, Any], *arguments: obj
 
 
 def _esi_device(table: Table) -> Device:
-    table.only(("esi", "type", "product", "revision", *_PLACE))
+    table.only(("esi", "type", "product", "revision", "modules", *_PLACE))
     path = _existing(table, "esi", table.text("esi"))
     product = table.integer("product", 0, _U32, None)
     revision = table.integer("revision", 0, _U32, None)
     kind = table.text("type") if "type" in table else None
+    modules = table.array("modules", _module) if "modules" in table else []
     device: Device = table.explain(
-        "esi", lambda: device_from_esi(path, type=kind, product=product, revision=revision)
+        "esi", lambda: device_from_esi(path, kind, product, revision, modules)
     )
     return device
+
+
+def _module(table: Table, key: Key) -> str | int:
+    """Reads the type or the ident of a module."""
+    return table.text(key) if isinstance(table.data[key], str) else table.integer(key, 0, _U32)
 
 
 # --- what connects them --------------------------------------------------------------------------

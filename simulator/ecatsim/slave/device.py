@@ -26,6 +26,7 @@ from ..core import Event, Segment
 from . import emergency, standard_objects
 from .device_type import DeviceType
 from .mailbox import MailboxFault
+from .modules import ModuleSlots
 from .objects import Dictionary, Variable
 from .process_data import ProcessData
 from .services import Services
@@ -67,6 +68,7 @@ class Device(DeviceType):
         self._awaited = Event(0)
         self._deadline = 0.0
         self._last_outputs = b""
+        self._slots: ModuleSlots | None = None
         self._sync = Synchronization(self.dc_modes, self.minimum_cycle_ns)
         self._add_objects()
         self.describe()
@@ -121,6 +123,18 @@ class Device(DeviceType):
         """
         del password
         self.files[name] = data
+
+    def with_module(self, slot: int, module: str) -> Device:
+        """Makes the same device with another module in a slot, which somebody has exchanged.
+
+        Args:
+            slot: The slot, 1 first.
+            module: Type of the module; "-" for an empty slot.
+
+        Raises:
+            UsageError: The device has no such slot, or the module does not exist.
+        """
+        raise UsageError(f"{self.order or self.name} takes no modules (slot {slot}, {module})")
 
     # --- what a device, a rig or a test may do ---------------------------------------------------
 
@@ -229,6 +243,8 @@ class Device(DeviceType):
             mapping=mapping,
             limits=self.mapping_limits,
         )
+        if self.modules:
+            self._slots = ModuleSlots(self.dictionary, self.modules, self.module_distance)
         if self.mailbox and (self.dc_modes or self.sync_parameters):
             self._sync.add_objects(self.dictionary, outputs=bool(self.rx_pdos))
 
@@ -384,6 +400,8 @@ class Device(DeviceType):
         try:
             StateChecks(self, self._process_data, self._segment, self.position).check(new)
             if new == AlState.SAFEOP:
+                if self._slots:
+                    self._slots.check()
                 self._sync.start(self._read)
             self.check(old, new)
         except RefusedError as refusal:

@@ -54,6 +54,10 @@ class DeviceType:
         dc_modes: The ways in which the device uses SYNC0 and SYNC1 (distributed clocks); without
             any, it ignores them.
         minimum_cycle_ns: Shortest cycle time of SYNC0 in ns that it accepts.
+        modules: Ident of the module in each slot of a modular device (ETG.5001), slot 1 first, 0
+            for an empty slot; none for a device without slots.
+        module_distance: Distance between the objects of two neighbouring slots.
+        pdos_in_sii: Whether the SII describes the PDOs; that of a modular device usually does not.
         sync_parameters: Whether it has the objects 0x1C32 and 0x1C33 even without DC modes.
         emulated: Whether the slave controller itself answers AL control (device emulation, register
             0x0141 bit 0): every state is entered without checks.
@@ -102,6 +106,9 @@ class DeviceType:
     mapping_limits: tuple[int, int] = (64, 64)
     dc_modes: Sequence[DcMode] = ()
     minimum_cycle_ns: int = 0
+    modules: Sequence[int] = ()
+    module_distance: int = 0x10
+    pdos_in_sii: bool = True
     sync_parameters: bool = False
     emulated: bool = False
     longest_watchdog: float | None = None
@@ -151,8 +158,8 @@ class DeviceType:
                 bootstrap=self.bootstrap,
                 sync_managers=settings,
                 fmmus=fmmus,
-                tx_pdos=self.tx_pdos,
-                rx_pdos=self.rx_pdos,
+                tx_pdos=self.tx_pdos if self.pdos_in_sii else (),
+                rx_pdos=self.rx_pdos if self.pdos_in_sii else (),
                 ebus_current=self.ebus_current,
                 physical_ports=self.physical_ports,
                 no_lrw=not self.chip.lrw,

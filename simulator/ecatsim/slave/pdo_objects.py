@@ -92,7 +92,7 @@ class ProcessDataObjects:
         item.code, item.type = ObjectCode.RECORD, _MAPPING_STRUCTURE
         item.entries[0].value = len(values)
         if variable:
-            _guard(item, self._check_mapped, self._check_mapping)
+            follow_list_procedure(item, self._check_mapped, self._check_mapping)
 
     def _add_entry(self, entry: Entry) -> None:
         objects, right = self._objects, self._right
@@ -139,7 +139,8 @@ class ProcessDataObjects:
         )
         item.entries[0].value = len(assigned)
         if variable:
-            _guard(item, self._check_assigned, partial(self._check_assignment, channel))
+            check_all = partial(self._check_assignment, channel)
+            follow_list_procedure(item, self._check_assigned, check_all)
 
     # --- what the master writes ----------------------------------------------------------------
 
@@ -201,12 +202,18 @@ def _members(item: DictionaryObject) -> list[int]:
     return [int(item.entries[i].value) for i in range(1, int(item.entries[0].value) + 1)]
 
 
-def _guard(
+def follow_list_procedure(
     item: DictionaryObject,
-    check_one: Callable[[int], None],
-    check_all: Callable[[Sequence[int]], None],
+    check_one: Callable[[int], None] = lambda _: None,
+    check_all: Callable[[Sequence[int]], None] = lambda _: None,
 ) -> None:
-    """Makes an object for mapping or assignment follow the procedure of CiA 301."""
+    """Makes an object that a master writes as a list follow the procedure of CiA 301.
+
+    Args:
+        item: The object, with room for the longest list.
+        check_one: Checks a value; raises `SdoAbortError` to refuse it.
+        check_all: Checks the whole list in the same way.
+    """
     entries = item.entries
 
     def write_count(count: Value) -> None:

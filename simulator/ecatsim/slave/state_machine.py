@@ -38,6 +38,7 @@ class AlCode(IntEnum):
     SYNC0_CYCLE_TIME = 0x0036
     EEPROM_NO_ACCESS = 0x0050
     EEPROM_ERROR = 0x0051
+    MODULES = 0x0070
 
 
 class RefusedError(Exception):

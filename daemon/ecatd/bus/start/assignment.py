@@ -16,10 +16,11 @@ from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
 from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Talk
+from .value_lists import ValueLists
 
 T = TypeVar("T")
 
-_INFORMATION, _COMPLETE_ACCESS = 0x02, 0x20  # bits of the CoE details in the SII
+_INFORMATION = 0x02  # bit of the CoE details in the SII
 ASSIGNMENT = 0x1C10
 """The assignment of the PDOs of sync manager 0; that of sync manager n is n more."""
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
@@ -38,7 +39,7 @@ class Assignment:
         self._slave = slave
         self._sii = sii
         self._coe = coe
-        self._at_once = bool(sii.coe & _COMPLETE_ACCESS)
+        self._lists = ValueLists(coe, slave.label, sii)
         self._describes = True  # until the SDO information service has failed once
         self._tries = 3 if sii.coe & _INFORMATION else 1
 
@@ -67,66 +68,15 @@ class Assignment:
     def _pdos(self, usage: int) -> Talk[list[Pdo]]:
         pdos = []
         for number in self._sii.channels(usage):
-            for index in (yield from self._list(ASSIGNMENT + number, 2, _PDOS_MAX)):
+            for index in (yield from self._lists.read(ASSIGNMENT + number, 2, _PDOS_MAX)):
                 pdos.append((yield from self.pdo(index, number)))
         return pdos
 
     def pdo(self, index: int, sync_manager: int) -> Talk[Pdo]:
         """Reads the mapping of one PDO, as a part of a conversation."""
-        values = yield from self._list(index, 4, _ENTRIES_MAX)
+        values = yield from self._lists.read(index, 4, _ENTRIES_MAX)
         entries = [Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF) for value in values]
         return Pdo(index, "", sync_manager, entries)
-
-    def _list(self, index: int, size: int, most: int) -> Talk[list[int]]:
-        """Reads an object that is a list of values; an object that does not exist is empty.
-
-        Args:
-            index: Its index.
-            size: Bytes of a value.
-            most: Most values that are accepted.
-        """
-        if not self._at_once:
-            return (yield from self._one_by_one(index, size, most)) or []
-        values = yield from self._whole(index, size, most)
-        if values is None:
-            values = yield from self._one_by_one(index, size, most)
-            # The object exists, so complete access does not work with this slave.
-            self._at_once = values is None
-        return values or []
-
-    def _whole(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
-        """Reads the list by complete access; returns None if the slave does not support that well.
-
-        The number of values is followed by a byte of padding (ETG.1000.6, 5.6.2).
-        """
-        try:
-            data = yield from self._coe.upload(index, 0, complete=True, tries=1)
-        except (SdoAbortError, NoAnswerError, StateError):
-            return None
-        if not data or data[0] > most or len(data) != 2 + data[0] * size:
-            return None
-        return [int.from_bytes(data[at : at + size], "little") for at in range(2, len(data), size)]
-
-    def _one_by_one(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
-        """Reads the list value by value; returns None if there is no such object."""
-        try:
-            count = yield from self._coe.upload(index, 0)
-        except SdoAbortError:
-            return None
-        label = self._slave.label
-        if len(count) < 1 or count[0] > most:
-            raise StateError(
-                f"{label}: 0x{index:04X}:00 says {count.hex()} entries, at most {most} make sense"
-            )
-        values = []
-        for subindex in range(1, count[0] + 1):
-            data = yield from self._coe.upload(index, subindex)
-            if len(data) != size:
-                raise StateError(
-                    f"{label}: 0x{index:04X}:{subindex:02X} has {len(data)} bytes, not {size}"
-                )
-            values.append(int.from_bytes(data, "little"))
-        return values
 
     # --- names ---------------------------------------------------------------------------------
 

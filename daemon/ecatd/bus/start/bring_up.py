@@ -38,7 +38,14 @@ from .copies import Copy, find_copies
 from .doubtful import Doubt, fitting, settle
 from .identification import identify
 from .identify import Finder, branch_ends
-from .mapping import Scanned, configure, configure_slaves, identify_slaves, without_lrw
+from .mapping import (
+    Scanned,
+    configure,
+    configure_slaves,
+    identify_slaves,
+    read_modules,
+    without_lrw,
+)
 from .round_trip import measure_round_trip
 from .safe import SafeOutputs, safe_outputs
 from .set_up import (
@@ -242,6 +249,7 @@ class BringUp:
         """Reads SII and PDOs of every slave into the bus description."""
         found = identify_slaves(master)
         identify(master.registers, found, self.config)
+        read_modules(master, found, self._cancelled)
         self._scanned = arrange(master, found, self.config, self._log.warning)
         unexpected = self._compare()
         self._make_raw()

@@ -28,7 +28,9 @@ from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Talk, converse
 from ..master.master import Master
 from .assignment import Assignment
-from .slave_configuration import RefusedError, SlaveConfiguration, choose_from_sii
+from .modules import Modules
+from .refused import RefusedError
+from .slave_configuration import SlaveConfiguration, choose_from_sii
 from .watchdog_registers import WATCHED, watchdog_writes
 
 _PROTOCOL_COE = 0x04
@@ -99,6 +101,28 @@ def identify_slaves(master: Master) -> list[Scanned]:
     ]
 
 
+def read_modules(
+    master: Master, scanned: Sequence[Scanned], cancelled: Callable[[], bool] = lambda: False
+) -> None:
+    """Asks the slaves with CoE, which must be in PREOP, which modules are in their slots.
+
+    A slave that does not answer is asked again, with patience, when it is told its modules.
+    """
+    asked = [item for item in scanned if item.slave.coe]
+    coe = [master.coe(item.slave.position) for item in asked]
+    converse(master.registers, list(map(_ask_modules, asked, coe)), cancelled)
+    for item, way in zip(asked, coe, strict=True):
+        item.emergencies += way.emergencies
+
+
+def _ask_modules(item: Scanned, coe: Coe) -> Talk[None]:
+    try:
+        modules = Modules(item.slave, item.sii, coe)
+        item.slave.modules = yield from coe.talk(modules.detected)
+    except (NoAnswerError, StateError):
+        return
+
+
 def configure_slaves(
     master: Master,
     scanned: Sequence[Scanned],
@@ -124,6 +148,8 @@ def configure_slaves(
     for item in expected:
         item.settings = config.settings_of(item.slave.position)
         item.slave.given_name = item.settings.name
+        for module, wanted in zip(item.slave.modules, item.settings.modules, strict=False):
+            module.name = wanted.name
         if item.settings.mailbox_timeout_ms is not None:
             master.set_mailbox_timeout(item.slave.position, item.settings.mailbox_timeout_ms / 1000)
         if item.settings.optional:
@@ -136,7 +162,7 @@ def configure_slaves(
     coe = [master.coe(item.slave.position) for item in with_coe]
     converse(master.registers, list(map(_configure_and_read, with_coe, coe)), cancelled)
     for item, way in zip(with_coe, coe, strict=True):
-        item.emergencies = way.emergencies
+        item.emergencies += way.emergencies
 
 
 def _check_positions(config: Config, count: int) -> None:

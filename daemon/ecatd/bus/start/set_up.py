@@ -27,7 +27,8 @@ from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
 from .doubtful import Doubt
 from .mapping import Scanned, configure, take_pdos_from_sii
-from .slave_configuration import RefusedError, SlaveConfiguration
+from .refused import RefusedError
+from .slave_configuration import SlaveConfiguration
 from .telling import Missed, leave, tell, write_parameters
 from .watchdogs import check_watchdogs
 

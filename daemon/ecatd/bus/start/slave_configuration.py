@@ -2,7 +2,8 @@
 
 This is done whenever the slave starts or comes back, in this order (ETG.1000.6):
 
-- in PREOP: the parameters of transition IP, then the PDOs, then the parameters of PS;
+- in PREOP: the parameters of transition IP, the modules in its slots, then the PDOs, which may
+  depend on these, then the parameters of PS;
 - in SAFEOP, before OP: the parameters of SO.
 
 On the way down it is told the parameters of OS in OP, and those of SP in SAFEOP (`telling.leave`).
@@ -13,28 +14,25 @@ what they cannot change. Before an assignment or a mapping is written, its count
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 
 from ecatd.model.bus import Slave
 from ecatd.model.config import TRANSITIONS_DOWN, SlaveConfig, StartupConfig
-from ecatd.model.errors import SdoAbortError, StateError
+from ecatd.model.errors import SdoAbortError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
 from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Talk
 from .assignment import ASSIGNMENT, Assignment
+from .modules import Modules
+from .refused import RefusedError, reason, write
 
 _INPUTS = 0x1A00
 """The first TxPDO; PDOs below it are RxPDOs."""
 
 Mapping = list[tuple[int, int, int]]
 """Index, subindex and bits of each entry of a PDO."""
-
-
-class RefusedError(StateError):
-    """A slave refuses its configuration: trying again is useless."""
 
 
 class SlaveConfiguration:
@@ -69,6 +67,9 @@ class SlaveConfiguration:
 
     def _tell(self) -> Talk[list[str]]:
         refused = yield from self._parameters("IP")
+        if self._settings.module:
+            modules = Modules(self._slave, self._sii, self._coe)
+            yield from modules.tell(self._settings.modules)
         if self._settings.pdos is not None or self._settings.pdo:
             yield from self._write_pdos()
         return refused + (yield from self._parameters("PS"))
@@ -90,7 +91,7 @@ class SlaveConfiguration:
             except SdoAbortError as abort:
                 text = (
                     f"{self._slave.label} refuses its start-up parameter {_text(parameter)}: "
-                    f"{_reason(abort)}"
+                    f"{reason(abort)}"
                 )
                 if transition in TRANSITIONS_DOWN:
                     refused.append(f"{text}; it goes down all the same")
@@ -184,13 +185,7 @@ class SlaveConfiguration:
         yield from self._write(index, 0, "B", len(mapping), f"{pdo} with {len(mapping)} entries")
 
     def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
-        try:
-            yield from self._coe.download(index, subindex, struct.pack(f"<{form}", value))
-        except SdoAbortError as abort:
-            raise RefusedError(
-                f"{self._slave.label} refuses {what} (0x{index:04X}:{subindex:02X}): "
-                f"{_reason(abort)}"
-            ) from abort
+        return write(self._slave, self._coe, (index, subindex), form, value, what)
 
     def _offer(self, index: int) -> str:
         """The PDOs of the same direction that its EEPROM describes, for messages."""
@@ -225,8 +220,8 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     Raises:
         RefusedError: The SII does not have them, or the slave is told what needs CoE.
     """
-    if settings.startup or settings.pdo:
-        key = "startup" if settings.startup else "pdo"
+    key = "startup" if settings.startup else "pdo" if settings.pdo else "module"
+    if settings.startup or settings.pdo or settings.module:
         raise RefusedError(
             f"{slave.label} has no CoE, so it cannot be told its [[slave.{key}]]: remove the table"
         )
@@ -259,8 +254,3 @@ def _indices(indices: Sequence[int]) -> str:
 def _text(parameter: StartupConfig) -> str:
     value = parameter.value if parameter.hex is None else parameter.hex
     return f"{parameter.object} = {value}"
-
-
-def _reason(abort: SdoAbortError) -> str:
-    """Code and text of an abort, without the object, which the message has already."""
-    return str(SdoAbortError(abort.code))

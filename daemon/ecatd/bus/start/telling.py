@@ -11,7 +11,8 @@ from ecatd.model.al import AlState
 from ..mailbox.mailboxes import Talk, talk_all
 from ..master.master import Master
 from .mapping import Scanned
-from .slave_configuration import RefusedError, SlaveConfiguration
+from .refused import RefusedError
+from .slave_configuration import SlaveConfiguration
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from .tables import (
     TRANSITIONS,
     Config,
     ExpectedConfig,
+    ModuleConfig,
     PdoConfig,
     PdoEntryConfig,
     SlaveConfig,
@@ -28,6 +29,7 @@ OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 PDOS_MAX, ENTRIES_MAX = 64, 254
 """Most PDOs of a slave, and most entries of a PDO."""
 
+_SLOTS_MAX = 254
 _BYTES_MAX = 1 << 15
 WATCHDOG_MIN_MS, WATCHDOG_MAX_MS = 0.1, 6553.5
 _NAME_BYTES = 31
@@ -71,6 +73,7 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
             row.fail("name", f"'{slave.name}' is the name of another slave, too")
         if slave.name:
             names[slave.name] = slave.position
+        _check_modules(row, slave)
         _check_pdos(row, slave)
         slaves.append(slave)
     return slaves
@@ -145,6 +148,15 @@ def _pdo_index(table: Table, key: Key) -> int:
             "for inputs",
         )
     return value
+
+
+def _check_modules(row: Table, slave: SlaveConfig) -> None:
+    """Refuses two modules in one slot."""
+    seen: set[int] = set()
+    for table, module in zip(row.tables("module"), slave.module, strict=True):
+        if module.slot in seen:
+            table.fail("slot", f"slot {module.slot} has two tables")
+        seen.add(module.slot)
 
 
 def _check_pdos(row: Table, slave: SlaveConfig) -> None:
@@ -309,6 +321,11 @@ _STARTUP: Rules = {
     "comment": printable(NAME_BYTES * 4),
 }
 _UNSIGNED32 = integer(0, 0xFFFFFFFF)
+_MODULE: Rules = {
+    "slot": integer(1, _SLOTS_MAX),
+    "ident": integer(1, 0xFFFFFFFF),
+    "type": printable(NAME_BYTES),
+}
 _POLICY = choice({policy: policy for policy in (STRICT, TOLERANT)})
 _EXPECTED: Rules = {"policy": _POLICY, "unlisted": Table.boolean, "description": _file}
 _SLAVE: Rules = {
@@ -329,6 +346,9 @@ _SLAVE: Rules = {
     "watchdog_ms": _watchdog,
     "pdi_watchdog_ms": _watchdog,
     "mailbox_timeout_ms": number(10, 9000),
+    "module": lambda row, key: [
+        ModuleConfig(**table.read(_MODULE, required=["slot", "ident"])) for table in row.tables(key)
+    ],
     "pdos": array(_pdo_index),
     "pdo": lambda row, key: [
         PdoConfig(**table.read(_PDO, required=["index", "entries"])) for table in row.tables(key)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple, TypeVar
 
+from ..bus import Module
 from ..datatypes import DataType, bit_length, encode, parse_type
 from ..pdo import Entry, parse_address
 from ..physical import to_raw
@@ -120,6 +121,21 @@ class StartupConfig:
         return replace(self, value=repr(raw), unit=None)
 
 
+@dataclass(slots=True)
+class ModuleConfig:
+    """`[[slave.module]]`: the module that a slot of a modular device shall have (ETG.5001).
+
+    Attributes:
+        slot: Number of the slot, 1 first.
+        ident: Module ident.
+        type: Its type, for messages.
+    """
+
+    slot: int
+    ident: int
+    type: str = ""
+
+
 STRICT, TOLERANT = "strict", "tolerant"
 
 
@@ -185,6 +201,7 @@ class SlaveConfig:
         pdi_watchdog_ms: The same for the watchdog between its ESC and its processor (PDI).
         mailbox_timeout_ms: Time in milliseconds that it has to answer over its mailbox; None for
             the usual one.
+        module: The modules in its slots; slots without a table are empty. None at all: any modules.
         pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
         startup: Start-up parameters in the order in which they are written.
@@ -207,6 +224,7 @@ class SlaveConfig:
     watchdog_ms: float | None = None
     pdi_watchdog_ms: float | None = None
     mailbox_timeout_ms: float | None = None
+    module: list[ModuleConfig] = field(default_factory=list)
     pdos: list[int] | None = None
     pdo: list[PdoConfig] = field(default_factory=list)
     startup: list[StartupConfig] = field(default_factory=list)
@@ -223,7 +241,13 @@ class SlaveConfig:
     @property
     def is_told(self) -> bool:
         """Whether the slave is told anything over its mailbox before SAFEOP."""
-        return self.pdos is not None or bool(self.pdo or self.startup)
+        return self.pdos is not None or bool(self.module or self.pdo or self.startup)
+
+    @property
+    def modules(self) -> list[Module]:
+        """The expected modules by slot, slot 1 first, up to the last one; none for any modules."""
+        by_slot = {item.slot: Module(item.ident, item.type) for item in self.module}
+        return [by_slot.get(slot, Module(0)) for slot in range(1, max(by_slot, default=0) + 1)]
 
     def parameters(self, transition: str) -> list[StartupConfig]:
         """The start-up parameters of one transition, in order."""

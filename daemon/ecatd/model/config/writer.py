@@ -13,10 +13,10 @@ from ..bus import Bus, Slave
 from ..pdo import Entry
 from .signals import NAME_BYTES
 from .slave_settings import INPUT_PDOS, OUTPUT_PDOS
-from .tables import Config, SlaveConfig
+from .tables import Config, ModuleConfig, SlaveConfig
 
 _WIDTH = 100
-_HEX32 = ("vendor", "product", "revision", "revision_min")
+_HEX32 = ("vendor", "product", "revision", "revision_min", "ident")
 _HEX16 = ("index", "pdos", "identification_register")
 _NAME_BYTES = 31
 _COPY_EXAMPLE = [
@@ -165,7 +165,14 @@ def _slave(
     )
     yield "[[slave]]"
     off = slave.watchdog_ms == 0 and not settings.watchdog_ms
-    skip = ("pdo", "startup", "pdos", *["position"] * (not placed), *["watchdog_ms"] * off)
+    skip = (
+        "module",
+        "pdo",
+        "startup",
+        "pdos",
+        *["position"] * (not placed),
+        *["watchdog_ms"] * off,
+    )
     yield from _scalars(identity, always=("position",), without=skip, comments=False)
     if slave.serial and settings.serial is None:
         yield f"# serial = {slave.serial}"
@@ -182,6 +189,8 @@ def _slave(
     if pdos is not None:
         yield f"pdos = {value_text('pdos', pdos)}"
     yield from _comment(beside)
+    for module in settings.module or _modules(slave):
+        yield from ("", "[[slave.module]]", *_scalars(module, always=("slot",), comments=False))
     for pdo in settings.pdo:
         yield from ("", "[[slave.pdo]]", f"index = {value_text('index', pdo.index)}", "entries = [")
         for entry in pdo.entries:
@@ -191,6 +200,13 @@ def _slave(
     for parameter in settings.startup:
         yield from ("", "[[slave.startup]]")
         yield from _scalars(parameter, always=("object",), comments=False)
+
+
+def _modules(slave: Slave) -> Iterator[ModuleConfig]:
+    """The modules that a slave has in its slots."""
+    for slot, module in enumerate(slave.modules, 1):
+        if module.ident:
+            yield ModuleConfig(slot, module.ident, _plain(module.name))
 
 
 def _table(config: Config, name: str, names: dict[int, str], notes: Notes) -> Iterator[str]:

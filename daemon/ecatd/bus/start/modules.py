@@ -1,0 +1,101 @@
+"""Reads the modules of a modular device (ETG.5001), and tells it which ones to expect.
+
+Such a device makes its PDOs and objects of the modules in its slots. Before SAFEOP it compares the
+modules that the master expects (0xF030) with those that it has detected (0xF050).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ecatd.model.bus import Module, Slave
+from ecatd.model.errors import SdoAbortError
+from ecatd.model.modules import CONFIGURED, DETECTED, module_differences
+from ecatd.model.sii import Sii
+
+from ..mailbox.coe import Coe
+from ..mailbox.mailboxes import Talk
+from .refused import RefusedError, reason, write
+from .value_lists import ValueLists
+
+_SLOTS_MAX = 255
+
+
+class Modules:
+    """The modules of one slave. All methods are parts of a conversation.
+
+    Args:
+        slave: The slave.
+        sii: Its SII.
+        coe: CoE of the slave.
+    """
+
+    def __init__(self, slave: Slave, sii: Sii, coe: Coe) -> None:
+        self._slave = slave
+        self._coe = coe
+        self._lists = ValueLists(coe, slave.label, sii)
+
+    def detected(self) -> Talk[list[Module]]:
+        """Reads which modules are in the slots, slot 1 first; none for a device without slots.
+
+        Raises:
+            NoAnswerError: The slave does not answer.
+            StateError: Its answers are malformed.
+        """
+        try:
+            yield from self._coe.upload(DETECTED, 0, tries=1)  # most slaves have no such object
+        except SdoAbortError:
+            return []
+        idents = yield from self._lists.read(DETECTED, 4, _SLOTS_MAX)
+        return [Module(ident) for ident in idents]
+
+    def tell(self, wanted: Sequence[Module]) -> Talk[None]:
+        """Tells the slave which modules to expect, after a look at those that are there.
+
+        Raises:
+            RefusedError: It has other modules, or refuses the list.
+            NoAnswerError: The slave does not answer.
+            StateError: Its answers are malformed.
+        """
+        there = yield from self.detected()
+        text = module_differences(wanted, there) if there else ""
+        if text:
+            raise RefusedError(f"{self._slave.label} has other modules: {text}")
+        idents = [module.ident for module in wanted]
+        try:
+            yield from self._coe.upload(CONFIGURED, 0)
+        except SdoAbortError as abort:
+            raise RefusedError(
+                f"{self._slave.label} has no slots for modules (0x{CONFIGURED:04X}: "
+                f"{reason(abort)}): remove its [[slave.module]] tables"
+            ) from abort
+        before = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
+        if _stripped(before) == idents:
+            return
+        yield from self._write(idents + [0] * (len(before) - len(idents)), len(idents))
+        now = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
+        if _stripped(now) != idents:
+            raise RefusedError(
+                f"{self._slave.label} has accepted its list of modules, but has another one "
+                f"(0x{CONFIGURED:04X})"
+            )
+
+    def _write(self, idents: Sequence[int], count: int) -> Talk[None]:
+        """Writes the list; a slave with a fixed number of slots refuses to change the number."""
+        counted = True
+        try:
+            yield from self._coe.download(CONFIGURED, 0, b"\0")
+        except SdoAbortError:
+            counted = False
+        for slot, ident in enumerate(idents[:count] if counted else idents, 1):
+            what = f"module {Module(ident).label} in slot {slot}"
+            yield from write(self._slave, self._coe, (CONFIGURED, slot), "I", ident, what)
+        if counted:
+            what = f"a list of {count} modules"
+            yield from write(self._slave, self._coe, (CONFIGURED, 0), "B", count, what)
+
+
+def _stripped(idents: Sequence[int]) -> list[int]:
+    """A list without the empty slots at its end."""
+    last = max((slot for slot, ident in enumerate(idents, 1) if ident), default=0)
+    return list(idents[:last])

@@ -1,0 +1,44 @@
+"""Writes what a slave is told, and says what it refuses."""
+
+from __future__ import annotations
+
+import struct
+
+from ecatd.model.bus import Slave
+from ecatd.model.errors import SdoAbortError, StateError
+
+from ..mailbox.coe import Coe
+from ..mailbox.mailboxes import Talk
+
+
+class RefusedError(StateError):
+    """A slave refuses its configuration: trying again is useless."""
+
+
+def write(
+    slave: Slave, coe: Coe, address: tuple[int, int], form: str, value: int, what: str
+) -> Talk[None]:
+    """Writes a number to an object, as a part of a conversation.
+
+    Args:
+        slave: The slave.
+        coe: CoE of the slave.
+        address: Index and subindex.
+        form: Format of the number, as in `struct`.
+        value: The number.
+        what: What the slave is told with it, for messages.
+
+    Raises:
+        RefusedError: The slave refuses it.
+    """
+    try:
+        yield from coe.download(*address, struct.pack(f"<{form}", value))
+    except SdoAbortError as abort:
+        raise RefusedError(
+            f"{slave.label} refuses {what} (0x{address[0]:04X}:{address[1]:02X}): {reason(abort)}"
+        ) from abort
+
+
+def reason(abort: SdoAbortError) -> str:
+    """Code and text of an abort, without the object, which the message has already."""
+    return str(SdoAbortError(abort.code))

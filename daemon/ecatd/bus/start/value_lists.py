@@ -1,0 +1,81 @@
+"""Reads objects that are lists of values: an entry 0 with their number, then the values."""
+
+from __future__ import annotations
+
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.model.sii import Sii
+
+from ..mailbox.coe import Coe
+from ..mailbox.mailboxes import Talk
+
+_COMPLETE_ACCESS = 0x20  # bit of the CoE details in the SII
+
+
+class ValueLists:
+    """Reads lists from one slave, by complete access if it supports that.
+
+    Args:
+        coe: CoE of the slave.
+        label: The slave as messages name it.
+        sii: Its SII.
+    """
+
+    def __init__(self, coe: Coe, label: str, sii: Sii) -> None:
+        self._coe = coe
+        self._label = label
+        self._at_once = bool(sii.coe & _COMPLETE_ACCESS)
+
+    def read(self, index: int, size: int, most: int) -> Talk[list[int]]:
+        """Reads an object that is a list of values; an object that does not exist is empty.
+
+        Args:
+            index: Its index.
+            size: Bytes of a value.
+            most: Most values that are accepted.
+
+        Raises:
+            NoAnswerError: The slave does not answer.
+            StateError: Its answers are malformed.
+        """
+        if not self._at_once:
+            return (yield from self._one_by_one(index, size, most)) or []
+        values = yield from self._whole(index, size, most)
+        if values is None:
+            values = yield from self._one_by_one(index, size, most)
+            # The object exists, so complete access does not work with this slave.
+            self._at_once = values is None
+        return values or []
+
+    def _whole(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
+        """Reads the list by complete access; returns None if the slave does not support that well.
+
+        The number of values is followed by a byte of padding (ETG.1000.6, 5.6.2).
+        """
+        try:
+            data = yield from self._coe.upload(index, 0, complete=True, tries=1)
+        except (SdoAbortError, NoAnswerError, StateError):
+            return None
+        if not data or data[0] > most or len(data) != 2 + data[0] * size:
+            return None
+        return [int.from_bytes(data[at : at + size], "little") for at in range(2, len(data), size)]
+
+    def _one_by_one(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
+        """Reads the list value by value; returns None if there is no such object."""
+        try:
+            count = yield from self._coe.upload(index, 0)
+        except SdoAbortError:
+            return None
+        if len(count) < 1 or count[0] > most:
+            raise StateError(
+                f"{self._label}: 0x{index:04X}:00 says {count.hex()} entries, at most {most} make "
+                "sense"
+            )
+        values = []
+        for subindex in range(1, count[0] + 1):
+            data = yield from self._coe.upload(index, subindex)
+            if len(data) != size:
+                raise StateError(
+                    f"{self._label}: 0x{index:04X}:{subindex:02X} has {len(data)} bytes, not {size}"
+                )
+            values.append(int.from_bytes(data, "little"))
+        return values

@@ -1,0 +1,77 @@
+"""Puts modules into the slots of a device (ETG.5001)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from .device import EsiDevice, EsiModule
+from .dictionary import read_dictionary
+from .reader import read_commands, read_pdos
+from .shift import Shift
+
+
+def plug(device: EsiDevice, idents: Sequence[int]) -> EsiDevice:
+    """A device with modules in its slots: their PDOs, start-up commands and objects are its own.
+
+    Args:
+        device: The device without modules.
+        idents: Ident of the module in each slot, slot 1 first; 0 for an empty slot. Modules that
+            the file does not describe bring nothing.
+
+    Raises:
+        ConfigError: What the file says about a module is malformed.
+    """
+    plugged = replace(
+        device,
+        outputs=list(device.outputs),
+        inputs=list(device.inputs),
+        commands=list(device.commands),
+    )
+    objects = {item.index: item for item in device.objects}
+    modules = {module.ident: module for module in device.modules}
+    shift = Shift()
+    for ident, slot in zip(idents, device.slots, strict=False):
+        if ident in modules:
+            element = modules[ident].element
+            plugged.outputs += read_pdos(element.all("RxPdo"), device, shift)
+            plugged.inputs += read_pdos(element.all("TxPdo"), device, shift)
+            coe = element.find("Mailbox", "CoE")
+            plugged.commands += read_commands(coe, shift) if coe else []
+            dictionary = element.find("Profile", "Dictionary")
+            brought = read_dictionary(dictionary, shift) if dictionary else []
+            objects |= {item.index: item for item in brought}
+        shift = Shift(shift.objects + slot.index_step, shift.pdos + slot.pdo_step)
+    plugged.objects = [objects[index] for index in sorted(objects)]
+    return plugged
+
+
+def module_problems(device: EsiDevice, idents: Sequence[int]) -> Iterator[str]:
+    """Says which modules do not fit the slots of a device.
+
+    Args:
+        device: The device.
+        idents: As for `plug`.
+
+    Yields:
+        Sentences without a subject, such as `has a module in slot 9, but the device has 8 slots`.
+    """
+    modules = {module.ident: module for module in device.modules}
+    for number, ident in enumerate(idents, 1):
+        if not ident:
+            continue
+        if number > len(device.slots):
+            yield f"has a module in slot {number}, but the device has {len(device.slots)} slots"
+            continue
+        slot, module = device.slots[number - 1], modules.get(ident)
+        if module is None or not slot.takes(module):
+            known = [f"{item.type} (0x{item.ident:08X})" for item in _fitting(device, number)]
+            what = f"{module.type} (0x{ident:08X})" if module else f"the module 0x{ident:08X}"
+            yield (
+                f"has {what} in slot {number}, which takes {', '.join(known[:8]) or 'none'}"
+                f"{f' and {len(known) - 8} more' if len(known) > 8 else ''}"
+            )
+
+
+def _fitting(device: EsiDevice, number: int) -> list[EsiModule]:
+    return [module for module in device.modules if device.slots[number - 1].takes(module)]

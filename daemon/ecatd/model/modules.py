@@ -1,0 +1,48 @@
+"""Compares the modules that a modular device shall have with those in its slots (ETG.5001)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from .bus import Module
+
+CONFIGURED, DETECTED = 0xF030, 0xF050
+"""Objects: the module idents that the device shall expect, and those that it has detected."""
+
+_TOLD = 4  # slots in one message
+
+
+def module_differences(wanted: Sequence[Module], there: Sequence[Module]) -> str:
+    """Says slot by slot what is different; nothing if all is as expected.
+
+    Args:
+        wanted: The modules that are expected, slot 1 first; slots behind them are empty.
+        there: Those that the device has detected, in the same way.
+
+    Returns:
+        Such as `slot 2 should have DO8 (0x00000208), but is empty`.
+    """
+    count = max(len(wanted), len(there))
+    names = {module.ident: module.name for module in wanted}
+    there = [replace(module, name=names.get(module.ident, module.name)) for module in there]
+    pairs = zip(_filled(wanted, count), _filled(there, count), strict=True)
+    texts = [
+        _difference(slot, expected, found)
+        for slot, (expected, found) in enumerate(pairs, 1)
+        if expected.ident != found.ident
+    ]
+    more = len(texts) - _TOLD
+    return "; ".join(texts[:_TOLD]) + (f"; and {more} more" if more > 0 else "")
+
+
+def _filled(modules: Sequence[Module], count: int) -> list[Module]:
+    return [*modules, *[Module(0)] * (count - len(modules))]
+
+
+def _difference(slot: int, expected: Module, found: Module) -> str:
+    if not expected.ident:
+        return f"slot {slot} should be empty, but has {found.label}"
+    if not found.ident:
+        return f"slot {slot} should have {expected.label}, but is empty"
+    return f"slot {slot} should have {expected.label}, but has {found.label}"
