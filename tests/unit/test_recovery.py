@@ -152,6 +152,40 @@ def test_whoever_comes_or_goes_is_looked_at_at_once() -> None:
     assert watch.see(AlState.NONE, strangers=2).set_up == [0]
 
 
+def test_whoever_comes_while_somebody_is_at_work_is_looked_at_afterwards() -> None:
+    watch = Watch()
+    assert watch.see(AlState.NONE, strangers=1).set_up == [0]
+    watch.see(AlState.NONE, strangers=2)
+    watch.recovery.done(0, Failure("", Condition.MISSING))
+    assert watch.see(AlState.NONE, strangers=2).set_up == [0]
+    watch.recovery.done(0, Failure("", Condition.MISSING))
+    assert watch.see(AlState.NONE, strangers=2).set_up == []
+
+
+def test_a_try_that_was_too_early_does_not_count() -> None:
+    watch = Watch()
+    for _ in range(5 * QUICK_TRIES):
+        assert watch.see(AlState.NONE, strangers=1).set_up == [0]
+        assert not watch.recovery.done(0, Failure("the wire changes", early=True))
+    assert watch.condition() == Condition.WAITING
+    assert watch.recovery.condition(0)[1] == "the wire changes"
+
+
+def test_each_time_that_a_slave_comes_is_a_new_one() -> None:
+    watch = Watch()
+    for _ in range(2 * QUICK_TRIES):
+        watch.see(AlState.NONE)
+        watch.now += 0.2
+        assert watch.see(AlState.NONE, strangers=1).set_up == [0]
+        watch.see(AlState.NONE, strangers=1)
+        watch.recovery.done(0, Failure("", Condition.MISSING))  # it was too early
+        watch.now += 0.5
+        assert watch.see(AlState.NONE, strangers=1).set_up == [0]
+        watch.recovery.done(0, None)
+        watch.see(AlState.OP)
+        watch.now += 0.2
+
+
 def test_the_same_failure_is_told_once() -> None:
     recovery = Watch().recovery
     recovery.look([SlaveState(0, SAFEOP_ERROR, 0x001B)], 0, 1.0)

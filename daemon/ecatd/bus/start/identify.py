@@ -45,6 +45,10 @@ Identity = tuple[int, int, int]
 """Vendor ID, product code, revision number."""
 
 
+class WireChangedError(StateError):
+    """Slaves have come or gone while others were looked for: a new look may succeed at once."""
+
+
 @dataclass(slots=True)
 class Found:
     """The result of a look along the wire. Keys are positions of the scan.
@@ -248,7 +252,8 @@ class Finder:
         """Identifies all devices that have no address of ours.
 
         Raises:
-            StateError: The wire changes meanwhile, or an EEPROM cannot be read.
+            WireChangedError: The wire changes meanwhile.
+            StateError: An EEPROM cannot be read.
         """
         wire = self._addresses()
         known = {slave.address for slave in self._slaves}
@@ -258,7 +263,7 @@ class Finder:
         self._wire = wire
         told = self._ask({place: identity for place, (identity, _) in there.items()})
         if self._addresses() != wire:
-            raise StateError("slaves come and go while they are looked for")
+            raise WireChangedError("slaves come and go while they are looked for")
         found = Found()
         identities = self._find_anywhere(found, there, told)
         groups = [position for group in self._anywhere.values() for position in group]
@@ -281,7 +286,7 @@ class Finder:
         """Asks devices that may be missing slaves for their identifications, by place.
 
         Raises:
-            StateError: The wire has changed meanwhile.
+            WireChangedError: The wire has changed meanwhile.
         """
         missing = [
             (self._slaves[position], register)
@@ -382,13 +387,13 @@ class Finder:
             )
             if all(answer.wkc == 1 for answer in answers):
                 return [int.from_bytes(answer.data, "little") for answer in answers]
-        raise StateError("slaves come and go while they are looked for")
+        raise WireChangedError("slaves come and go while they are looked for")
 
     def give_address(self, position: int, place: int) -> None:
         """Writes the station address of an identified slave.
 
         Raises:
-            StateError: The wire has changed since `look`; the write was undone.
+            WireChangedError: The wire has changed since `look`; the write was undone.
         """
         slave = self._slaves[position]
         self._write_address(place, slave.address, f"{slave.label} came back")
@@ -411,7 +416,7 @@ class Finder:
             return
         if before.wkc:
             self._take_back(address, was)
-        raise StateError(f"the wire has changed while {meanwhile}")
+        raise WireChangedError(f"the wire has changed while {meanwhile}")
 
     def _take_back(self, address: int, was: int) -> None:
         """Takes an address back that was written to the wrong slave."""

@@ -60,10 +60,12 @@ class Failure:
     Attributes:
         text: In words.
         condition: What it is from now on; `WAITING` is tried again.
+        early: Whether the try was only too early, and does not count: the wire was changing.
     """
 
     text: str
     condition: Condition = Condition.WAITING
+    early: bool = False
 
 
 @dataclass(slots=True)
@@ -187,12 +189,14 @@ class Recovery:
         for item in states:
             slave = self._slaves[item.position]
             self._note(plan, slave, item, now, foreign)
+            if more and not item.al_state:
+                slave.not_before = 0.0  # also while somebody is at work, who has looked before
             if slave.down_since is None or slave.busy or foreign or slave.is_odd(now):
                 continue
             steps = self._choose(slave, item, strangers)
             if steps is None:
                 self._explain(plan, slave, item)
-            elif now >= slave.not_before or (more and not item.al_state):
+            elif now >= slave.not_before:
                 self._count(slave, now)
                 (plan.ask if steps == "ask" else plan.set_up).append(item.position)
             elif slave.tries == QUICK_TRIES and slave.condition == Condition.WAITING:
@@ -229,8 +233,8 @@ class Recovery:
         elif item.al_state & AL_ERROR_FLAG:
             slave.code = item.al_code
             slave.watchdog = slave.watchdog or item.al_code == AL_WATCHDOG
-        if slave.missing and item.al_state and not slave.busy:
-            slave.begin_anew()  # what failed while it was away says nothing about it
+        if slave.missing == bool(item.al_state) and not slave.busy:
+            slave.begin_anew()  # it has come or gone: what failed before says nothing about it
         slave.missing = not item.al_state
         if slave.tries and not slave.busy and slave.condition == Condition.FINE:
             slave.condition = Condition.WAITING  # asked, it came to OP only for a moment, if at all
@@ -292,6 +296,9 @@ class Recovery:
         if failure is None:
             return False
         slave.condition, slave.text = failure.condition, failure.text
+        if failure.early:
+            slave.tries, slave.not_before = slave.tries - 1, 0.0
+            return False
         news = failure.text != slave.told
         slave.told = failure.text
         return news

@@ -19,7 +19,7 @@ from ..frames.datagrams import Place
 from ..master.master import SlaveState
 from ..master.worker import Worker
 from ..start.bring_up import RunningBus
-from ..start.identify import Found
+from ..start.identify import Found, WireChangedError
 from ..start.telling import Missed
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
@@ -231,7 +231,8 @@ class Repair:
         try:
             failures = await self._worker.run_steps(steps)
         except EcatError as error:
-            failures = dict.fromkeys(positions, Failure(str(error)))
+            early = isinstance(error, WireChangedError)
+            failures = dict.fromkeys(positions, Failure(str(error), early=early))
         except Exception as error:
             self._log.error(f"defect while bringing slaves back: {error!r}")
             failures = dict.fromkeys(positions, Failure(f"defect: {error!r}"))
