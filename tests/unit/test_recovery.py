@@ -171,6 +171,18 @@ def test_a_try_that_was_too_early_does_not_count() -> None:
     assert watch.recovery.condition(0)[1] == "the wire changes"
 
 
+def test_who_comes_while_others_get_their_addresses_is_looked_at() -> None:
+    recovery = Recovery(3)
+    nobody = SlaveState(0, AlState.NONE, 0)
+    states = [nobody, *(SlaveState(n, AlState.NONE, 0) for n in (1, 2))]
+    assert recovery.look(states, 1, 1.0).set_up == [0, 1, 2]
+    for position in (0, 1):
+        recovery.done(position, None)
+        states[position] = SlaveState(position, AlState.OP, 0)
+    recovery.done(2, Failure("", Condition.MISSING))
+    assert recovery.look(states, 1, 1.1).set_up == [2]  # as many strangers as before
+
+
 def test_each_time_that_a_slave_comes_is_a_new_one() -> None:
     watch = Watch()
     for _ in range(2 * QUICK_TRIES):

@@ -146,7 +146,7 @@ class Recovery:
             slave.down_since = -math.inf
         self._mode = mode
         self._retry_s = retry_s
-        self._strangers = 0
+        self._wire = (0, count)  # strangers, and slaves that answer
 
     def set_policy(self, mode: str, retry_s: float) -> None:
         """Changes the policy; arguments as above."""
@@ -184,12 +184,12 @@ class Recovery:
             foreign: Whether another master is at work; then nothing is done.
         """
         plan = Plan()
-        more = strangers != self._strangers
-        self._strangers = strangers
+        wire = strangers, sum(bool(item.al_state) for item in states)
+        changed, self._wire = wire != self._wire, wire
         for item in states:
             slave = self._slaves[item.position]
             self._note(plan, slave, item, now, foreign)
-            if more and not item.al_state:
+            if changed and not item.al_state:
                 slave.not_before = 0.0  # also while somebody is at work, who has looked before
             if slave.down_since is None or slave.busy or foreign or slave.is_odd(now):
                 continue

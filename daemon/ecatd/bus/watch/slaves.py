@@ -65,7 +65,7 @@ class SlaveWatch:
         self._worker = worker
         self._log = log
         self._tell = tell
-        self._repair = Repair(running, worker, log, tell, self.look)
+        self._repair = Repair(running, worker, log, tell, self._look_again)
         self._by_hand = running.recovery.slaves != "all"
         self._foreign = foreign
         self._changed = asyncio.Event()
@@ -136,16 +136,20 @@ class SlaveWatch:
 
     async def watch(self) -> None:
         """Waits for the next change, or for a while, and looks."""
-        healthy = self._is_well() and not self._told
+        healthy = self._is_well() and not self._told and not self._strangers
         with suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), _SLOW_PERIOD if healthy else _PERIOD)
         self._changed.clear()
         something = await self.look()
-        present = sum(bool(item.al_state & 0x0F) for item in self.states)
         foreign = not self._is_well() and self._foreign()
-        self._repair.act(self.states, max(0, self._found - present), foreign=foreign)
+        self._repair.act(self.states, self._strangers, foreign=foreign)
         await asyncio.sleep(self._pause)
         self._pause = min(2 * self._pause, _LONGEST_PAUSE) if something else _PAUSE
+
+    @property
+    def _strangers(self) -> int:
+        """Number of slaves that are there beside those that answer at their address."""
+        return max(0, self._found - sum(bool(item.al_state & 0x0F) for item in self.states))
 
     def _is_well(self) -> bool:
         """Whether all slaves are in OP, but for optional ones that are absent."""
@@ -154,6 +158,14 @@ class SlaveWatch:
             item.al_state == AlState.OP or (not item.al_state and slaves[item.position].group)
             for item in self.states
         )
+
+    async def _look_again(self) -> None:
+        """Looks after a repair, and sees to it that the next one does not wait for a change.
+
+        A slave that came meanwhile may hide its coming: the ORed AL states have not changed.
+        """
+        await self.look()
+        self._changed.set()
 
     async def look(self) -> bool:
         """Reads the AL states, and tells of every change; returns whether there was one."""
