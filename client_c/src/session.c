@@ -78,6 +78,14 @@ static int find_slave(ecat_session_slave *slave) {
              slave->vendor, slave->product, slave->revision);
     return another(slave, text, expected);
   }
+  /* Two slaves of the same kind that have changed places have the same fingerprint. */
+  if (slave->given_name != NULL && slave->given_name[0] != '\0' &&
+      strcmp(slave->given_name, found.name) != 0) {
+    snprintf(here, sizeof here, "slave %d of bus '%s' is '%s'", slave->position, ecat_name(bus),
+             found.name);
+    snprintf(expected, sizeof expected, "was generated for '%s' there", slave->given_name);
+    return another(slave, here, expected);
+  }
   snprintf(text, sizeof text, "%016llx", (unsigned long long)ecat_fingerprint(bus));
   slave->same_bus = strcmp(text, slave->fingerprint) == 0;
   slave->claimed = 0;

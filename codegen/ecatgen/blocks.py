@@ -86,6 +86,7 @@ def _block(slave: Slave, name: str, instance: str) -> Block:
         title=title,
         slave_name=slave.name,
         slave_label=slave_label,
+        given_name=slave.given_name,
         vendor=slave.vendor,
         product=slave.product,
         revision=slave.revision,

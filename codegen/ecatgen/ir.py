@@ -172,6 +172,7 @@ class Block:
         title: Title in the icon.
         slave_name: What the slave calls itself.
         slave_label: How messages name the expected slave.
+        given_name: Its name in the configuration, which it must have; empty for none.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
@@ -199,6 +200,7 @@ class Block:
     title: str
     slave_name: str
     slave_label: str
+    given_name: str
     vendor: int
     product: int
     revision: int

@@ -43,6 +43,7 @@ def _essence(slave: Slave) -> Slave:
         slave.revision,
         coe=slave.coe,
         profiles=slave.profiles,
+        given_name=slave.given_name,
         outputs=slave.outputs,
         inputs=slave.inputs,
         domain=slave.domain,

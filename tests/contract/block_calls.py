@@ -22,9 +22,10 @@ _MO_READ = re.compile(r"(\w+) = EtherCAT\.Functions\.read(\w+)\((\w+), time, (\S
 _MO_WRITE = re.compile(r"(\w+) = EtherCAT\.Functions\.write(\w+)\((\w+), time, (\S+), (\w+)\);\n")
 _MO_COMMIT = re.compile(r"EtherCAT\.Functions\.commit\(slaveConfiguration, time, (\w+)\);")
 _MO_SLAVE = re.compile(
-    r"position = (\S+),\s+vendorID = (.+?),\s+productCode = (.+?),\s+revisionNumber = (.+?)\),\s"
+    r"position = (\S+),\s+(?:name = \"(.*)\",\s+)?vendorID = (.+?),\s+productCode = (.+?),\s+"
+    r"revisionNumber = (.+?)\),\s"
 )
-_H_SLAVE = re.compile(r"ecatm_slave_open\(block->domain, (.+?), (.+?), (.+?), (.+?),\n")
+_H_SLAVE = re.compile(r"ecatm_slave_open\(block->domain, (.+?), \"(.*?)\", (.+?), (.+?), (.+?),\n")
 _H_PDO = re.compile(
     r"block->(\w+) = ecatm_pdo_open\(block->slave, (\w+), (\d+), ([01]), (\d+), (\d+), (\S+), "
     r"(\S+), \"(.*)\"\);"
@@ -95,7 +96,7 @@ def of_modelica(text: str) -> Calls:
     commit = _MO_COMMIT.findall(text)
     assert commit == ([last] if writes else [])
     return Calls(
-        slave.groups(),
+        tuple(group or "" for group in slave.groups()),
         tuple(opened),
         tuple((name, kind.lower(), handle) for name, kind, handle, _ in reads),
         tuple((name, kind.lower(), handle) for _, kind, handle, _, name in writes),

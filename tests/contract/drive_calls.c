@@ -25,7 +25,7 @@ axis *axis_open(const char *bus, double sample_time, double lease, int failure, 
   int n, count = settings->entries & ECATM_HAS_CURRENT ? 6 : 5;
   a->master = ecatm_master_open(bus, 1, sample_time, 1, lease, ECAT_FAILURE_ERROR, failure, 0, 0, 0, "");
   a->domain = ecatm_domain_open(a->master, 1, "");
-  a->slave = ecatm_slave_open(a->domain, position, vendor, product, 0, "a drive", "", "nothing", "");
+  a->slave = ecatm_slave_open(a->domain, position, "", vendor, product, 0, "a drive", "", "nothing", "");
   for (n = 0; n < count; n++) {
     a->outputs[n] = ecatm_pdo_open(a->slave, writes[n].index, 0, 1, writes[n].type, writes[n].bits, 1, 0, "");
     a->inputs[n] = ecatm_pdo_open(a->slave, reads[n].index, 0, 0, reads[n].type, reads[n].bits, 1, 0, "");

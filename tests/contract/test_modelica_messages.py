@@ -214,8 +214,9 @@ def test_a_model_that_only_watches_writes_no_objects(program: Program, troll: Da
 TWO_SLAVES = """
   void *master = ecatm_master_open(argv[argc - 1], 0, 0.001, 1, 1, 1, 1, 0, 0, 0, "Lab.master");
   void *domain = ecatm_domain_open(master, 1, "Lab.one");
-  void *one = ecatm_slave_open(domain, 3, 2, 0x07D83052, 0, "EL2008", "", "generate", "Lab.one");
-  void *two = ecatm_slave_open(domain, {other}, 2, 0x07D83052, 0, "EL2008", "", "generate",
+  void *one = ecatm_slave_open(domain, 3, "", 2, 0x07D83052, 0, "EL2008", "", "generate",
+                               "Lab.one");
+  void *two = ecatm_slave_open(domain, {other}, "", 2, 0x07D83052, 0, "EL2008", "", "generate",
                                "Lab.two");
   (void)one, (void)two;
 """

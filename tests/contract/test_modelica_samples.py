@@ -203,8 +203,9 @@ static int fails(const char *bus, int step) {
   if (setjmp(tool)) return 1;
   master = ecatm_master_open(step == 0 ? "nobody" : bus, 0, 0.001, 1, 0.1, 1, 1, 0, 0, 0, "");
   domain = ecatm_domain_open(master, step == 1 ? 2 : 1, "");
-  slave = ecatm_slave_open(domain, 0, 154, 198948, 0, "ELMO", "", "generate", "");
-  if (step == 2) wrong = ecatm_slave_open(domain, 1, 154, 198948, 0, "ELMO", "", "generate", "");
+  slave = ecatm_slave_open(domain, 0, "", 154, 198948, 0, "ELMO", "", "generate", "");
+  if (step == 2)
+    wrong = ecatm_slave_open(domain, 1, "", 154, 198948, 0, "ELMO", "", "generate", "");
   input = ecatm_pdo_open(slave, step == 3 ? 0x1234 : 0x606C, 0, 0, 4, 32, step == 4 ? 0 : 1, 0, "");
   output = ecatm_pdo_open(slave, 0x6040, 0, 1, 6, step == 5 ? 32 : 16, 1, 0, "");
   return 0;

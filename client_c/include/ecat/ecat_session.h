@@ -68,7 +68,8 @@ typedef struct ecat_session_settings {
 typedef struct ecat_session_slave {
   int position;
   uint32_t vendor, product, revision; /* expected; revision 0: any */
-  const char *name;              /* of the slave */
+  const char *given_name;        /* that the configuration must give it; NULL or empty: any */
+  const char *name;              /* of the slave, for messages */
   const char *command;           /* that generates the product again */
   const char *heading;           /* messages about it begin with this: "Plant.analog: "; may be NULL */
   const char *fingerprint;       /* of the bus that it was generated for; empty: written by hand */

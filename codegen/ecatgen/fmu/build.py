@@ -86,6 +86,7 @@ def _slaves(
             vendor=block.vendor,
             product=block.product,
             revision=block.revision,
+            given_name=block.given_name,
             label=block.slave_label,
             variables=tuple(members[instance]),
         )

@@ -93,6 +93,7 @@ class Slave:
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
+        given_name: Its name in the configuration, which it must have; empty for none.
         label: How messages name it.
         variables: Names of its variables, each with and without the prefix.
     """
@@ -102,6 +103,7 @@ class Slave:
     vendor: int
     product: int
     revision: int
+    given_name: str
     label: str
     variables: tuple[tuple[str, str], ...]
 

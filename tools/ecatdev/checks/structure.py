@@ -14,6 +14,7 @@ _HEAD = re.compile(
 )
 _CONSTANT = re.compile(r"^  constant [\w.]+ (\w+)", re.MULTILINE)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"', re.DOTALL)
+_DOCUMENTATION = re.compile(r'\b(?:info|revisions)\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _URI = re.compile(r"modelica://([\w.]+)((?:/[\w./-]*)?)")
 _ELEMENTS = re.compile(r"enumeration\((.*?)\)\s*(?:\"|annotation)", re.DOTALL)
 _VOID = frozenset({"br", "hr", "img"})
@@ -70,7 +71,7 @@ def _check_order(folder: Path) -> Iterator[str]:
 
 
 def _check_texts(source: str, root: Path) -> Iterator[str]:
-    for literal in _STRING.findall(source):
+    for literal in _DOCUMENTATION.findall(source):
         if not literal.startswith("<html>"):
             continue
         document = _Html()

@@ -78,7 +78,7 @@ typedef struct plant_value {
 /* A slave that the bus must have. */
 typedef struct plant_slave {
   ecat_session_slave on_bus;
-  char *label;
+  char *given_name, *label;
 } plant_slave;
 
 typedef struct plant_variable {

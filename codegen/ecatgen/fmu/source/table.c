@@ -118,12 +118,15 @@ static size_t count(reader *r, const char *key) {
 /* --- lines --------------------------------------------------------------------------------- */
 
 static void read_slave(reader *r, plant_slave *slave) {
+  const char *given_name;
   if (!next_line(r) || strcmp(word(r), "slave") != 0) r->wrong = 1;
   if (r->wrong) return;
   slave->on_bus.position = (int)number(r, 10, 0, 65535);
   slave->on_bus.vendor = (uint32_t)number(r, 16, 0, UINT32_MAX);
   slave->on_bus.product = (uint32_t)number(r, 16, 0, UINT32_MAX);
   slave->on_bus.revision = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  given_name = word(r);
+  slave->given_name = copy(r, strcmp(given_name, "-") == 0 ? "" : given_name);
   slave->label = copy(r, r->line);
 }
 
@@ -196,6 +199,7 @@ static void add_all(plant *p) {
   size_t i;
   for (i = 0; i < p->slave_count; i++) {
     ecat_session_slave *slave = &p->slaves[i].on_bus;
+    slave->given_name = p->slaves[i].given_name;
     slave->name = p->slaves[i].label;
     slave->command = p->command;
     slave->fingerprint = p->fingerprint;
@@ -282,7 +286,7 @@ int plant_load(plant *p, const char *resources) {
 
 void plant_unload(plant *p) {
   size_t i;
-  for (i = 0; i < p->slave_count; i++) free(p->slaves[i].label);
+  for (i = 0; i < p->slave_count; i++) free(p->slaves[i].given_name), free(p->slaves[i].label);
   for (i = 0; i < p->variable_count; i++) {
     free(p->variables[i].name);
     free(p->variables[i].unit);

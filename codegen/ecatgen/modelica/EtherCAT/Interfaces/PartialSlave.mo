@@ -23,9 +23,9 @@ protected
     etherCATMaster.master, domainID, getInstanceName()) "Domain";
   parameter EtherCAT.Objects.SlaveConfiguration slaveConfiguration =
     EtherCAT.Objects.SlaveConfiguration(
-      domain, slaveData.position, slaveData.vendorID, slaveData.productCode,
-      slaveData.revisionNumber, hwName, fingerprint, generateCommand,
-      getInstanceName()) "Slave";
+      domain, slaveData.position, slaveData.name, slaveData.vendorID,
+      slaveData.productCode, slaveData.revisionNumber, hwName, fingerprint,
+      generateCommand, getInstanceName()) "Slave";
 equation
   when sampled then
     (valid, alState, alStatusCode) = EtherCAT.Functions.slaveState(

@@ -5,6 +5,7 @@ class SlaveConfiguration "Registration of one slave"
   function constructor "Check the identity of a slave and register it"
     input EtherCAT.Objects.Domain domain "Domain of the slave";
     input Integer position "Position on the bus, 0 first";
+    input String givenName "Expected name in the configuration of ecatd, empty: any";
     input Integer vendorID "Expected vendor ID";
     input Integer productCode "Expected product code";
     input Integer revisionNumber "Expected revision number, 0: any";
@@ -13,7 +14,7 @@ class SlaveConfiguration "Registration of one slave"
     input String generateCommand "Command that generates the block again";
     input String instance = "" "Name of the instance of the block, for messages";
     output SlaveConfiguration slaveConfiguration "Slave";
-    external "C" slaveConfiguration = ecatm_slave_open(domain, position, vendorID, productCode, revisionNumber, name, fingerprint, generateCommand, instance)
+    external "C" slaveConfiguration = ecatm_slave_open(domain, position, givenName, vendorID, productCode, revisionNumber, name, fingerprint, generateCommand, instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

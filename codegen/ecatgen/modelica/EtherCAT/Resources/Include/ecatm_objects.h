@@ -12,7 +12,7 @@ typedef struct ecatm_domain {
 typedef struct ecatm_slave {
   ecatm_node node;
   ecat_session_slave on_bus;
-  char name[96], command[192], fingerprint[24]; /* texts of it */
+  char given_name[32], name[96], command[192], fingerprint[24]; /* texts of it */
   ecatm_group *group;
   double time;                   /* of the last commit */
   int alone;                     /* it does not commit whenever its domain is sampled */
@@ -48,14 +48,17 @@ ECATM_FUNCTION void ecatm_domain_close(void *object) { ecatm_close(object); }
 
 /* The registration of one slave. Stops with one sentence when another slave is found there, now or when
  * the bus appears. Identity numbers are 32 unsigned bits in a Modelica Integer; revision 0 accepts any.
+ * `given_name`: that the configuration must give it; empty: any.
  * Without a fingerprint the block was written by hand. `block`: name of the block's instance. */
-ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, int vendor, int product,
-                                      int revision, const char *name, const char *fingerprint,
-                                      const char *command, const char *block) {
+ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, const char *given_name, int vendor,
+                                      int product, int revision, const char *name,
+                                      const char *fingerprint, const char *command,
+                                      const char *block) {
   const ecatm_domain *domain = (const ecatm_domain *)object;
   ecatm_master *master = domain->node.master;
   ecatm_slave *slave = (ecatm_slave *)ecatm_draft(master, sizeof *slave);
   if (slave == NULL) return NULL;
+  sprintf(slave->given_name, "%.*s", (int)sizeof slave->given_name - 1, given_name);
   sprintf(slave->name, "%.*s", (int)sizeof slave->name - 1, name);
   sprintf(slave->fingerprint, "%.*s", (int)sizeof slave->fingerprint - 1, fingerprint);
   sprintf(slave->command, "%.*s", (int)sizeof slave->command - 1, command);
@@ -65,6 +68,7 @@ ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, int vendor, in
   slave->on_bus.vendor = (uint32_t)vendor;
   slave->on_bus.product = (uint32_t)product;
   slave->on_bus.revision = (uint32_t)revision;
+  slave->on_bus.given_name = slave->given_name;
   slave->on_bus.name = slave->name;
   slave->on_bus.fingerprint = slave->fingerprint;
   slave->on_bus.command = slave->command;
