@@ -7,6 +7,8 @@ import json
 import os
 import signal
 import sys
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 _PR_SET_PDEATHSIG = 1
@@ -32,6 +34,28 @@ def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
+
+
+def leave_signals_to_the_service() -> None:
+    """Ignores the signals that a terminal or an administrator sends to the service.
+
+    The service tells its children what to do: SIGINT ends it, SIGHUP has it read its configuration.
+    """
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def offer_to_oom_killer(score: int) -> None:
+    """Has the kernel choose this process before others if there is no memory left.
+
+    Args:
+        score: -1000 (never) to 1000 (first). A process without rights cannot lower its own; so this
+            does nothing if it is higher already.
+    """
+    file = Path("/proc/self/oom_score_adj")
+    with suppress(OSError, ValueError):
+        if int(file.read_text()) < score:
+            file.write_text(str(score))
 
 
 def read_settings() -> dict[str, Any]:

@@ -23,7 +23,7 @@ from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
-from ecatd.process import die_with_parent, read_settings
+from ecatd.process import die_with_parent, leave_signals_to_the_service, read_settings
 
 if TYPE_CHECKING:
     from .server import BusServer
@@ -43,7 +43,8 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     server = BusServer(config, settings["interface"], log, control.publish)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    loop.add_signal_handler(signal.SIGTERM, stop.set)
+    for number in (signal.SIGTERM, signal.SIGQUIT):
+        loop.add_signal_handler(number, stop.set)
     reader = asyncio.StreamReader(limit=_LINE_MAX)
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     starting = asyncio.create_task(server.start())
@@ -87,7 +88,7 @@ def _describe(settings: dict[str, Any], log: Log) -> None:
 
 def main() -> int:
     """Runs the bus server; the exit code says why it ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
+    leave_signals_to_the_service()
     settings = read_settings()
     log = Log("ecatd", settings["log_level"])
     try:

@@ -18,14 +18,24 @@ from typing import Any
 from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
-from ecatd.process import die_with_parent, drop_rights, read_settings
+from ecatd.process import (
+    die_with_parent,
+    drop_rights,
+    leave_signals_to_the_service,
+    offer_to_oom_killer,
+    read_settings,
+)
+
+_OOM_SCORE = 500
+"""The bus does not need the gateway, so it is the first to go if there is no memory left."""
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
     from .gateway import Gateway  # loaded already
 
     stop = asyncio.Event()
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
+    for number in (signal.SIGTERM, signal.SIGQUIT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
     config, runtime_dir = read_config(settings["config"]), Path(settings["runtime_dir"])
     gateway = Gateway(config, settings["origins"], runtime_dir, log, stop.set)
     try:
@@ -40,7 +50,8 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
 
 def main() -> int:
     """Runs the gateway; the exit code says why it ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service tells when to stop
+    leave_signals_to_the_service()
+    offer_to_oom_killer(_OOM_SCORE)
     drop_rights()  # before any thread, of which each has rights of its own
     from . import gateway  # noqa: F401  it loads while the bus comes up
 

@@ -20,10 +20,14 @@ from ecatd.model.config import Config
 from ecatd.model.config.reload import reload
 from ecatd.model.errors import EcatError, StateError
 from ecatd.paths import make_dir
+from ecatd.process import offer_to_oom_killer
 
 from .notify import notify
 
 _GATEWAY_PAUSE = 1.0
+_OOM_SCORE = -500
+"""Under systemd: below the gateway, but above the bus server, which stops the drives if this
+process is killed."""
 _KEYS_MAX = 8
 """Keys of the configuration in one message."""
 
@@ -78,10 +82,11 @@ class Supervisor:
         self._children: list[asyncio.subprocess.Process] = []
 
     async def run(self) -> int:
-        """Runs until SIGTERM or SIGINT; returns the exit status."""
+        """Runs until SIGTERM, SIGINT or SIGQUIT; returns the exit status."""
         _leave(self._config.realtime.cpu)
+        offer_to_oom_killer(_OOM_SCORE)
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT):
             loop.add_signal_handler(number, self._stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._reload.set)
         status = 0
