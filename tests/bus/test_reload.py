@@ -1,9 +1,10 @@
 """SIGHUP: what can change in the configuration is used at once, the rest is named."""
 
+import os
 import signal
 from collections.abc import Callable
 
-from conftest import Daemon, names, wait_for
+from conftest import Daemon, names, stop_process, wait_for
 
 CONFIG = """
 cycle_time_us = 1000
@@ -63,6 +64,25 @@ def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemo
     names(reload(daemon, CONFIG, "configuration read again"), "nothing can change")
     daemon.config_file.unlink()
     reload(daemon_without_file(daemon), CONFIG, "configuration read again")
+    assert daemon.stop() == 0
+
+
+def test_the_gateway_may_have_ended_already(start_daemon: Callable[..., Daemon]) -> None:
+    """It dies while the daemon does not look, and the daemon finds out together with the signal."""
+    daemon = start_daemon("troll", config=CONFIG)
+    server = daemon.child_pid("ecatd.bus")
+    for hertz in (6, 7, 8):
+        wait_for(lambda: daemon.ctl("info", check=False).returncode == 0, daemon)
+        gateway = daemon.child_pid("ecatd.gateway")
+        stop_process(daemon.process.pid)
+        try:
+            daemon.config_file.write_text(CONFIG.replace("publish_hz = 5", f"publish_hz = {hertz}"))
+            os.kill(gateway, signal.SIGKILL)
+            daemon.process.send_signal(signal.SIGHUP)
+        finally:
+            daemon.process.send_signal(signal.SIGCONT)
+        wait_for(lambda wanted=hertz: in_force(daemon)["gateway.publish_hz"] == wanted, daemon)  # type: ignore[misc]
+    assert daemon.child_pid("ecatd.bus") == server
     assert daemon.stop() == 0
 
 

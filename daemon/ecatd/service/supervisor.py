@@ -13,6 +13,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from ecatd.log import Log
@@ -221,7 +222,7 @@ class Supervisor:
         stop = asyncio.ensure_future(self._stop.wait())
         again = asyncio.ensure_future(self._reload.wait())
         ends = {asyncio.ensure_future(child.wait()): child for child in fatal}
-        gateway_end = asyncio.ensure_future(gateway.wait())
+        gateway_end, ended_by_us = asyncio.ensure_future(gateway.wait()), False
         while True:
             done, _ = await asyncio.wait(
                 (stop, again, gateway_end, *ends), return_when=asyncio.FIRST_COMPLETED
@@ -233,7 +234,10 @@ class Supervisor:
                 self._reload.clear()
                 again = asyncio.ensure_future(self._reload.wait())
                 if self._use_anew(settings, fatal[-1]):
-                    gateway.terminate()  # it is started again below, with what has changed
+                    # It is started again below, with what has changed.
+                    ended_by_us = True
+                    with suppress(ProcessLookupError):  # it has ended already
+                        gateway.terminate()
             for end in done & set(ends):
                 child = ends[end]
                 what = "the bus server" if child is fatal[-1] else "the simulator"
@@ -248,14 +252,14 @@ class Supervisor:
                 )
                 if others:
                     continue
-                if gateway_end.result() != 0:
+                if gateway_end.result() != 0 and not ended_by_us:
                     self._log.warning(
                         f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"
                     )
                 self._children.remove(gateway)
                 gateway = await self._start_python("ecatd.gateway")
                 _give(gateway, settings)
-                gateway_end = asyncio.ensure_future(gateway.wait())
+                gateway_end, ended_by_us = asyncio.ensure_future(gateway.wait()), False
 
     def _use_anew(self, settings: dict[str, Any], server: asyncio.subprocess.Process) -> bool:
         """Reads the configuration anew and uses what can change; returns whether anything did."""
