@@ -187,6 +187,8 @@ def test_slaves_are_told_on_the_way_down(start: Start) -> None:
     rows = [
         ("SO", "0x6083", 1000),
         ("SP", "0x6084", 3000),
+        ("PS", "0x6085", 500),
+        ("SP", "0x6085", 600),
         ("OS", "0x6041", 4),
         ("OS", "0x6083", 2000),
     ]
@@ -207,16 +209,79 @@ def test_slaves_are_told_on_the_way_down(start: Start) -> None:
     at_first = has("0x6084")
     assert has("0x6083") == 1000
     assert ask("SAFEOP") == (2000, at_first)
+    assert ask("OP") == (1000, at_first)
     assert ask("PREOP") == (2000, 3000)
     daemon.ctl("sdo-write", str(AXIS), "0x6084", "0", "7")
+    assert has("0x6085") == 600
     assert ask("OP") == (1000, 7)
+    assert has("0x6085") == 500
     assert ask("PREOP") == (2000, 3000), "both on the way through SAFEOP"
     assert ask("OP") == (1000, 3000)
     # What is refused on the way down is told, and holds nobody up, also at the end.
     said = daemon.log.count("refuses its start-up parameter 0x6041:00 = 4")
-    assert said == 2
+    assert said == 3
     assert daemon.stop() == 0
     assert daemon.log.count("refuses its start-up parameter 0x6041:00 = 4") == said + 1
+
+
+TOLD = """
+[gateway]
+listen = []
+[recovery]
+slaves = "none"
+[[slave]]
+position = 2
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 1234
+[[slave.startup]]
+object = "0x6081:00"
+type = "uint32"
+value = 77
+transition = "SO"
+"""
+
+
+def restart(bench: Bench) -> None:
+    """Switches the drive off and on; it has forgotten what it was told."""
+    bench.power(DRIVE, on=False)
+    bench.wait_for(lambda: bench.health().slaves_found == DRIVE)
+    bench.power(DRIVE, on=True)
+    bench.wait_for(lambda: bench.health().slaves_found == DRIVE + 1)
+
+
+def told(bench: Bench) -> tuple[object, object]:
+    """The values of its start-up parameters; it is in OP."""
+    assert bench.daemon.slave_rows()[DRIVE]["state"] == "OP"
+    return value(bench.daemon, DRIVE, "0x6065"), value(bench.daemon, DRIVE, "0x6081")
+
+
+def test_a_slave_that_stopped_in_preop_is_told_on_the_way_up(start: Start) -> None:
+    bench = start(TOLD)
+    restart(bench)
+    bench.daemon.ctl("state", "PREOP", "-p", str(DRIVE))
+    assert value(bench.daemon, DRIVE, "0x6065") != 1234
+    bench.daemon.ctl("state", "OP", "-p", str(DRIVE))
+    assert told(bench) == (1234, 77)
+    # It keeps what is written to it in PREOP, when it has been told before.
+    bench.daemon.ctl("state", "PREOP", "-p", str(DRIVE))
+    bench.daemon.ctl("sdo-write", str(DRIVE), "0x6065", "0", "5")
+    bench.daemon.ctl("state", "OP", "-p", str(DRIVE))
+    assert told(bench) == (5, 77)
+
+
+def test_a_slave_that_was_not_told_everything_is_told_it_again(start: Start) -> None:
+    bench = start(TOLD)
+    restart(bench)
+    bench.ctl("mailbox", str(DRIVE), "stuck")
+    failed = bench.daemon.ctl("state", "OP", "-p", str(DRIVE), check=False)
+    assert failed.returncode == 7
+    names(one_line_error(failed.stderr, "ecatctl"), "slave 2", "mailbox")
+    assert bench.daemon.slave_rows()[DRIVE]["state"] == "PREOP"
+    bench.ctl("mailbox", str(DRIVE), "none")
+    bench.daemon.ctl("state", "OP", "-p", str(DRIVE))
+    assert told(bench) == (1234, 77)
 
 
 def test_a_slow_slave_has_the_time_that_it_needs(start: Start) -> None:

@@ -121,6 +121,7 @@ class SetUp:
         self._clocks = clocks
         self._doubtful = doubtful
         self._timeout_s = timeout_s
+        self._untold: set[int] = set()  # are to be told their configuration before SAFEOP
 
     def _learn(self, positions: Iterable[int]) -> dict[int, Missed]:
         """Reads the SII of optional slaves that are there for the first time.
@@ -168,6 +169,9 @@ class SetUp:
     def leave(self, positions: Iterable[int], state: AlState) -> Steps[list[str]]:
         """Tells slaves what they are told before they go down to a state; see `leave`."""
         items = [self._scanned[position] for position in sorted(positions)]
+        if state not in (AlState.SAFEOP, AlState.OP):  # PS is to undo what SP does
+            down = [item for item in items if item.settings.parameters("SP")]
+            self._untold.update(item.slave.position for item in down)
         return (yield from leave(self._master, items, state, self._timeout_s))
 
     def run(
@@ -183,7 +187,8 @@ class SetUp:
             positions: The slaves.
             state: PREOP, SAFEOP or OP; or BOOT, for slaves that have it.
             begin: INIT; or PREOP, for slaves that are in PREOP with a working mailbox and must
-                keep what was written to them there.
+                keep what was written to them there. Those that have not been told their
+                configuration since they began anew are told it.
 
         Raises:
             StateError: A slave does not answer any more.
@@ -197,9 +202,8 @@ class SetUp:
         if state == first:
             return missed
         here -= missed.keys()
-        if begin == AlState.INIT:
-            missed |= yield from self._configure_again(here)
-            here -= missed.keys()
+        missed |= yield from self._configure_again(here & self._untold)
+        here -= missed.keys()
         missed |= yield from self._compare(here)
         here -= missed.keys()
         configure(self._master, [self._scanned[position] for position in sorted(here)], self._image)
@@ -213,12 +217,16 @@ class SetUp:
         here -= missed.keys()
         if state == AlState.SAFEOP or not here:
             return missed
-        items = [self._scanned[position] for position in sorted(here)]
-        _, refused = yield from write_parameters(self._master, items, "SO")
-        missed |= refused
-        here -= refused.keys()
+        missed |= yield from self.tell_before_op(here)
+        here -= missed.keys()
         yield from wait_for_outputs(self._shared, self._bus, self._timeout_s)
         missed |= yield from self.ask(here, AlState.OP)
+        return missed
+
+    def tell_before_op(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
+        """Tells slaves in SAFEOP what they are told before OP; returns those that cannot go on."""
+        items = [self._scanned[position] for position in sorted(positions)]
+        _, missed = yield from write_parameters(self._master, items, "SO")
         return missed
 
     def _check_new(self, positions: Iterable[int]) -> dict[int, Missed]:
@@ -243,6 +251,7 @@ class SetUp:
             The slaves that do not reach it.
         """
         here = set(positions)
+        self._untold |= here
         missed = yield from self.ask(here, AlState.INIT)
         here -= missed.keys()
         self._prepare(here, state)
@@ -270,6 +279,7 @@ class SetUp:
         items = [self._scanned[position] for position in sorted(positions)]
         items = [item for item in items if item.slave.coe and item.settings.is_told]
         _, missed = yield from tell(self._master, items, SlaveConfiguration.tell)
+        self._untold -= set(positions) - missed.keys()
         return missed
 
     def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:

@@ -144,6 +144,10 @@ class Repair:
         if state in (AlState.SAFEOP, AlState.OP):
             mapped_anew = [p for p in positions if seen[p] == AlState.PREOP or p in failures]
             yield from self._bring(mapped_anew, state, AlState.PREOP)
+        if state == AlState.OP:
+            in_safeop = [p for p in positions if seen[p] == AlState.SAFEOP]
+            missed = yield from running.set_up.tell_before_op(in_safeop)
+            _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
         yield from running.master.require_state(state, timeout, positions)
 
     def _leave(self, positions: Sequence[int], state: AlState) -> Steps[None]:
