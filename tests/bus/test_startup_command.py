@@ -57,6 +57,25 @@ def test_parameters_are_verified(machine: Callable[[str], Daemon]) -> None:
     assert "no start-up parameters" in daemon.ctl("startup", "verify", "EK1100").stdout
 
 
+def test_only_what_a_slave_in_op_has_is_compared(machine: Callable[[str], Daemon]) -> None:
+    """One object gets another value on the way down, and two values on the way up."""
+    rows = (("SP", 1), ("SO", 3), ("PS", 2), ("OS", 4))
+    tables = "".join(
+        f'[[slave.startup]]\nobject = "0x2000:03"\ntype = "int16"\nvalue = {value}\n'
+        f'transition = "{name}"\n'
+        for name, value in rows
+    )
+    daemon = machine(tables)
+    shown = daemon.ctl_json("startup", "verify")["parameters"]
+    assert [row["has"] for row in shown] == 4 * ["3"]
+    assert shown[1]["result"] == "as configured"
+    for row, (name, _) in zip(shown, rows, strict=True):
+        if name != "SO":
+            names(row["result"], name, "OP")
+    daemon.ctl("sdo-write", "axis", "0x2000", "3", "4")
+    assert daemon.ctl("startup", "verify", check=False).returncode == 7
+
+
 def test_what_differs_from_the_defaults_is_captured(
     machine: Callable[[str], Daemon], tmp_path: Path
 ) -> None:

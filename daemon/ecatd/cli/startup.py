@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, StartupConfig, load_config
+from ecatd.model.config import (
+    TRANSITIONS,
+    TRANSITIONS_DOWN,
+    Config,
+    SlaveConfig,
+    StartupConfig,
+    load_config,
+)
 from ecatd.model.config.writer import value_text
 from ecatd.model.datatypes import STRINGS, bit_length, decode, parse_type, type_alias
 from ecatd.model.dictionary import Access
@@ -119,6 +126,7 @@ def _compared(
     for settings in here.slave:
         if position not in (None, settings.position) or settings.position >= len(bus.slaves):
             continue
+        in_op = _in_force(settings)
         for parameter in settings.startup:
             row = {"slave": settings.position, "object": parameter.object}
             known = meanings.of(bus.slaves[settings.position], parameter.entry)
@@ -128,11 +136,16 @@ def _compared(
                 configured = f"{parameter.value} {parameter.unit}"
                 yield {**row, "configured": configured, "has": None, "result": str(error)}
                 continue
-            yield {
-                **row,
-                "configured": _shown(raw, known, raw.data),
-                **_value_of(remote, settings.position, raw, known),
-            }
+            found = _value_of(remote, settings.position, raw, known)
+            if in_op.get(parameter.address) is not parameter and found["has"] is not None:
+                found["result"] = f"of {parameter.transition}: not what a slave in OP has"
+            yield {**row, "configured": _shown(raw, known, raw.data), **found}
+
+
+def _in_force(settings: SlaveConfig) -> dict[tuple[int, int], StartupConfig]:
+    """The parameters whose values a slave in OP has, by object: of each the one written last."""
+    way_up = [name for name in TRANSITIONS if name not in TRANSITIONS_DOWN]
+    return {item.address: item for name in way_up for item in settings.parameters(name)}
 
 
 class _Meanings:
