@@ -222,6 +222,31 @@ def test_another_device_in_its_place_is_left_alone(start: Start) -> None:
         assert states(daemon)[8] == "OP"
 
 
+def test_two_tools_at_the_same_addresses_are_named(start: Start) -> None:
+    """The first tool is unplugged but keeps its power, the second one comes in its place."""
+    tool = 'alias = 7\n[[slave]]\ndevice = "EL2004"\n'
+    rig_file = '[[slave]]\ndevice = "EK1122"\n'
+    for port in (3, 1):
+        rig_file += f'[[slave]]\ndevice = "EK1100"\nat = {{ slave = 0, port = {port} }}\n{tool}'
+    optional = {1: 'alias = 7\ngroup = "tool"', 2: 'group = "tool"'}
+    config = tables(["EK1122", "EK1100", "EL2004"], optional).replace("position = 1\n", "")
+    config = config.replace("position = 2\n", "")
+    second_away = '[[fault]]\nkind = "break-link"\nslave = 3\n'
+    daemon = start(config, rig_file + second_away, whole=rig_file.rsplit("[[slave]]", 2)[0])
+    with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
+        rig.faults.break_link(1)
+        wait_for_states(daemon, ["OP", "no answer", "no answer"])
+        rig.faults.heal_link(3)
+        wait_for_states(daemon, ["OP"] * 3)
+        rig.faults.heal_link(1)
+        wait_for(lambda: "two devices answer" in daemon.log, daemon)
+        (line,) = [line for line in daemon.log.splitlines() if "two devices answer" in line]
+        names(line, "error", "slaves 1-2", "addresses")
+        rig.faults.break_link(1)
+        wait_for(lambda: "and no others" in daemon.log, daemon)
+        wait_for_states(daemon, ["OP"] * 3)
+
+
 def test_other_process_data_than_described(start: Start, tmp_path: Path) -> None:
     """A slave that has other PDOs now would write into the bytes of others."""
     other = tmp_path / "other"

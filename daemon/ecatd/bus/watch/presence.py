@@ -19,6 +19,7 @@ def describe_presence(
     found: int,
     lost: Sequence[int],
     added: int = 0,
+    twice: Sequence[int] = (),
     *,
     absent: int = 0,
     by_hand: bool = False,
@@ -30,9 +31,17 @@ def describe_presence(
         found: Slaves that answer a broadcast.
         lost: Positions of those that do not answer at their address, and must be there.
         added: Where there are more: position of the first new one.
+        twice: Positions of those at whose address another device answers, too.
         absent: Number of optional slaves that do not answer at their address.
         by_hand: Whether slaves that were without power do not come back by themselves.
     """
+    if twice:
+        each, where = ("its", "address") if len(twice) == 1 else ("their", "addresses")
+        return (
+            f"two devices answer at the {where} of {name_slaves(bus, twice)}, and both get {each} "
+            f"outputs: one has taken {each} place while the other was cut off and kept its power; "
+            f"remove one of them, or switch one off and on"
+        )
     count = len(bus.slaves) - absent
     if found > count + absent:  # up to that, they may be optional slaves that are coming
         who = "a slave was" if found == count + 1 else f"{found - count} slaves were"

@@ -71,6 +71,7 @@ class SlaveWatch:
         self._changed = asyncio.Event()
         self._pause = _PAUSE
         self._found = self._added = 0
+        self._twice: list[int] = []  # positions of slaves at whose address another one answers, too
         self._absent = set(running.absent)
         self._told = ""  # what was last told about missing and new slaves
         self.states: list[SlaveState] = []
@@ -116,23 +117,29 @@ class SlaveWatch:
             ):
                 break
         changed = [now for i, now in enumerate(self.states) if not before or now != before[i]]
-        self._added = self._find_added(self._found) if self._found > len(self.states) else 0
+        self._find_strangers(sum(bool(item.al_state) for item in self.states))
         for now in changed:
             row = self._rows[now.position]
             row.al_state, row.al_code = now.al_state, now.al_code
         return changed
 
-    def _find_added(self, found: int) -> int:
-        """Position of the first slave that was not there at the start; on the worker."""
+    def _find_strangers(self, present: int) -> None:
+        """Looks who is there beside the slaves that answer at their address; on the worker."""
+        self._added, self._twice = 0, []
+        if self._found <= present:
+            return
         answers = self._master.registers.exchange(
-            [aprd(position, _STATION_ADDRESS, 2) for position in range(found)]
+            [aprd(position, _STATION_ADDRESS, 2) for position in range(self._found)]
         )
-        for position, (answer, station) in enumerate(
-            zip(answers, self._master.stations, strict=False)
-        ):
-            if answer.wkc and int.from_bytes(answer.data, "little") != station:
-                return position
-        return len(self._master.stations)
+        wire = [
+            int.from_bytes(answer.data, "little") if answer.wkc == 1 else None for answer in answers
+        ]
+        stations = self._master.stations
+        self._twice = [n for n, station in enumerate(stations) if wire.count(station) > 1]
+        if self._found > len(stations):
+            pairs = zip(wire, stations, strict=False)
+            new = (n for n, (at, station) in enumerate(pairs) if at not in (None, station))
+            self._added = next(new, len(stations))
 
     async def watch(self) -> None:
         """Waits for the next change, or for a while, and looks."""
@@ -198,7 +205,13 @@ class SlaveWatch:
         absent = [position for position in gone if slaves[position].group]
         self._tell_absent(absent)
         text = describe_presence(
-            self._bus, found, lost, self._added, absent=len(absent), by_hand=self._by_hand
+            self._bus,
+            found,
+            lost,
+            self._added,
+            self._twice,
+            absent=len(absent),
+            by_hand=self._by_hand,
         )
         if text == self._told:
             return
