@@ -5,6 +5,8 @@
 #include "engine.h"
 
 #include <errno.h>
+#include <float.h>
+#include <math.h>
 #include <stdlib.h>
 
 enum { OP = 8 }; /* AL status without the error flag (ETG.1000.6) */
@@ -34,7 +36,9 @@ static struct value whole_value(const struct copy *copy, uint64_t bits) {
 
 static struct value converted_value(const struct copy *copy, uint64_t bits) {
   double raw = raw_to_double(bits, copy->source_bits, copy->source_sign, copy->source_real);
-  return (struct value){.scale = 1, .analog = 1, .real = raw * copy->factor + copy->offset};
+  double real = raw * copy->factor + copy->offset;
+  if (isfinite(raw) && !isfinite(real)) real = real > 0 ? DBL_MAX : -DBL_MAX; /* held at the limit */
+  return (struct value){.scale = 1, .analog = 1, .real = real};
 }
 
 /* The value of the input as bits of the output; 0 if it is not valid. It is valid as `valid` of a session

@@ -1,6 +1,8 @@
 """Copies: an input of one slave decides an output of another, in every cycle."""
 
+import math
 import struct
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -282,6 +284,7 @@ entry = [
   { index = 0x7000, subindex = 2, type = "uint64" },
   { index = 0x7000, subindex = 3, type = "int64" },
   { index = 0x7000, subindex = 4, type = "uint64" },
+  { index = 0x7000, subindex = 5, type = "real64" },
 ]
 [[slave.pdo]]
 index = 0x1A00
@@ -289,6 +292,7 @@ entry = [
   { index = 0x6000, subindex = 1, type = "real32" },
   { index = 0x6000, subindex = 2, type = "uint64" },
   { index = 0x6000, subindex = 3, type = "int64" },
+  { index = 0x6000, subindex = 4, type = "real64" },
 ]
 [[slave.object]]
 index = 0x6000
@@ -296,6 +300,7 @@ entry = [
   { subindex = 1, type = "real32", access = "txpdo", data = "00 00 c0 7f" },
   { subindex = 2, type = "uint64", access = "txpdo" },
   { subindex = 3, type = "int64", access = "txpdo" },
+  { subindex = 4, type = "real64", access = "txpdo" },
 ]
 """
 NUMBERS = """
@@ -307,8 +312,8 @@ entry = "0x7000:01"
 value = 7
 """ + "".join(
     f'[[copy]]\nslave = 0\nentry = "0x7000:0{to}"\n'
-    f'from_slave = 0\nfrom_entry = "0x6000:0{source}"\n'
-    for to, source in ((1, 1), (2, 2), (3, 2), (4, 3))
+    f'from_slave = 0\nfrom_entry = "0x6000:0{source}"\n' + ("factor = 10\n" if to == 5 else "")
+    for to, source in ((1, 1), (2, 2), (3, 2), (4, 3), (5, 4))
 )
 
 
@@ -336,6 +341,9 @@ def test_numbers_of_the_same_type_are_copied_digit_by_digit(
         for value in (2**62 + 1, -1):
             simulator.set(0, 0x6000, 3, value)
             becomes(4, max(value, 0))
+        for value in (1e308, -1e308):
+            simulator.set(0, 0x6000, 4, value)
+            becomes(5, math.copysign(sys.float_info.max, value))
 
 
 def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import signal
 import sys
 from pathlib import Path
 
@@ -87,6 +88,7 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
 
 def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # too early to read the configuration again
     try:
         return _main()
     except KeyboardInterrupt:  # before the supervisor looks after signals
