@@ -168,6 +168,7 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
     assert daemon.stop() == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("key", "of_rig"), [("alias", "alias"), ("identification", "device_id")])
 def test_a_mark_finds_a_group_wherever_it_is_plugged_in(
     start: Start, key: str, of_rig: str
@@ -212,6 +213,7 @@ def test_a_slave_of_which_nothing_is_known_gets_no_place(start: Start) -> None:
     assert daemon.slave_rows("state")[5]["text"] == "OP"
 
 
+@pytest.mark.long
 def test_another_device_in_its_place_is_left_alone(start: Start) -> None:
     daemon = start(GROUP, RIG + AWAY)
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
@@ -247,6 +249,7 @@ def test_two_tools_at_the_same_addresses_are_named(start: Start) -> None:
         wait_for_states(daemon, ["OP"] * 3)
 
 
+@pytest.mark.long
 def test_other_process_data_than_described(start: Start, tmp_path: Path) -> None:
     """A slave that has other PDOs now would write into the bytes of others."""
     other = tmp_path / "other"
@@ -264,6 +267,7 @@ def test_other_process_data_than_described(start: Start, tmp_path: Path) -> None
         assert states(daemon)[5] != "OP"
 
 
+@pytest.mark.long
 def test_a_bus_may_be_empty(start: Start) -> None:
     config = tables(KINDS, dict.fromkeys(range(9), "optional = true"))
     empty = RIG + '[[fault]]\nkind = "break-link"\nslave = 0\n'
@@ -277,6 +281,7 @@ def test_a_bus_may_be_empty(start: Start) -> None:
         wait_for(Plant(client, "s5/0x7000:01", "s6/0x6000:01").arrives, daemon)
 
 
+@pytest.mark.long
 def test_a_wrong_description_is_named(start: Start, tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_text("{}")
     daemon = start(GROUP.replace("DESCRIPTION", str(tmp_path / "bad.json")), ready=False)
@@ -285,6 +290,7 @@ def test_a_wrong_description_is_named(start: Start, tmp_path: Path) -> None:
     names(one_line_error(log, "ecatd"), "expected.description", "bad.json", "`ecatctl scan -o`")
 
 
+@pytest.mark.long
 def test_clocks_of_a_group_follow_when_it_comes(start: Start) -> None:
     clocks = "[dc]\nenabled = true\nlock_us = 400.0\ntimeout_s = 30.0\n"
     daemon = start(GROUP + clocks)

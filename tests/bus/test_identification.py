@@ -107,6 +107,7 @@ def test_who_is_meant_must_be_clear(start: Start, slaves: list[str], tokens: lis
     names(line, *tokens)
 
 
+@pytest.mark.long
 def test_a_slave_that_comes_back_must_tell_it_again(bench: Bench) -> None:
     daemon = bench.daemon
     for value, condition, text in (

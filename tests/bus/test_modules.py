@@ -215,6 +215,7 @@ def test_a_list_with_a_fixed_number_of_slots(
             assert struct.unpack("<I", value)[0] == ident
 
 
+@pytest.mark.long
 def test_an_island_from_an_esi_file(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
     """From the file alone to a configuration, then to a bus that runs with it."""
     esi = tmp_path / "island.xml"

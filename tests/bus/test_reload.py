@@ -4,6 +4,8 @@ import os
 import signal
 from collections.abc import Callable
 
+import pytest
+
 from conftest import Daemon, names, stop_process, wait_for
 
 CONFIG = """
@@ -67,6 +69,7 @@ def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemo
     assert daemon.stop() == 0
 
 
+@pytest.mark.long
 def test_the_gateway_may_have_ended_already(start_daemon: Callable[..., Daemon]) -> None:
     """It dies while the daemon does not look, and the daemon finds out together with the signal."""
     daemon = start_daemon("troll", config=CONFIG)

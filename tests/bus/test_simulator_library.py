@@ -66,6 +66,7 @@ def test_pysoem_finds_every_device_as_the_library_lists_it_and_reaches_op():
     assert values == {"EL1008": 4, "EL3102": 16384, "AnalogIO": -16384, "DigitalIO": 1}
 
 
+@pytest.mark.long
 def test_kickcat_brings_every_device_to_op():
     found = run(HERE, master_kickcat)["data"]
     assert [(size, len(data) // 2) for size, data in found] == [

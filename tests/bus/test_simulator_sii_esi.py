@@ -54,6 +54,7 @@ def test_pysoem_brings_them_to_op():
     ]
 
 
+@pytest.mark.long
 def test_kickcat_brings_them_to_op():
     found = run(HERE, master_kickcat)
     state, slaves = found["states"]

@@ -183,6 +183,7 @@ def test_a_silent_slave_holds_up_nobody(start_daemon: Callable[..., Daemon]) -> 
     assert (states[3], states[1]) == ("PREOP", "OP")
 
 
+@pytest.mark.long
 def test_slaves_are_told_on_the_way_down(start: Start) -> None:
     rows = [
         ("SO", "0x6083", 1000),
@@ -257,6 +258,7 @@ def told(bench: Bench) -> tuple[object, object]:
     return value(bench.daemon, DRIVE, "0x6065"), value(bench.daemon, DRIVE, "0x6081")
 
 
+@pytest.mark.long
 def test_a_slave_that_stopped_in_preop_is_told_on_the_way_up(start: Start) -> None:
     bench = start(TOLD)
     restart(bench)
@@ -271,6 +273,7 @@ def test_a_slave_that_stopped_in_preop_is_told_on_the_way_up(start: Start) -> No
     assert told(bench) == (5, 77)
 
 
+@pytest.mark.long
 def test_a_slave_that_was_not_told_everything_is_told_it_again(start: Start) -> None:
     bench = start(TOLD)
     restart(bench)
@@ -284,6 +287,7 @@ def test_a_slave_that_was_not_told_everything_is_told_it_again(start: Start) -> 
     assert told(bench) == (1234, 77)
 
 
+@pytest.mark.long
 def test_a_slow_slave_has_the_time_that_it_needs(start: Start) -> None:
     config = "[gateway]\nlisten = []\n[[slave]]\nposition = 1\nmailbox_timeout_ms = 9000\n"
     bench = start(config)
@@ -318,6 +322,7 @@ transition = "SP"
     assert value(daemon, AXIS, "0x6084") == 3000
 
 
+@pytest.mark.long
 def test_a_dead_mailbox_is_tried_once_at_the_end(start: Start) -> None:
     rows = [("OS", "0x6083"), ("SP", "0x6084")]
     config = f"[gateway]\nlisten = []\n[[slave]]\nposition = {AXIS}\n" + "".join(

@@ -194,6 +194,7 @@ def calls_in(header: str) -> list[str]:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.bus
 def test_a_call_that_is_left_out_is_noticed(
     compiler: str,

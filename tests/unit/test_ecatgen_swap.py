@@ -55,6 +55,7 @@ def test_a_run_that_is_killed_leaves_the_old_library_or_the_new_one(
     assert len(found) > 50
 
 
+@pytest.mark.long
 def test_at_no_moment_is_half_a_library_seen(tmp_path: Path) -> None:
     """Several processes write into one directory while this one looks."""
     put(tmp_path, "0")

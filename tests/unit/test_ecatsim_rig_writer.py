@@ -52,6 +52,7 @@ REAL32_OF_8_BYTES = {
 }
 
 
+@pytest.mark.long
 @settings(max_examples=300)
 @example("", 0, REAL32_OF_8_BYTES)
 @given(

@@ -248,6 +248,7 @@ def test_a_few_changes_are_a_few_differences(
     assert extra == set(range(len(found))) - set(places.values())
 
 
+@pytest.mark.long
 @given(buses)
 def test_the_configuration_of_any_bus_expects_it(bus: Bus) -> None:
     text = write_config(Config(), bus, "1.0")
