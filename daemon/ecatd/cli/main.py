@@ -22,6 +22,7 @@ exit status:
   0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
   6 not permitted   7 wrong state or no such slave   70 a defect of ours
   1 only by --check of generate and library: something would change
+  check has statuses of its own: 0 well, 1 degraded, 2 down
 
 The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another host.
 """
@@ -30,6 +31,7 @@ _COMMANDS = (
     ("slaves", "show", "List the slaves in the order of the wire."),
     ("pdos", "show", "List the process data of the slaves."),
     ("state", "show", "Show the AL states, or bring slaves to one."),
+    ("check", "check", "Say in one line whether the bus is well, for monitoring systems."),
     ("stats", "stats", "Show counters and timing of the cyclic exchange."),
     ("claims", "shared_memory", "Show who owns which outputs, and why the others are safe."),
     ("shm", "shared_memory", "Show all that is in the shared memory of the bus."),

@@ -1,0 +1,95 @@
+"""`ecatctl check`: whether the bus is well, in one line and by the exit status."""
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from conftest import Daemon, names, stop_process, wait_for
+from ecatsim.control import Simulator
+
+pytestmark = pytest.mark.bus
+
+WELL, DEGRADED, DOWN = range(3)
+CONFIG = """
+[gateway]
+listen = []
+[recovery]
+slaves = "none"
+[[slave]]
+position = 1
+name = "lamps"
+"""
+
+
+def check(daemon: Daemon, *options: str) -> tuple[int, str]:
+    """Exit status, and the line."""
+    done = daemon.ctl("check", *options, check=False)
+    assert done.stderr == ""
+    (line,) = done.stdout.splitlines()
+    return done.returncode, line
+
+
+def document(daemon: Daemon) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(daemon.ctl("check", "--json", check=False).stdout)
+    return found
+
+
+@pytest.fixture
+def daemon(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Daemon:
+    rig = tmp_path / "rig.toml"
+    rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
+    return start_daemon(str(rig), config=CONFIG)
+
+
+def test_slaves_leave_op_and_come_back(daemon: Daemon) -> None:
+    status, line = check(daemon)
+    assert status == WELL
+    assert line == f"well: bus {daemon.bus}, 2 of 2 slaves in OP"
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.al_error(1, code=0x001D)
+        wait_for(lambda: check(daemon)[0] == DEGRADED, daemon)
+    status, line = check(daemon)
+    assert line.startswith(f"degraded: bus {daemon.bus}, 1 of 2 slaves in OP; ")
+    names(line, "slave 1 (lamps (EL2008))", "SAFEOP", "0x001D")
+    found = document(daemon)
+    assert (found["status"], found["slaves"], found["in_op"]) == ("degraded", 2, 1)
+    assert len(found["problems"]) == 1
+    daemon.ctl("state", "SAFEOP", "-p", "0")
+    status, line = check(daemon)
+    assert (status, line.partition(":")[0]) == (DOWN, "down")
+    daemon.ctl("state", "OP")
+    assert check(daemon)[0] == WELL
+
+
+def test_a_gateway_that_does_not_answer(daemon: Daemon) -> None:
+    gateway = daemon.child_pid("ecatd.gateway")
+    stop_process(gateway)
+    try:
+        status, line = check(daemon, "--timeout", "1")
+    finally:
+        os.kill(gateway, signal.SIGCONT)
+    assert (status, line.partition(":")[0]) == (DEGRADED, "degraded")
+    names(line, "gateway")
+
+
+def test_the_exchange_stands_still(daemon: Daemon) -> None:
+    server = daemon.child_pid("ecatd.bus")
+    stop_process(server)
+    try:
+        wait_for(lambda: check(daemon)[0] == DOWN, daemon)
+        names(check(daemon)[1], "no cycle")
+    finally:
+        os.kill(server, signal.SIGCONT)
+
+
+def test_no_daemon(daemon: Daemon) -> None:
+    assert daemon.stop() == 0
+    status, line = check(daemon, "--timeout", "1")
+    assert (status, line.partition(":")[0]) == (DOWN, "down")
+    names(line, daemon.bus)
+    assert document(daemon)["status"] == "down"
