@@ -149,7 +149,7 @@ def test_hot_connect_groups_are_options_with_an_alias(tmp_path: Path) -> None:
             slave("second", ids(2, 4)),
             slave("third", named.format(7, 18) + ids(2, 5)),
             slave("fourth", named.format(7, 18) + ids(2, 6)),
-            slave("fifth", named.format(8, 0x134) + ids(2, 6)),
+            slave("fifth", named.format(8, 0) + ids(2, 6)),
             slave("sixth", ids(2, 7), more="<HotConnect><GroupName>tool</GroupName></HotConnect>"),
         ),
     )
@@ -170,7 +170,44 @@ def test_hot_connect_groups_are_options_with_an_alias(tmp_path: Path) -> None:
     assert (same.slave, other.slave, clock.slave) == (1, 2, 4)
     names(clock.text, "reference clock")
     names(same.text, "alias", 7)
-    names(other.text, "0x0134")
+    names(other.text, "0x0000")
+
+
+def test_identifications_find_slaves(tmp_path: Path) -> None:
+    """By register 0x0134 on request, else at an address; also a hot connect group."""
+    named = '<Identification Value="{}"><Ado>{}</Ado></Identification>'
+    group = (
+        "<HotConnect><GroupName>tool</GroupName><GroupMemberCnt>1</GroupMemberCnt><IdentifyCmd>"
+        "<Cmd>1</Cmd><Adp>0</Adp><Ado>308</Ado><Data>0000</Data>"
+        "<Validate><Data>2A00</Data></Validate></IdentifyCmd></HotConnect>"
+    )
+    found = converted(
+        tmp_path,
+        eni(
+            slave("tool", ids(2, 3), more=group),
+            slave("first", named.format(8, 0x134) + ids(2, 4)),
+            slave("second", named.format(9, 0x1000) + ids(2, 5)),
+            slave("third", named.format(8, 0x134) + ids(2, 6)),
+            slave("fourth", named.format(8, 0x12) + ids(2, 7)),
+        ),
+    )
+    text = written(found)
+    rows = [
+        (item.identification, item.identification_register, item.alias, item.group)
+        for item in found.config.slave
+    ]
+    assert rows == [
+        (8, None, None, ""),
+        (9, 0x1000, None, ""),
+        (None, None, None, ""),
+        (None, None, 8, ""),
+        (42, None, None, "tool"),
+    ]
+    assert text.count("position = ") == 1
+    names(text, "identification_register = 0x1000", "identification = 42")
+    (same,) = found.report.unsupported
+    assert same.slave == 2
+    names(same.text, "identification", 8)
 
 
 def test_assignments_that_the_file_says_only_in_part(tmp_path: Path) -> None:

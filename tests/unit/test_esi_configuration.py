@@ -91,6 +91,36 @@ def test_what_a_file_knows_is_taken_over(tmp_path: Path) -> None:
     names(text, "0x2102:00", 5, 9, "0x1C12:00", "0x2002:00", "SI", "not with 0x1602", "mandatory")
 
 
+@pytest.mark.parametrize(
+    ("info", "tokens"),
+    [
+        ("<IdentificationReg134>true</IdentificationReg134>", ["identification = N"]),
+        ("<IdentificationAdo>#x0134</IdentificationAdo>", ["identification = N"]),
+        (
+            "<IdentificationAdo>#x1000</IdentificationAdo>",
+            ["identification = N", "identification_register = 0x1000"],
+        ),
+        ("<IdentificationAdo>#x0012</IdentificationAdo>", ["alias = N"]),
+    ],
+)
+def test_how_a_slave_tells_who_it_is(tmp_path: Path, info: str, tokens: list[str]) -> None:
+    text = SAMPLE.replace("<Info><Electrical>", f"<Info>{info}<Electrical>", 1)
+    assert info in text
+    found = device(tmp_path, text)
+    config, text = added(found, Config(), bus([]))
+    comment = " ".join(line.strip("# ") for line in text.splitlines() if line.startswith("#"))
+    names(comment, *tokens)
+    wanted = Config(slave=[SlaveConfig(0, vendor=1, product=2, identification=7)])
+    config, text = added(found, wanted, bus([]))
+    assert "wherever it stands" not in text
+    register = 0x1000 if "1000" in info else None
+    assert (config.slave[0].identification, config.slave[0].identification_register) == (
+        7,
+        register,
+    )
+    assert "wherever it stands" not in added(device(tmp_path), Config(), bus([]))[1]
+
+
 def test_what_is_configured_stays(tmp_path: Path) -> None:
     text = SAMPLE.replace(
         '<CoE SdoInfo="true" PdoAssign="1" PdoConfig="1" CompleteAccess="0"/>', COMMANDS

@@ -8,9 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import DOMAINS_MAX, Config, DcSlaveConfig, DomainConfig
+from ecatd.model.config import DOMAINS_MAX, Config, DcSlaveConfig, DomainConfig, Mark
 from ecatd.model.config.init_commands import startup_parameter
-from ecatd.model.config.slave_settings import WATCHDOG_MAX_MS, WATCHDOG_MIN_MS
+from ecatd.model.config.slave_settings import (
+    ALIAS,
+    IDENTIFICATION_REGISTERS,
+    ON_REQUEST,
+    WATCHDOG_MAX_MS,
+    WATCHDOG_MIN_MS,
+)
 from ecatd.model.config.slaves import SYNC_MAX_US
 from ecatd.model.config.tables import TRANSITIONS, SlaveConfig
 from ecatd.model.config.writer import Notes, unique_name
@@ -24,7 +30,6 @@ from .registers import Memory, Sync, whose
 from .report import Report
 
 _CYCLE_MIN_US, _CYCLE_MAX_US = 100, 1_000_000
-_ALIAS = 0x0012
 _WATCHED = 0x40  # bit of a sync manager's control: its data feed the watchdog
 _NAME = re.compile(r"(.*?)\s*[(\[]\s*([^()\[\]]+?)\s*[)\]]*\s*", re.DOTALL)
 _USUAL = (0x0300, 0x0700)
@@ -77,9 +82,9 @@ class _Converter:
     def run(self) -> Converted:
         self._take_cycles()
         names: set[str] = set()
-        aliases: set[int] = set()
+        marks: set[Mark] = set()
         for position, slave in enumerate(self._slaves):
-            self._take_slave(position, slave, names, aliases)
+            self._take_slave(position, slave, names, marks)
         self._take_clocks()
         if self._network.commands:
             self._report.ours[_MASTER] += self._network.commands
@@ -169,7 +174,7 @@ class _Converter:
     # --- slaves --------------------------------------------------------------------------------
 
     def _take_slave(
-        self, position: int, slave: EniSlave, names: set[str], aliases: set[int]
+        self, position: int, slave: EniSlave, names: set[str], marks: set[Mark]
     ) -> None:
         given, kind = _split_name(slave.name)
         data = find_process_data(slave)
@@ -190,8 +195,9 @@ class _Converter:
         self._config.slave.append(settings)
         self._report.take(position, "identity")
         if slave.identification:
-            self._take_identification(slave, settings, aliases)
+            self._take_identification(slave, settings, marks)
             description.alias = settings.alias or 0
+            description.identification = settings.identification or 0
         if slave.group:
             settings.group, settings.optional = self._groups[slave.group], True
             self._report.take(position, f"hot connect group {settings.group}")
@@ -218,20 +224,23 @@ class _Converter:
             self._report.leave(line, position, f"<{tag}>: there is no key for that")
 
     def _take_identification(
-        self, slave: EniSlave, settings: SlaveConfig, aliases: set[int]
+        self, slave: EniSlave, settings: SlaveConfig, marks: set[Mark]
     ) -> None:
-        assert slave.identification is not None
-        register, value = slave.identification
-        if register != _ALIAS:
-            text = f"it is identified by register 0x{register:04X}, not by its station alias"
-        elif value in aliases:
-            text = f"it has the same station alias as another slave, {value}"
-        elif not value:
-            text = "it is identified by the station alias 0, which is none"
+        mark = _mark(slave)
+        if slave.identification is None or mark is None:
+            register, value = slave.identification or (0, 0)
+            text = f"it is identified by {value} in register 0x{register:04X}, which tells nothing"
+        elif mark in marks:
+            text = f"it has the same {mark.kind} as another slave, {mark.value}"
         else:
-            aliases.add(value)
-            settings.alias = value
-            self._report.take(settings.position, f"station alias {value}")
+            marks.add(mark)
+            register, _ = slave.identification
+            if register == ALIAS:
+                settings.alias = mark.value
+            else:
+                settings.identification = mark.value
+                settings.identification_register = None if register == ON_REQUEST else register
+            self._report.take(settings.position, str(mark))
             return
         self._report.leave(slave.line, settings.position, f"{text}, so its position finds it")
 
@@ -390,14 +399,18 @@ def _in_order(slaves: list[EniSlave]) -> list[EniSlave]:
     return slaves
 
 
+def _mark(slave: EniSlave) -> Mark | None:
+    """What finds the slave wherever it stands; None if that is nothing that a slave can have."""
+    register, value = slave.identification or (0, 0)
+    if not value or register not in IDENTIFICATION_REGISTERS:
+        return None
+    return Mark("station alias" if register == ALIAS else "identification", value)
+
+
 def _behind(slaves: list[EniSlave]) -> list[EniSlave]:
-    """Puts groups that an alias finds behind all other slaves, where the configuration has them."""
-    found = {
-        slave.group
-        for slave in slaves
-        if slave.group_name is not None and slave.identification and slave.identification[1]
-        and slave.identification[0] == _ALIAS
-    }  # fmt: skip
+    """Puts groups that are found by a mark behind all others, where the configuration has them."""
+    heads = (slave for slave in slaves if slave.group_name is not None)
+    found = {slave.group for slave in heads if _mark(slave) is not None}
     return sorted(slaves, key=lambda slave: slave.group if slave.group in found else 0)
 
 

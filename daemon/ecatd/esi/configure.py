@@ -10,7 +10,13 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig, SignalConfig
 from ecatd.model.config.init_commands import startup_parameter
 from ecatd.model.config.signals import UNIT_BYTES
-from ecatd.model.config.slave_settings import INPUT_PDOS, OUTPUT_PDOS
+from ecatd.model.config.slave_settings import (
+    ALIAS,
+    IDENTIFICATION_REGISTERS,
+    INPUT_PDOS,
+    ON_REQUEST,
+    OUTPUT_PDOS,
+)
 from ecatd.model.config.slaves import SYNC_MAX_US
 from ecatd.model.config.tables import TRANSITIONS, SlaveConfig
 from ecatd.model.config.writer import Notes
@@ -73,6 +79,7 @@ class _Adder:
             + (f"; it describes revision 0x{device.revision:08X}" if other else "")
         )
         slave.name = slave.name or device.type
+        self._add_identification()
         self._name_modules()
         described = [*device.outputs, *device.inputs]
         names = {(e.index, e.subindex): e.name for pdo in described for e in pdo.entries if e.name}
@@ -90,6 +97,31 @@ class _Adder:
             for command in device.commands:
                 self._add_command(command)
         self._add_modes()
+
+    def _add_identification(self) -> None:
+        """Adds where the slave has its identification; a comment, if it is found otherwise."""
+        device, settings = self._device, self._settings
+        register = device.identification_register
+        where = register in IDENTIFICATION_REGISTERS and register not in (ALIAS, ON_REQUEST)
+        if settings.identification is not None:
+            if where and settings.identification_register is None:
+                settings.identification_register = register
+            return
+        if settings.mark is not None:
+            return
+        number = self._slave.identification or "N"
+        if where:
+            keys = f"identification = {number} and identification_register = 0x{register:04X}"
+        elif device.tells_identification or register == ON_REQUEST:
+            keys = f"identification = {number}"
+        elif register == ALIAS:
+            keys = f"alias = {self._slave.alias or 'N'}"
+        else:
+            return
+        self._about.append(
+            f"It can tell who it is, as by a selector: {keys}, in place of position, would find it "
+            "wherever it stands."
+        )
 
     def _name_modules(self) -> None:
         types = {module.ident: module.type for module in self._device.modules}

@@ -181,6 +181,8 @@ class EsiDevice:
         protocols: Mailbox protocols, as in SII word 0x1C; 0 without a mailbox.
         coe_details: CoE details, as in SII category 30.
         commands: Start-up commands.
+        tells_identification: Whether it tells its identification on request (ETG.1020).
+        identification_register: Address in its ESC where its identification is; 0 for none.
         dc: Operation modes of the distributed clocks; the first one is the default.
         eeprom_size: Size of the EEPROM in bytes, 0 if the file does not say it.
         config_data: First bytes of the EEPROM.
@@ -211,6 +213,8 @@ class EsiDevice:
     protocols: int = 0
     coe_details: int = 0
     commands: list[EsiCommand] = field(default_factory=list)
+    tells_identification: bool = False
+    identification_register: int = 0
     dc: list[EsiDcMode] = field(default_factory=list)
     eeprom_size: int = 0
     config_data: bytes = b""

@@ -147,6 +147,10 @@ def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
     electrical = element.find("Info", "Electrical")
     if electrical is not None:
         device.ebus_current = electrical.number_of("EBusCurrent", 0, -0x8000, 0x7FFF)
+    info = element.find("Info")
+    if info is not None:
+        device.tells_identification = info.flag_of("IdentificationReg134")
+        device.identification_register = info.number_of("IdentificationAdo", 0, high=0xFFFF)
     device.outputs = read_pdos(element.all("RxPdo"), device)
     device.inputs = read_pdos(element.all("TxPdo"), device)
     _read_mailbox(element, device)

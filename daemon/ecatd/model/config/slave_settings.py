@@ -26,6 +26,13 @@ from .tables import (
 OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 """Indices of RxPDOs and TxPDOs (ETG.1000.6)."""
 
+IDENTIFICATION_REGISTERS = range(0x0010, 0xFFFF)
+"""Addresses in an ESC where an identification may be."""
+
+ALIAS, ON_REQUEST = 0x0012, 0x0134
+"""Registers that ESI and ENI files name for the station alias, and for an identification that the
+slave tells on request, in place of the AL status code."""
+
 PDOS_MAX, ENTRIES_MAX = 64, 254
 """Most PDOs of a slave, and most entries of a PDO."""
 
@@ -339,7 +346,9 @@ _SLAVE: Rules = {
     "serial": _UNSIGNED32,
     "alias": integer(1, 0xFFFF),
     "identification": integer(1, 0xFFFF),
-    "identification_register": integer(0x0010, 0xFFFE),
+    "identification_register": integer(
+        IDENTIFICATION_REGISTERS.start, IDENTIFICATION_REGISTERS.stop - 1
+    ),
     "policy": _POLICY,
     "optional": Table.boolean,
     "group": _name,
