@@ -12,7 +12,9 @@ configuration that has changed. If the start fails, it writes `failed` and why. 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import os
 import signal
 import sys
 import traceback
@@ -54,7 +56,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         if starting.done():
             starting.result()
             await control.open(server)
-            print(f"ready {server.summary}", flush=True)
+            _tell_service(f"ready {server.summary}")
             monitor = asyncio.create_task(server.monitor())
             changes = asyncio.create_task(_change(server, reader))
             await stopping
@@ -74,6 +76,12 @@ async def _change(server: BusServer, reader: asyncio.StreamReader) -> None:
     """Takes over what changes in the configuration while the bus runs."""
     while line := await reader.readline():
         server.reconfigure(read_config(json.loads(line)["config"]))
+
+
+def _tell_service(line: str) -> None:
+    """Writes a line to the service. If it has ended, its death ends this process in order, too."""
+    with contextlib.suppress(BrokenPipeError):
+        os.write(sys.stdout.fileno(), f"{line}\n".encode())
 
 
 def _describe(settings: dict[str, Any], log: Log) -> None:
@@ -104,7 +112,7 @@ def main() -> int:
     except EcatError as error:
         log.error(str(error))
         if not settings["describe"]:
-            print(f"failed {error}", flush=True)
+            _tell_service(f"failed {error}")
         return error.exit_code
     except Exception as error:
         log.error(f"defect in the bus server: {error!r}")

@@ -47,7 +47,7 @@ int main(int argc, char **argv) {
   if (argc != 5 || ecat_open(&bus, argv[1]) != 0) return 10;
   master = ecatm_master_open(argv[1], 0, 0.001, 1, 60, 1, 1, 0, 0, 0, "");
   domain = ecatm_domain_open(master, 1, "");
-  slave = ecatm_slave_open(domain, 0, 0xFFFF, 0xBA1E5, 1, "Values", "", "make it again", "");
+  slave = ecatm_slave_open(domain, 0, "", 0xFFFF, 0xBA1E5, 1, "Values", "", "make it again", "");
   open_entries(slave, strcmp(argv[4], "physical") == 0);
   begin(argv);
   while (next_value(&number, &kind, &real, &whole)) {
