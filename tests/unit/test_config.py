@@ -591,6 +591,20 @@ def test_wrong_keys_and_values(tmp_path: Path, text: str, where: str, what: str)
     names(caught.value, *what.split(" | "))
 
 
+def test_a_pdo_without_an_index_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, "[[slave]]\nposition = 0\n[[slave.pdo]]\nentries = []\n")
+    assert ":3: slave[0].pdo[0].index: is missing" in str(caught.value)
+
+
+@pytest.mark.parametrize("value", ["'inf\\n'", '"inf\\n"', '"1\\n2"'])
+def test_a_value_of_several_lines_is_refused_in_one(tmp_path: Path, value: str) -> None:
+    table = f"[[slave.startup]]\nobject = '0x1:0'\ntype = 'real32'\nvalue = {value}\n"
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, f"[[slave]]\nposition = 0\n{table}")
+    assert "\n" not in str(caught.value)
+
+
 def test_broken_toml_names_file_and_line(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=naming("ecat0.toml:2:", "TOML", "Invalid value")):
         load(tmp_path, "bus = 'x'\ninterface =\n")

@@ -16,5 +16,5 @@ def check_bus_name(name: str) -> str:
         UsageError: A bus cannot have this name.
     """
     if not BUS_NAME.fullmatch(name):
-        raise UsageError(f"{name!r} is no bus name: use 1 to 31 letters, digits, '_' or '-'")
+        raise UsageError(f"{name[:40]!r} is no bus name: use 1 to 31 letters, digits, '_' or '-'")
     return name

@@ -13,6 +13,8 @@ from enum import IntEnum
 
 from .errors import UsageError
 
+_SHOWN = 40
+
 
 class DataType(IntEnum):
     """Index of a CoE data type."""
@@ -174,7 +176,9 @@ def parse_type(text: str) -> DataType:
     try:
         return DataType[text.upper()]
     except KeyError:
-        raise UsageError(f"'{text}' is no data type; use one of {', '.join(TYPE_NAMES)}") from None
+        raise UsageError(
+            f"{_shown(text)} is no data type; use one of {', '.join(TYPE_NAMES)}"
+        ) from None
 
 
 def type_name(data_type: int) -> str:
@@ -212,12 +216,17 @@ def encode(data_type: DataType, text: str) -> bytes:
         try:
             return bytes.fromhex(text)
         except ValueError:
-            raise UsageError(f"'{text}' is no row of hexadecimal bytes") from None
+            raise UsageError(
+                f"{_shown(text)} is no row of hexadecimal bytes: write it as 05 00"
+            ) from None
     if data_type in _REAL:
         try:
             return struct.pack("<f" if _REAL[data_type] == 32 else "<d", float(text))
         except (ValueError, OverflowError):
-            raise UsageError(f"'{text}' is no value of {type_name(data_type)}") from None
+            raise UsageError(
+                f"{_shown(text)} is no value of {type_name(data_type)}: write a number within its "
+                "range"
+            ) from None
     return encode_int(data_type, _parse_int(data_type, text))
 
 
@@ -244,7 +253,14 @@ def _parse_int(data_type: DataType, text: str) -> int:
     try:
         return int(text, 0)
     except ValueError:
-        raise UsageError(f"'{text}' is no value of {type_name(data_type)}") from None
+        raise UsageError(
+            f"{_shown(text)} is no value of {type_name(data_type)}: write a whole number"
+        ) from None
+
+
+def _shown(text: str) -> str:
+    """A text on one line, for messages."""
+    return repr(text[:_SHOWN])
 
 
 def decode(data_type: int, data: bytes) -> int | float | bool | str:

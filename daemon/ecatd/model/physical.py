@@ -47,14 +47,15 @@ def to_raw(entry: Entry, value: float, unit: str) -> int | float:
     if not fits:
         raise UsageError(
             f"{value:.15g} {unit} is the raw value {raw:.15g}, which does not fit into "
-            f"{type_name(entry.data_type)}"
+            f"{type_name(entry.data_type)}: correct the value or its unit"
         )
     if not low <= raw <= high:
         limits = " to ".join(
             "any" if limit is None else f"{limit:.15g}" for limit in (entry.minimum, entry.maximum)
         )
         raise UsageError(
-            f"{value:.15g} {unit} is beyond the limits of {entry.address}, {limits} {entry.unit}"
+            f"{value:.15g} {unit} is beyond the limits of {entry.address}, {limits} {entry.unit}: "
+            "correct the value"
         )
     return raw
 

@@ -16,7 +16,8 @@ def read_copies(top: Table, key: Key) -> list[CopyConfig]:
         copy = CopyConfig(**row.read(_COPY, required=_REQUIRED))
         if (copy.slave, copy.address) in seen:
             row.fail(
-                "entry", f"{copy.entry} of slave {copy.slave} is the copy of another input, too"
+                "entry",
+                f"{copy.entry} of slave {copy.slave} is the copy of another input, too: remove one",
             )
         seen.add((copy.slave, copy.address))
         copies.append(copy)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..bus_name import check_bus_name
-from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml
+from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml, show
 from .copies import read_copies
 from .outputs import read_outputs
 from .signals import read_signals
@@ -64,14 +64,14 @@ def _interface(table: Table, key: Key) -> str:
 def _folder(table: Table, key: Key) -> str:
     folder = table.text(key)
     if not folder or not folder.isprintable():
-        table.fail(key, f"{folder!r} is no folder: write its path in quotes")
+        table.fail(key, f"{show(folder)} is no folder: write its path in quotes")
     return folder
 
 
 def _endpoint(table: Table, key: Key) -> str:
     endpoint = table.text(key)
     if "/" not in endpoint:
-        table.fail(key, f'{endpoint!r} is no Zenoh endpoint such as "tcp/127.0.0.1:7447"')
+        table.fail(key, f'{show(endpoint)} is no Zenoh endpoint: write one as "tcp/127.0.0.1:7447"')
     return endpoint
 
 

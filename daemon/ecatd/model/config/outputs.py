@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..toml_file import Key, Rules, Table, integer, number
+from ..toml_file import Key, Rules, Table, integer, number, show
 from .signals import read_entry
 from .slaves import slave_reference
 from .tables import STOPS, OutputsConfig, SafeConfig
@@ -18,7 +18,7 @@ def read_outputs(top: Table, key: Key) -> OutputsConfig:
 def _safe(row: Table) -> SafeConfig:
     safe = SafeConfig(**row.read(_SAFE, required=["slave"]))
     if not isinstance(safe.value, str) and not safe.entry:
-        row.fail("value", "is a number, which needs an entry: which one is meant?")
+        row.fail("value", "is a number, which needs an entry: write the one that is meant")
     if safe.stop_timeout_s is not None and safe.value not in STOPS:
         row.fail(
             "stop_timeout_s",
@@ -33,7 +33,7 @@ def _value(row: Table, key: Key) -> str | int | float:
     if type(value) is str:
         if value not in _WORDS:
             known = ", ".join(f'"{word}"' for word in _WORDS)
-            row.fail(key, f"{value!r} is none of {known}, and no number")
+            row.fail(key, f"is {show(value)}, but must be one of {known}, or a number")
         return value
     if type(value) not in (int, float):
         row.fail(key, 'must be a number, or a word such as "hold"')

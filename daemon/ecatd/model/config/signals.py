@@ -6,7 +6,7 @@ import math
 import re
 
 from ..pdo import Value
-from ..toml_file import Key, Rules, Table, number, printable
+from ..toml_file import Key, Rules, Table, number, printable, show
 from .slaves import slave_reference
 from .tables import SignalConfig
 
@@ -26,7 +26,7 @@ def read_signals(top: Table, key: Key) -> list[SignalConfig]:
         signal = SignalConfig(**values, values=named)
         check_limits(row)
         if (signal.slave, signal.address) in seen:
-            row.fail("entry", f"{signal.entry} of slave {signal.slave} has two tables")
+            row.fail("entry", f"{signal.entry} of slave {signal.slave} has two tables: remove one")
         seen.add((signal.slave, signal.address))
         signals.append(signal)
     return signals
@@ -42,7 +42,7 @@ def read_scale(table: Table, key: Key) -> float:
     """Reads a scale; refuses 0."""
     scale = table.number(key)
     if scale == 0:
-        table.fail(key, "is 0, but must tell physical values apart")
+        table.fail(key, "is 0, but must tell physical values apart: write another number")
     return scale
 
 
@@ -52,13 +52,13 @@ def read_values(table: Table, key: Key) -> list[Value]:
     values: dict[int, Value] = {}
     for text in names.data:
         if not _NUMBER.fullmatch(text):
-            names.fail(text, "is no whole number")
+            names.fail(text, "is no whole number: write one, such as 5 or 0x10")
         name = names.text(text)
         if not name or not name.isprintable():
-            names.fail(text, f"{name!r} is no name: it must be printable")
+            names.fail(text, f"{show(name)} is no name: it must be printable")
         value = Value(int(text, 16 if text.startswith("0x") else 10), name)
         if value.number in values:
-            names.fail(text, "is named twice")
+            names.fail(text, "is named twice: remove one")
         values[value.number] = value
     return [values[number] for number in sorted(values)]
 
@@ -67,7 +67,7 @@ def check_limits(table: Table) -> None:
     """Refuses a `minimum` that is more than the `maximum`."""
     low, high = table.number("minimum", -math.inf), table.number("maximum", math.inf)
     if low > high:
-        table.fail("minimum", f"is {low:g}, more than the maximum, {high:g}")
+        table.fail("minimum", f"is {low:g}, more than the maximum, {high:g}: correct one of them")
 
 
 MEANING: Rules = {

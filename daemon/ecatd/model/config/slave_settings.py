@@ -72,12 +72,16 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
         slave = SlaveConfig(**values)
         for other in slaves:
             if other.position == slave.position:
-                row.fail("position", f"slave {slave.position} has two tables")
+                row.fail(
+                    "position", f"slave {slave.position} has two tables: put all keys into one"
+                )
             if other.mark == slave.mark is not None:
                 key = marked[0]
-                row.fail(key, f"two slaves cannot be found by the same {slave.mark}")
+                row.fail(
+                    key, f"two slaves cannot be found by the same {slave.mark}: correct one of them"
+                )
         if slave.name in names:
-            row.fail("name", f"'{slave.name}' is the name of another slave, too")
+            row.fail("name", f"'{slave.name}' is the name of another slave, too: choose one")
         if slave.name:
             names[slave.name] = slave.position
         _check_modules(row, slave)
@@ -96,17 +100,23 @@ def _check_identity(row: Table) -> None:
     marked = [key for key in _MARKS if key in row]
     for one, other in (("vendor", "product"), ("product", "vendor")):
         if one in row and other not in row:
-            row.fail(other, f"is missing: {one} alone does not say which device is expected")
+            row.fail(
+                other, f"is missing: {one} alone does not say which device is expected; write both"
+            )
     for part in ("revision", "revision_min", "serial", "policy"):
         if part in row and "product" not in row and not (part == "policy" and marked):
-            row.fail(part, "needs vendor and product: which device is expected?")
+            row.fail(part, "needs vendor and product: write which device is expected")
     if len(marked) > 1:
         row.fail("identification", "stands in place of alias: leave one of them out")
     if "identification_register" in row and "identification" not in row:
-        row.fail("identification", "is missing: which value shall the register have?")
+        row.fail(
+            "identification",
+            "is missing: write the value that the register shall have, or leave "
+            "identification_register out",
+        )
     for part in ("optional", "group"):
         if row.data.get(part) and "product" not in row:
-            row.fail(part, "needs vendor and product: which device may come and go?")
+            row.fail(part, "needs vendor and product: write which device may come and go")
     if "revision" in row and "revision_min" in row:
         row.fail("revision_min", "stands in place of revision: leave one of them out")
 
@@ -120,7 +130,7 @@ def _position(table: Table, key: Key) -> int:
 def _file(table: Table, key: Key) -> str:
     path = table.text(key)
     if path and not path.isprintable():
-        table.fail(key, f"{path!r} is no file: write its path in quotes")
+        table.fail(key, f"{show(path)} is no file: write its path in quotes")
     return path
 
 
@@ -145,6 +155,8 @@ def _watchdog(table: Table, key: Key) -> float:
 
 def _pdo_index(table: Table, key: Key) -> int:
     """Reads the index of a PDO, written as 0x1600 or "0x1600"."""
+    if key not in table:
+        table.fail(key, "is missing: write the index of the PDO, such as 0x1600")
     value = table.data[key]
     if isinstance(value, str) and _INDEX.fullmatch(value):
         value = int(value, 16)
@@ -162,7 +174,7 @@ def _check_modules(row: Table, slave: SlaveConfig) -> None:
     seen: set[int] = set()
     for table, module in zip(row.tables("module"), slave.module, strict=True):
         if module.slot in seen:
-            table.fail("slot", f"slot {module.slot} has two tables")
+            table.fail("slot", f"slot {module.slot} has two tables: remove one")
         seen.add(module.slot)
 
 
@@ -173,11 +185,11 @@ def _check_pdos(row: Table, slave: SlaveConfig) -> None:
         row.fail("pdos", f"has {len(assigned)} PDOs, but at most {PDOS_MAX} can be assigned")
     for at, index in enumerate(assigned):
         if index in assigned[:at]:
-            row.elements("pdos").fail(at, f"PDO 0x{index:04X} is named twice")
+            row.elements("pdos").fail(at, f"PDO 0x{index:04X} is named twice: remove one")
     seen: set[int] = set()
     for table, pdo in zip(row.tables("pdo"), slave.pdo, strict=True):
         if pdo.index in seen:
-            table.fail("index", f"PDO 0x{pdo.index:04X} has two tables")
+            table.fail("index", f"PDO 0x{pdo.index:04X} has two tables: put all entries into one")
         seen.add(pdo.index)
         if slave.pdos is not None and pdo.index not in slave.pdos:
             table.fail(
@@ -216,11 +228,11 @@ def _parameter(row: Table, key: Key) -> StartupConfig:
     if not parameter.complete and parameter.address[1] > 0xFE:
         table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
     if parameter.complete and parameter.address[1] > 1:
-        table.fail("object", "complete access begins at subindex 00 or 01")
+        table.fail("object", "complete access begins at subindex 00 or 01: write one of these")
     if parameter.unit is not None:
         kind = parse_type(parameter.type or "")
         if not bit_length(kind) or kind == DataType.BOOLEAN:
-            table.fail("unit", f"is for numbers, but the type is {parameter.type}")
+            table.fail("unit", f"is for numbers, but the type is {parameter.type}: leave it out")
         if parameter.complete:
             table.fail("complete", "needs hex: a whole object has no single type")
         return parameter
@@ -262,7 +274,10 @@ def _value(table: Table, key: Key) -> str:
         _check_finite(table, key)
     if isinstance(value, int | float):
         if isinstance(value, float) and kind is not None and not real:
-            table.fail(key, f"{value!r} has a fraction, but the type is {table.text('type')}")
+            name = table.text("type")
+            table.fail(
+                key, f"{value!r} has a fraction, but the type is {name}: correct one of them"
+            )
         return repr(value)
     if isinstance(value, str):
         return value
@@ -285,7 +300,7 @@ def _check_finite(table: Table, key: Key) -> bool:
         finite = math.isfinite(float(table.data[key]))
     except ValueError:
         return False
-    return finite or table.fail(key, f"must be a finite number, not {table.data[key]}")
+    return finite or table.fail(key, f"must be a finite number, not {show(table.data[key])}")
 
 
 def _hex(table: Table, key: Key) -> str:

@@ -18,12 +18,21 @@ def slave_reference(table: Table, key: Key) -> int:
     names = table.document.names
     if isinstance(value, str):
         if value not in names:
-            known = f"; there are {', '.join(sorted(names)[:8])}" if names else ""
-            table.fail(key, f"no [[slave]] has the name {show(value)}{known}")
+            table.fail(
+                key,
+                f"no [[slave]] has the name {show(value)}{_known(table)}: correct it, or write the "
+                "position",
+            )
         return names[value]
     if type(value) is int and value in names.values():  # also of a slave without a position
         return value
     return table.integer(key, 0, POSITION_MAX)
+
+
+def _known(table: Table) -> str:
+    """The first names that there are, for messages."""
+    names = sorted(table.document.names)
+    return f" (there are {', '.join(names[:8])}{', …' * (len(names) > 8)})" if names else ""
 
 
 _POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
@@ -45,7 +54,7 @@ def read_domains(top: Table, key: Key) -> list[DomainConfig]:
         values = row.read(_DOMAIN, required=["slaves"])
         domain = DomainConfig(**values | {"slaves": _positions(values["slaves"], domains)})
         if domain.name and domain.name in (other.name for other in domains):
-            row.fail("name", f"'{domain.name}' is the name of another domain, too")
+            row.fail("name", f"'{domain.name}' is the name of another domain, too: choose one")
         if domain.phase >= domain.divider:
             row.fail(
                 "phase",
@@ -72,7 +81,7 @@ def _positions(items: Table, domains: list[DomainConfig]) -> list[int]:
                 items.fail(
                     item,
                     f"slave {position} is already in domain {taken[position]}; a slave is in "
-                    f"one domain, and named once",
+                    "one domain, and named once: remove it from one list",
                 )
             taken[position] = len(domains)
             positions.append(position)
@@ -93,8 +102,8 @@ def _position_row(items: Table, key: Key) -> range:
     if not 0 <= first <= last <= POSITION_MAX and first not in dict(named).values():
         items.fail(
             key,
-            f"{items.show(key)} is neither a position, 0 to {POSITION_MAX}, nor a row such as "
-            '"5-7", nor the name of a [[slave]]',
+            f"{items.show(key)} is no slave: write a position, 0 to {POSITION_MAX}, a row such as "
+            f'"5-7", or the name of a [[slave]]{_known(items)}',
         )
     return range(first, last + 1)
 
@@ -163,7 +172,7 @@ def check_clocks(top: Table, config: Config) -> None:
     seen: set[int] = set()
     for row, slave in zip(table.tables("slave"), dc.slave, strict=True):
         if slave.slave in seen:
-            row.fail("slave", f"slave {slave.slave} has two tables")
+            row.fail("slave", f"slave {slave.slave} has two tables: remove one")
         seen.add(slave.slave)
         domain = config.domain_cycle_us(slave.slave)
         # SYNC0 must not drift against the frames, so compare whole nanoseconds as in the register.
