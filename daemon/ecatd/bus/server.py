@@ -269,12 +269,15 @@ class BusServer:
         try:
             if up.master is not None and self.bus.slaves:
                 # Slaves that are gone cannot be asked; their watchdog takes care of them.
-                here = [item.position for item in up.master.states() if item.al_state]
+                here = {n.position: n.al_state & 0x0F for n in up.master.states() if n.al_state}
+                # After a start that was refused they are in PREOP: SAFEOP would be a way up.
+                in_op = [position for position, state in here.items() if state == AlState.OP]
                 with suppress(StateError):
                     up.leave(AlState.INIT, _STOP_TIMEOUT)
-                for state in (AlState.SAFEOP, AlState.INIT):
-                    with suppress(StateError):
-                        up.master.wait_for_state(state, _STOP_TIMEOUT, here)
+                for state, asked in ((AlState.SAFEOP, in_op), (AlState.INIT, list(here))):
+                    if asked:
+                        with suppress(StateError):
+                            up.master.wait_for_state(state, _STOP_TIMEOUT, asked)
             if up.clocks is not None:
                 up.clocks.sync_signals.stop()
         finally:
