@@ -15,6 +15,7 @@ from pathlib import Path
 from ecatd.bus.__main__ import main as serve
 from ecatd.log import Log
 from ecatd.model.config import load_config
+from ecatd.service.child import Child
 from ecatd.service.supervisor import Supervisor
 
 _LEVEL = "warning"
@@ -23,9 +24,9 @@ _thread: list[threading.Thread] = []
 
 
 class _Service(Supervisor):
-    async def _start_python(self, module: str) -> asyncio.subprocess.Process:
-        ours = "benchmarks.masters.busy_daemon" if module == "ecatd.bus" else module
-        return await super()._start_python(ours)
+    async def _start(self, name: str, *command: str, fd: int | None = None) -> Child:
+        ours = ("benchmarks.masters.busy_daemon",) if command == ("ecatd.bus",) else command
+        return await super()._start(name, *ours, fd=fd)
 
 
 def _compute() -> None:

@@ -13,6 +13,7 @@
 #include "values.h"
 
 #define NS_PER_S 1000000000u
+#define GIVE_WAY_NS 20000u        /* pause of a client that hinders the engine to read its outputs */
 #define LATE_NS 20000000u         /* age of the last cycle from which on the daemon's lock is checked */
 #define TICK_NS 10000000u         /* how far CLOCK_MONOTONIC_COARSE may be behind */
 #define RETURN_PAUSE_NS 20000000u /* between two attempts to find the daemon again */
@@ -91,6 +92,7 @@ struct ecat_client {
   ecat_out_header layout; /* a copy, since other clients could change the mapped one */
   int slot;              /* -1: none */
   uint32_t generation;
+  uint32_t overtaken;    /* of the slot status, when it was last looked at */
   ecat_out_doorbell *doorbell;
   ecat_out_slot *out;
   uint64_t *out_claims;  /* in the slot: the outputs that this client wants */

@@ -129,6 +129,16 @@ int ecat_write_physical(ecat_t *bus, int number, double value) {
   return stage(bus, number, &given);
 }
 
+/* Gives the engine the time to read an image. A client that commits without end would always come round
+ * to the image before the engine has read it, and none of its values would go out. */
+static void give_way(ecat_t *bus) {
+  uint32_t overtaken = __atomic_load_n(&bus->slot_status[bus->slot].overtaken, __ATOMIC_RELAXED);
+  uint64_t until;
+  if (overtaken == bus->overtaken) return;
+  bus->overtaken = overtaken;
+  for (until = ecat_now() + GIVE_WAY_NS; ecat_now() < until;) continue;
+}
+
 int ecat_commit(ecat_t *bus) {
   ecat_out_image *image;
   uint64_t now;
@@ -140,6 +150,7 @@ int ecat_commit(ecat_t *bus) {
   if (bus->lost) return claims_lost(bus);
   bus->doorbell->heartbeat++;
   if (bus->bytes == 0) return 0;
+  give_way(bus);
   now = ecat_now();
   if (now - __atomic_load_n(&bus->header->cycle_end_ns, __ATOMIC_RELAXED) > LATE_NS &&
       ecat_memory_age(bus) == ECAT_EDOWN)

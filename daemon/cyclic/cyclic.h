@@ -124,6 +124,10 @@ CYCLIC_API uint64_t cyclic_deadline(const cyclic_t *c);
 CYCLIC_API void cyclic_restart_counting(cyclic_t *c);
 /* Sets all outputs to their safe values from the next cycle on, and refuses claims. */
 CYCLIC_API void cyclic_make_safe(cyclic_t *c);
+/* Says that the control side works. If it is not called again within `cycles` cycles, the engine does what
+ * cyclic_make_safe() does: nobody would notice a lost slave or answer a request. Cycles and not time: a
+ * machine that stood still for a while must not find its outputs safe. 0, or -ETIMEDOUT: too late. */
+CYCLIC_API int cyclic_attend(cyclic_t *c, uint32_t cycles);
 /* Ends the thread after the current cycle and waits for it. */
 CYCLIC_API void cyclic_stop(cyclic_t *c);
 CYCLIC_API void cyclic_free(cyclic_t *c);

@@ -127,6 +127,14 @@ static void sleep_until_deadline(cyclic_t *c) {
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) continue;
 }
 
+/* See cyclic_attend(). */
+static void check_control(cyclic_t *c) {
+  if (__atomic_load_n(&c->attend, __ATOMIC_RELAXED) > 0)
+    c->attended = __atomic_exchange_n(&c->attend, 0, __ATOMIC_RELAXED);
+  else if (c->attended > 0 && --c->attended == 0)
+    cyclic_make_safe(c);
+}
+
 void cyclic_run(cyclic_t *c) {
   uint64_t period = c->header->cycle_time_ns, end;
   c->deadline_ns = cyclic_now() + period;
@@ -137,6 +145,7 @@ void cyclic_run(cyclic_t *c) {
     c->now_ns = cyclic_now();
     cyclic_count(&c->health->wakeup, c->now_ns - c->deadline_ns);
     adopt_sockets(c);
+    check_control(c);
     if (__atomic_load_n(&c->make_safe, __ATOMIC_RELAXED))
       cyclic_outputs_make_all_safe(c, ECAT_REASON_STOPPING);
     cyclic_slots_read(c);

@@ -190,6 +190,8 @@ struct cyclic {
   uint32_t copies;
   uint32_t limits, stops, stopping; /* stopping: drives that are being stopped now */
   int make_safe, restart;         /* set by control */
+  uint32_t attend;                /* set by control: cycles until it calls cyclic_attend() again; 0: taken */
+  uint32_t attended;              /* cycles that are left of them; 0: never called, or too late */
 
   struct cyclic_relay *relay;     /* that follows this engine, or NULL; control */
   cyclic_settings settings;

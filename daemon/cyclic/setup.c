@@ -225,6 +225,11 @@ void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd) {
 
 void cyclic_make_safe(cyclic_t *c) { __atomic_store_n(&c->make_safe, 1, __ATOMIC_RELAXED); }
 
+int cyclic_attend(cyclic_t *c, uint32_t cycles) {
+  __atomic_store_n(&c->attend, cycles, __ATOMIC_RELAXED);
+  return __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED) ? -ETIMEDOUT : 0;
+}
+
 void cyclic_restart_counting(cyclic_t *c) {
   __atomic_store_n(&c->restart, 1, __ATOMIC_RELAXED);
   while (c->started != 0 && __atomic_load_n(&c->restart, __ATOMIC_ACQUIRE))

@@ -73,8 +73,10 @@ static int read_image(cyclic_t *c, uint32_t number, uint32_t seq, uint32_t *newe
 enum { TRIES = 4 };
 
 /* Finds the newest commit, `seq` or one that came since. A client that commits without end may come
- * round to an image before it is read: then the next one is tried, but not without end either. */
+ * round to an image before it is read: then it is asked to wait a little (`overtaken`), and the next image
+ * is tried, but not without end either. */
 static int find_image(cyclic_t *c, uint32_t number, uint32_t seq) {
+  ecat_shm_slot_status *status = &c->slot_status[number];
   const ecat_out_image *image = (const void *)c->slot_image;
   uint32_t newest, tries;
   for (tries = 0; tries < TRIES; tries++) {
@@ -83,6 +85,7 @@ static int find_image(cyclic_t *c, uint32_t number, uint32_t seq) {
         newest - seq <= ECAT_IMAGES - 2)
       return 1;
     if (newest == seq) break;
+    if (tries == 0) __atomic_store_n(&status->overtaken, status->overtaken + 1, __ATOMIC_RELAXED);
     seq = newest;
   }
   counter_add(&c->health->torn, 1); /* looked for again in the next cycle */

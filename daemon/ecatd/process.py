@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import signal
-import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NO_NEW_PRIVS = 38
@@ -56,18 +53,6 @@ def offer_to_oom_killer(score: int) -> None:
     with suppress(OSError, ValueError):
         if int(file.read_text()) < score:
             file.write_text(str(score))
-
-
-def read_settings() -> dict[str, Any]:
-    """Reads the settings, one line of JSON, from stdin.
-
-    Ends this process if the service was killed before.
-    """
-    try:
-        settings: dict[str, Any] = json.loads(sys.stdin.buffer.readline())
-    except ValueError:
-        sys.exit(0)
-    return settings
 
 
 class _CapHeader(ctypes.Structure):

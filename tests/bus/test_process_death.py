@@ -3,104 +3,24 @@
 The simulator is a process of its own here, which does not end with the daemon.
 """
 
-import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from test_safe_stop import SPEED, Drive, stop_rule
+from test_safe_stop import SPEED
+from turning_drive import BUS, GATEWAY, MAIN, Machine, runs, turning_drive
 
-from conftest import PATIENCE, SHM, Daemon, names, wait_for
-from ecatd.network_namespace import join
-from ecatsim.control import Simulator
+from conftest import PATIENCE, SHM, names, wait_for
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
-
-MAIN, BUS, GATEWAY = "main", "ecatd.bus", "ecatd.gateway"
-VELOCITY, STATUS_WORD = 0x606C, 0x6041
-NO_WATCHDOG = """
-[[slave]]
-position = 0
-watchdog_ms = 300
-"""
-
-
-class Machine:
-    """A daemon with a drive that turns, and the simulator beside it."""
-
-    def __init__(self, daemon: Daemon, simulator: Simulator) -> None:
-        self.daemon = daemon
-        self.simulator = simulator
-
-    def pid(self, process: str) -> int:
-        return self.daemon.process.pid if process == MAIN else self.daemon.child_pid(process)
-
-    def send(self, process: str, number: int) -> None:
-        os.kill(self.pid(process), number)
-
-    @property
-    def speed(self) -> int:
-        return abs(self.simulator.get(0, VELOCITY))
-
-    @property
-    def turns(self) -> bool:
-        return self.speed > 0.9 * SPEED
-
-    def speed_when_op_ends(self) -> int:
-        """Speed of the drive when it leaves OP, or has come to a stop before."""
-        end = time.monotonic() + PATIENCE
-        while time.monotonic() < end:
-            speed = self.speed
-            if self.simulator.status().slaves[0].state != "OP" or speed == 0:
-                return speed
-        raise AssertionError(f"the drive stays in OP, and turns:\n{self.daemon.log}")
-
-
-def runs(pid: int) -> bool:
-    """Whether a process has not ended; one that nobody waits for has."""
-    try:
-        return bool(Path(f"/proc/{pid}/cmdline").read_bytes())
-    except OSError:
-        return False
 
 
 @pytest.fixture
 def machine(tmp_path: Path) -> Iterator[Machine]:
-    read, write = os.pipe()
-    rig = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "ecatsim", "run", "troll", "--ready-fd", str(write)),
-            *("--", "sleep", "infinity"),
-        ],
-        pass_fds=(write,),
-    )
-    os.close(write)
-    daemon = None
-    try:
-        with os.fdopen(read) as ready:
-            at = json.loads(ready.readline())
-        with Simulator(str(rig.pid)) as simulator:
-            daemon = Daemon(
-                tmp_path,
-                "",
-                *("--interface", at["interface"]),
-                config=stop_rule("quick_stop", NO_WATCHDOG),
-                preexec=lambda: join(at["pid"]),
-            ).wait_ready()
-            with Drive(daemon) as drive:
-                drive.brake_slowly()
-                drive.run()
-                yield Machine(daemon, simulator)
-    finally:
-        if daemon is not None:
-            daemon.close()
-        rig.terminate()
-        rig.wait(PATIENCE)
+    with turning_drive(tmp_path) as machine:
+        yield machine
 
 
 def test_the_death_of_the_main_process_brakes_the_drive(machine: Machine) -> None:

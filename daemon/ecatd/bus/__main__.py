@@ -1,23 +1,20 @@
 """The process of the bus server: `python -m ecatd.bus`, started by the service.
 
-It reads its settings as a line of JSON from stdin: `config`, `interface` and `second_interface`
-(which may be those of a simulator instead of those of the configuration), `runtime_dir`,
-`namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent` and
-`log_level`. When the bus is in OP, it writes `ready` and a line about it to stdout, which the
-service logs once the gateway answers, too. A later line on stdin has the same settings with a
-configuration that has changed. If the start fails, it writes `failed` and why. With
-`describe` it writes the bus description instead (`ecatd.model.bus_file`), and ends.
+Its settings (see `ecatd.service_link`) are `config`, `interface` and `second_interface` (which may
+be those of a simulator instead of those of the configuration), `runtime_dir`, `namespace_of`
+(process number of a simulator whose network namespace to enter, or 0), `parent` and `log_level`.
+It tells that it is ready when the bus is in OP, with a line about the bus, which the service logs
+once the gateway answers, too. With `describe` it writes the bus description to stdout instead
+(`ecatd.model.bus_file`), and ends.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
-import os
 import signal
 import sys
 import traceback
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,13 +22,11 @@ from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
-from ecatd.process import die_with_parent, leave_signals_to_the_service, read_settings
+from ecatd.process import die_with_parent, leave_signals_to_the_service
+from ecatd.service_link import answer_pings, read_settings, tell
 
 if TYPE_CHECKING:
     from .server import BusServer
-
-_LINE_MAX = 1 << 26
-"""Bytes of the settings, at most."""
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
@@ -47,8 +42,6 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGQUIT):
         loop.add_signal_handler(number, stop.set)
-    reader = asyncio.StreamReader(limit=_LINE_MAX)
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     starting = asyncio.create_task(server.start())
     stopping = asyncio.create_task(stop.wait())
     try:
@@ -56,12 +49,8 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         if starting.done():
             starting.result()
             await control.open(server)
-            _tell_service(f"ready {server.summary}")
-            monitor = asyncio.create_task(server.monitor())
-            changes = asyncio.create_task(_change(server, reader))
-            await stopping
-            changes.cancel()
-            monitor.cancel()
+            tell("ready", server.summary)
+            await _run_until(stopping, server.monitor(), server.attend(), _answer_service(server))
     finally:
         server.abort()
         await asyncio.wait((starting,))
@@ -72,16 +61,23 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         stopping.cancel()
 
 
-async def _change(server: BusServer, reader: asyncio.StreamReader) -> None:
-    """Takes over what changes in the configuration while the bus runs."""
-    while line := await reader.readline():
-        server.reconfigure(read_config(json.loads(line)["config"]))
+async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, None]) -> None:
+    """Runs several things until one of them ends, or fails: a defect, or the service has ended."""
+    tasks = [asyncio.create_task(item) for item in work]
+    await asyncio.wait((stopping, *tasks), return_when=asyncio.FIRST_COMPLETED)
+    ended = [task for task in tasks if task.done()]
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
+    for task in ended:
+        task.result()
 
 
-def _tell_service(line: str) -> None:
-    """Writes a line to the service. If it has ended, its death ends this process in order, too."""
-    with contextlib.suppress(BrokenPipeError):
-        os.write(sys.stdout.fileno(), f"{line}\n".encode())
+async def _answer_service(server: BusServer) -> None:
+    def change(settings: dict[str, Any]) -> None:
+        server.reconfigure(read_config(settings["config"]))
+
+    await answer_pings(server.report, change)
 
 
 def _describe(settings: dict[str, Any], log: Log) -> None:
@@ -112,7 +108,7 @@ def main() -> int:
     except EcatError as error:
         log.error(str(error))
         if not settings["describe"]:
-            _tell_service(f"failed {error}")
+            tell("failed", str(error))
         return error.exit_code
     except Exception as error:
         log.error(f"defect in the bus server: {error!r}")

@@ -20,6 +20,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.datatypes import DataType, bit_length, encode
 from ecatd.model.errors import StateError, UsageError
+from ecatd.model.health import look_at
 from ecatd.model.messages import (
     Describe,
     ReadInfo,
@@ -31,6 +32,7 @@ from ecatd.model.messages import (
     check_data,
 )
 from ecatd.model.object_types import ObjectType, ObjectTypes
+from ecatd.service_link import HANG_S
 from ecatd.version import VERSION
 
 from .engine.engine import Engine
@@ -47,6 +49,16 @@ _SAFE_TIMEOUT = 5.0
 """Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, where the slaves
 make their outputs safe themselves. A slow domain must not make this wait so long that the service
 kills the process (`service/supervisor.py`)."""
+
+_ATTEND_PERIOD = 1.0
+_ATTENDED_MIN = 3
+"""Cycles, at least, for which the engine goes on by itself."""
+_SHOWN = 3
+"""Slaves that the status of the service names."""
+
+
+def _nothing() -> None:
+    """What a worker that works has done at once."""
 
 
 class BusServer:
@@ -118,6 +130,34 @@ class BusServer:
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""
         await self._running.run()
+
+    async def attend(self) -> None:
+        """Tells the engine again and again that this side works, until the server stops.
+
+        Raises:
+            StateError: It did not for so long that the engine has made the outputs safe.
+        """
+        assert self._up.engine is not None, "asked before the bus was brought up"
+        cycles = max(_ATTENDED_MIN, round(HANG_S * 1e6 / self._config.cycle_time_us))
+        while True:
+            await self._worker.run(_nothing)
+            if not self._up.engine.attend(cycles):
+                raise StateError(
+                    f"the bus server stood still for {HANG_S:g} s, so the engine has made the "
+                    f"outputs safe: the processor was given to others, or this is a defect"
+                )
+            await asyncio.sleep(_ATTEND_PERIOD)
+
+    async def report(self) -> dict[str, Any]:
+        """What the service asks every second; answers only if the worker does its work."""
+        await self._worker.run(_nothing)
+        rows = [self._state_row(item) for item in self._running.states]
+        health = look_at(rows)
+        assert self._up.shared is not None, "asked before the bus was brought up"
+        return {
+            "cycle": self._up.shared.header.cycle,
+            "status": health.sentence(_SHOWN) if health.problems else "",
+        }
 
     @property
     def _running(self) -> Monitor:
@@ -216,6 +256,7 @@ class BusServer:
             "text": item.describe(),
             "recovery": str(condition),
             "recovery_text": more,
+            "since": self._running.down_since(item.position),
         }
 
     async def _set_state(self, request: SetState) -> dict[str, Any]:

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from typing import Any
 
 from ecatd import shm
 from ecatd.model.al import AlState
-from ecatd.model.bus import display_name
 from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.model.health import Health, look_at
 from ecatd.stats import Snapshot
 
 from .output import print_json
@@ -22,7 +21,6 @@ from .stats_screen import ring_line, word
 WORDS = ("well", "degraded", "down")
 _WELL, _DEGRADED, _DOWN = range(3)
 _SHOWN = 3
-_ABSENT = "absent"
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -34,68 +32,60 @@ def check(options: argparse.Namespace) -> int:
     """Prints whether the bus is well; returns 0 well, 1 degraded, 2 down."""
     with Source(options) as source:
         try:
-            status, problems, counts = _look(source)
+            status, problems, slaves = _look(source)
         except EcatError as error:
-            status, problems, counts = _DOWN, [str(error)], {}
+            status, problems, slaves = _DOWN, [str(error)], None
     if options.json:
+        counts = (
+            {"slaves": slaves.expected, "in_op": slaves.in_op, "absent": slaves.absent}
+            if slaves
+            else {}
+        )
         document = {"bus": options.bus, "status": WORDS[status], "problems": problems, **counts}
         print_json(document)
     else:
-        print(f"{WORDS[status]}: {_line(options.bus, problems, counts)}")
+        print(f"{WORDS[status]}: {_line(options.bus, problems, slaves)}")
     return status
 
 
-def _line(bus: str, problems: list[str], counts: dict[str, int]) -> str:
-    facts = []
-    if counts:
-        absent = f" ({counts['absent']} optional absent)" if counts["absent"] else ""
-        facts.append(f"{counts['in_op']} of {counts['slaves']} slaves in OP{absent}")
+def _line(bus: str, problems: list[str], slaves: Health | None) -> str:
+    facts = [slaves.counts] if slaves else []
     more = len(problems) - _SHOWN
     facts += problems[:_SHOWN] + ([f"and {more} more (--json lists all)"] if more > 0 else [])
     return f"bus {bus}, {'; '.join(facts)}"
 
 
-def _look(source: Source) -> tuple[int, list[str], dict[str, int]]:
-    """Status, problems, and numbers of slaves.
+def _look(source: Source) -> tuple[int, list[str], Health | None]:
+    """Status, problems, and how the slaves are.
 
     Raises:
         EcatError: The bus cannot be seen at all.
     """
     snapshot = source.read()
     if snapshot.state != shm.BusState.RUNNING:
-        return _DOWN, [f"the daemon is {word(snapshot.state)}"], {}
+        return _DOWN, [f"the daemon is {word(snapshot.state)}"], None
     if snapshot.silence:
-        return _DOWN, [f"no cycle for {snapshot.silence:.1f} s: the exchange stands still"], {}
+        return _DOWN, [f"no cycle for {snapshot.silence:.1f} s: the exchange stands still"], None
     problems = list(_wire_problems(snapshot))
-    counts: dict[str, int] = {}
     try:
-        rows = source.remote().states()
+        slaves = look_at(source.remote().states())
     except (UnreachableError, NoAnswerError) as error:
         problems += _seen_from_here(snapshot)
         problems.append(f"the gateway does not answer: {error}")
-        return _DEGRADED, problems, counts
-    expected = [row for row in rows if row.get("recovery") != _ABSENT]
-    in_op = [row for row in expected if row["al_state"] == AlState.OP]
-    counts = {
-        "slaves": len(expected),
-        "in_op": len(in_op),
-        "absent": len(rows) - len(expected),
-    }
-    problems += [_told(row) for row in expected if row not in in_op or row.get("recovery")]
-    if expected and not in_op:
-        return _DOWN, problems, counts
-    return (_DEGRADED if problems else _WELL), problems, counts
+        return _DEGRADED, problems, None
+    problems += slaves.problems
+    if slaves.expected and not slaves.in_op:
+        return _DOWN, problems, slaves
+    return (_DEGRADED if problems else _WELL), problems, slaves
 
 
 def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
     names = ("the interface", "the second interface")
     for name, link in zip(names, snapshot.links, strict=True):
-        if link not in (shm.Link.UNUSED, shm.Link.UP):
-            yield (
-                f"{name} has {word(link)}"
-                if link == shm.Link.NO_CARRIER
-                else (f"{name} is {word(link)}")
-            )
+        if link == shm.Link.NO_CARRIER:
+            yield f"{name} has {word(link)}"
+        elif link not in (shm.Link.UNUSED, shm.Link.UP):
+            yield f"{name} is {word(link)}"
     if snapshot.ring == shm.Ring.OPEN:
         yield ring_line(snapshot)
     if snapshot.clock.state == shm.DcState.LOCKING:
@@ -108,10 +98,3 @@ def _seen_from_here(snapshot: Snapshot) -> Iterator[str]:
         yield f"{snapshot.slaves_found} of {snapshot.slaves_expected} slaves answer"
     if snapshot.slaves_found and snapshot.al_status != AlState.OP:
         yield "slaves are not in OP"
-
-
-def _told(row: dict[str, Any]) -> str:
-    """A slave that is not well, and what is known about its recovery."""
-    name = display_name(row.get("given_name", ""), row["name"])
-    known = (row["text"], row.get("recovery"), row.get("recovery_text"))
-    return f"slave {row['position']} ({name}): {', '.join(text for text in known if text)}"

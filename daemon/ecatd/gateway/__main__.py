@@ -1,14 +1,13 @@
 """The process of the gateway: `python -m ecatd.gateway`, started by the service.
 
-Its settings come as one JSON document on stdin (see `ecatd.bus.__main__`), when the bus is in OP;
-it writes `ready` to stdout when it answers. It has no capabilities, and the bus does not depend on
-it.
+Its settings, those of `ecatd.bus.__main__` and the origins of the configuration, come when the bus
+is in OP (see `ecatd.service_link`); it is ready when it answers. It has no capabilities, and the
+bus does not depend on it.
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
 import sys
 import traceback
@@ -23,8 +22,8 @@ from ecatd.process import (
     drop_rights,
     leave_signals_to_the_service,
     offer_to_oom_killer,
-    read_settings,
 )
+from ecatd.service_link import answer_pings, read_settings, tell
 
 _OOM_SCORE = 500
 """The bus does not need the gateway, so it is the first to go if there is no memory left."""
@@ -40,10 +39,10 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     gateway = Gateway(config, settings["origins"], runtime_dir, log, stop.set)
     try:
         await gateway.start()
-        os.write(1, b"ready\n")  # what print() leaves in its buffer would fail again at the end
+        tell("ready")
+        answering = asyncio.create_task(answer_pings(gateway.report))
         await stop.wait()
-    except BrokenPipeError:
-        pass  # the service was killed meanwhile
+        answering.cancel()
     finally:
         await gateway.stop()  # Zenoh's threads would keep this process alive for ever
 

@@ -237,6 +237,10 @@ class Gateway:
                 bus_key(self._config.bus, "ro", "event"), pack({"schema": SCHEMA, **event})
             )
 
+    async def report(self) -> dict[str, Any]:
+        """What the service asks every second: that it answers is all there is to know."""
+        return {}
+
     async def stop(self) -> None:
         """Closes the session and the connection."""
         for task in list(self._tasks):

@@ -3,6 +3,10 @@
 Simulator (if any), bus server and gateway start in this order, and stop in the reverse order. The
 daemon is ready when the bus is in OP and the gateway answers. If the bus server or the simulator
 ends, the daemon ends. If the gateway ends, it is started again, and the bus is not affected.
+
+A process that does not answer for ten seconds is hung, and is killed. If it is the bus server, its
+engine has brought the drives to a stop before (`BusServer.attend`). If this process itself hangs,
+the service manager notices it (`WatchdogSec=` of the unit).
 """
 
 from __future__ import annotations
@@ -12,9 +16,9 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
-from typing import Any
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
 
 from ecatd.log import Log
 from ecatd.model.config import Config
@@ -22,18 +26,26 @@ from ecatd.model.config.reload import reload
 from ecatd.model.errors import EcatError, StateError
 from ecatd.paths import make_dir
 from ecatd.process import offer_to_oom_killer
+from ecatd.service_link import HANG_S
 
+from .child import Child
 from .notify import notify
 
+T = TypeVar("T")
+
 _GATEWAY_PAUSE = 1.0
+"""Seconds before the gateway is started again."""
+_GATEWAY_START = 60.0
+"""Seconds that it has to get ready then."""
+_PERIOD = 1.0
+"""Seconds between two questions to a child whether it works."""
+_STOP_MARGIN = 1.0
+"""Seconds beside those in which the engine of a hung bus server brings drives to a stop."""
 _OOM_SCORE = -500
 """Under systemd: below the gateway, but above the bus server, which stops the drives if this
 process is killed."""
 _KEYS_MAX = 8
 """Keys of the configuration in one message."""
-
-_PYTHON = (sys.executable, "-P", "-m")
-"""-P: Python does not look for modules in the current directory."""
 _STOP_PATIENCE = 15.0
 """Seconds that a child has to clean up, beside those in which drives are brought to a stop, and
 those that a slave may take to answer over its mailbox."""
@@ -80,7 +92,9 @@ class Supervisor:
         self._read = read
         self._stop = asyncio.Event()
         self._reload = asyncio.Event()
-        self._children: list[asyncio.subprocess.Process] = []
+        self._renew = asyncio.Event()  # the gateway is to be started anew
+        self._settings: dict[str, Any] = {}
+        self._children: list[Child] = []
 
     async def run(self) -> int:
         """Runs until SIGTERM, SIGINT or SIGQUIT; returns the exit status."""
@@ -101,7 +115,7 @@ class Supervisor:
         return status
 
     async def _run(self) -> None:
-        settings: dict[str, Any] = {
+        settings = self._settings = {
             "describe": self._describe,
             "config": self._config.to_dict(),
             "origins": self._origins,
@@ -125,144 +139,169 @@ class Supervisor:
                 )
             settings["namespace_of"] = ready["pid"]
             fatal.append(simulator)
-        server = await self._start_python("ecatd.bus")
-        _give(server, settings)
+        server = await self._start("the bus server", "ecatd.bus")
+        server.give(settings)
         if self._describe:
             await self._print_description(server)
             return
         fatal.append(server)
         # It loads while the bus comes up, and is told to begin when the bus is there.
-        gateway = await self._start_python("ecatd.gateway")
+        gateway = await self._start("the gateway", "ecatd.gateway")
         in_op = await self._ready(server)
-        _give(gateway, settings)
+        gateway.give(settings)
         await self._ready(gateway)
         # Not before: whoever reads that the bus is in OP may ask for it.
         self._log.info(in_op)
         notify("READY=1", f"STATUS={in_op}")
-        await self._watch(fatal, gateway, settings)
+        await self._watch(fatal, gateway, in_op)
 
-    async def _print_description(self, server: asyncio.subprocess.Process) -> None:
-        assert server.stdout is not None
-        description = await self._or_stop(server.stdout.read())
-        if status := await server.wait():
-            raise _EndedError(_status(status))
-        sys.stdout.write(description.decode())
-
-    async def _start_simulator(self, rig: str) -> tuple[asyncio.subprocess.Process, dict[str, Any]]:
-        read, write = os.pipe()
-        child = await asyncio.create_subprocess_exec(
-            *_PYTHON,
-            "ecatsim",
-            "run",
-            rig,
-            "--ready-fd",
-            str(write),
-            "--die-with-parent",
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            pass_fds=(write,),
-            start_new_session=True,
-        )
-        os.close(write)
+    async def _start(self, name: str, *command: str, fd: int | None = None) -> Child:
+        child = await Child.start(name, *command, pass_fds=() if fd is None else (fd,))
         self._children.append(child)
+        return child
+
+    async def _print_description(self, server: Child) -> None:
+        description = await self._or_stop(server.output())
+        if status := await server.end:
+            raise _EndedError(_status(status))
+        sys.stdout.write(description)
+
+    async def _start_simulator(self, rig: str) -> tuple[Child, dict[str, Any]]:
+        read, write = os.pipe()
+        command = ("ecatsim", "run", rig, "--ready-fd", str(write), "--die-with-parent")
+        child = await self._start("the simulator", *command, fd=write)
+        os.close(write)
         reader = asyncio.StreamReader()
         await asyncio.get_running_loop().connect_read_pipe(
             lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(read, "rb")
         )
         line = await self._or_stop(reader.readline())
         if not line:
-            raise _EndedError(await child.wait() or 70)
+            raise _EndedError(await child.end or 70)
         return child, json.loads(line)
 
-    async def _start_python(self, module: str) -> asyncio.subprocess.Process:
-        # A session of its own: Ctrl-C reaches only this process, which ends the others in order.
-        child = await asyncio.create_subprocess_exec(
-            *_PYTHON,
-            module,
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            start_new_session=True,
-        )
-        self._children.append(child)
-        return child
-
-    async def _ready(self, child: asyncio.subprocess.Process) -> str:
+    async def _ready(self, child: Child) -> str:
         """Waits until a child is ready; what it says then.
 
         Raises:
             _EndedError: It has ended; the service manager has been told why.
         """
-        assert child.stdout is not None
-        line = await self._or_stop(child.stdout.readline())
-        word, _, text = line.decode().strip().partition(" ")
+        word, text = await self._or_stop(child.first_line())
         if word != "ready":
-            status = _status(await child.wait())
+            status = _status(await child.end)
             notify(f"STATUS=bus '{self._config.bus}' has not started: {text or 'see the log'}")
             raise _EndedError(status)
         return text
 
-    async def _or_stop(self, work: Any) -> bytes:
-        """The line that a child writes when it is ready; a signal meanwhile ends the daemon."""
-        line = asyncio.ensure_future(work)
+    async def _or_stop(self, work: Awaitable[T]) -> T:
+        """Waits for a child that starts; a signal meanwhile ends the daemon."""
+        result = asyncio.ensure_future(work)
         stop = asyncio.ensure_future(self._stop.wait())
-        await asyncio.wait((line, stop), return_when=asyncio.FIRST_COMPLETED)
-        if not line.done():
-            line.cancel()
+        await asyncio.wait((result, stop), return_when=asyncio.FIRST_COMPLETED)
+        if not result.done():
+            result.cancel()
             raise _EndedError(0)
         stop.cancel()
-        result: bytes = line.result()
-        return result
+        return result.result()
 
-    async def _watch(
-        self,
-        fatal: list[asyncio.subprocess.Process],
-        gateway: asyncio.subprocess.Process,
-        settings: dict[str, Any],
-    ) -> None:
-        stop = asyncio.ensure_future(self._stop.wait())
-        again = asyncio.ensure_future(self._reload.wait())
-        ends = {asyncio.ensure_future(child.wait()): child for child in fatal}
-        gateway_end, ended_by_us = asyncio.ensure_future(gateway.wait()), False
+    async def _watch(self, fatal: list[Child], gateway: Child, in_op: str) -> None:
+        server = fatal[-1]
+        stop = asyncio.create_task(self._stop.wait())
+        tasks = (
+            asyncio.create_task(self._watch_server(server, in_op)),
+            asyncio.create_task(self._keep_gateway(gateway)),
+            asyncio.create_task(self._reload_on_request(server)),
+        )
+        ends = {child.end: child for child in fatal}
+        await asyncio.wait((stop, *tasks, *ends), return_when=asyncio.FIRST_COMPLETED)
+        stop.cancel()
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+        if self._stop.is_set():
+            return
+        for task in tasks:
+            if not task.cancelled():
+                task.result()  # raises
+        child = next(ends[end] for end in ends if end.done())
+        status = child.end.result()
+        self._log.error(
+            f"{child.name} has ended unexpectedly ({_cause(status)}); start ecatd again"
+        )
+        raise _EndedError(_status(status) or StateError.exit_code)
+
+    async def _watch_server(self, server: Child, in_op: str) -> None:
+        """Asks the bus server every second, and tells the service manager how the bus is.
+
+        Raises:
+            _EndedError: It no longer works.
+        """
+        cycle, moved_at = -1, time.monotonic()
+        patience = max(HANG_S, 3e-6 * self._config.cycle_time_us)
+        while server.silent_s <= HANG_S:
+            server.ping()
+            await asyncio.sleep(_PERIOD)
+            now = time.monotonic()
+            if server.report.get("cycle") != cycle or server.silent_s:
+                cycle, moved_at = server.report.get("cycle", -1), now
+            elif now - moved_at > patience:
+                self._fail(f"the engine has stood still for {patience:g} s, in cycle {cycle}")
+            _feed(server.report.get("status") or in_op)
+        text = f"{server} has not answered for {HANG_S:g} s"
+        end = time.monotonic() + self._config.outputs.stop_patience + _STOP_MARGIN
+        self._log.error(f"{text}; it is killed when its engine has had the time to stop the drives")
+        while time.monotonic() < end:
+            _feed(text)
+            await asyncio.sleep(min(_PERIOD, end - time.monotonic()))
+        self._fail(f"{text} and is killed")
+
+    def _fail(self, text: str) -> None:
+        notify(f"STATUS={text}")
+        self._log.error(f"{text}; start ecatd again, and report this: it should never happen")
+        raise _EndedError(StateError.exit_code)
+
+    async def _keep_gateway(self, gateway: Child) -> None:
+        """Has a gateway at work: starts another one when it ends or hangs."""
         while True:
-            done, _ = await asyncio.wait(
-                (stop, again, gateway_end, *ends), return_when=asyncio.FIRST_COMPLETED
-            )
-            if stop in done:
-                again.cancel()
-                return
-            if again in done:
-                self._reload.clear()
-                again = asyncio.ensure_future(self._reload.wait())
-                if self._use_anew(settings, fatal[-1]):
-                    # It is started again below, with what has changed.
-                    ended_by_us = True
-                    with suppress(ProcessLookupError):  # it has ended already
-                        gateway.terminate()
-            for end in done & set(ends):
-                child = ends[end]
-                what = "the bus server" if child is fatal[-1] else "the simulator"
-                self._log.error(
-                    f"{what} has ended unexpectedly ({_cause(end.result())}); start ecatd again"
-                )
-                raise _EndedError(_status(end.result()) or StateError.exit_code)
-            if gateway_end in done:
-                # It also ends with the bus server, and that may be seen first.
-                others, _ = await asyncio.wait(
-                    (stop, *ends), timeout=_GATEWAY_PAUSE, return_when=asyncio.FIRST_COMPLETED
-                )
-                if others:
-                    continue
-                if gateway_end.result() != 0 and not ended_by_us:
-                    self._log.warning(
-                        f"the gateway has ended ({_cause(gateway_end.result())}); starting it again"
-                    )
-                self._children.remove(gateway)
-                gateway = await self._start_python("ecatd.gateway")
-                _give(gateway, settings)
-                gateway_end, ended_by_us = asyncio.ensure_future(gateway.wait()), False
+            await self._run_gateway(gateway)
+            self._children.remove(gateway)
+            # It also ends with the bus server, whose end is seen meanwhile.
+            await asyncio.sleep(_GATEWAY_PAUSE)
+            gateway = await self._start("the gateway", "ecatd.gateway")
+            gateway.give(self._settings)
 
-    def _use_anew(self, settings: dict[str, Any], server: asyncio.subprocess.Process) -> bool:
-        """Reads the configuration anew and uses what can change; returns whether anything did."""
+    async def _run_gateway(self, gateway: Child) -> None:
+        """Returns when it has ended, or was ended since it hangs or its settings have changed."""
+        hung = asyncio.create_task(_until_hung(gateway))
+        renew = asyncio.create_task(self._renew.wait())
+        try:
+            await asyncio.wait((gateway.end, hung, renew), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            hung.cancel()
+            renew.cancel()
+        if gateway.end.done():
+            if status := gateway.end.result():
+                self._log.warning(f"the gateway has ended ({_cause(status)}); starting it again")
+        elif renew.done():
+            self._renew.clear()
+            await gateway.stop(_STOP_PATIENCE)
+        else:
+            self._log.warning(
+                f"{gateway} has not answered for {gateway.silent_s:.0f} s; it is killed and "
+                f"started again, and the bus goes on"
+            )
+            await gateway.kill()
+
+    async def _reload_on_request(self, server: Child) -> None:
+        """Reads the configuration anew at each SIGHUP, and uses what can change."""
+        while await self._reload.wait():
+            self._reload.clear()
+            if self._use_anew():
+                server.give(self._settings)
+                self._renew.set()
+
+    def _use_anew(self) -> bool:
+        """Reads the configuration anew; returns whether anything changes."""
         try:
             wanted, origins = self._read()
         except EcatError as error:
@@ -275,38 +314,38 @@ class Supervisor:
             self._log.info("configuration read again: nothing can change without a restart")
             return False
         self._config, self._origins = found.config, origins
-        settings |= {"config": found.config.to_dict(), "origins": origins}
-        _give(server, settings)
+        self._settings |= {"config": found.config.to_dict(), "origins": origins}
         self._log.info(f"configuration read again; changed: {_keys(found.used)}")
         return True
 
     async def _end(self) -> None:
         """Ends the children, the last one first, each given time to clean up."""
+        mailboxes = max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0)
+        patience = _STOP_PATIENCE + self._config.outputs.stop_patience + mailboxes / 1e3
         for child in reversed(self._children):
-            if child.returncode is not None:
-                continue
-            child.terminate()
-            patience = _STOP_PATIENCE + self._config.outputs.stop_patience
-            patience += (
-                max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0) / 1e3
-            )
-            try:
-                await asyncio.wait_for(child.wait(), patience)
-            except TimeoutError:
-                self._log.error(f"process {child.pid} does not end; it is killed")
-                child.kill()
-                await child.wait()
+            if not await child.stop(patience):
+                self._log.error(f"{child} did not end within {patience:g} s and was killed")
+
+
+async def _until_hung(child: Child) -> None:
+    """Asks a child that gets ready every second; returns when it has not answered for long."""
+    try:
+        await asyncio.wait_for(child.first_line(), _GATEWAY_START)
+    except TimeoutError:
+        return
+    while child.silent_s <= HANG_S:
+        child.ping()
+        await asyncio.sleep(_PERIOD)
+
+
+def _feed(status: str) -> None:
+    """Tells the service manager that this process works, and how the bus is."""
+    notify("WATCHDOG=1", f"STATUS={status}", wait=False)
 
 
 def _keys(keys: list[str]) -> str:
     more = len(keys) - _KEYS_MAX
     return ", ".join(keys[:_KEYS_MAX]) + (f" and {more} more" if more > 0 else "")
-
-
-def _give(child: asyncio.subprocess.Process, settings: dict[str, Any]) -> None:
-    """Has a child begin, which waits for its settings, or change them while it runs."""
-    assert child.stdin is not None
-    child.stdin.write(json.dumps(settings).encode() + b"\n")
 
 
 def _leave(cpu: int) -> None:

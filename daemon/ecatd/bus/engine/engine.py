@@ -153,6 +153,7 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_listen.argtypes = [pointer, u32]
     lib.cyclic_listen.restype = None
     lib.cyclic_stopping.argtypes = [pointer]
+    lib.cyclic_attend.argtypes = [pointer, u32]
     lib.cyclic_start.argtypes = [pointer, pointer]
     lib.cyclic_wait_event.argtypes = [pointer, pointer, ctypes.c_int64]
     lib.cyclic_reply.argtypes = [pointer, u32, u32, u32, u32, i32, u32, ctypes.c_char_p, u32]
@@ -358,6 +359,14 @@ class Engine:
     def make_safe(self) -> None:
         """Sets all outputs to their safe values from the next cycle on, and refuses claims."""
         _LIB.cyclic_make_safe(self._engine)
+
+    def attend(self, cycles: int) -> bool:
+        """Says that the control side works; without it, outputs are made safe after `cycles`.
+
+        Returns:
+            False: too late, the outputs are safe already.
+        """
+        return bool(_LIB.cyclic_attend(self._engine, cycles) == 0)
 
     def wait_event(self, timeout: float) -> Event | None:
         """Returns the next event, or None after `timeout` seconds. Only one thread may call it."""

@@ -112,6 +112,10 @@ class Monitor:
         """What is known of a slave that should be in OP and is not: a word, and more of them."""
         return self._slaves.condition(position)
 
+    def down_since(self, position: int) -> float | None:
+        """When a slave that should be in OP has left it, in Unix seconds; None: it has not."""
+        return self._slaves.down_since(position)
+
     def set_recovery(self, config: RecoveryConfig) -> None:
         """Changes which slaves are recovered, and how often it is tried."""
         self._slaves.set_recovery(config)

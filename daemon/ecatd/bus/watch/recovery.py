@@ -172,6 +172,11 @@ class Recovery:
             return Condition.FINE, ""
         return slave.condition, slave.text
 
+    def down_for(self, position: int, now: float) -> float | None:
+        """Seconds since a slave left OP; None if it has not, or was never there."""
+        since = self._slaves[position].down_since
+        return None if since is None or math.isinf(since) else now - since
+
     def look(
         self, states: Sequence[SlaveState], strangers: int, now: float, *, foreign: bool = False
     ) -> Plan:

@@ -72,6 +72,11 @@ class Repair:
             return Condition(doubt.word), doubt.text
         return condition, text
 
+    def down_since(self, position: int) -> float | None:
+        """When a slave that should be in OP has left it, in Unix seconds; None: it has not."""
+        duration = self._recovery.down_for(position, time.monotonic())
+        return None if duration is None else round(time.time() - duration, 3)
+
     def _want(self, positions: Iterable[int], state: AlState) -> None:
         """Ends recovery of slaves, since a person or program wants them in a state."""
         chosen = set(positions)

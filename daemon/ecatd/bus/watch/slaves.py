@@ -87,6 +87,10 @@ class SlaveWatch:
         """What is known of a slave that should be in OP and is not."""
         return self._repair.condition(position)
 
+    def down_since(self, position: int) -> float | None:
+        """When a slave that should be in OP has left it, in Unix seconds; None: it has not."""
+        return self._repair.down_since(position)
+
     def set_recovery(self, config: RecoveryConfig) -> None:
         """Changes which slaves are recovered, and how often it is tried."""
         self._by_hand = config.slaves != "all"

@@ -1,0 +1,75 @@
+"""Says in words how the slaves of a bus are: for `ecatctl check` and the status of the service."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .al import AlState
+from .bus import display_name
+
+_ABSENT = "absent"
+_DAY = 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """How the slaves of a bus are.
+
+    Attributes:
+        expected: Number of slaves that should be there: all but optional ones that are absent.
+        in_op: Number of those that are in OP.
+        absent: Number of optional slaves that are absent.
+        problems: A text for each slave that is not as it should be.
+    """
+
+    expected: int
+    in_op: int
+    absent: int
+    problems: list[str]
+
+    @property
+    def counts(self) -> str:
+        """`7 of 8 slaves in OP`."""
+        absent = f" ({self.absent} optional absent)" if self.absent else ""
+        return f"{self.in_op} of {self.expected} slaves in OP{absent}"
+
+    def sentence(self, shown: int) -> str:
+        """`7 of 8 slaves in OP: slave 5 (EL3008): no answer, missing, since 10:41`.
+
+        Args:
+            shown: Most problems to name.
+        """
+        more = len(self.problems) - shown
+        named = self.problems[:shown] + ([f"and {more} more"] if more > 0 else [])
+        return self.counts + (f": {'; '.join(named)}" if named else "")
+
+
+def look_at(rows: Iterable[Mapping[str, Any]]) -> Health:
+    """Finds out how slaves are.
+
+    Args:
+        rows: The slaves as the bus server describes them (`ReadStates`).
+    """
+    rows = list(rows)
+    expected = [row for row in rows if row.get("recovery") != _ABSENT]
+    in_op = [row for row in expected if row["al_state"] == AlState.OP]
+    problems = [_told(row) for row in expected if row not in in_op or row.get("recovery")]
+    return Health(len(expected), len(in_op), len(rows) - len(expected), problems)
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    """A slave that is not well, and what is known about its recovery."""
+    name = display_name(row.get("given_name", ""), row["name"])
+    known = (row["text"], row.get("recovery"), row.get("recovery_text"), _since(row.get("since")))
+    return f"slave {row['position']} ({name}): {', '.join(text for text in known if text)}"
+
+
+def _since(moment: float | None) -> str:
+    """`since 10:41`, local time, with the date after a day."""
+    if not moment:
+        return ""
+    pattern = "%H:%M" if time.time() - moment < _DAY else "%Y-%m-%d %H:%M"
+    return "since " + time.strftime(pattern, time.localtime(moment))

@@ -1,0 +1,131 @@
+"""A child process of the service, as the service sees it: what it is told, and what it answers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+from ecatd.service_link import HANG_S
+
+_PYTHON = (sys.executable, "-P", "-m")
+"""-P: Python does not look for modules in the current directory."""
+_KILL_PATIENCE = 5.0
+
+
+class Child:
+    """A child process; see `ecatd.service_link` for what both sides write.
+
+    Args:
+        name: What it is, for messages.
+        process: The process.
+
+    Attributes:
+        name: As above.
+        end: Done when the process has ended; its result is the return code.
+        report: What it has answered last.
+    """
+
+    def __init__(self, name: str, process: asyncio.subprocess.Process) -> None:
+        self.name = name
+        self.end = asyncio.ensure_future(process.wait())
+        self.report: dict[str, Any] = {}
+        self._process = process
+        self._asked_at: float | None = None
+        self._first: bytes | None = None
+        self._listening: asyncio.Task[None] | None = None
+
+    @classmethod
+    async def start(cls, name: str, *command: str, pass_fds: Sequence[int] = ()) -> Child:
+        """Starts a Python module.
+
+        Args:
+            name: What it is, for messages.
+            command: The module and its arguments.
+            pass_fds: File descriptors for one that is not told anything, and writes only to these.
+        """
+        way = asyncio.subprocess.DEVNULL if pass_fds else asyncio.subprocess.PIPE
+        # A session of its own: Ctrl-C reaches only the service, which ends the others in order.
+        process = await asyncio.create_subprocess_exec(
+            *_PYTHON, *command, stdin=way, stdout=way, pass_fds=pass_fds, start_new_session=True
+        )
+        return cls(name, process)
+
+    def give(self, message: dict[str, Any]) -> None:
+        """Gives it its settings, for which it waits, or other settings while it runs."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(message).encode() + b"\n")
+
+    async def output(self) -> str:
+        """Everything that it writes until it ends."""
+        return (await self._stdout.read()).decode()
+
+    async def first_line(self) -> tuple[str, str]:
+        """Waits for the first line, with which it says whether it is ready.
+
+        Returns:
+            Its word and its text; two empty ones if it has ended.
+        """
+        if self._first is None:
+            self._first = await self._stdout.readline()
+            self._listening = asyncio.create_task(self._listen())
+        word, _, text = self._first.decode(errors="replace").strip().partition(" ")
+        return word, text
+
+    async def _listen(self) -> None:
+        while line := await self._stdout.readline():
+            word, _, text = line.decode(errors="replace").partition(" ")
+            if word == "alive":
+                self._asked_at, self.report = None, json.loads(text)
+
+    @property
+    def _stdout(self) -> asyncio.StreamReader:
+        assert self._process.stdout is not None
+        return self._process.stdout
+
+    def ping(self) -> None:
+        """Asks whether it works, unless it still has to answer the last time."""
+        if self._asked_at is None:
+            self._asked_at = time.monotonic()
+            self.give({"ping": 1})
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since it was asked what it has not answered."""
+        return 0.0 if self._asked_at is None else time.monotonic() - self._asked_at
+
+    def terminate(self) -> None:
+        """Asks it to end."""
+        with suppress(ProcessLookupError):
+            self._process.terminate()
+
+    async def kill(self) -> None:
+        """Ends it at once, and waits a little: one that waits in a driver may not end at all."""
+        with suppress(ProcessLookupError):
+            self._process.kill()
+        await asyncio.wait((self.end,), timeout=_KILL_PATIENCE)
+
+    async def stop(self, patience_s: float) -> bool:
+        """Ends it in order, or after some seconds at once; returns whether it ended in order.
+
+        One that hangs is killed without waiting.
+        """
+        if self.end.done():
+            return True
+        if self.silent_s > HANG_S:
+            await self.kill()
+            return True
+        self.terminate()
+        try:
+            await asyncio.wait_for(asyncio.shield(self.end), patience_s)
+        except TimeoutError:
+            await self.kill()
+            return False
+        return True
+
+    def __str__(self) -> str:
+        return f"{self.name} (process {self._process.pid})"
