@@ -173,7 +173,8 @@ class Daemon:
         """
         deadline = time.monotonic() + PATIENCE
         while True:
-            rows: list[dict[str, Any]] = self.ctl_json(command)["slaves"]
+            found = self.ctl(command, "--json", check=False)  # the status says if nobody answers
+            rows: list[dict[str, Any]] = json.loads(found.stdout)["slaves"]
             if any("no answer" not in row.values() for row in rows) or time.monotonic() > deadline:
                 return rows
 

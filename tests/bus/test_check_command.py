@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from conftest import Daemon, names, stop_process, wait_for
+from ecatd.model.errors import NoAnswerError, UnreachableError
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
@@ -83,8 +84,25 @@ def test_the_exchange_stands_still(daemon: Daemon) -> None:
     try:
         wait_for(lambda: check(daemon)[0] == DOWN, daemon)
         names(check(daemon)[1], "no cycle")
+        done = daemon.ctl("stats", check=False)
+        assert done.returncode == NoAnswerError.exit_code
+        names(done.stdout, "NO CYCLE")
+        names(done.stderr, "no cycle", daemon.bus)
     finally:
         os.kill(server, signal.SIGCONT)
+
+
+def test_no_slave_answers(daemon: Daemon) -> None:
+    """Commands print what they know, and say by their exit status that nobody answers."""
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(0)
+    wait_for(lambda: check(daemon)[0] == DOWN, daemon)
+    for command in ("slaves", "state", "info", "stats"):
+        done = daemon.ctl(command, "--json", check=False)
+        assert done.returncode == UnreachableError.exit_code, command
+        assert json.loads(done.stdout)["bus"] == daemon.bus
+        names(done.stderr, "no slave answers", "cable")
+        assert daemon.ctl(command, check=False).returncode == UnreachableError.exit_code
 
 
 def test_no_daemon(daemon: Daemon) -> None:

@@ -15,6 +15,7 @@ from ecatd.model.errors import NoAnswerError, UnreachableError
 from ecatd.real_time import SETTINGS
 from ecatd.stats import Grant, Snapshot, to_map
 
+from .answering import check_cycle
 from .output import print_json, table_lines
 from .source import Source
 from .stats_screen import clock_line, duration, ring_line, word
@@ -28,7 +29,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.set_defaults(alone=info)
 
 
-def info(options: argparse.Namespace) -> None:
+def info(options: argparse.Namespace) -> int:
     """Shows the daemon, the state of its bus, and the real-time settings."""
     with Source(options) as source:
         snapshot = source.read()
@@ -40,10 +41,12 @@ def info(options: argparse.Namespace) -> None:
             if not source.local:
                 raise
             silent = str(error)
-    if options.json:
-        print_json(_document(snapshot, running, silent))
-    else:
-        print("\n".join([*info_lines(snapshot, running, silent), "", *real_time_lines(snapshot)]))
+        if options.json:
+            print_json(_document(snapshot, running, silent))
+        else:
+            lines = [*info_lines(snapshot, running, silent), "", *real_time_lines(snapshot)]
+            print("\n".join(lines))
+        return check_cycle(snapshot, source)
 
 
 def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[str, Any]:

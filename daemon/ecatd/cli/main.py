@@ -139,8 +139,7 @@ def _run(options: argparse.Namespace) -> int:
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
-        options.run(remote, options)
-    return 0
+        return options.run(remote, options) or 0
 
 
 def _write_no_more() -> None:

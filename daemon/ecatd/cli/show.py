@@ -7,11 +7,12 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.al import al_state_text
-from ecatd.model.bus import Slave, display_name
+from ecatd.model.bus import Bus, Slave, display_name
 from ecatd.model.datatypes import type_name
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import places
 
+from .answering import check_slaves
 from .arguments import add_slave
 from .output import print_json, print_table
 
@@ -33,7 +34,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         add_slave(command)
 
 
-def slaves(remote: Remote, options: argparse.Namespace) -> None:
+def slaves(remote: Remote, options: argparse.Namespace) -> int:
     """Lists the slaves in the order of the wire."""
     bus = remote.describe()
     states = {row["position"]: row for row in remote.states()}
@@ -70,7 +71,12 @@ def slaves(remote: Remote, options: argparse.Namespace) -> None:
             for slave in bus.slaves
         ]
         print_json({"bus": bus.name, "fingerprint": f"{bus.fingerprint:016x}", "slaves": rows})
-        return
+    else:
+        _print_slaves(bus, states)
+    return check_slaves(states.values())
+
+
+def _print_slaves(bus: Bus, states: dict[int, dict[str, Any]]) -> None:
     print_table(
         (
             "POS",
@@ -191,24 +197,24 @@ def _meaning(entry: Entry) -> str:
     return f"[{', '.join(facts)}]" if facts else ""
 
 
-def state(remote: Remote, options: argparse.Namespace) -> None:
+def state(remote: Remote, options: argparse.Namespace) -> int:
     """Shows the AL states, or brings slaves to one."""
     chosen = None if options.slave is None else remote.describe().find(options.slave).position
     wanted = options.state
     rows = remote.states() if wanted is None else remote.set_state(wanted, chosen)
-    if chosen is not None:
-        rows = [row for row in rows if row["position"] == chosen]
+    shown = rows if chosen is None else [row for row in rows if row["position"] == chosen]
     if options.json:
-        print_json({"bus": remote.bus, "slaves": rows})
-        return
-    print_table(
-        ("POS", "NAME", "STATE"),
-        (
-            (row["position"], display_name(row.get("given_name", ""), row["name"]), _told(row))
-            for row in rows
-        ),
-        ">",
-    )
+        print_json({"bus": remote.bus, "slaves": shown})
+    else:
+        print_table(
+            ("POS", "NAME", "STATE"),
+            (
+                (row["position"], display_name(row.get("given_name", ""), row["name"]), _told(row))
+                for row in shown
+            ),
+            ">",
+        )
+    return check_slaves(rows)
 
 
 def _told(row: dict[str, Any]) -> str:

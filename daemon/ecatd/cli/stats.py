@@ -10,6 +10,7 @@ from ecatd.model.errors import EcatError
 from ecatd.stats import TIMES, Snapshot
 from ecatd.stats.maps import histogram_to_map, interval_to_map, to_map
 
+from .answering import check_cycle
 from .arguments import add_watch
 from .output import print_json, print_json_line
 from .source import Source
@@ -27,7 +28,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     )
 
 
-def stats(options: argparse.Namespace) -> None:
+def stats(options: argparse.Namespace) -> int:
     """Shows statistics since the start, and with `--watch` of the last interval."""
     check(options)
     with Source(options) as source:
@@ -37,6 +38,7 @@ def stats(options: argparse.Namespace) -> None:
                 print_json(_document(snapshot, options.histogram))
             else:
                 print("\n".join(_lines(snapshot, None, options.histogram)))
+            return check_cycle(snapshot, source)
         elif options.json:
             for now, interval, _notice in _watch(source, options):
                 print_json_line(_line(now, interval, options))
@@ -44,6 +46,7 @@ def stats(options: argparse.Namespace) -> None:
             screen = Screen()
             for now, interval, notice in _watch(source, options):
                 screen.draw(_screen(now, interval, notice, options))
+    return 0
 
 
 def _watch(

@@ -35,20 +35,20 @@ class Publisher:
         self._rate = rate
         self._log = log
         self._last: dict[int, float] = {}
+        self._well = True
 
     async def run(self) -> None:
         """Publishes until it is cancelled; after an interruption it begins again."""
         if self._rate <= 0:
             return
-        told = ""
         while True:
             try:
                 with Client(self._bus) as client:
                     await self._loop(client)
             except EcatError as error:
-                if str(error) != told:
-                    told = str(error)
+                if self._well:  # tell each interruption once
                     self._log.warning(f"values are not published: {error}")
+                self._well = False
             await asyncio.sleep(_PAUSE)
 
     async def _loop(self, client: Client) -> None:
@@ -65,6 +65,7 @@ class Publisher:
         turn = 0
         while True:
             client.sample()
+            self._well = True
             cycles = {domain: client.domain(domain).cycle for domain in set(domains)}
             for signal, key, domain in signals:
                 value = signal.raw

@@ -14,6 +14,8 @@ from ecatd import shm
 from ecatd.model.errors import StateError, UsageError
 
 _BUCKETS = len(shm.struct("ecat_shm_histogram")().buckets)
+_OVERDUE_NS = 500_000_000
+"""A process that gets no processor for a moment does not count as hung."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,7 +280,7 @@ class Snapshot:
     def silence(self) -> float:
         """Seconds since the last cycle, if the next ones are overdue; else 0."""
         age = self.read_ns - self.cycle_end_ns
-        return age * 1e-9 if age > max(5 * self.cycle_time_ns, 100_000_000) else 0.0
+        return age * 1e-9 if age > max(5 * self.cycle_time_ns, _OVERDUE_NS) else 0.0
 
     def __sub__(self, earlier: Snapshot) -> Snapshot:
         if (self.bus, self.instance) != (earlier.bus, earlier.instance):

@@ -1,0 +1,59 @@
+"""The exit statuses of commands that show a bus on which nothing answers.
+
+They print what they know all the same. With `--json` that is the only document on stdout, so what
+is said here goes to stderr.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from typing import Any
+
+from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.stats import Snapshot
+
+from .source import Source
+
+_ABSENT = "absent"
+
+
+def check_slaves(rows: Iterable[Mapping[str, Any]]) -> int:
+    """Says on stderr if no slave answers; optional ones that are absent need not.
+
+    Args:
+        rows: AL states, as `Remote.states` returns them.
+
+    Returns:
+        The exit status of the command.
+    """
+    expected = [row for row in rows if row.get("recovery") != _ABSENT]
+    if not expected or any(row["al_state"] for row in expected):
+        return 0
+    return _say(
+        UnreachableError(
+            "no slave answers: check cable and power of the first slave; `ecatctl info` shows "
+            "whether the interface is up"
+        )
+    )
+
+
+def check_cycle(snapshot: Snapshot, source: Source) -> int:
+    """Says on stderr if the cycle stands still, or no slave answers; returns the exit status."""
+    if snapshot.silence:
+        return _say(
+            NoAnswerError(
+                f"no cycle of bus '{snapshot.bus}' for {snapshot.silence:.1f} s: its bus server "
+                f"was stopped or hangs; ecatd ends one that hangs for 10 s"
+            )
+        )
+    if snapshot.slaves_expected and not snapshot.slaves_found:
+        with suppress(UnreachableError, NoAnswerError):
+            return check_slaves(source.remote().states())
+    return 0
+
+
+def _say(error: EcatError) -> int:
+    print(f"ecatctl: {error}", file=sys.stderr)
+    return error.exit_code
