@@ -1,14 +1,15 @@
 """Paths of the sockets of a bus, and of the configuration of machine and user.
 
-A daemon that runs as root keeps its sockets in `/run/ecatd`, one of an ordinary user in
-`$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` if that variable is not set. `$ECATD_RUNTIME_DIR`
-overrides all of them; the unit of systemd sets it to `/run/ecatd`.
+Each bus has a folder of its own for its sockets. A daemon that runs as root has it in `/run/ecatd`,
+one of an ordinary user in `$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` if that variable is not
+set. `$ECATD_RUNTIME_DIR` overrides all of them; the unit of systemd sets it to `/run/ecatd`.
 """
 
 from __future__ import annotations
 
 import grp
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from .model.errors import NotPermittedError
@@ -33,7 +34,7 @@ def profile_folders() -> list[Path]:
 
 
 def user_dir() -> Path:
-    """The directory for the sockets of this process; it may not exist yet."""
+    """The folder for the buses of this process; it may not exist yet."""
     if override := os.environ.get("ECATD_RUNTIME_DIR"):
         return Path(override)
     if os.geteuid() == 0:
@@ -43,23 +44,30 @@ def user_dir() -> Path:
     return Path(f"/tmp/ecatd-{os.geteuid()}")
 
 
-def make_dir() -> Path:
-    """Returns `user_dir()`, and makes the directory if it does not exist.
+def make_dir(bus: str) -> Path:
+    """Returns `user_dir()` with a folder for a bus, which is made if it does not exist.
 
     Raises:
-        NotPermittedError: The directory cannot be made, or belongs to another user.
+        NotPermittedError: A folder cannot be made, or belongs to another user.
     """
     folder = user_dir()
-    try:
-        folder.mkdir(mode=0o750, exist_ok=True, parents=True)
-        owner = folder.lstat().st_uid
-    except OSError as error:
-        raise NotPermittedError(f"cannot make {folder}: {error.strerror}; {_OWN}") from error
-    if owner != os.geteuid():
-        raise NotPermittedError(f"{folder} belongs to user {owner}; {_OWN}")
-    if give_to_group(folder):
-        folder.chmod(0o2750)  # setgid: files made in it belong to the group as well
+    for path in (folder, folder / bus):
+        try:
+            path.mkdir(mode=0o750, exist_ok=True, parents=True)
+            owner = path.lstat().st_uid
+        except OSError as error:
+            raise NotPermittedError(f"cannot make {path}: {error.strerror}; {_OWN}") from error
+        if owner != os.geteuid() and (owner != 0 or path != folder):  # systemd makes that as root
+            raise NotPermittedError(f"{path} belongs to user {owner}; {_OWN}")
+        if give_to_group(path):
+            path.chmod(0o2750)  # setgid: files made in it belong to the group as well
     return folder
+
+
+def remove_dir(folder: Path, bus: str) -> None:
+    """Removes what `make_dir` has made for a bus, if it is empty."""
+    with suppress(OSError):
+        (folder / bus).rmdir()
 
 
 def give_to_group(target: int | Path) -> bool:
@@ -74,15 +82,15 @@ def give_to_group(target: int | Path) -> bool:
 
 
 def search_dirs() -> list[Path]:
-    """Folders in which a client looks for a daemon: that of its user first, then the system's."""
+    """Where a client looks for the folder of a bus: with its user first, then with the system."""
     return list(dict.fromkeys((user_dir(), SYSTEM)))
 
 
 def control_socket(folder: Path, bus: str) -> Path:
     """Path of the socket between gateway and bus server."""
-    return folder / f"{bus}.control"
+    return folder / bus / "control"
 
 
 def zenoh_socket(folder: Path, bus: str) -> Path:
     """Path of the socket on which the gateway serves Zenoh clients of this machine."""
-    return folder / f"{bus}.zenoh"
+    return folder / bus / "zenoh"

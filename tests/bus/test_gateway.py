@@ -50,7 +50,7 @@ def network(daemon: Daemon) -> Iterator[zenoh.Session]:
 
 
 def local(daemon: Daemon) -> zenoh.Session:
-    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}.zenoh"
+    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/zenoh"
     return zenoh.open(session_config("client", {"connect/endpoints": [f"unixsock-stream/{path}"]}))
 
 
@@ -68,7 +68,8 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     mine = tmp_path / "mine"  # the gateway of the daemon has its own socket in the other folder
     mine.mkdir()
-    (mine / path.name).symlink_to(path)
+    (mine / daemon.bus).mkdir()
+    (mine / daemon.bus / path.name).symlink_to(path)
     settings = {
         "parent": os.getpid(),
         "log_level": "info",
@@ -134,7 +135,7 @@ def test_a_bus_server_that_does_not_answer(
                 remote.set_state("OP")
             with pytest.raises(NoAnswerError, match=naming("1 s", "bus server")):
                 remote.states()
-        text = daemon.ctl("info", "--timeout", "1").stdout
+        text = daemon.ctl("info", "--timeout", "1", check=False).stdout
         assert "no answer   the daemon of bus" in text
         assert "wire time   unknown without an answer\n" in text
         daemon.process.terminate()

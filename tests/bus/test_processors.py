@@ -52,6 +52,7 @@ def test_the_processor_of_the_engine_is_left_to_it(start_daemon: Callable[..., D
         "ecat-cyclic": {cpu},
         "ecat-relay": every - {cpu},
         "ecat-wake": every - {cpu},
+        "ecat-worker": every - {cpu},
     }
     assert others
     assert all(processors == every - {cpu} for processors in others)
@@ -60,7 +61,7 @@ def test_the_processor_of_the_engine_is_left_to_it(start_daemon: Callable[..., D
 def test_without_one_all_are_used(start_daemon: Callable[..., Daemon]) -> None:
     every = os.sched_getaffinity(0)
     named, others = of(start_daemon("line:2", config=config(-1)))
-    assert set(named) == {"ecat-cyclic", "ecat-relay", "ecat-wake"}
+    assert set(named) == {"ecat-cyclic", "ecat-relay", "ecat-wake", "ecat-worker"}
     assert all(processors == every for processors in (*named.values(), *others))
 
 

@@ -140,7 +140,11 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "factor": ["-1", "2.5"],
         "offset": ["0"],
     },
-    "[gateway]": {"listen": ["[]", '["tcp/127.0.0.1:7447"]'], "publish_hz": ["0", "1000"]},
+    "[gateway]": {
+        "listen": ["[]", '["tcp/127.0.0.1:7447"]'],
+        "publish_hz": ["0", "1000"],
+        "metrics": ['""', '"unix:/run/x"', '"[::1]:1"'],
+    },
 }
 REQUIRED = {
     "[[slave]]": ["position"],

@@ -168,6 +168,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         [gateway]
         listen = ["tcp/127.0.0.1:7000"]
         publish_hz = 2.5
+        metrics = "127.0.0.1:9754"
         """,
     )
     assert (config.bus, config.interface, config.cycle_time_us) == ("rig", "eth1", 250)
@@ -294,6 +295,8 @@ INT8 = "type = 'int8'\n"
         ("cycle_time = 1000", ":1: cycle_time:", "'cycle_time_us'"),
         ("\n[realtime]\nprio = 1", ":3: realtime.prio:", "'priority'"),
         ("[gateway]\npublish = 1", ":2: gateway.publish:", "'publish_hz'"),
+        ("[gateway]\nmetrics = '0.0.0.0:80'", ":2: gateway.metrics:", "other machines | 127.0.0.1"),
+        ("[gateway]\nmetrics = '127.0.0.1'", ":2: gateway.metrics:", "no address | 127.0.0.1:9754"),
         ("zzz = 1", ":1: zzz:", "bus | interface"),
         ("[dc]\ncycle_time_us = 500", ":2: dc.cycle_time_us:", "[table]"),
         ("cycle_time_us = 10", ":1: cycle_time_us:", "10 | 100 | 1000000"),
@@ -683,7 +686,7 @@ CONFIGURATIONS = st.fixed_dictionaries(
             ),
         ),
         "signal": rows("slave", "entry", "unit", "scale", "offset", "minimum", "maximum"),
-        "gateway": st.one_of(SCALARS, table("listen", "publish_hz")),
+        "gateway": st.one_of(SCALARS, table("listen", "publish_hz", "metrics")),
     },
 )
 

@@ -33,6 +33,7 @@ _COMMANDS = (
     ("state", "show", "Show the AL states, or bring slaves to one."),
     ("check", "check", "Say in one line whether the bus is well, for monitoring systems."),
     ("stats", "stats", "Show counters and timing of the cyclic exchange."),
+    ("metrics", "metrics", "Print the statistics for Prometheus, in the OpenMetrics format."),
     ("claims", "shared_memory", "Show who owns which outputs, and why the others are safe."),
     ("shm", "shared_memory", "Show all that is in the shared memory of the bus."),
     ("dc", "dc", "Show the distributed clocks."),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 from ecatd import shm
 from ecatd.model.errors import START, EcatError, UnreachableError
@@ -44,5 +43,5 @@ def _running() -> list[str]:
     found: list[str] = []
     for folder in search_dirs():
         if os.access(folder, os.R_OK | os.X_OK):
-            found += sorted(path.stem for path in Path(folder).glob("*.zenoh"))
+            found += sorted(path.parent.name for path in folder.glob("*/zenoh"))
     return found

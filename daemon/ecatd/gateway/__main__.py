@@ -8,6 +8,7 @@ bus does not depend on it.
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import sys
 import traceback
@@ -41,10 +42,11 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         await gateway.start()
         tell("ready")
         answering = asyncio.create_task(answer_pings(gateway.report))
+        answering.add_done_callback(lambda _: stop.set())  # the service was killed
         await stop.wait()
         answering.cancel()
     finally:
-        await gateway.stop()  # Zenoh's threads would keep this process alive for ever
+        await gateway.stop()
 
 
 def main() -> int:
@@ -70,4 +72,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    status = main()
+    sys.stderr.flush()
+    os._exit(status)  # threads of Zenoh would keep this process alive

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
+import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
@@ -30,8 +32,14 @@ from ecatd.stats.clocks import read_clocks
 from ecatd.zenoh_keys import SCHEMA, bus_key, session_config
 
 from .bus_client import Answer, BusClient
+from .listening import Listening
+from .metrics import MetricsServer
 from .publisher import Publisher
 
+_OPEN_PATIENCE, _OPEN_PAUSE = 5.0, 0.005
+"""Seconds that Zenoh has to listen on the local socket, and between two looks."""
+_CLOSE_PATIENCE = 1.0
+"""Seconds that Zenoh has to close its session."""
 _REMEMBERED = 1024
 """Number of changes whose answers are kept: a change that arrives twice is carried out once."""
 
@@ -81,6 +89,7 @@ class Gateway:
         self._bus = BusClient(control_socket(runtime_dir, config.bus), self._publish_event, on_end)
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
+        self._metrics: MetricsServer | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answers: OrderedDict[str, Answer] = OrderedDict()
         self._bus_description: dict[str, Any] = {}  # which stays as it is
@@ -94,7 +103,10 @@ class Gateway:
         await self._bus.open()
         self._bus_description = await self._bus.ask(Describe())
         zenoh.init_log_from_env_or("off")
-        self._session = session = self._open_session()
+        listening = Listening(self._config.gateway.listen, self._log)
+        await listening.look()
+        self._session = session = await self._open_session()
+        self._keep(asyncio.create_task(listening.watch()))
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query) -> None:
@@ -104,6 +116,11 @@ class Gateway:
         for part in ("ro", "rw"):
             self._declared.append(session.declare_queryable(bus_key(name, part, "**"), receive))
         self._declared.append(session.liveliness().declare_token(bus_key(name, "alive")))
+        if address := self._config.gateway.metrics:
+            self._metrics = MetricsServer(
+                address, name, lambda: self._bus.ask(ReadStates()), self._log
+            )
+            await self._metrics.start()
         publisher = Publisher(session, name, self._config.gateway.publish_hz, self._log)
         self._keep(asyncio.create_task(publisher.run()))
 
@@ -111,28 +128,27 @@ class Gateway:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _open_session(self) -> zenoh.Session:
-        """Opens the Zenoh session: only users of the local socket may change things."""
+    async def _open_session(self) -> zenoh.Session:
+        """Opens the Zenoh session: only users of the local socket may change things.
+
+        Raises:
+            UnreachableError: Zenoh does not open it, or does not listen on the local socket.
+        """
         self._socket.unlink(missing_ok=True)
-        local = f"unixsock-stream/{self._socket}"
-        wanted = self._config.gateway.listen
+        endpoints = [f"unixsock-stream/{self._socket}", *self._config.gateway.listen]
         old = os.umask(0o117)
         try:
-            for endpoints in ([local, *wanted], [local]):
-                try:
-                    session = zenoh.open(self._session_config(endpoints))
-                except zenoh.ZError as error:
-                    if endpoints == [local]:
-                        raise UnreachableError(f"Zenoh does not open: {error}") from error
-                    self._log.warning(
-                        f"not listening on {', '.join(wanted)}: {_reason(error)}; the bus can be "
-                        f"reached from this machine only (set gateway.listen)"
-                    )
-                else:
-                    return session
+            session = zenoh.open(self._session_config(endpoints))
+            deadline = time.monotonic() + _OPEN_PATIENCE
+            while not self._socket.exists():
+                if time.monotonic() > deadline:
+                    raise UnreachableError(f"Zenoh does not listen on {self._socket}")
+                await asyncio.sleep(_OPEN_PAUSE)
+        except zenoh.ZError as error:
+            raise UnreachableError(f"Zenoh does not open: {_reason(error)}") from error
         finally:
             os.umask(old)
-        raise AssertionError
+        return session
 
     def _session_config(self, endpoints: list[str]) -> zenoh.Config:
         name = self._config.bus
@@ -141,6 +157,9 @@ class Gateway:
             "peer",
             {
                 "listen/endpoints": endpoints,
+                # An address that does not exist yet is tried again, and does not cost the others.
+                "listen/timeout_ms": -1,
+                "listen/exit_on_failure": False,
                 "access_control": {
                     "enabled": True,
                     "default_permission": "deny",
@@ -245,10 +264,15 @@ class Gateway:
         """Closes the session and the connection."""
         for task in list(self._tasks):
             task.cancel()
+        if self._metrics is not None:
+            self._metrics.close()
         self._bus.close()
         session, self._session = self._session, None
         if session is not None:
-            await asyncio.to_thread(session.close)
+            # While Zenoh tries an address, closing takes 10 s: the end of this process is quicker.
+            closing = threading.Thread(target=session.close, daemon=True)
+            closing.start()
+            await asyncio.to_thread(closing.join, _CLOSE_PATIENCE)
         self._socket.unlink(missing_ok=True)
 
 
@@ -299,5 +323,4 @@ def _change(payload: bytes, *in_key: str) -> tuple[Any, dict[str, Any]]:
 
 def _reason(error: Exception) -> str:
     """Shortens a Zenoh error for users: leaves out its source positions."""
-    text = str(error)
-    return "the address is in use" if "in use" in text else text.split(" at /")[0]
+    return str(error).split(" at /")[0]

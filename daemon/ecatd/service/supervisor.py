@@ -18,13 +18,14 @@ import signal
 import sys
 import time
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.config.reload import reload
 from ecatd.model.errors import EcatError, StateError
-from ecatd.paths import make_dir
+from ecatd.paths import make_dir, remove_dir
 from ecatd.process import offer_to_oom_killer
 from ecatd.service_link import HANG_S
 
@@ -121,7 +122,7 @@ class Supervisor:
             "origins": self._origins,
             "interface": self._config.interface,
             "second_interface": self._config.second_interface,
-            "runtime_dir": "" if self._describe else str(make_dir()),
+            "runtime_dir": "" if self._describe else str(make_dir(self._config.bus)),
             "namespace_of": 0,
             "parent": os.getpid(),
             "log_level": self._level,
@@ -325,6 +326,8 @@ class Supervisor:
         for child in reversed(self._children):
             if not await child.stop(patience):
                 self._log.error(f"{child} did not end within {patience:g} s and was killed")
+        if folder := self._settings.get("runtime_dir"):
+            remove_dir(Path(folder), self._config.bus)
 
 
 async def _until_hung(child: Child) -> None:

@@ -68,11 +68,32 @@ def _folder(table: Table, key: Key) -> str:
     return folder
 
 
+_SOCKET_PATH_MAX = len("unix:") + 107  # of a Unix socket in Linux
+
+
 def _endpoint(table: Table, key: Key) -> str:
     endpoint = table.text(key)
     if "/" not in endpoint:
         table.fail(key, f'{show(endpoint)} is no Zenoh endpoint: write one as "tcp/127.0.0.1:7447"')
     return endpoint
+
+
+def _metrics_address(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if not text or (text.startswith("unix:/") and len(text) <= _SOCKET_PATH_MAX):
+        return text
+    host, _, port = text.rpartition(":")
+    if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+        table.fail(
+            key, f'{show(text)} is no address: write "127.0.0.1:9754", or "unix:/run/ecatd/metrics"'
+        )
+    if host not in ("localhost", "[::1]") and not host.startswith("127."):
+        table.fail(
+            key,
+            f"{show(text)} can be reached from other machines, and everybody may read metrics: use "
+            f"127.0.0.1, and a proxy that knows users where others are to read them",
+        )
+    return text
 
 
 _REALTIME: Rules = {
@@ -88,7 +109,11 @@ _RECOVERY: Rules = {
     "slaves": choice({mode: mode for mode in RECOVERY_MODES}),
     "retry_s": number(0.1, 3600),
 }
-_GATEWAY: Rules = {"listen": array(_endpoint), "publish_hz": number(0, 1000)}
+_GATEWAY: Rules = {
+    "listen": array(_endpoint),
+    "publish_hz": number(0, 1000),
+    "metrics": _metrics_address,
+}
 _TOP: Rules = {
     "bus": _bus,
     "interface": _interface,

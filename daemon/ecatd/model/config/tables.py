@@ -521,10 +521,13 @@ class GatewayConfig:
         listen: Zenoh endpoints for reading, in addition to the Unix socket for users of this
             machine.
         publish_hz: Rate in Hz at which values of signals are published, 0 for never.
+        metrics: Where metrics are served over HTTP: `HOST:PORT` of a loopback address, or
+            `unix:PATH`; empty: nowhere.
     """
 
     listen: list[str] = field(default_factory=lambda: ["tcp/127.0.0.1:7447"])
     publish_hz: float = 10.0
+    metrics: str = ""
 
 
 @dataclass(slots=True)

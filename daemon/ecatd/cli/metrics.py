@@ -1,0 +1,30 @@
+"""Command `metrics`: prints the statistics for Prometheus and programs like it (OpenMetrics)."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import suppress
+
+from ecatd.model.errors import NoAnswerError, UnreachableError, UsageError
+from ecatd.stats.open_metrics import write_metrics
+
+from .source import Source
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Sets the function of the command; it has no arguments of its own."""
+    command.set_defaults(alone=metrics)
+
+
+def metrics(options: argparse.Namespace) -> None:
+    """Prints the metrics; those of single slaves only if the gateway answers."""
+    if options.json:
+        raise UsageError(
+            "metrics are a format of their own; `ecatctl stats --json` has the same as JSON"
+        )
+    with Source(options) as source:
+        snapshot = source.read()
+        slaves = []
+        with suppress(UnreachableError, NoAnswerError):
+            slaves = source.remote().states()
+    print(write_metrics(snapshot, slaves), end="")

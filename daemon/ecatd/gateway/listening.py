@@ -1,0 +1,89 @@
+"""Tells on which of the configured addresses the gateway does not listen, and when it does.
+
+Zenoh tries an address again and again, but does not say so. After the boot of a machine, a network
+may get its address long after the bus is in OP.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import socket
+from collections.abc import Sequence
+
+from ecatd.log import Log
+
+_PERIOD = 2.0
+_TYPES = {
+    "tcp": socket.SOCK_STREAM,
+    "tls": socket.SOCK_STREAM,
+    "ws": socket.SOCK_STREAM,
+    "udp": socket.SOCK_DGRAM,
+    "quic": socket.SOCK_DGRAM,
+}
+_IN_USE = "the address is in use"
+
+
+class Listening:
+    """The addresses of one gateway.
+
+    Args:
+        endpoints: Zenoh endpoints, such as `tcp/10.0.0.5:7447`.
+        log: Where it is told.
+    """
+
+    def __init__(self, endpoints: Sequence[str], log: Log) -> None:
+        self._endpoints = endpoints
+        self._log = log
+        self._problems: dict[str, str] = {}
+
+    async def look(self) -> None:
+        """Finds out which addresses cannot be used, before Zenoh uses them."""
+        for endpoint in self._endpoints:
+            if found := await asyncio.to_thread(find_problem, endpoint):
+                self._problems[endpoint] = found
+                self._log.warning(
+                    f"not listening on {endpoint}: {found} (gateway.listen); it is tried again, "
+                    f"and the bus can be reached from this machine and over the other addresses"
+                )
+
+    async def watch(self) -> None:
+        """Tells when an address can be used after all; ends when there is nothing left to tell."""
+        while self._problems:
+            await asyncio.sleep(_PERIOD)
+            for endpoint, before in list(self._problems.items()):
+                found = await asyncio.to_thread(find_problem, endpoint)
+                if found == _IN_USE and before != _IN_USE:  # by Zenoh, which has waited for it
+                    del self._problems[endpoint]
+                    self._log.info(f"listening on {endpoint}")
+                else:
+                    self._problems[endpoint] = found
+
+
+def find_problem(endpoint: str) -> str:
+    """Why nobody can listen on an endpoint now; empty if it is possible, or not known."""
+    protocol, _, rest = endpoint.partition("/")
+    host, _, port = rest.partition("#")[0].partition("?")[0].rpartition(":")
+    if protocol not in _TYPES:
+        return ""
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(
+            host.strip("[]"), port, type=_TYPES[protocol], flags=socket.AI_PASSIVE
+        )[0]
+        with socket.socket(family, kind) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+            if kind == socket.SOCK_STREAM:
+                probe.listen(1)
+    except socket.gaierror as error:
+        return f"'{rest}' is no address here: {error.strerror}"
+    except OverflowError:
+        return f"there is no port {port}"
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            return _IN_USE
+        if error.errno == errno.EADDRNOTAVAIL:
+            return "this machine does not have the address"
+        return os.strerror(error.errno or errno.EIO)
+    return ""

@@ -1,0 +1,107 @@
+"""Serves the metrics over HTTP: `GET /metrics` on a loopback address or a Unix socket."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.errors import EcatError
+from ecatd.stats import read
+from ecatd.stats.open_metrics import CONTENT_TYPE, write_metrics
+
+_PREFIX = "unix:"
+_HEAD_MAX = 8192
+_PATIENCE = 5.0
+"""Seconds that a client has for its request."""
+_TEXT = "text/plain; charset=utf-8"
+
+
+class MetricsServer:
+    """The HTTP server of one bus.
+
+    Args:
+        address: `HOST:PORT`, or `unix:PATH`.
+        bus: Name of the bus.
+        states: Asks the bus server for the AL states of the slaves.
+        log: Where it is told that the address cannot be used.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        bus: str,
+        states: Callable[[], Awaitable[Mapping[str, Any]]],
+        log: Log,
+    ) -> None:
+        self._address = address
+        self._bus = bus
+        self._states = states
+        self._log = log
+        self._server: asyncio.Server | None = None
+
+    async def start(self) -> None:
+        """Starts to listen. If the address cannot be used, it only says so: the bus can be."""
+        path = self._address.removeprefix(_PREFIX)
+        try:
+            if path != self._address:
+                Path(path).unlink(missing_ok=True)
+                self._server = await asyncio.start_unix_server(self._serve, path, limit=_HEAD_MAX)
+                Path(path).chmod(0o660)
+            else:
+                host, _, port = self._address.rpartition(":")
+                self._server = await asyncio.start_server(
+                    self._serve, host.strip("[]"), int(port), limit=_HEAD_MAX
+                )
+        except OSError as error:
+            self._log.warning(f"no metrics on {self._address}: {error.strerror} (gateway.metrics)")
+
+    def close(self) -> None:
+        """Stops to listen."""
+        if self._server is not None:
+            self._server.close()
+            if self._address.startswith(_PREFIX):
+                Path(self._address.removeprefix(_PREFIX)).unlink(missing_ok=True)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answers one request, and closes the connection."""
+        try:
+            async with asyncio.timeout(_PATIENCE):
+                head = await reader.readuntil(b"\r\n\r\n")
+                status, kind, body = await self._answer(head)
+                lines = (
+                    f"HTTP/1.1 {status}",
+                    f"Content-Type: {kind}",
+                    f"Content-Length: {len(body)}",
+                    "Connection: close",
+                )
+                writer.write("\r\n".join((*lines, "", "")).encode() + body)
+                await writer.drain()
+        except (TimeoutError, OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+            pass  # the client has gone, or says nothing that could be answered
+        finally:
+            writer.close()
+            with suppress(OSError):
+                await writer.wait_closed()
+
+    async def _answer(self, head: bytes) -> tuple[str, str, bytes]:
+        """Status, type and body of the answer to a request."""
+        method, _, rest = head.partition(b" ")
+        path = rest.partition(b" ")[0].partition(b"?")[0]
+        if method not in (b"GET", b"HEAD"):
+            return "405 Method Not Allowed", _TEXT, b"only GET\n"
+        if path != b"/metrics":
+            return "404 Not Found", _TEXT, b"metrics are at /metrics\n"
+        try:
+            snapshot = read(self._bus)
+        except EcatError as error:
+            return "503 Service Unavailable", _TEXT, f"{error}\n".encode()
+        slaves: list[Mapping[str, Any]] = []
+        with suppress(EcatError, TimeoutError):
+            async with asyncio.timeout(_PATIENCE / 2):
+                slaves = (await self._states())["slaves"]
+        body = b"" if method == b"HEAD" else write_metrics(snapshot, slaves).encode()
+        return "200 OK", CONTENT_TYPE, body

@@ -1,0 +1,132 @@
+"""The metrics for Prometheus: by `ecatctl metrics`, and over HTTP while faults happen."""
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import pytest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
+
+from conftest import Daemon, names, wait_for
+from ecatsim.control import Simulator
+
+pytestmark = pytest.mark.bus
+
+CONFIG = """
+[gateway]
+listen = []
+metrics = "{address}"
+[recovery]
+slaves = "none"
+[[slave]]
+position = 1
+name = "lamps"
+"""
+
+Values = dict[tuple[str, frozenset[tuple[str, str]]], float]
+
+
+def parsed(text: str) -> Values:
+    """All samples of a scrape, by name and labels, as the reference parser reads them."""
+    return {
+        (sample.name, frozenset(sample.labels.items())): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+@pytest.fixture
+def served(start_daemon: Callable[..., Daemon], tmp_path: Path) -> tuple[Daemon, str]:
+    """A daemon that serves metrics, and the address of the server."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    return start_daemon(str(rig), config=CONFIG.format(address=address)), f"http://{address}"
+
+
+def scrape(url: str) -> Values:
+    with urlopen(f"{url}/metrics", timeout=30) as answer:
+        assert answer.headers["Content-Type"].startswith("application/openmetrics-text")
+        return parsed(answer.read().decode())
+
+
+def test_what_prometheus_sees_of_a_fault(served: tuple[Daemon, str]) -> None:
+    daemon, url = served
+
+    def value(metric: str, **labels: str) -> float:
+        return scrape(url)[metric, frozenset({"bus": daemon.bus, **labels}.items())]
+
+    assert value("ecat_up") == 1
+    assert value("ecat_slave_in_op", slave="1", name="lamps (EL2008)") == 1
+    before = value("ecat_cycles_total")
+    wait_for(lambda: value("ecat_cycles_total") > before, daemon)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(1)
+        wait_for(lambda: value("ecat_slaves_found") == 1, daemon)
+        wait_for(lambda: value("ecat_slave_in_op", slave="1", name="lamps (EL2008)") == 0, daemon)
+    assert value("ecat_wkc_bad_total") > 0
+    assert value("ecat_domain_wkc_bad_total", domain="0", name="") > 0
+
+
+def test_the_command_prints_the_same(served: tuple[Daemon, str]) -> None:
+    daemon, url = served
+    told = parsed(daemon.ctl("metrics").stdout)
+    assert told.keys() == scrape(url).keys()
+    steps = [
+        (float(dict(labels)["le"]), count)
+        for (name, labels), count in told.items()
+        if name == "ecat_cycle_seconds_bucket"
+    ]
+    counts = [count for _, count in sorted(steps)]
+    assert counts == sorted(counts)
+    assert counts[-1] == told["ecat_cycle_seconds_count", frozenset({("bus", daemon.bus)})] > 0
+    done = daemon.ctl("metrics", "--json", check=False)
+    assert done.returncode == 2
+    names(done.stdout, "stats --json")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"), [("GET", "/", 404), ("POST", "/metrics", 405)]
+)
+def test_wrong_requests(served: tuple[Daemon, str], method: str, path: str, status: int) -> None:
+    _, url = served
+    with pytest.raises(HTTPError) as refused:
+        urlopen(Request(url + path, method=method), timeout=30)
+    with refused.value as answer:
+        assert answer.code == status
+
+
+def test_nonsense_costs_nothing(served: tuple[Daemon, str]) -> None:
+    daemon, url = served
+    host, port = url.removeprefix("http://").split(":")
+    for nonsense in (b"\r\n\r\n", b"\0" * 20_000, b"GET", b"GET /metrics HTTP/1.1\r\n\r\n"):
+        with socket.create_connection((host, int(port))) as client:
+            client.sendall(nonsense)
+    assert scrape(url)
+    assert "Traceback" not in daemon.log
+
+
+def test_a_unix_socket(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    path = tmp_path / "metrics"
+    daemon = start_daemon("line:1", config=CONFIG.format(address=f"unix:{path}").split("[[")[0])
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+        client.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+        answer = b"".join(iter(lambda: client.recv(65536), b"")).decode()
+    assert answer.startswith("HTTP/1.1 200 OK\r\n")
+    assert parsed(answer.split("\r\n\r\n", 1)[1])["ecat_up", frozenset({("bus", daemon.bus)})] == 1
+    assert path.stat().st_mode & 0o777 == 0o660
+
+
+def test_an_address_in_use_costs_only_the_metrics(
+    served: tuple[Daemon, str], start_daemon: Callable[..., Daemon]
+) -> None:
+    _, url = served
+    address = url.removeprefix("http://")
+    second = start_daemon("line:1", config=CONFIG.format(address=address).split("[[")[0])
+    names(second.log, f"no metrics on {address}", "in use")
+    assert len(second.slave_rows()) == 1
