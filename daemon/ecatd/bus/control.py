@@ -10,7 +10,7 @@ from typing import Any
 from ecatd.connection import Connection
 from ecatd.encoding import MAX_MESSAGE
 from ecatd.log import Log
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.errors import EcatError, UnreachableError, UsageError
 from ecatd.model.messages import parse_request
 
 from .server import BusServer
@@ -29,7 +29,11 @@ class ControlSocket:
         self._socket: asyncio.Server | None = None
 
     async def open(self, server: BusServer) -> None:
-        """Starts to listen; only this user (and root) may connect."""
+        """Starts to listen; only this user (and root) may connect.
+
+        Raises:
+            UnreachableError: The folder of the bus was removed, for example.
+        """
         loop = asyncio.get_running_loop()
         self._path.unlink(missing_ok=True)
         old = os.umask(0o177)
@@ -37,6 +41,8 @@ class ControlSocket:
             self._socket = await loop.create_unix_server(
                 lambda: _Client(server, self._clients, self._tasks, self._log), self._path
             )
+        except OSError as error:
+            raise UnreachableError(f"cannot listen on {self._path}: {error.strerror}") from error
         finally:
             os.umask(old)
 
