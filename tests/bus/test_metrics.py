@@ -1,5 +1,6 @@
 """The metrics for Prometheus: by `ecatctl metrics`, and over HTTP while faults happen."""
 
+import re
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -87,6 +88,16 @@ def test_the_command_prints_the_same(served: tuple[Daemon, str]) -> None:
     done = daemon.ctl("metrics", "--json", check=False)
     assert done.returncode == 2
     names(done.stdout, "stats --json")
+
+
+@pytest.mark.parametrize("file", ["ecatd.rules.yml", "grafana.json"])
+def test_alerts_and_dashboard_name_what_there_is(served: tuple[Daemon, str], file: str) -> None:
+    daemon, _ = served
+    text = (Path(__file__).parents[2] / "monitoring" / file).read_text()
+    asked = set(re.findall(r"\becat_[a-z_]+", text))
+    there = {name for name, _ in parsed(daemon.ctl("metrics").stdout)}
+    assert asked
+    assert asked - there <= {"ecat_dc_locked"}  # only with distributed clocks
 
 
 @pytest.mark.parametrize(
