@@ -48,7 +48,8 @@ def main() -> int:
     if sys.argv[1:]:
         config = load_config(Path(sys.argv[1]))
         log = Log("ecatd", _LEVEL)
-        service = _Service(config, {}, None, log, _LEVEL, lambda: (config, {}))
+        config.log_level = _LEVEL
+        service = _Service(config, {}, None, log, lambda: (config, {}))
         return asyncio.run(service.run())
     signal.signal(signal.SIGUSR1, _begin)
     signal.signal(signal.SIGUSR2, lambda *_: _working.clear())

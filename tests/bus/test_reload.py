@@ -56,6 +56,18 @@ def test_what_can_change_is_used_at_once(start_daemon: Callable[..., Daemon]) ->
         client.sample()
 
 
+def test_the_log_level_changes_without_a_restart_of_anything(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("troll", config=CONFIG)
+    pids = [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")]
+    reload(daemon, 'log_level = "debug"\n' + CONFIG, "changed: log_level")
+    assert in_force(daemon)["log_level"] == "debug"
+    daemon.ctl("state", "SAFEOP", "-p", "3")
+    wait_for(lambda: "ecatd: debug: " in daemon.log, daemon)
+    assert [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")] == pids
+
+
 def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll", config=CONFIG)
     log = reload(

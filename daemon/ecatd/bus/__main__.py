@@ -50,7 +50,9 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
             starting.result()
             await control.open(server)
             tell("ready", server.summary)
-            await _run_until(stopping, server.monitor(), server.attend(), _answer_service(server))
+            await _run_until(
+                stopping, server.monitor(), server.attend(), _answer_service(server, log)
+            )
     finally:
         server.abort()
         await asyncio.wait((starting,))
@@ -73,8 +75,9 @@ async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, Non
         task.result()
 
 
-async def _answer_service(server: BusServer) -> None:
+async def _answer_service(server: BusServer, log: Log) -> None:
     def change(settings: dict[str, Any]) -> None:
+        log.level = settings["log_level"]
         server.reconfigure(read_config(settings["config"]))
 
     await answer_pings(server.report, change)
@@ -94,7 +97,7 @@ def main() -> int:
     """Runs the bus server; the exit code says why it ended."""
     leave_signals_to_the_service()
     settings = read_settings()
-    log = Log("ecatd", settings["log_level"])
+    log = Log("ecatd", settings["log_level"], settings["config"]["bus"])
     try:
         if settings["namespace_of"]:
             from ecatd.network_namespace import join
@@ -106,7 +109,7 @@ def main() -> int:
         else:
             asyncio.run(_serve(settings, log))
     except EcatError as error:
-        log.error(str(error))
+        log.error(str(error), "failed")
         if not settings["describe"]:
             tell("failed", str(error))
         return error.exit_code

@@ -41,7 +41,12 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     try:
         await gateway.start()
         tell("ready")
-        answering = asyncio.create_task(answer_pings(gateway.report))
+
+        def change(settings: dict[str, Any]) -> None:
+            log.level = settings["log_level"]
+            gateway.reconfigure(read_config(settings["config"]), settings["origins"])
+
+        answering = asyncio.create_task(answer_pings(gateway.report, change))
         answering.add_done_callback(lambda _: stop.set())  # the service was killed
         await stop.wait()
         answering.cancel()
@@ -58,7 +63,7 @@ def main() -> int:
 
     settings = read_settings()
     die_with_parent(settings["parent"])
-    log = Log("ecatd", settings["log_level"])
+    log = Log("ecatd", settings["log_level"], settings["config"]["bus"])
     try:
         asyncio.run(_serve(settings, log))
     except EcatError as error:

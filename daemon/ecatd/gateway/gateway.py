@@ -256,6 +256,10 @@ class Gateway:
                 bus_key(self._config.bus, "ro", "event"), pack({"schema": SCHEMA, **event})
             )
 
+    def reconfigure(self, config: Config, origins: dict[str, str]) -> None:
+        """Takes what `ecatctl config show` shows from now on; `[gateway]` itself is as it was."""
+        self._config, self._origins = config, origins
+
     async def report(self) -> dict[str, Any]:
         """What the service asks every second: that it answers is all there is to know."""
         return {}

@@ -76,6 +76,11 @@ class Child:
         word, _, text = self._first.decode(errors="replace").strip().partition(" ")
         return word, text
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether it has said so, and can be told other settings."""
+        return self._listening is not None and not self._listening.done()
+
     async def _listen(self) -> None:
         while line := await self._stdout.readline():
             word, _, text = line.decode(errors="replace").partition(" ")

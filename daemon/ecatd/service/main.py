@@ -77,6 +77,9 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
         if getattr(options, option) is not None:
             values[key] = getattr(options, option)
             origins[key] = COMMAND_LINE
+    if options.verbose or options.quiet:
+        values["log_level"] = "debug" if options.verbose else "warning"
+        origins["log_level"] = COMMAND_LINE
     config = read_config(values, "command line")
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
@@ -97,10 +100,10 @@ def main() -> int:
 
 def _main() -> int:
     options = _parser().parse_args()
-    level = "debug" if options.verbose else "warning" if options.quiet else "info"
-    log = Log("ecatd", level)
+    log = Log("ecatd")
     try:
         config, origins = _configuration(options)
+        log.bus, log.level = config.bus, config.log_level
         if options.check_config:
             load_profiles(map(Path, config.profiles), profile_folders())
             print(f"{options.config or 'the default configuration'} is valid")
@@ -110,7 +113,6 @@ def _main() -> int:
             origins,
             options.simulate,
             log,
-            level,
             lambda: _configuration(options),
             describe=options.describe,
         )

@@ -68,7 +68,6 @@ class Supervisor:
         origins: Where its values come from, by key (`model.config.origins`).
         rig: The rig to simulate, or None.
         log: Where events are told.
-        log_level: For the children.
         read: Reads the configuration and its origins anew, for SIGHUP.
         describe: Only print what bus it is.
     """
@@ -79,7 +78,6 @@ class Supervisor:
         origins: dict[str, str],
         rig: str | None,
         log: Log,
-        log_level: str,
         read: Callable[[], tuple[Config, dict[str, str]]],
         *,
         describe: bool = False,
@@ -88,7 +86,6 @@ class Supervisor:
         self._origins = origins
         self._rig = rig
         self._log = log
-        self._level = log_level
         self._describe = describe
         self._read = read
         self._stop = asyncio.Event()
@@ -96,6 +93,7 @@ class Supervisor:
         self._renew = asyncio.Event()  # the gateway is to be started anew
         self._settings: dict[str, Any] = {}
         self._children: list[Child] = []
+        self._gateway: Child
 
     async def run(self) -> int:
         """Runs until SIGTERM, SIGINT or SIGQUIT; returns the exit status."""
@@ -125,7 +123,7 @@ class Supervisor:
             "runtime_dir": "" if self._describe else str(make_dir(self._config.bus)),
             "namespace_of": 0,
             "parent": os.getpid(),
-            "log_level": self._level,
+            "log_level": self._config.log_level,
         }
         fatal = []
         if self._rig:
@@ -147,12 +145,12 @@ class Supervisor:
             return
         fatal.append(server)
         # It loads while the bus comes up, and is told to begin when the bus is there.
-        gateway = await self._start("the gateway", "ecatd.gateway")
+        self._gateway = gateway = await self._start("the gateway", "ecatd.gateway")
         in_op = await self._ready(server)
         gateway.give(settings)
         await self._ready(gateway)
         # Not before: whoever reads that the bus is in OP may ask for it.
-        self._log.info(in_op)
+        self._log.info(in_op, "in_op")
         notify("READY=1", f"STATUS={in_op}")
         await self._watch(fatal, gateway, in_op)
 
@@ -227,7 +225,7 @@ class Supervisor:
         child = next(ends[end] for end in ends if end.done())
         status = child.end.result()
         self._log.error(
-            f"{child.name} has ended unexpectedly ({_cause(status)}); start ecatd again"
+            f"{child.name} has ended unexpectedly ({_cause(status)}); start ecatd again", "ended"
         )
         raise _EndedError(_status(status) or StateError.exit_code)
 
@@ -250,7 +248,9 @@ class Supervisor:
             _feed(server.report.get("status") or in_op)
         text = f"{server} has not answered for {HANG_S:g} s"
         end = time.monotonic() + self._config.outputs.stop_patience + _STOP_MARGIN
-        self._log.error(f"{text}; it is killed when its engine has had the time to stop the drives")
+        self._log.error(
+            f"{text}; it is killed when its engine has had the time to stop the drives", "hung"
+        )
         while time.monotonic() < end:
             _feed(text)
             await asyncio.sleep(min(_PERIOD, end - time.monotonic()))
@@ -258,7 +258,8 @@ class Supervisor:
 
     def _fail(self, text: str) -> None:
         notify(f"STATUS={text}")
-        self._log.error(f"{text}; start ecatd again, and report this: it should never happen")
+        line = f"{text}; start ecatd again, and report this: it should never happen"
+        self._log.error(line, "hung")
         raise _EndedError(StateError.exit_code)
 
     async def _keep_gateway(self, gateway: Child) -> None:
@@ -268,7 +269,7 @@ class Supervisor:
             self._children.remove(gateway)
             # It also ends with the bus server, whose end is seen meanwhile.
             await asyncio.sleep(_GATEWAY_PAUSE)
-            gateway = await self._start("the gateway", "ecatd.gateway")
+            self._gateway = gateway = await self._start("the gateway", "ecatd.gateway")
             gateway.give(self._settings)
 
     async def _run_gateway(self, gateway: Child) -> None:
@@ -282,14 +283,16 @@ class Supervisor:
             renew.cancel()
         if gateway.end.done():
             if status := gateway.end.result():
-                self._log.warning(f"the gateway has ended ({_cause(status)}); starting it again")
+                text = f"the gateway has ended ({_cause(status)}); starting it again"
+                self._log.warning(text, "gateway")
         elif renew.done():
             self._renew.clear()
             await gateway.stop(_STOP_PATIENCE)
         else:
             self._log.warning(
                 f"{gateway} has not answered for {gateway.silent_s:.0f} s; it is killed and "
-                f"started again, and the bus goes on"
+                f"started again, and the bus goes on",
+                "gateway",
             )
             await gateway.kill()
 
@@ -297,27 +300,37 @@ class Supervisor:
         """Reads the configuration anew at each SIGHUP, and uses what can change."""
         while await self._reload.wait():
             self._reload.clear()
-            if self._use_anew():
-                server.give(self._settings)
+            used = self._use_anew()
+            if not used:
+                continue
+            server.give(self._settings)
+            if any(key.startswith("gateway.") for key in used) or not self._gateway.is_ready:
                 self._renew.set()
+            else:
+                self._gateway.give(self._settings)
 
-    def _use_anew(self) -> bool:
-        """Reads the configuration anew; returns whether anything changes."""
+    def _use_anew(self) -> list[str]:
+        """Reads the configuration anew; returns the keys that have changed and are used."""
         try:
             wanted, origins = self._read()
         except EcatError as error:
-            self._log.error(f"the configuration stays as it was: {error}")
-            return False
+            self._log.error(f"the configuration stays as it was: {error}", "configuration")
+            return []
         found = reload(self._config, wanted)
         if found.later:
             self._log.warning(f"used after a restart of ecatd: {_keys(found.later)}")
         if not found.used:
             self._log.info("configuration read again: nothing can change without a restart")
-            return False
+            return []
         self._config, self._origins = found.config, origins
-        self._settings |= {"config": found.config.to_dict(), "origins": origins}
-        self._log.info(f"configuration read again; changed: {_keys(found.used)}")
-        return True
+        self._log.level = found.config.log_level
+        self._settings |= {
+            "config": found.config.to_dict(),
+            "origins": origins,
+            "log_level": found.config.log_level,
+        }
+        self._log.info(f"configuration read again; changed: {_keys(found.used)}", "configuration")
+        return found.used
 
     async def _end(self) -> None:
         """Ends the children, the last one first, each given time to clean up."""

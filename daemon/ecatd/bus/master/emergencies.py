@@ -21,9 +21,13 @@ def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) 
     """
     if left_out:
         log.warning(f"{left_out} emergencies are left out")
-    times = Counter((slave.label, code, register) for slave, code, register in emergencies)
-    for (label, code, register), count in times.items():
+    times = Counter(
+        (slave.label, slave.position, code, register) for slave, code, register in emergencies
+    )
+    for (label, position, code, register), count in times.items():
         log.warning(
             f"{label} sent an emergency{f' {count} times' if count > 1 else ''}: error code "
-            f"0x{code:04X}, error register 0x{register:02X}"
+            f"0x{code:04X}, error register 0x{register:02X}",
+            "emergency",
+            [position],
         )

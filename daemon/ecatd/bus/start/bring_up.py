@@ -313,7 +313,7 @@ class BringUp:
         self.differences = [item.text for item in comparison.differences]
         for item in comparison.differences:
             tell = self._log.error if item.strict else self._log.warning
-            tell(f"bus not as expected: {item.text}")
+            tell(f"bus not as expected: {item.text}", "expected_bus")
         strict = [item.text for item in comparison.differences if item.strict]
         if strict:
             count = len(strict)

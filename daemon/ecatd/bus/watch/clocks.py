@@ -62,11 +62,12 @@ class ClockWatch:
         state, health = DcState(event.value), self._shared.health
         reference = self._clocks.reference.label
         if state == DcState.LOCKED:
-            self._log.info(f"the cycle follows the clock of {reference} again")
+            self._log.info(f"the cycle follows the clock of {reference} again", "clock")
         else:
             self._log.warning(
                 f"the cycle has lost the clock of {reference}: it was "
-                f"{health.dc_offset_ns / 1000:.1f} µs from it when that was last read"
+                f"{health.dc_offset_ns / 1000:.1f} µs from it when that was last read",
+                "clock",
             )
         self._tell(
             "clock",
@@ -104,8 +105,11 @@ class ClockWatch:
         if astray:
             self._log.warning(
                 f"the clock of {slave.label} is out of step: {difference / 1000:+.1f} µs from that "
-                f"of {self._clocks.reference.label}"
+                f"of {self._clocks.reference.label}",
+                "clock_difference",
+                [slave.position],
             )
         else:
-            self._log.info(f"the clock of {slave.label} is in step again")
+            text = f"the clock of {slave.label} is in step again"
+            self._log.info(text, "clock_difference", [slave.position])
         self._tell("clock_difference", slave=slave.position, difference_ns=difference)

@@ -76,7 +76,8 @@ class FileWatch:
         self._silence[key] = (now + silence, silence)
         programs = programs_with(file.fd)
         by = f" (open in {names(programs)})" if programs else ""
-        self._log.warning(f"{file.path} was {damage} by another process{by}: {consequence}")
+        text = f"{file.path} was {damage} by another process{by}: {consequence}"
+        self._log.warning(text, "tampered")
         self._tell("tampered", file=str(file.path), damage=damage, programs=[*map(str, programs)])
 
 

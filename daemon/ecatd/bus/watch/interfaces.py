@@ -136,9 +136,10 @@ class InterfaceWatch:
             if name in report.counts
         )
         if report.over:
-            self._log.info(f"a disturbance of {report.seconds:.0f} s is over: {text}")
+            line = f"a disturbance of {report.seconds:.0f} s is over: {text}"
+            self._log.info(line, "disturbance")
         else:
-            self._log.warning(f"in the last {report.seconds:.0f} s: {text}")
+            self._log.warning(f"in the last {report.seconds:.0f} s: {text}", "disturbance")
         self._tell("disturbance", **asdict(report))
 
     def _look_for_others(self, number: int, now: float) -> None:
@@ -155,13 +156,15 @@ class InterfaceWatch:
         if report is None:
             return
         if report.over:
-            self._log.info(f"no more frames of another EtherCAT master on {interface}")
+            text = f"no more frames of another EtherCAT master on {interface}"
+            self._log.info(text, "foreign_master")
         else:
             self._log.error(
                 f"frames of another EtherCAT master on {interface} (source "
                 f"{self._sources[number]}): {report.counts['frames']} in the last "
                 f"{report.seconds:.0f} s. {sentence(self._deeds[number])}. Two masters undo each "
-                f"other's outputs and states: stop the other one, or give it slaves of its own"
+                f"other's outputs and states: stop the other one, or give it slaves of its own",
+                "foreign_master",
             )
         self._tell(
             "foreign_master",
@@ -181,9 +184,9 @@ class InterfaceWatch:
         interface = self._interfaces[event.slot]
         reason = os.strerror(event.value) if event.value else ""
         if reason:
-            self._log.error(f"frames cannot be sent on {interface}: {reason}")
+            self._log.error(f"frames cannot be sent on {interface}: {reason}", "sending")
         else:
-            self._log.info(f"frames can be sent on {interface} again")
+            self._log.info(f"frames can be sent on {interface} again", "sending")
         self._tell("sending", interface=interface, error=reason, cycle=event.cycle)
 
     def on_ring(self, event: Event) -> None:
@@ -210,7 +213,8 @@ class InterfaceWatch:
         if state == shm.Ring.CLOSED and brief is not None:
             place = _place(self._bus, self._interfaces, brief.slave)
             text = f"the ring was broken {place} for a moment: a bad contact? Now {text}"
-        (self._log.info if state == shm.Ring.CLOSED and not brief else self._log.error)(text)
+        tell = self._log.info if state == shm.Ring.CLOSED and not brief else self._log.error
+        tell(text, "ring")
         self._tell(
             "ring",
             state=state.name.lower(),
@@ -246,7 +250,7 @@ class InterfaceWatch:
         interface, link = self._interfaces[event.slot], shm.Link(event.value)
         slave = self._bus.slaves[-1 if event.slot else 0].label  # at the other end of the cable
         text = f"{interface}: {_LINKS[link].format(interface=interface, slave=slave)}"
-        (self._log.info if link == shm.Link.UP else self._log.error)(text)
+        (self._log.info if link == shm.Link.UP else self._log.error)(text, "link")
         self._tell("link", interface=interface, state=link.name.lower(), text=text)
 
     def _take_new(self, number: int, now: LinkState) -> None:
@@ -260,10 +264,10 @@ class InterfaceWatch:
                 switch_on(interface)
         except EcatError as error:
             # It may have gone again already, which will be told, and so will its return.
-            self._log.error(f"{interface} is back, but cannot be used: {error}")
+            self._log.error(f"{interface} is back, but cannot be used: {error}", "link")
             return
         self._indices[number] = now.index
-        self._log.info(f"{interface} is back as another interface (index {now.index})")
+        self._log.info(f"{interface} is back as another interface (index {now.index})", "link")
 
 
 def describe_ring(bus: Bus, interfaces: list[str], state: shm.Ring, before: int) -> str:

@@ -160,31 +160,37 @@ class OutputWatch:
     def _say(self, group: list[Event], who: _Client) -> None:
         """Logs one line about consecutive events of one kind."""
         first = group[0]
-        slaves = self._slaves({event.slave for event in group if event.slave >= 0})
+        positions = {event.slave for event in group if event.slave >= 0}
+        slaves, event = self._slaves(positions), EventType(first.type).name.lower()
         match first.type:
             case EventType.CLAIMED:
-                self._log.info(f"{who} owns outputs of {slaves}")
+                self._log.info(f"{who} owns outputs of {slaves}", event, positions)
             case EventType.SAFE:
                 reason = shm.Reason(first.value)
                 say = self._log.info if reason in _EXPECTED else self._log.warning
-                say(f"outputs of {slaves} are safe: {_REASONS[reason].format(who)}")
+                text = f"outputs of {slaves} are safe: {_REASONS[reason].format(who)}"
+                say(text, event, positions)
             case EventType.REFUSED:
                 others = self._others(who)
                 by = f"slot {first.slot}, of {who}, got" if others else f"{who} wrote"
-                self._log.warning(f"{by} {self._refused(first)}" + (others and f"; {others}"))
+                text = f"{by} {self._refused(first)}" + (others and f"; {others}")
+                self._log.warning(text, event, positions)
             case EventType.MALFORMED:
                 others = self._others(who)
                 self._log.warning(
                     f"slot {first.slot}{others and f', of {who},'} holds what no client library "
                     f"writes, which is not taken over: "
-                    + (f"{others}: see what they do" if others else f"see what {who} does")
+                    + (f"{others}: see what they do" if others else f"see what {who} does"),
+                    event,
                 )
             case EventType.STOPPED if first.value:
-                self._log.info(f"{slaves}: the drive has stopped")
+                self._log.info(f"{slaves}: the drive has stopped", event, positions)
             case EventType.STOPPED:
                 self._log.warning(
                     f"{slaves}: the drive has not stopped in "
-                    f"{self._patience.get(first.slave, 0):g} s; its controlword is 0 now"
+                    f"{self._patience.get(first.slave, 0):g} s; its controlword is 0 now",
+                    event,
+                    positions,
                 )
 
     def _slaves(self, positions: set[int]) -> str:

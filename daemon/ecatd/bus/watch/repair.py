@@ -256,7 +256,7 @@ class Repair:
                 news[position] = failure
                 self._tell_one(position, failure.condition, text=failure.text)
         for line in _lines(self._bus, news):
-            self._log.warning(line)
+            self._log.warning(line, "recovery", news)
 
     def _tell_plan(self, plan: Plan) -> None:
         for position in plan.fallen:
@@ -273,12 +273,15 @@ class Repair:
         if plan.slow:
             self._log.warning(
                 f"{name_slaves(self._bus, plan.slow)}: not back in OP after {QUICK_TRIES} tries; "
-                f"from now on one every {self._retry_s:g} s, for as long as OP is wanted"
+                f"from now on one every {self._retry_s:g} s, for as long as OP is wanted",
+                "recovery",
+                plan.slow,
             )
         for position in plan.slow:
             self._tell_one(position, "slow")
         for position, text in plan.refused.items():
-            self._log.error(f"{self._bus.slaves[position].label} stays out of OP: {text}")
+            line = f"{self._bus.slaves[position].label} stays out of OP: {text}"
+            self._log.error(line, "recovery", [position])
             self._tell_one(position, Condition.REFUSED, text=text)
 
     def _tell_recovered(self, recovered: dict[int, float]) -> None:
@@ -286,13 +289,15 @@ class Repair:
         for position in joined:
             self._tell_one(position, "joined")
         if joined:
-            self._log.info(f"{name_slaves(self._bus, joined)}: there for the first time, and in OP")
+            text = f"{name_slaves(self._bus, joined)}: there for the first time, and in OP"
+            self._log.info(text, "recovery", joined)
         back = {n: seconds for n, seconds in recovered.items() if n not in joined}
         for position, seconds in back.items():
             self._tell_one(position, "recovered", seconds=seconds)
         if back:
             names = name_slaves(self._bus, list(back))
-            self._log.info(f"{names}: back in OP after {max(back.values()):.1f} s")
+            text = f"{names}: back in OP after {max(back.values()):.1f} s"
+            self._log.info(text, "recovery", back)
 
     def _tell_one(self, position: int, state: str, **facts: object) -> None:
         self._tell("recovery", slave=position, state=str(state), **facts)

@@ -197,7 +197,8 @@ class SlaveWatch:
             optional = self._bus.slaves[item.position].group and not item.al_state & AL_ERROR_FLAG
             expected = item.al_state == AlState.OP or optional
             tell = self._log.info if expected else self._log.warning
-            tell(f"{name_slaves(self._bus, positions)}: {item.describe()}")
+            text = f"{name_slaves(self._bus, positions)}: {item.describe()}"
+            tell(text, "al_state", positions)
         return bool(changed)
 
     def _tell_presence(self) -> None:
@@ -221,9 +222,10 @@ class SlaveWatch:
             return
         self._told = text
         if text:
-            self._log.error(text)
+            self._log.error(text, "slaves", lost)
         else:
-            self._log.info(f"all {len(slaves) - len(absent)} slaves answer, and no others")
+            there = len(slaves) - len(absent)
+            self._log.info(f"all {there} slaves answer, and no others", "slaves")
         self._tell("slaves", found=found, expected=len(self._bus.slaves), missing=lost, text=text)
 
     def _tell_absent(self, absent: list[int]) -> None:
@@ -231,7 +233,8 @@ class SlaveWatch:
         left = [position for position in absent if position not in self._absent]
         self._absent = set(absent)
         if left:
-            self._log.info(f"{name_slaves(self._bus, left)} left the bus (optional)")
+            text = f"{name_slaves(self._bus, left)} left the bus (optional)"
+            self._log.info(text, "slaves", left)
 
 
 def _group(states: Iterable[SlaveState]) -> list[tuple[list[int], SlaveState]]:

@@ -13,6 +13,7 @@ from .signals import read_signals
 from .slave_settings import check_physical, read_expected, read_slaves
 from .slaves import check_clocks, read_clocks, read_domains
 from .tables import (
+    LOG_LEVELS,
     RECOVERY_MODES,
     Config,
     GatewayConfig,
@@ -120,6 +121,7 @@ _TOP: Rules = {
     "second_interface": _interface,
     "cycle_time_us": integer(100, 1_000_000),
     "state_timeout_s": number(0.1, 300),
+    "log_level": choice({level: level for level in LOG_LEVELS}),
     "profiles": array(_folder),
     "expected": read_expected,
     "slave": read_slaves,  # before all that name slaves

@@ -369,6 +369,7 @@ class DcConfig:
     slave: list[DcSlaveConfig] = field(default_factory=list)
 
 
+LOG_LEVELS = ("error", "warning", "info", "debug")
 RECOVERY_MODES = ("all", "watchdog", "none")
 
 
@@ -541,6 +542,7 @@ class Config:
             for none.
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
         state_timeout_s: Time in which the slaves must reach a state, in seconds.
+        log_level: Least important kind of message that is logged, one of `LOG_LEVELS`.
         profiles: Folders with device profiles; these win over those of machine and user, and ours.
         expected: What happens if the bus is not the expected one.
         slave: Which slaves are expected, and what they are told when they start or come back.
@@ -560,6 +562,7 @@ class Config:
     second_interface: str = ""
     cycle_time_us: int = 1000
     state_timeout_s: float = 10.0
+    log_level: str = "info"
     profiles: list[str] = field(default_factory=list)
     expected: ExpectedConfig = field(default_factory=ExpectedConfig)
     slave: list[SlaveConfig] = field(default_factory=list)

@@ -1,0 +1,103 @@
+"""The log: what the journal gets, and that every event has an explanation for `journalctl -x`."""
+
+import ast
+import re
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from ecatd.log import Log, message_id
+from ecatd.model.config.tables import LOG_LEVELS
+
+ROOT = Path(__file__).parents[2]
+CATALOG = ROOT / "systemd" / "ecatd.catalog"
+OVER_ZENOH = re.compile(r"^\| ((?:`[a-z_]+`(?:, )?)+) \|", re.MULTILINE)
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> socket.socket:
+    receiver = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    receiver.bind(str(tmp_path / "journal"))
+    return receiver
+
+
+def test_fields_of_the_journal(journal: socket.socket) -> None:
+    with journal:
+        Log("ecatd", bus="press", journal=Path(journal.getsockname())).warning(
+            "slaves 3 and 4: no answer", "slaves", [3, 4]
+        )
+        assert journal.recv(4096).decode().splitlines() == [
+            "MESSAGE=slaves 3 and 4: no answer",
+            "PRIORITY=4",
+            "SYSLOG_IDENTIFIER=ecatd",
+            "ECAT_BUS=press",
+            "ECAT_EVENT=slaves",
+            f"MESSAGE_ID={message_id('slaves')}",
+            "ECAT_SLAVE=3",
+            "ECAT_SLAVE=4",
+        ]
+
+
+def test_several_lines_are_one_message(journal: socket.socket) -> None:
+    with journal:
+        Log("ecatd", journal=Path(journal.getsockname())).info("one\ntwo")
+        assert journal.recv(4096).startswith(b"MESSAGE\n\x07\0\0\0\0\0\0\0one\ntwo\nPRIORITY=6\n")
+
+
+def test_without_the_journal_nothing_is_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Log("ecatd", journal=tmp_path / "gone").error("no carrier", "link")
+    assert capsys.readouterr().err == "<3>no carrier\n"
+
+
+def test_a_level_leaves_out_what_is_less_important(capsys: pytest.CaptureFixture[str]) -> None:
+    log = Log("ecatd", "warning")
+    log.info("not this")
+    log.level = "info"
+    log.info("but this")
+    assert capsys.readouterr().err == "ecatd: but this\n"
+
+
+def explained() -> set[str]:
+    return set(re.findall(r"^-- ([0-9a-f]{32})$", CATALOG.read_text(), re.MULTILINE))
+
+
+def logged() -> set[str]:
+    """The names of events that the code gives to the log."""
+    trees = [ast.parse(file.read_text()) for file in (ROOT / "daemon" / "ecatd").rglob("*.py")]
+    calls = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    return {
+        call.args[1].value
+        for call in calls
+        if isinstance(call.func, ast.Attribute)
+        and call.func.attr in LOG_LEVELS
+        and len(call.args) > 1
+        if isinstance(call.args[1], ast.Constant) and isinstance(call.args[1].value, str)
+    }
+
+
+def test_every_event_is_explained() -> None:
+    page = (ROOT / "docs" / "troubleshooting.md").read_text()
+    table = page.partition("| `event` | facts |")[2].partition("\n\n")[0]
+    over_zenoh = {name for row in OVER_ZENOH.findall(table) for name in re.findall(r"[a-z_]+", row)}
+    assert len(over_zenoh) > 15
+    only_counted = {"working_counter"}  # told as a disturbance
+    of_the_service = {"in_op", "failed", "ended", "hung", "gateway", "configuration"}
+    known = (over_zenoh - only_counted) | of_the_service | {"expected_bus"}
+    assert of_the_service <= logged() <= known
+    assert explained() == {message_id(name) for name in known}
+
+
+@pytest.mark.skipif(shutil.which("journalctl") is None, reason="there is no systemd")
+def test_journalctl_takes_the_catalog(tmp_path: Path) -> None:
+    folder = tmp_path / "usr" / "lib" / "systemd" / "catalog"
+    folder.mkdir(parents=True)
+    shutil.copy(CATALOG, folder)
+    command = ["journalctl", f"--root={tmp_path}", "--update-catalog"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
