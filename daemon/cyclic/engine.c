@@ -96,6 +96,16 @@ static uint64_t patience(const cyclic_t *c, uint64_t period) {
 
 /* Moves to the next deadline on the grid. Deadlines that have passed are skipped and counted as
  * missed, so that no burst of cycles follows. */
+/* On a busy machine missed cycles count, too. If the machine stood still, they count as a few: the control
+ * side stood still as well. */
+enum { MISSED_AT_ONCE = 4 };
+
+static void count_unattended(cyclic_t *c, uint32_t cycles) {
+  if (c->attended == 0) return;
+  c->attended -= cycles < c->attended ? cycles : c->attended;
+  if (c->attended == 0) cyclic_make_safe(c);
+}
+
 static void advance(cyclic_t *c, uint64_t period, uint64_t end) {
   if (c->settings.free_running) {
     c->deadline_ns = end;
@@ -111,6 +121,7 @@ static void advance(cyclic_t *c, uint64_t period, uint64_t end) {
     c->cycle += missed;
     c->overruns += (uint32_t)missed;
     counter_add(&c->health->missed, missed);
+    count_unattended(c, missed < MISSED_AT_ONCE ? (uint32_t)missed : MISSED_AT_ONCE);
   }
   if (c->overruns > 0 && end - c->overrun_told_ns >= TELL_AGAIN_NS &&
       cyclic_emit(c, CYCLIC_EVENT_OVERRUN, -1, -1, c->overruns)) {
@@ -131,8 +142,8 @@ static void sleep_until_deadline(cyclic_t *c) {
 static void check_control(cyclic_t *c) {
   if (__atomic_load_n(&c->attend, __ATOMIC_RELAXED) > 0)
     c->attended = __atomic_exchange_n(&c->attend, 0, __ATOMIC_RELAXED);
-  else if (c->attended > 0 && --c->attended == 0)
-    cyclic_make_safe(c);
+  else
+    count_unattended(c, 1);
 }
 
 void cyclic_run(cyclic_t *c) {

@@ -12,7 +12,6 @@ import socket
 import sys
 import uuid
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 
 _PRIORITIES = {"error": 3, "warning": 4, "info": 6, "debug": 7}
@@ -54,16 +53,22 @@ class Log:
         self.level = level
         self.bus = bus
         self._name = name
+        self._left_out = 0  # messages that the journal did not take
         self._journal = journal or (_JOURNAL if _stderr_is_journal() else None)
 
     def _write(self, level: str, text: str, event: str, slaves: Iterable[int]) -> None:
         if _PRIORITIES[level] > _PRIORITIES[self.level]:
             return
         if self._journal is not None:
-            with suppress(OSError):
+            try:
                 self._send(self._journal, level, text, event, slaves)
+            except BlockingIOError:
+                self._left_out += 1  # a journal that hangs must not hang those who control a bus
                 return
-            line = f"<{_PRIORITIES[level]}>{text}\n"
+            except OSError:
+                line = f"<{_PRIORITIES[level]}>{text}\n"
+            else:
+                return
         else:
             line = f"{self._name}: {'' if level == 'info' else level + ': '}{text}\n"
         sys.stderr.write(line)
@@ -80,8 +85,12 @@ class Log:
             *((("ECAT_EVENT", event), ("MESSAGE_ID", message_id(event))) if event else ()),
             *(("ECAT_SLAVE", str(slave)) for slave in slaves),
         ]
+        if self._left_out:
+            fields.append(("ECAT_LEFT_OUT", str(self._left_out)))  # messages before this one
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.setblocking(False)
             sender.sendto(b"".join(_encode(*field) for field in fields), str(journal))
+        self._left_out = 0
 
     def error(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
         """Something that ends or cripples the service.

@@ -297,6 +297,7 @@ INT8 = "type = 'int8'\n"
         ("\n[realtime]\nprio = 1", ":3: realtime.prio:", "'priority'"),
         ("[gateway]\npublish = 1", ":2: gateway.publish:", "'publish_hz'"),
         ("[gateway]\nmetrics = '0.0.0.0:80'", ":2: gateway.metrics:", "other machines | 127.0.0.1"),
+        ("[gateway]\nmetrics = '127.a.example:80'", ":2: gateway.metrics:", "other machines"),
         ("[gateway]\nmetrics = '127.0.0.1'", ":2: gateway.metrics:", "no address | 127.0.0.1:9754"),
         ("zzz = 1", ":1: zzz:", "bus | interface"),
         ("[dc]\ncycle_time_us = 500", ":2: dc.cycle_time_us:", "[table]"),

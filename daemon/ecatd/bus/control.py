@@ -12,6 +12,7 @@ from ecatd.encoding import MAX_MESSAGE
 from ecatd.log import Log
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
 from ecatd.model.messages import parse_request
+from ecatd.paths import make_dir
 
 from .server import BusServer
 
@@ -35,6 +36,8 @@ class ControlSocket:
             UnreachableError: The folder of the bus was removed, for example.
         """
         loop = asyncio.get_running_loop()
+        # Another daemon of this bus may have removed the folder when it ended.
+        make_dir(self._path.parent.name)
         self._path.unlink(missing_ok=True)
         old = os.umask(0o177)
         try:

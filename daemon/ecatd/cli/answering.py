@@ -49,8 +49,10 @@ def check_cycle(snapshot: Snapshot, source: Source) -> int:
             )
         )
     if snapshot.slaves_expected and not snapshot.slaves_found:
-        with suppress(UnreachableError, NoAnswerError):
-            return check_slaves(source.remote().states())
+        rows: list[dict[str, Any]] = [{"al_state": 0}]
+        with suppress(EcatError):  # then nobody knows that they are optional
+            rows = source.remote().states()
+        return check_slaves(rows)
     return 0
 
 

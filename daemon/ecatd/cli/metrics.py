@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from contextlib import suppress
 
-from ecatd.model.errors import NoAnswerError, UnreachableError, UsageError
+from ecatd.model.errors import EcatError, UsageError
 from ecatd.stats.open_metrics import write_metrics
 
 from .source import Source
@@ -25,6 +25,6 @@ def metrics(options: argparse.Namespace) -> None:
     with Source(options) as source:
         snapshot = source.read()
         slaves = []
-        with suppress(UnreachableError, NoAnswerError):
+        with suppress(EcatError):
             slaves = source.remote().states()
     print(write_metrics(snapshot, slaves), end="")

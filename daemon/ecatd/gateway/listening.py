@@ -10,7 +10,9 @@ import asyncio
 import errno
 import os
 import socket
+import threading
 from collections.abc import Sequence
+from contextlib import suppress
 
 from ecatd.log import Log
 
@@ -22,6 +24,9 @@ _TYPES = {
     "udp": socket.SOCK_DGRAM,
     "quic": socket.SOCK_DGRAM,
 }
+_PORT_MAX = (1 << 16) - 1
+_PATIENCE = 2.0
+"""Seconds for the look-up of a name: the gateway does not wait for a name server that is away."""
 _IN_USE = "the address is in use"
 
 
@@ -40,8 +45,9 @@ class Listening:
 
     async def look(self) -> None:
         """Finds out which addresses cannot be used, before Zenoh uses them."""
-        for endpoint in self._endpoints:
-            if found := await asyncio.to_thread(find_problem, endpoint):
+        found_all = await asyncio.gather(*map(_find_soon, self._endpoints))
+        for endpoint, found in zip(self._endpoints, found_all, strict=True):
+            if found:
                 self._problems[endpoint] = found
                 self._log.warning(
                     f"not listening on {endpoint}: {found} (gateway.listen); it is tried again, "
@@ -53,12 +59,33 @@ class Listening:
         while self._problems:
             await asyncio.sleep(_PERIOD)
             for endpoint, before in list(self._problems.items()):
-                found = await asyncio.to_thread(find_problem, endpoint)
+                found = await _find_soon(endpoint)
                 if found == _IN_USE and before != _IN_USE:  # by Zenoh, which has waited for it
                     del self._problems[endpoint]
                     self._log.info(f"listening on {endpoint}")
                 else:
                     self._problems[endpoint] = found
+
+
+async def _find_soon(endpoint: str) -> str:
+    """`find_problem` in a thread that nobody waits for at the end of this process."""
+    loop = asyncio.get_running_loop()
+    answer: asyncio.Future[str] = loop.create_future()
+
+    def tell(found: str) -> None:
+        if not answer.done():
+            answer.set_result(found)
+
+    def find() -> None:
+        found = find_problem(endpoint)
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(tell, found)
+
+    threading.Thread(target=find, daemon=True).start()
+    try:
+        return await asyncio.wait_for(answer, _PATIENCE)
+    except TimeoutError:
+        return "its name is not known yet"
 
 
 def find_problem(endpoint: str) -> str:
@@ -67,6 +94,8 @@ def find_problem(endpoint: str) -> str:
     host, _, port = rest.partition("#")[0].partition("?")[0].rpartition(":")
     if protocol not in _TYPES:
         return ""
+    if port.isdecimal() and int(port) > _PORT_MAX:
+        return f"there is no port {port}"
     try:
         family, kind, _, _, address = socket.getaddrinfo(
             host.strip("[]"), port, type=_TYPES[protocol], flags=socket.AI_PASSIVE
@@ -78,8 +107,8 @@ def find_problem(endpoint: str) -> str:
                 probe.listen(1)
     except socket.gaierror as error:
         return f"'{rest}' is no address here: {error.strerror}"
-    except OverflowError:
-        return f"there is no port {port}"
+    except (UnicodeError, OverflowError):
+        return f"'{rest}' is no address"
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             return _IN_USE

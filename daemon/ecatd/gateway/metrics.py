@@ -16,7 +16,8 @@ from ecatd.stats.open_metrics import CONTENT_TYPE, write_metrics
 _PREFIX = "unix:"
 _HEAD_MAX = 8192
 _PATIENCE = 5.0
-"""Seconds that a client has for its request."""
+"""Seconds that a client has for its request, and for its answer."""
+_CONNECTIONS_MAX = 16
 _TEXT = "text/plain; charset=utf-8"
 
 
@@ -42,6 +43,7 @@ class MetricsServer:
         self._states = states
         self._log = log
         self._server: asyncio.Server | None = None
+        self._open = 0  # connections
 
     async def start(self) -> None:
         """Starts to listen. If the address cannot be used, it only says so: the bus can be."""
@@ -68,7 +70,10 @@ class MetricsServer:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answers one request, and closes the connection."""
+        self._open += 1
         try:
+            if self._open > _CONNECTIONS_MAX:
+                return
             async with asyncio.timeout(_PATIENCE):
                 head = await reader.readuntil(b"\r\n\r\n")
                 status, kind, body = await self._answer(head)
@@ -80,12 +85,13 @@ class MetricsServer:
                 )
                 writer.write("\r\n".join((*lines, "", "")).encode() + body)
                 await writer.drain()
+                writer.close()
+                await writer.wait_closed()
         except (TimeoutError, OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
             pass  # the client has gone, or says nothing that could be answered
         finally:
-            writer.close()
-            with suppress(OSError):
-                await writer.wait_closed()
+            self._open -= 1
+            writer.transport.abort()
 
     async def _answer(self, head: bytes) -> tuple[str, str, bytes]:
         """Status, type and body of the answer to a request."""

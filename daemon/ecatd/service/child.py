@@ -98,6 +98,11 @@ class Child:
             self._asked_at = time.monotonic()
             self.give({"ping": 1})
 
+    def forgive(self) -> None:
+        """Counts its silence from now on."""
+        if self._asked_at is not None:
+            self._asked_at = time.monotonic()
+
     @property
     def silent_s(self) -> float:
         """Seconds since it was asked what it has not answered."""

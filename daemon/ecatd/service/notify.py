@@ -24,6 +24,6 @@ def notify(*lines: str, wait: bool = True) -> None:
     if address.startswith("@"):
         address = "\0" + address[1:]
     # A service manager that is gone is no reason to leave slaves and processes behind.
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender, contextlib.suppress(OSError):
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         sender.settimeout(_PATIENCE if wait else 0.0)
         sender.sendto("\n".join(lines).encode(), address)

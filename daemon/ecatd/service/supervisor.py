@@ -40,6 +40,8 @@ _GATEWAY_START = 60.0
 """Seconds that it has to get ready then."""
 _PERIOD = 1.0
 """Seconds between two questions to a child whether it works."""
+_STOOD_STILL = 3.0
+"""Seconds that a pause of `_PERIOD` takes only if the machine or the service stood still."""
 _STOP_MARGIN = 1.0
 """Seconds beside those in which the engine of a hung bus server brings drives to a stop."""
 _OOM_SCORE = -500
@@ -148,7 +150,11 @@ class Supervisor:
         self._gateway = gateway = await self._start("the gateway", "ecatd.gateway")
         in_op = await self._ready(server)
         gateway.give(settings)
-        await self._ready(gateway)
+        while not await self._gets_ready(gateway):
+            await self._kill_gateway(gateway)
+            self._children.remove(gateway)
+            self._gateway = gateway = await self._start_gateway()
+            gateway.give(settings)
         # Not before: whoever reads that the bus is in OP may ask for it.
         self._log.info(in_op, "in_op")
         notify("READY=1", f"STATUS={in_op}")
@@ -191,6 +197,14 @@ class Supervisor:
             notify(f"STATUS=bus '{self._config.bus}' has not started: {text or 'see the log'}")
             raise _EndedError(status)
         return text
+
+    async def _gets_ready(self, gateway: Child) -> bool:
+        """Waits until the gateway is ready; returns False if it hangs. Raises as `_ready`."""
+        try:
+            await asyncio.wait_for(self._ready(gateway), _GATEWAY_START)
+        except TimeoutError:
+            return False
+        return True
 
     async def _or_stop(self, work: Awaitable[T]) -> T:
         """Waits for a child that starts; a signal meanwhile ends the daemon."""
@@ -238,8 +252,7 @@ class Supervisor:
         cycle, moved_at = -1, time.monotonic()
         patience = max(HANG_S, 3e-6 * self._config.cycle_time_us)
         while server.silent_s <= HANG_S:
-            server.ping()
-            await asyncio.sleep(_PERIOD)
+            await _ask(server)
             now = time.monotonic()
             if server.report.get("cycle") != cycle or server.silent_s:
                 cycle, moved_at = server.report.get("cycle", -1), now
@@ -267,10 +280,22 @@ class Supervisor:
         while True:
             await self._run_gateway(gateway)
             self._children.remove(gateway)
+            self._gateway = gateway = await self._start_gateway()
+            gateway.give(self._settings)
+
+    async def _start_gateway(self) -> Child:
+        """Starts the gateway again; tries until the system has the memory for it."""
+        told = False
+        while True:
             # It also ends with the bus server, whose end is seen meanwhile.
             await asyncio.sleep(_GATEWAY_PAUSE)
-            self._gateway = gateway = await self._start("the gateway", "ecatd.gateway")
-            gateway.give(self._settings)
+            try:
+                return await self._start("the gateway", "ecatd.gateway")
+            except OSError as error:
+                if not told:
+                    text = f"the gateway cannot be started: {error.strerror}; it is tried again"
+                    self._log.error(text, "gateway")
+                told = True
 
     async def _run_gateway(self, gateway: Child) -> None:
         """Returns when it has ended, or was ended since it hangs or its settings have changed."""
@@ -289,12 +314,14 @@ class Supervisor:
             self._renew.clear()
             await gateway.stop(_STOP_PATIENCE)
         else:
-            self._log.warning(
-                f"{gateway} has not answered for {gateway.silent_s:.0f} s; it is killed and "
-                f"started again, and the bus goes on",
-                "gateway",
-            )
-            await gateway.kill()
+            await self._kill_gateway(gateway)
+
+    async def _kill_gateway(self, gateway: Child) -> None:
+        hung = f"has not answered for {HANG_S:g} s"
+        what = hung if gateway.is_ready else f"is not ready after {_GATEWAY_START:g} s"
+        text = f"{gateway} {what}; it is killed and started again, and the bus goes on"
+        self._log.warning(text, "gateway")
+        await gateway.kill()
 
     async def _reload_on_request(self, server: Child) -> None:
         """Reads the configuration anew at each SIGHUP, and uses what can change."""
@@ -350,8 +377,16 @@ async def _until_hung(child: Child) -> None:
     except TimeoutError:
         return
     while child.silent_s <= HANG_S:
-        child.ping()
-        await asyncio.sleep(_PERIOD)
+        await _ask(child)
+
+
+async def _ask(child: Child) -> None:
+    """Asks a child whether it works, and waits a second."""
+    child.ping()
+    begin = time.monotonic()
+    await asyncio.sleep(_PERIOD)
+    if time.monotonic() - begin > _STOOD_STILL:
+        child.forgive()  # everything stood still, this process as well
 
 
 def _feed(status: str) -> None:

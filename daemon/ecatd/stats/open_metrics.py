@@ -16,6 +16,7 @@ from .snapshot import DOMAIN_COUNTERS, Histogram, Snapshot
 
 CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
 
+_ABSENT = "absent"
 _BOUNDS_NS = tuple(step * 10**power for power in range(3, 9) for step in (1, 2, 5))
 """Upper bounds of the steps of all histograms: 1 µs to 0.5 s."""
 _COUNTERS = {
@@ -109,7 +110,8 @@ def _lines(snapshot: Snapshot, slaves: list[Mapping[str, Any]]) -> Iterator[str]
         yield from _histogram(f"ecat_{name}_seconds", _TIMES[name], bus, histogram)
 
 
-def _slaves(bus: Mapping[str, str], rows: list[Mapping[str, Any]]) -> Iterator[str]:
+def _slaves(bus: Mapping[str, str], every: list[Mapping[str, Any]]) -> Iterator[str]:
+    rows = [row for row in every if row.get("recovery") != _ABSENT]  # optional ones may be absent
     labels = [
         {
             **bus,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,13 @@ def _endpoint(table: Table, key: Key) -> str:
     return endpoint
 
 
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
 def _metrics_address(table: Table, key: Key) -> str:
     text = table.text(key)
     if not text or (text.startswith("unix:/") and len(text) <= _SOCKET_PATH_MAX):
@@ -86,9 +94,11 @@ def _metrics_address(table: Table, key: Key) -> str:
     host, _, port = text.rpartition(":")
     if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 1 << 16:
         table.fail(
-            key, f'{show(text)} is no address: write "127.0.0.1:9754", or "unix:/run/ecatd/metrics"'
+            key,
+            f'{show(text)} is no address: write "127.0.0.1:9754", or '
+            f'"unix:/run/ecatd/ecat0/metrics"',
         )
-    if host not in ("localhost", "[::1]") and not host.startswith("127."):
+    if not _is_loopback(host.strip("[]")):
         table.fail(
             key,
             f"{show(text)} can be reached from other machines, and everybody may read metrics: use "
