@@ -54,7 +54,7 @@ class Bench:
         self.lines = [Line() for _ in devices]
         self.said: list[str] = []
         self.worker = Worker()
-        log = cast("Log", SimpleNamespace(warning=self.said.append))
+        log = cast("Log", SimpleNamespace(warning=lambda text, *_: self.said.append(text)))
         master = cast(
             "Master",
             SimpleNamespace(
