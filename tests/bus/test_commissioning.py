@@ -241,9 +241,13 @@ def test_outputs_without_a_watchdog_are_a_decision(start: Start) -> None:
     assert "watchdog is off" not in daemon.log
     assert daemon.stop() == 0
     undecided = WATCHDOGS.replace("watchdog_ms = WATCHDOG", "")
-    status, log = start(kinds, "", undecided, ready=False).wait_end()
-    assert status == 7
-    names(one_line_error(log, "ecatd"), "slave 2 (EL4004)", "watchdog_ms = 100", "watchdog_ms = 0")
+    daemon = start(kinds, "", undecided, ready=False)
+    status, log = daemon.wait_end()
+    assert status == 2
+    said = one_line_error(log, "ecatd")
+    line = daemon.config_file.read_text().partition("position = 2")[0].count("\n")
+    names(said, f"{daemon.config_file}:{line}", "slave[1].watchdog_ms", "slave 2 (EL4004)")
+    names(said, "watchdog_ms = 100", "watchdog_ms = 0")
     daemon = start(kinds, "", "[gateway]\nlisten = []\n")
     names(daemon.log, "warning", "slave 2 (EL4004)", "watchdog_ms = 0")
     names(daemon.ctl("config", "init").stdout, "watchdog_ms = 0")

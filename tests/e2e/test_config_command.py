@@ -146,7 +146,7 @@ def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon
     assert keys["cycle_time_us"] == {
         "key": "cycle_time_us",
         "value": 2000,
-        "origin": "ecat.toml:2",
+        "origin": f"{daemon.config_file}:2",
     }
 
 

@@ -52,6 +52,8 @@ def configuration_keys(table: type, above: str = "") -> Iterator[str]:
     """Keys as the documentation writes them: `dc.enabled`, and `[[dc.slave]]` for an array."""
     hints = get_type_hints(table)
     for item in fields(table):
+        if not item.compare:  # where the table is written
+            continue
         kind = hints[item.name]
         inner = next((arg for arg in (kind, *get_args(kind)) if is_dataclass(arg)), None)
         name = above + item.name

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from conftest import naming
-from ecatd.bus.start.safe import SafeOutputs, safe_outputs
 from ecatd.encoding import pack, unpack
+from ecatd.model.applied.safe import SafeOutputs, safe_outputs
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import SafeConfig, SignalConfig
@@ -157,7 +157,6 @@ def test_a_later_rule_overrides_a_stop() -> None:
     ("rule", "what"),
     [
         (SafeConfig(1, "zero"), "slave 1 (T) | no outputs"),
-        (SafeConfig(9, "zero"), "slave 9 | 'b' | 0 | 3"),
         (SafeConfig(0, 1, "0x7000:09"), "output | 0x7000:09"),
         (SafeConfig(0, 8, "0x7000:02"), "8 | out of range | 0x7000:02 | 0 | 7"),
         (SafeConfig(0, 1.0, "0x7000:04"), "1.0 | 0x7000:04 | whole numbers"),
@@ -172,7 +171,7 @@ def test_wrong_safe_values_are_refused(rule: SafeConfig, what: str) -> None:
     inputs_only = terminal(1)
     inputs_only.inputs, inputs_only.outputs = inputs_only.outputs, []
     made = bus(terminal(), inputs_only, drive(1, 2), drive(1, 3, status=False))
-    with pytest.raises(ConfigError, match=naming("outputs.safe: ", *what.split(" | "))):
+    with pytest.raises(ConfigError, match=naming("configuration: ", *what.split(" | "))):
         safe_outputs(made, [rule])
 
 
@@ -228,7 +227,6 @@ def test_what_the_configuration_says_is_in_the_description() -> None:
 @pytest.mark.parametrize(
     ("rule", "what"),
     [
-        (SignalConfig(5, "0x60FF:00"), "slave 5 | 'b' | 1"),
         (SignalConfig(0, "0x60FE:01"), "slave 0 (D) | 0x60FE:01 | process data"),
         (SignalConfig(0, "0x6041:00", maximum=3.0), "0x6041:00 | input | minimum | maximum"),
         (SignalConfig(0, "0x6040:00", minimum=-5.0, maximum=-1.0), "0x6040:00 | -5 | -1"),
@@ -237,7 +235,7 @@ def test_what_the_configuration_says_is_in_the_description() -> None:
     ],
 )
 def test_wrong_signals_are_refused(rule: SignalConfig, what: str) -> None:
-    with pytest.raises(ConfigError, match=naming("signal: ", *what.split(" | "))):
+    with pytest.raises(ConfigError, match=naming("configuration: ", *what.split(" | "))):
         give_meanings(bus(drive()), Profiles(), [rule])
 
 

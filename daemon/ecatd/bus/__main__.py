@@ -1,8 +1,8 @@
 """The process of the bus server: `python -m ecatd.bus`, started by the service.
 
-Its settings (see `ecatd.service_link`) are `config`, `interface` and `second_interface` (which may
-be those of a simulator instead of those of the configuration), `runtime_dir`, `namespace_of`
-(process number of a simulator whose network namespace to enter, or 0), `parent` and `log_level`.
+Its settings (see `ecatd.service_link`) are `config`, `origins` (where each key of it is
+written, for messages), `interface` and `second_interface` (which may be those of a simulator instead
+of those of the configuration), `runtime_dir`, `namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent` and `log_level`.
 It tells that it is ready when the bus is in OP, with a line about the bus, which the service logs
 once the gateway answers, too. With `describe` it writes the bus description to stdout instead
 (`ecatd.model.bus_file`), and ends.
@@ -34,7 +34,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     from .control import ControlSocket
     from .server import BusServer
 
-    config = read_config(settings["config"])
+    config = read_config(settings["config"], origins=settings["origins"])
     config.second_interface = settings["second_interface"]
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
     server = BusServer(config, settings["interface"], log, control.publish)
@@ -88,7 +88,7 @@ def _describe(settings: dict[str, Any], log: Log) -> None:
 
     from .description import describe
 
-    config = read_config(settings["config"])
+    config = read_config(settings["config"], origins=settings["origins"])
     config.second_interface = settings["second_interface"]
     sys.stdout.write(dump(describe(config, settings["interface"], log)))
 

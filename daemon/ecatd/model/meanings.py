@@ -16,6 +16,7 @@ from .config import SignalConfig, SlaveConfig
 from .datatypes import is_real, type_name, value_range
 from .errors import ConfigError, UsageError
 from .pdo import Entry, Pdo, Value
+from .problems import AT_ONCE, Problems
 from .profiles import DeviceProfile, Profiles
 
 _BITS_MAX = 64  # longest entry that can be a signal in the shared memory
@@ -26,6 +27,7 @@ def give_meanings(
     profiles: Profiles,
     rules: Sequence[SignalConfig] = (),
     told: Collection[tuple[int, tuple[int, int]]] = (),
+    problems: Problems = AT_ONCE,
 ) -> Bus:
     """Gives name, unit, scale, limits and named values to the entries for which they are known.
 
@@ -35,6 +37,7 @@ def give_meanings(
         rules: `[[signal]]` tables of the configuration, which take precedence.
         told: Slave and address of the start-up parameters. A rule may be about one of them that is
             not in the process data.
+        problems: Takes what is wrong with a rule.
 
     Returns:
         The same bus.
@@ -45,9 +48,22 @@ def give_meanings(
     for slave in bus.slaves:
         _apply_profiles(slave, profiles.of(slave))
     for rule in rules:
-        slave = find_slave(bus, rule.slave, "signal")
-        _apply_rule(slave, rule, told=(rule.slave, rule.address) in told)
+        with problems:
+            _apply_rule(bus.slaves[rule.slave], rule, told=(rule.slave, rule.address) in told)
     return bus
+
+
+def without_meanings(bus: Bus) -> Bus:
+    """Takes all that `give_meanings` gives, except names, away from a bus; returns the same bus."""
+    for slave in bus.slaves:
+        slave.profiles = []
+        slave.outputs = _changed(slave.outputs, _raw)
+        slave.inputs = _changed(slave.inputs, _raw)
+    return bus
+
+
+def _raw(entry: Entry) -> Entry:
+    return Entry(entry.index, entry.subindex, entry.name, entry.data_type, entry.bit_length)
 
 
 def object_meaning(
@@ -72,7 +88,11 @@ def object_meaning(
 
 
 def raw_parameters(
-    settings: SlaveConfig, slave: Slave, profiles: Profiles, rules: Sequence[SignalConfig]
+    settings: SlaveConfig,
+    slave: Slave,
+    profiles: Profiles,
+    rules: Sequence[SignalConfig],
+    problems: Problems = AT_ONCE,
 ) -> SlaveConfig:
     """Makes the physical values of the start-up parameters of a slave raw.
 
@@ -81,37 +101,20 @@ def raw_parameters(
         slave: See `object_meaning`, as the others.
         profiles: Device profiles.
         rules: `[[signal]]` tables of the configuration.
+        problems: Takes what is wrong with a parameter.
 
     Raises:
         ConfigError: Nothing says what unit a parameter has, or its value does not fit.
     """
     startup = []
     for item in settings.startup:
-        known = object_meaning(slave, item.entry, profiles, rules) if item.unit else item.entry
-        try:
-            startup.append(item.raw(known))
-        except UsageError as error:
-            raise ConfigError(f"slave.startup: {slave.label}: {error}") from error
+        with problems:
+            known = object_meaning(slave, item.entry, profiles, rules) if item.unit else item.entry
+            try:
+                startup.append(item.raw(known))
+            except UsageError as error:
+                item.table.fail("value", f"{slave.label}: {error}")
     return replace(settings, startup=startup)
-
-
-def find_slave(bus: Bus, position: int, table: str) -> Slave:
-    """Finds the slave that a table of the configuration names.
-
-    Args:
-        bus: The bus.
-        position: Position of the slave.
-        table: Name of the table, for messages.
-
-    Raises:
-        ConfigError: There is no such slave.
-    """
-    if position >= len(bus.slaves):
-        raise ConfigError(
-            f"{table}: there is no slave {position}: bus '{bus.name}' has {len(bus.slaves)} "
-            f"slaves, 0 to {len(bus.slaves) - 1}"
-        )
-    return bus.slaves[position]
 
 
 def unused_profiles(bus: Bus, profiles: Profiles) -> list[str]:
@@ -185,23 +188,26 @@ def _apply_rule(slave: Slave, rule: SignalConfig, *, told: bool) -> None:
     outputs = _changed(slave.outputs, lambda entry: meant(entry, output=True))
     inputs = _changed(slave.inputs, lambda entry: meant(entry, output=False))
     if found[False] and not found[True] and (rule.minimum, rule.maximum) != (None, None):
-        raise ConfigError(
-            f"signal: {rule.entry} of {slave.label} is an input: minimum and maximum are for "
-            f"outputs, what is measured cannot be refused"
+        rule.table.fail(
+            "minimum" if rule.maximum is None else "maximum",
+            f"{rule.entry} of {slave.label} is an input: minimum and maximum are for outputs, "
+            "since what is measured cannot be refused; leave them out",
         )
     if not any(found.values()) and not told:
-        raise ConfigError(
-            f"signal: {slave.label} has no {rule.entry} in its process data; "
-            f"`ecatctl pdos -p {slave.position}` lists what it has"
+        rule.table.fail(
+            "entry",
+            f"{slave.label} has no {rule.entry} in its process data; "
+            f"`ecatctl pdos -p {slave.position}` lists what it has",
         )
     slave.outputs, slave.inputs = outputs, inputs
 
 
 def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -> Entry:
-    where = f"signal: {entry.address} of {slave.label}"
     if entry.bit_length > _BITS_MAX:
-        raise ConfigError(
-            f"{where} has {entry.bit_length} bits: only entries of up to {_BITS_MAX} are signals"
+        rule.table.fail(
+            "entry",
+            f"{entry.address} of {slave.label} has {entry.bit_length} bits, but only entries of up "
+            f"to {_BITS_MAX} are signals: remove the table",
         )
     known = replace(entry, name=rule.name or entry.name)
     if rule.is_scaled:  # the profile gives its limits in its own unit
@@ -212,7 +218,8 @@ def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -
         known.minimum = rule.minimum
     if output and rule.maximum is not None:
         known.maximum = rule.maximum
-    _check_limits(known, where)
+    limit = "minimum" if rule.maximum is None else "maximum"
+    _check_limits(known, f"{rule.table.where(limit)}: {entry.address} of {slave.label}")
     return known
 
 
@@ -227,7 +234,7 @@ def _check_limits(entry: Entry, where: str) -> None:
     if entry.minimum is not None and entry.maximum is not None and entry.minimum > entry.maximum:
         raise ConfigError(
             f"{where} has the minimum {entry.minimum:g}, which is more than the maximum, "
-            f"{entry.maximum:g}"
+            f"{entry.maximum:g}: correct one of them"
         )
     low, high = entry.raw_range()
     least, most = _type_range(entry)
@@ -235,7 +242,7 @@ def _check_limits(entry: Entry, where: str) -> None:
         raise ConfigError(
             f"{where} can have no value from {_limit(entry.minimum)} to {_limit(entry.maximum)}: "
             f"it is {type_name(entry.data_type)} with scale {entry.scale:g} and offset "
-            f"{entry.offset:g}"
+            f"{entry.offset:g}; correct the limits, or the scale"
         )
 
 

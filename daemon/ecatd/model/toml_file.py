@@ -78,6 +78,7 @@ class Document:
         text: The TOML, in which lines are looked up for messages; empty if the values do not come
             from TOML.
         folder: The folder that paths in it are relative to.
+        origins: File and line of each key, if the values come from a file in another process.
 
     Attributes:
         source: As above.
@@ -86,32 +87,48 @@ class Document:
         names: What names that the document gives stand for, as far as it has been read.
     """
 
-    def __init__(self, source: str, text: str = "", folder: Path = Path()) -> None:
+    def __init__(
+        self,
+        source: str,
+        text: str = "",
+        folder: Path = Path(),
+        origins: Mapping[str, str] | None = None,
+    ) -> None:
         self.source = source
         self.folder = folder
         self.top: Collection[str] = ()
         self.names: dict[str, int] = {}
         self._text = text
+        self._origins = origins or {}
         self._places: dict[toml_places.Path, Place] | None = None
 
     def place(self, path: toml_places.Path) -> Place:
         """The place of a key; if the key is missing, that of its table."""
+        places = self.places
+        found = (path[:end] for end in range(len(path), 0, -1) if path[:end] in places)
+        return places.get(next(found, ()), Place(0))
+
+    @property
+    def places(self) -> Mapping[toml_places.Path, Place]:
+        """The place of each key, array element and table."""
         if self._places is None:
             try:
                 self._places = toml_places.find_places(self._text)
             except RecursionError:
                 self._places = {}  # a message without its line is better than none
-        for end in range(len(path), 0, -1):
-            if path[:end] in self._places:
-                return self._places[path[:end]]
-        return Place(0)
+        return self._places
 
     def where(self, path: toml_places.Path) -> str:
         """File, line and key: the start of a message."""
         line = self.place(path).line
-        place = f"{self.source}:{line}" if line else self.source
+        place = f"{self.source}:{line}" if line else self._origin(path)
         key = path_text(path)
         return f"{place}: {key}" if key else place
+
+    def _origin(self, path: toml_places.Path) -> str:
+        """File and line of a key as another process has found them, or of its table."""
+        texts = (path_text(path[:end]) for end in range(len(path), -1, -1))
+        return next((self._origins[text] for text in texts if text in self._origins), self.source)
 
 
 class Table:

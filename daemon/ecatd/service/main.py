@@ -80,7 +80,7 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
     if options.verbose or options.quiet:
         values["log_level"] = "debug" if options.verbose else "warning"
         origins["log_level"] = COMMAND_LINE
-    config = read_config(values, "command line")
+    config = read_config(values, COMMAND_LINE, origins)
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
             "which bus? Give --interface IF, or --simulate troll to try without hardware, or "

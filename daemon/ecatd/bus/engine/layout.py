@@ -18,12 +18,11 @@ every cycle whether the group is there, and those of the others do not depend on
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence, Set
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Bus, Domain, Slave
-from ecatd.model.config import DomainConfig
-from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.errors import StateError
 from ecatd.shm import MAX_GROUPS
 
 from .framing import DOMAIN_DATAGRAM_MAX
@@ -103,44 +102,6 @@ class Image:
     def output_bytes(self) -> int:
         """Bytes of outputs of all domains together, as clients commit them."""
         return sum(domain.output_bytes for domain in self.domains)
-
-
-def assign_domains(
-    bus: Bus, configured: Sequence[DomainConfig], idle: Collection[int] = ()
-) -> None:
-    """Puts every slave into its configured domain, or into domain 0 if none is configured.
-
-    Args:
-        bus: Scanned slaves with their PDOs; `domains` and the `domain` of each slave are set.
-        configured: Domains of the configuration.
-        idle: Positions of slaves whose process data are unknown. A domain of such slaves is
-            accepted, although nothing is known to be exchanged in it.
-
-    Raises:
-        ConfigError: A domain names a slave that does not exist.
-        StateError: There are several domains, and one has no process data.
-    """
-    bus.domains = [Domain(item.name, item.divider, item.phase) for item in configured] or [Domain()]
-    for slave in bus.slaves:
-        slave.domain = 0
-    for number, item in enumerate(configured):
-        for position in item.slaves:
-            if position >= len(bus.slaves):
-                raise ConfigError(
-                    f"{bus.domain_label(number)} names slave {position}, but bus '{bus.name}' has "
-                    f"{len(bus.slaves)} slaves, 0 to {len(bus.slaves) - 1}: correct 'slaves' of "
-                    f"this [[domain]], or look for the slave that is missing on the wire"
-                )
-            bus.slaves[position].domain = number
-    if len(bus.domains) > 1:
-        used = {slave.domain for slave in bus.slaves if slave.output_bytes or slave.input_bytes}
-        used |= {bus.slaves[position].domain for position in idle}
-        for number in range(len(bus.domains)):
-            if number not in used:
-                raise StateError(
-                    f"{bus.domain_label(number)} has nothing to exchange: none of its slaves has "
-                    f"process data; give it others with 'slaves', or remove this [[domain]]"
-                )
 
 
 def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:

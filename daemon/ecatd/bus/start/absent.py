@@ -16,7 +16,7 @@ from pathlib import Path
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_file import load
 from ecatd.model.config import POSITION_MAX, Config, SlaveConfig
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.errors import UsageError
 from ecatd.model.expected_bus import Comparison, compare
 from ecatd.model.sii import Sii
 
@@ -90,10 +90,10 @@ def _described(config: Config) -> dict[int, Slave]:
     try:
         bus: Bus = load(Path(config.expected.description))
     except UsageError as error:
-        raise ConfigError(
-            f"expected.description: {error} (write it with `ecatctl scan -o` while all slaves are "
-            "there)"
-        ) from error
+        config.expected.table.fail(
+            "description",
+            f"{error} (write it with `ecatctl scan -o` while all slaves are there)",
+        )
     found = compare(config, bus.slaves)
     return {
         expected: bus.slaves[place]

@@ -18,24 +18,24 @@ from pathlib import Path
 from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
+from ecatd.model.applied import Applied, apply, check_slaves
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, Mark, RecoveryConfig
 from ecatd.model.errors import StateError
 from ecatd.model.expected_bus import compare
-from ecatd.model.meanings import give_meanings, raw_parameters, unused_profiles
+from ecatd.model.meanings import raw_parameters, unused_profiles
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.paths import profile_folders
 from ecatd.real_time import SETTINGS
 
 from ..engine.engine import Engine, Grant, Index, RealTime, open_socket
-from ..engine.layout import Image, assign_domains, lay_out
+from ..engine.layout import Image, lay_out
 from ..engine.shared_memory import SharedMemory
 from ..master.emergencies import tell_emergencies
 from ..master.master import Master
 from .absent import arrange
 from .clocks import Clocks, clock_bits
-from .copies import Copy, find_copies
-from .doubtful import Doubt, fitting, settle
+from .doubtful import Doubt, settle
 from .identification import identify
 from .identify import Finder, branch_ends
 from .mapping import (
@@ -47,7 +47,6 @@ from .mapping import (
     without_lrw,
 )
 from .round_trip import measure_round_trip
-from .safe import SafeOutputs, safe_outputs
 from .set_up import (
     SetUp,
     count_links,
@@ -125,7 +124,7 @@ class BringUp:
         image: The process image, from "map" on.
         wire: How long the frames of a cycle are on the wire, from "map" on.
         clocks: The distributed clocks, from "map" on, if the configuration enables them.
-        safe: Safe values of the outputs, from "map" on.
+        applied: What the configuration says about this bus, from "map" on.
         config: The configuration; from "read" on, it is about the slaves where they were found.
         differences: How the bus differs from the expected one, from "read" on.
         summary: The bus in one line, once it is in OP.
@@ -144,7 +143,6 @@ class BringUp:
         self._doubtful: dict[int, Doubt] = {}
         self._mailboxes: list[bytes] = []
         self._ends: list[int] = []
-        self._copies: list[Copy] = []
         self._interfaces = [name for name in (interface, config.second_interface) if name]
         self._run = secrets.randbits(32)
         self.bus = Bus(config.bus, config.cycle_time_us)
@@ -153,8 +151,8 @@ class BringUp:
         self.engine: Engine | None = None
         self.image: Image | None = None
         self.wire: WireTime | None = None
+        self.applied: Applied | None = None
         self.clocks: Clocks | None = None
-        self.safe = SafeOutputs()
         self.differences: list[str] = []
         self.summary = ""
 
@@ -194,7 +192,7 @@ class BringUp:
                 self._mailboxes,
                 self.clocks,
                 self._doubtful,
-                self.config.state_timeout_s,
+                self.config,
             ),
             Finder(master.registers, self.bus.slaves, self._ends, self._anywhere, self._identified),
             self.config.recovery,
@@ -252,6 +250,7 @@ class BringUp:
         read_modules(master, found, self._cancelled)
         self._scanned = arrange(master, found, self.config, self._log.warning)
         unexpected = self._compare()
+        check_slaves(self.config, replace(self.bus, slaves=[item.slave for item in self._scanned]))
         self._make_raw()
         configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
         for item in self._scanned:
@@ -374,15 +373,11 @@ class BringUp:
 
     def _map(self, master: Master) -> Image:
         """Lays out the process image, checks its timing, and configures the slaves for it."""
-        signals = fitting(self.config.signal, self.bus, self._doubtful)
-        told = {(item.position, one.address) for item in self.config.slave for one in item.startup}
-        give_meanings(self.bus, self._profiles, signals, told)
+        self.applied = applied = apply(
+            self.config, self.bus, self._profiles, master.wire, self._doubtful, self._idle
+        )
         for warning in unused_profiles(self.bus, self._profiles):
             self._log.warning(warning)
-        safe = fitting(self.config.outputs.safe, self.bus, self._doubtful)
-        self.safe = safe_outputs(self.bus, safe)
-        self._copies = find_copies(self.bus, self.config.copy, self.safe.stops, self._doubtful)
-        assign_domains(self.bus, self.config.domain, self._idle)
         self.image = image = lay_out(self.bus, without_lrw(master, self._present))
         self.wire = wire_time(
             image,
@@ -394,7 +389,7 @@ class BringUp:
         if warning := self.wire.check():
             self._log.warning(warning)
         configure(master, self._present, image)
-        for warning in check_watchdogs(master, self.bus, self._present):
+        for warning in check_watchdogs(master, self.bus, self._present, self.config):
             self._log.warning(warning)
         if self.config.dc.slave and not self.config.dc.enabled:
             self._log.warning(
@@ -404,8 +399,8 @@ class BringUp:
             self._log.warning(
                 f"dc.enabled is false, so dc.reference = {self.config.dc.reference} does nothing"
             )
-        if self.config.dc.enabled:
-            self.clocks = Clocks(self.bus, self.config, master)
+        if applied.clocks is not None:
+            self.clocks = Clocks(self.bus, self.config, applied.clocks, master)
             self.clocks.measure()
         return image
 
@@ -448,16 +443,17 @@ class BringUp:
             numbers[row.slave, row.index, row.subindex, row.output] = number
             if row.output and (row.minimum > -math.inf or row.maximum < math.inf):
                 engine.set_limit(number, row.minimum, row.maximum)
-        for position, (value, hold) in self.safe.images.items():
+        assert self.applied is not None
+        for position, (value, hold) in self.applied.safe.images.items():
             engine.set_safe(position, value, hold)
-        for stop in self.safe.stops:
+        for stop in self.applied.safe.stops:
             engine.set_stop(
                 numbers[stop.slave, stop.controlword, 0, 1],
                 numbers[stop.slave, stop.statusword, 0, 0],
                 stop.value,
                 stop.patience,
             )
-        for copy in self._copies:
+        for copy in self.applied.copies:
             engine.set_copy(
                 numbers[*copy.source, 0],
                 numbers[*copy.target, 1],

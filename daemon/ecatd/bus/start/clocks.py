@@ -2,7 +2,7 @@
 
 Order matters:
 
-1. In PREOP: `Clocks()`, which checks the configuration, and `measure`.
+1. In PREOP: `Clocks()`, which checks SYNC signals against their slaves, and `measure`.
 2. The engine starts. It distributes the time of the reference clock in every cycle.
 3. `wait_for_lock`, and then `sync_signals.start`.
 4. SAFEOP, where slaves expect their SYNC signals.
@@ -21,9 +21,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ecatd.coroutine_steps import Steps
+from ecatd.model.applied.clocks import ClockPlan
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
-from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.errors import StateError
 from ecatd.shm import DcState, Ring
 
 from ..engine.engine import Clock
@@ -83,6 +84,7 @@ class Clocks:
     Args:
         bus: The bus; `dc_bits` of its slaves are known.
         config: The configuration.
+        plan: The reference clock and those that follow it.
         master: Reads and writes registers.
 
     Attributes:
@@ -91,75 +93,19 @@ class Clocks:
         sync_signals: The SYNC signals.
 
     Raises:
-        ConfigError: The configuration asks for something that this bus does not have.
+        ConfigError: A slave cannot have the SYNC signals that the configuration wants.
     """
 
-    def __init__(self, bus: Bus, config: Config, master: Master) -> None:
+    def __init__(self, bus: Bus, config: Config, plan: ClockPlan, master: Master) -> None:
         self._bus = bus
         self._config = config
         self._master = master
         self._clocks = [slave for slave in bus.slaves if slave.dc_bits]
         self._measured = set(master.wire)  # positions of the slaves whose delays are known
-        self.reference = self._choose_reference()
-        self.followers = [s for s in self._clocks if self._is_behind(s)]
+        self.reference, self.followers = plan.reference, plan.followers
         # Those that are there, and get the real time, not only an estimate.
         self._hearing = [s for s in self.followers if s.position in self._measured]
-        self.sync_signals = SyncSignals(bus, config, master, self._check_follower)
-
-    def _choose_reference(self) -> Slave:
-        wanted = self._config.dc.reference
-        if not self._clocks:
-            raise ConfigError(
-                f"dc: no slave of bus '{self._bus.name}' has a distributed clock: leave [dc] out"
-            )
-        if wanted >= 0:
-            slave = self._with_clock("dc.reference", wanted)
-            if slave.group:
-                raise ConfigError(
-                    f"dc.reference: {slave.label} is optional, but the cycle needs a clock that is "
-                    "always there: choose another one"
-                )
-            return slave
-        order = {position: place for place, position in enumerate(self._master.wire)}
-        always = [slave for slave in self._clocks if not slave.group]
-        if not always:
-            raise ConfigError(
-                f"dc: all slaves of bus '{self._bus.name}' with a distributed clock are optional, "
-                "but the cycle needs a clock that is always there: leave [dc] out"
-            )
-        return min(always, key=lambda slave: order[slave.position])
-
-    def _is_behind(self, slave: Slave) -> bool:
-        """Whether the time of the reference clock comes to a slave, as far as that is known."""
-        wire = self._master.wire
-        if slave.position not in wire:
-            return slave.position > self.reference.position
-        return wire.index(slave.position) > wire.index(self.reference.position)
-
-    def _with_clock(self, key: str, position: int) -> Slave:
-        slaves = self._bus.slaves
-        if position >= len(slaves):
-            raise ConfigError(
-                f"{key}: there is no slave {position}: bus '{self._bus.name}' has {len(slaves)}"
-            )
-        if not slaves[position].dc_bits:
-            others = ", ".join(str(slave.position) for slave in self._clocks)
-            raise ConfigError(
-                f"{key}: {slaves[position].label} has no distributed clock; those with one are: "
-                f"{others}"
-            )
-        return slaves[position]
-
-    def _check_follower(self, position: int) -> Slave:
-        """Returns the slave at a position; raises `ConfigError` if it cannot have SYNC signals."""
-        slave, reference = self._with_clock("dc.slave", position), self.reference
-        if slave is not reference and not self._is_behind(slave):
-            raise ConfigError(
-                f"dc.slave: {slave.label} cannot follow the reference clock, {reference.label}: "
-                f"the frame that brings its time passes only the slaves behind it; choose a "
-                f"reference at or before slave {slave.position}"
-            )
-        return slave
+        self.sync_signals = SyncSignals(bus, config, master)
 
     @property
     def engine_clock(self) -> Clock:

@@ -10,9 +10,8 @@ slave that has no process data.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
 
 from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.al import AlState
@@ -22,8 +21,6 @@ from ecatd.model.errors import StateError
 from ..engine.layout import lay_out
 from ..master.master import Master
 from .mapping import Scanned, configure
-
-_R = TypeVar("_R", bound="_Rule")
 
 SILENT, DAMAGED, UNEXPECTED = "silent", "damaged", "unexpected"
 
@@ -131,35 +128,6 @@ def _name(slave: Slave) -> str:
     """Returns a slave's label for messages, with its identity if its EEPROM gives no name."""
     identity = f"vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X}"
     return slave.label if slave.name else f"{slave.label} ({identity})"
-
-
-class _Rule(Protocol):
-    slave: int
-
-    @property
-    def address(self) -> tuple[int, int] | None: ...
-
-
-def fitting(rules: Sequence[_R], bus: Bus, doubtful: Collection[int]) -> list[_R]:
-    """Returns the rules of the configuration, without those about unknown process data.
-
-    Args:
-        rules: Rules about a slave, or about one of its entries.
-        bus: The bus.
-        doubtful: Positions of slaves whose process data are in doubt.
-    """
-    return [
-        rule for rule in rules if rule.slave not in doubtful or _has(bus.slaves[rule.slave], rule)
-    ]
-
-
-def _has(slave: Slave, rule: _Rule) -> bool:
-    entries = {
-        (entry.index, entry.subindex)
-        for outputs in (True, False)
-        for _, entry, _ in slave.entries(outputs=outputs)
-    }
-    return bool(slave.output_bytes) if rule.address is None else rule.address in entries
 
 
 def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[dict[int, str]]:

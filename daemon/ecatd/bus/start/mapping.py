@@ -140,10 +140,8 @@ def configure_slaves(
         cancelled: Called while waiting; when true, `StateError` is raised.
 
     Raises:
-        StateError: A slave refuses its configuration, the configuration is about a slave that does
-            not exist, or `cancelled` returned true.
+        StateError: A slave refuses its configuration, or `cancelled` returned true.
     """
-    _check_positions(config, len(scanned))
     expected = [item for item in scanned if item.slave.position not in unexpected]
     for item in expected:
         item.settings = config.settings_of(item.slave.position)
@@ -152,8 +150,7 @@ def configure_slaves(
             module.name = wanted.name
         if item.settings.mailbox_timeout_ms is not None:
             master.set_mailbox_timeout(item.slave.position, item.settings.mailbox_timeout_ms / 1000)
-        if item.settings.optional:
-            item.slave.group = item.settings.group or f"slave {item.slave.position}"
+        item.slave.group = item.settings.group_at(item.slave.position)
         if not item.known:
             continue
         if not item.slave.coe:
@@ -163,16 +160,6 @@ def configure_slaves(
     converse(master.registers, list(map(_configure_and_read, with_coe, coe)), cancelled)
     for item, way in zip(with_coe, coe, strict=True):
         item.emergencies += way.emergencies
-
-
-def _check_positions(config: Config, count: int) -> None:
-    for settings in config.slave:
-        if settings.position >= count:
-            raise StateError(
-                f"[[slave]] is about slave {settings.position}, but the bus has {count} slave"
-                f"{'s' * (count != 1)}, 0 to {count - 1}: correct its position, or check the cable "
-                "and the power of the slaves"
-            )
 
 
 def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:

@@ -13,7 +13,8 @@ from copy import copy
 from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import StateError
+from ecatd.model.config import Config
+from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import SiiMailbox
 from ecatd.model.sii_reader import read_sii
@@ -97,7 +98,7 @@ class SetUp:
         mailboxes: See `read_mailboxes`.
         clocks: The distributed clocks, if they are used.
         doubtful: Slaves whose process data are in doubt. Slaves that answer again are removed.
-        timeout_s: Seconds that slaves have to reach a state.
+        config: The configuration.
     """
 
     def __init__(
@@ -110,7 +111,7 @@ class SetUp:
         mailboxes: Sequence[bytes],
         clocks: Clocks | None,
         doubtful: dict[int, Doubt],
-        timeout_s: float,
+        config: Config,
     ) -> None:
         self._master = master
         self._shared = shared
@@ -120,7 +121,8 @@ class SetUp:
         self._mailboxes = list(mailboxes)
         self._clocks = clocks
         self._doubtful = doubtful
-        self._timeout_s = timeout_s
+        self._config = config
+        self._timeout_s = config.state_timeout_s
         self._untold: set[int] = set()  # are to be told their configuration before SAFEOP
 
     def _learn(self, positions: Iterable[int]) -> dict[int, Missed]:
@@ -237,8 +239,8 @@ class SetUp:
             if item.known:
                 continue
             try:
-                check_watchdogs(self._master, self._bus, [item])
-            except StateError as error:
+                check_watchdogs(self._master, self._bus, [item], self._config)
+            except (ConfigError, StateError) as error:
                 missed[position] = Missed(str(error), changed=True)
             else:
                 item.known = True

@@ -69,10 +69,18 @@ class SlaveConfiguration:
         refused = yield from self._parameters("IP")
         if self._settings.module:
             modules = Modules(self._slave, self._sii, self._coe)
-            yield from modules.tell(self._settings.modules)
+            yield from self._placed("module", modules.tell(self._settings.modules))
         if self._settings.pdos is not None or self._settings.pdo:
-            yield from self._write_pdos()
+            key = "pdo" if self._settings.pdos is None else "pdos"
+            yield from self._placed(key, self._write_pdos())
         return refused + (yield from self._parameters("PS"))
+
+    def _placed(self, key: str, talk: Talk[None]) -> Talk[None]:
+        """Adds file, line and key to what the slave refuses."""
+        try:
+            yield from talk
+        except RefusedError as error:
+            raise RefusedError(f"{self._settings.table.where(key)}: {error}") from error
 
     def write_parameters(self, transition: str) -> Talk[list[str]]:
         """Writes the parameters of one transition; returns and raises as `tell`."""
@@ -90,8 +98,8 @@ class SlaveConfiguration:
                 )
             except SdoAbortError as abort:
                 text = (
-                    f"{self._slave.label} refuses its start-up parameter {_text(parameter)}: "
-                    f"{reason(abort)}"
+                    f"{parameter.table.where('object')}: {self._slave.label} refuses its start-up "
+                    f"parameter {_text(parameter)}: {reason(abort)}"
                 )
                 if transition in TRANSITIONS_DOWN:
                     refused.append(f"{text}; it goes down all the same")
@@ -99,7 +107,7 @@ class SlaveConfiguration:
                     refused.append(f"{text}; it is optional, so the slave is used")
                 else:
                     raise RefusedError(
-                        f"{text}; correct it in [[slave.startup]], or write optional = true"
+                        f"{text}; correct the value, or write optional = true"
                     ) from abort
         return refused
 
@@ -223,7 +231,8 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     key = "startup" if settings.startup else "pdo" if settings.pdo else "module"
     if settings.startup or settings.pdo or settings.module:
         raise RefusedError(
-            f"{slave.label} has no CoE, so it cannot be told its [[slave.{key}]]: remove the table"
+            f"{settings.table.where(key)}: {slave.label} has no CoE, so it cannot be told its "
+            f"[[slave.{key}]]: remove the table"
         )
     if settings.pdos is None:
         return
@@ -232,7 +241,8 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
         if index not in found:
             offered = _indices(list(found)) or "none"
             raise RefusedError(
-                f"{slave.label} has no PDO 0x{index:04X}: its EEPROM offers {offered}"
+                f"{settings.table.where('pdos')}: {slave.label} has no PDO 0x{index:04X}: its "
+                f"EEPROM offers {offered}"
             )
     chosen = [found[index] for index in settings.pdos]
     for pdo in chosen:

@@ -8,14 +8,16 @@ from __future__ import annotations
 import struct
 import time
 from collections import Counter
-from collections.abc import Callable, Container
+from collections.abc import Container
 from dataclasses import dataclass
 
 from ecatd.coroutine_steps import Steps
+from ecatd.model.applied.clocks import LEAD_NS, whole_period
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.sii_reader import read_dc_modes
+from ecatd.model.toml_file import Table
 
 from ..engine.shared_memory import SharedMemory
 from ..frames.datagrams import Station
@@ -32,8 +34,6 @@ _RUN, _SYNC0, _SYNC1, _SIGNALS = 0x0100, 0x0200, 0x0400, 0x0700
 
 _TRIES = 3
 _CYCLES_ASKED = 5
-_LEAD_NS = 100_000_000  # from the set-up of a signal to its first pulse
-_NEAR_NS = 2_000_000_000  # a clock of 32 bits takes a start further ahead for one in the past
 
 
 @dataclass(slots=True)
@@ -42,11 +42,13 @@ class _SlaveSignals:
 
     Attributes:
         slave: The slave, with their times.
+        config: Their table in the configuration.
         activation: The word for the registers 0x0980 and 0x0981; 0 while an optional slave has not
             been there yet.
     """
 
     slave: Slave
+    config: DcSlaveConfig
     activation: int = 0
 
 
@@ -57,52 +59,36 @@ class SyncSignals:
         bus: The bus.
         config: The configuration.
         master: Reads and writes registers.
-        check: Gives the slave at a position, if it can have signals; raises `ConfigError` if not.
 
     Raises:
         ConfigError: This bus cannot do what the configuration wants.
     """
 
-    def __init__(
-        self, bus: Bus, config: Config, master: Master, check: Callable[[int], Slave]
-    ) -> None:
+    def __init__(self, bus: Bus, config: Config, master: Master) -> None:
         self._bus = bus
         self._config = config
         self._master = master
-        self._check = check
-        self._signals = [self._plan(item) for item in config.dc.slave]
+        self._signals = [_SlaveSignals(bus.slaves[item.slave], item) for item in config.dc.slave]
+        for signals in self._signals:
+            if signals.slave.position in master.wire:
+                self._ask(signals)
 
     def has(self, position: int) -> bool:
         """Whether a slave has SYNC signals."""
         return any(signals.slave.position == position for signals in self._signals)
 
-    def _plan(self, item: DcSlaveConfig) -> _SlaveSignals:
-        """Checks the signals of a slave, and notes them in its description."""
-        slave = self._check(item.slave)
-        slave.sync0_ns = round(self._config.sync0_us(item) * 1000)
-        slave.sync1_ns = round(item.sync1_us * 1000)
-        slave.sync_shift_ns = round(self._config.shift_us(item) * 1000)
-        if slave.dc_bits == 32 and _whole_period(slave) > _NEAR_NS - _LEAD_NS:
-            raise ConfigError(
-                f"dc.slave: {slave.label} has a clock of 32 bits, which cannot tell times that are "
-                f"more than {_NEAR_NS * 1e-9:g} s away: its signals must come more often"
-            )
-        signals = _SlaveSignals(slave)
-        if slave.position in self._master.wire:
-            self._ask(signals)
-        return signals
-
     def _ask(self, signals: _SlaveSignals) -> None:
         """Checks the signals against what the slave can do, and notes how it wants them."""
-        self._check_pulse_length(signals.slave)
+        self._check_pulse_length(signals.slave, signals.config.table)
         signals.activation = self._activation(signals.slave)
 
-    def _check_pulse_length(self, slave: Slave) -> None:
+    def _check_pulse_length(self, slave: Slave, table: Table) -> None:
         length = number(self._master.register_read(slave.position, _PULSE_LENGTH, 2))
         if slave.sync0_ns <= length * _PULSE_UNIT_NS:
-            raise ConfigError(
-                f"dc.slave: {slave.label} makes pulses of {length * _PULSE_UNIT_NS / 1000:g} µs, "
-                f"so SYNC0 cannot come every {slave.sync0_ns / 1000:g} µs"
+            table.fail(
+                "sync0_us",
+                f"{slave.label} makes pulses of {length * _PULSE_UNIT_NS / 1000:g} µs, so SYNC0 "
+                f"cannot come every {slave.sync0_ns / 1000:g} µs: choose a longer period",
             )
 
     def _activation(self, slave: Slave) -> int:
@@ -175,13 +161,13 @@ class SyncSignals:
         cycles = struct.pack("<II", slave.sync0_ns, slave.sync1_ns)
         # The offset of the cycles that exchange its domain.
         turn = self._bus.domains[slave.domain].phase * self._bus.cycle_time_us * 1000
-        whole, base = _whole_period(slave), zero + turn + slave.sync_shift_ns
+        whole, base = whole_period(slave), zero + turn + slave.sync_shift_ns
         for tries in range(1, _TRIES + 1):
             master.register_write(position, SYNC_CONTROL, bytes(2))  # off, and ours
             own = self._system_time(slave)
             reference = shared.health.dc_time_ns
             now = reference + signed(own - reference)  # the upper half may be another one
-            first = base - (base - now - tries * _LEAD_NS) // whole * whole
+            first = base - (base - now - tries * LEAD_NS) // whole * whole
             start = (own + first - now) % (1 << slave.dc_bits)
             master.register_write(position, _CYCLES, cycles)
             master.register_write(position, _START, struct.pack("<Q", start))
@@ -206,13 +192,4 @@ class SyncSignals:
 
 def _patience(slave: Slave) -> float:
     """Seconds in which the first pulse must come."""
-    return (_TRIES * _LEAD_NS + 2 * _whole_period(slave)) * 1e-9 + 1.0
-
-
-def _whole_period(slave: Slave) -> int:
-    """Returns the time in ns after which the pattern of SYNC0 and SYNC1 repeats.
-
-    SYNC1 comes `sync1_ns` after a SYNC0. If that is longer than the period of SYNC0, the next SYNC1
-    counts from the first SYNC0 after it.
-    """
-    return (slave.sync1_ns // slave.sync0_ns + 1) * slave.sync0_ns
+    return (_TRIES * LEAD_NS + 2 * whole_period(slave)) * 1e-9 + 1.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import SlaveConfig
+from ecatd.model.config import Config, SlaveConfig
 from ecatd.model.errors import StateError
 
 from ..master.master import Master
@@ -20,15 +20,18 @@ from .watchdog_registers import DIVIDER, PDI_TIME, TIME, WATCHED, ticks
 _TICK_NS = 40  # of the divider, which counts from 2
 
 
-def check_watchdogs(master: Master, bus: Bus, scanned: Sequence[Scanned]) -> list[str]:
+def check_watchdogs(
+    master: Master, bus: Bus, scanned: Sequence[Scanned], config: Config
+) -> list[str]:
     """Checks the watchdogs of configured slaves against the configuration and the cycles.
 
     Returns:
         Warnings: one lost exchange is too many for a slave, or its watchdog is off.
 
     Raises:
-        StateError: A watchdog expires between two exchanges, is not as configured, or is off in a
-            slave whose identity the configuration knows, without being switched off there.
+        ConfigError: A watchdog expires between two exchanges, or is off in a slave whose identity
+            the configuration knows, without being switched off there.
+        StateError: A slave does not take the configured time.
     """
     registers = [
         (item.slave.position, at, 2) for item in scanned for at in (DIVIDER, PDI_TIME, TIME)
@@ -43,7 +46,7 @@ def check_watchdogs(master: Master, bus: Bus, scanned: Sequence[Scanned]) -> lis
         patience_ns = (divider + 2) * _TICK_NS * time if _is_watched(item) else 0
         item.slave.watchdog_ms = patience_ns / 1e6
         if patience_ns:
-            text = _check_cycle(bus, item.slave, patience_ns)
+            text = _check_cycle(bus, item.slave, patience_ns, config)
         else:
             text = _check_off(item.slave, item.settings)
         warnings += [text] if text else []
@@ -55,10 +58,10 @@ def _check_taken(item: Scanned, pdi: int, time: int) -> None:
     for key, register, now in (("watchdog_ms", TIME, time), ("pdi_watchdog_ms", PDI_TIME, pdi)):
         wanted = getattr(item.settings, key)
         if wanted is not None and ticks(wanted) != now:
+            where = item.settings.table.where(key)
             raise StateError(
-                f"{item.slave.label} does not take {key} = {wanted:g}: its register "
-                f"0x{register:04X} is {now} after {ticks(wanted)} was written; remove {key} from "
-                "its [[slave]] table"
+                f"{where}: {item.slave.label} does not take {wanted:g} ms: its register "
+                f"0x{register:04X} is {now} after {ticks(wanted)} was written; remove the key"
             )
 
 
@@ -71,11 +74,11 @@ def _check_off(slave: Slave, settings: SlaveConfig) -> str:
         "that is meant"
     )
     if settings.product is not None:
-        raise StateError(text)
+        settings.table.fail("watchdog_ms", text)
     return text
 
 
-def _check_cycle(bus: Bus, slave: Slave, patience_ns: int) -> str:
+def _check_cycle(bus: Bus, slave: Slave, patience_ns: int, config: Config) -> str:
     """Compares the cycle of a slave's domain with its watchdog; returns a warning or nothing."""
     cycle_ns = bus.cycle_time_us * 1000 * bus.domains[slave.domain].divider
     if patience_ns > 2 * cycle_ns:
@@ -89,7 +92,13 @@ def _check_cycle(bus: Bus, slave: Slave, patience_ns: int) -> str:
         "watchdog_ms in its [[slave]] table"
     )
     if patience_ns <= cycle_ns:
-        raise StateError(f"{facts}, so it would not stay in OP: {remedy}")
+        slow = bus.domains[slave.domain].divider > 1
+        table, key = (
+            (config.domain[slave.domain].table, "divider")
+            if slow
+            else (config.table, "cycle_time_us")
+        )
+        table.fail(key, f"{facts}, so it would not stay in OP: {remedy}")
     return f"{facts}: one lost exchange takes it out of OP; {remedy}"
 
 

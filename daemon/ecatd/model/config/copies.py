@@ -13,7 +13,7 @@ def read_copies(top: Table, key: Key) -> list[CopyConfig]:
     copies: list[CopyConfig] = []
     seen: set[tuple[int, tuple[int, int]]] = set()
     for row in top.tables(key):
-        copy = CopyConfig(**row.read(_COPY, required=_REQUIRED))
+        copy = CopyConfig(**row.read(_COPY, required=_REQUIRED), table=row)
         if (copy.slave, copy.address) in seen:
             row.fail(
                 "entry",

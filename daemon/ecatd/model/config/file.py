@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +27,22 @@ from .tables import (
 _INTERFACE_BYTES = 15
 
 
-def read_config(data: dict[str, Any], source: str = "configuration") -> Config:
+def read_config(
+    data: dict[str, Any],
+    source: str = "configuration",
+    origins: Mapping[str, str] | None = None,
+) -> Config:
     """Reads the configuration from maps, as `Config.to_dict` makes them.
 
     Args:
         data: The maps.
         source: Their origin, for messages.
+        origins: The origin of each key, as far as it is known, see `find_origins`.
 
     Raises:
         ConfigError: A key or a value is wrong.
     """
-    return _read(Table(Document(source), data))
+    return _read(Table(Document(source, origins=origins), data))
 
 
 def load_config(file: Path) -> Config:
@@ -148,7 +154,7 @@ _TOP: Rules = {
 
 
 def _read(top: Table) -> Config:
-    config = Config(**top.read(_TOP))
+    config = Config(**top.read(_TOP), table=top)
     if config.second_interface and config.second_interface == config.interface:
         top.fail(
             "second_interface",

@@ -23,14 +23,16 @@ def flatten(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def find_origins(file: Path) -> dict[str, str]:
-    """File and line of each key in a file, by its name as `flatten` makes it.
+    """File and line of each key and table in a file, by its name as `flatten` makes it.
+
+    The file alone stands for the name "": the origin of what it does not have.
 
     Raises:
         ConfigError: The file cannot be read, or is no valid TOML.
     """
-    top = read_toml(file)
-    places = ((path, top.document.place(path).line) for path, _ in _leaves((), top.data))
-    return {path_text(path): f"{file.name}:{line}" for path, line in places}
+    places = read_toml(file).document.places
+    found = {path_text(path): f"{file}:{place.line}" for path, place in places.items()}
+    return {"": str(file), **found}
 
 
 def _leaves(path: KeyPath, value: Any) -> Iterator[tuple[KeyPath, Any]]:

@@ -16,7 +16,7 @@ def read_outputs(top: Table, key: Key) -> OutputsConfig:
 
 
 def _safe(row: Table) -> SafeConfig:
-    safe = SafeConfig(**row.read(_SAFE, required=["slave"]))
+    safe = SafeConfig(**row.read(_SAFE, required=["slave"]), table=row)
     if not isinstance(safe.value, str) and not safe.entry:
         row.fail("value", "is a number, which needs an entry: write the one that is meant")
     if safe.stop_timeout_s is not None and safe.value not in STOPS:

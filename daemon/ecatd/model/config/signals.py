@@ -23,7 +23,7 @@ def read_signals(top: Table, key: Key) -> list[SignalConfig]:
     for row in top.tables(key):
         values = row.read(_SIGNAL, required=["slave", "entry"])
         named = {str(value.number): value.name for value in values.pop("values", ())}
-        signal = SignalConfig(**values, values=named)
+        signal = SignalConfig(**values, values=named, table=row)
         check_limits(row)
         if (signal.slave, signal.address) in seen:
             row.fail("entry", f"{signal.entry} of slave {signal.slave} has two tables: remove one")

@@ -69,7 +69,7 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
                 else f"{marked[0]} finds the slave"
             )
             row.fail("position", f"{how} wherever that is plugged in: leave this out")
-        slave = SlaveConfig(**values)
+        slave = SlaveConfig(**values, table=row)
         for other in slaves:
             if other.position == slave.position:
                 row.fail(
@@ -92,7 +92,8 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
 
 def read_expected(top: Table, key: Key) -> ExpectedConfig:
     """Reads `[expected]`."""
-    return ExpectedConfig(**top.table(key).read(_EXPECTED))
+    table = top.table(key)
+    return ExpectedConfig(**table.read(_EXPECTED), table=table)
 
 
 def _check_identity(row: Table) -> None:
@@ -224,7 +225,7 @@ def _parameter(row: Table, key: Key) -> StartupConfig:
             'is missing: write a type and a value, such as type = "uint32" and value = 5, or '
             'hex = "05 00 00 00"',
         )
-    parameter = StartupConfig(**values)
+    parameter = StartupConfig(**values, table=table)
     if not parameter.complete and parameter.address[1] > 0xFE:
         table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
     if parameter.complete and parameter.address[1] > 1:
@@ -371,11 +372,13 @@ _SLAVE: Rules = {
     "pdi_watchdog_ms": _watchdog,
     "mailbox_timeout_ms": number(10, 9000),
     "module": lambda row, key: [
-        ModuleConfig(**table.read(_MODULE, required=["slot", "ident"])) for table in row.tables(key)
+        ModuleConfig(**table.read(_MODULE, required=["slot", "ident"]), table=table)
+        for table in row.tables(key)
     ],
     "pdos": array(_pdo_index),
     "pdo": lambda row, key: [
-        PdoConfig(**table.read(_PDO, required=["index", "entries"])) for table in row.tables(key)
+        PdoConfig(**table.read(_PDO, required=["index", "entries"]), table=table)
+        for table in row.tables(key)
     ],
     "startup": array(_parameter),
 }

@@ -52,7 +52,8 @@ def read_domains(top: Table, key: Key) -> list[DomainConfig]:
     domains: list[DomainConfig] = []
     for row in rows:
         values = row.read(_DOMAIN, required=["slaves"])
-        domain = DomainConfig(**values | {"slaves": _positions(values["slaves"], domains)})
+        values["slaves"] = _positions(values["slaves"], domains)
+        domain = DomainConfig(**values, table=row)
         if domain.name and domain.name in (other.name for other in domains):
             row.fail("name", f"'{domain.name}' is the name of another domain, too: choose one")
         if domain.phase >= domain.divider:
@@ -127,7 +128,8 @@ _DC: Rules = {
     "lock_us": number(0.1, 500_000),
     "timeout_s": number(0.1, 300),
     "slave": lambda table, key: [
-        DcSlaveConfig(**row.read(_SLAVE, required=["slave"])) for row in table.tables(key)
+        DcSlaveConfig(**row.read(_SLAVE, required=["slave"]), table=row)
+        for row in table.tables(key)
     ],
 }
 
@@ -137,7 +139,7 @@ def read_clocks(top: Table, key: Key) -> DcConfig:
     table = top.table(key)
     values = table.read(_DC)
     values.setdefault("enabled", bool(values.get("slave")))
-    dc = DcConfig(**values)
+    dc = DcConfig(**values, table=table)
     for name in values if "enabled" not in table and not dc.slave else ():
         if values[name] != getattr(DcConfig(), name):
             table.fail(

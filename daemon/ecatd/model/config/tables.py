@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, NamedTuple, TypeVar
 
 from ..bus import Module
 from ..datatypes import DataType, bit_length, encode, parse_type
 from ..pdo import Entry, parse_address
 from ..physical import to_raw
+from .placed import Placed
 
 POSITION_MAX = 65535
 
@@ -42,7 +43,7 @@ class PdoEntryConfig:
 
 
 @dataclass(slots=True)
-class PdoConfig:
+class PdoConfig(Placed):
     """`[[slave.pdo]]`: the entries that a slave shall map into one of its PDOs.
 
     Attributes:
@@ -55,7 +56,7 @@ class PdoConfig:
 
 
 @dataclass(slots=True)
-class StartupConfig:
+class StartupConfig(Placed):
     """`[[slave.startup]]`: an object that is written whenever the slave starts or comes back.
 
     Attributes:
@@ -122,7 +123,7 @@ class StartupConfig:
 
 
 @dataclass(slots=True)
-class ModuleConfig:
+class ModuleConfig(Placed):
     """`[[slave.module]]`: the module that a slot of a modular device shall have (ETG.5001).
 
     Attributes:
@@ -140,7 +141,7 @@ STRICT, TOLERANT = "strict", "tolerant"
 
 
 @dataclass(slots=True)
-class ExpectedConfig:
+class ExpectedConfig(Placed):
     """`[expected]`: what happens if the bus is not the one that the `[[slave]]` tables describe.
 
     Attributes:
@@ -174,7 +175,7 @@ class Mark(NamedTuple):
 
 
 @dataclass(slots=True)
-class SlaveConfig:
+class SlaveConfig(Placed):
     """`[[slave]]`: which slave is expected, and what it is told whenever it starts or comes back.
 
     Attributes:
@@ -249,13 +250,17 @@ class SlaveConfig:
         by_slot = {item.slot: Module(item.ident, item.type) for item in self.module}
         return [by_slot.get(slot, Module(0)) for slot in range(1, max(by_slot, default=0) + 1)]
 
+    def group_at(self, position: int) -> str:
+        """Name of the group of optional slaves that it has at a position, see `Slave.group`."""
+        return (self.group or f"slave {position}") if self.optional else ""
+
     def parameters(self, transition: str) -> list[StartupConfig]:
         """The start-up parameters of one transition, in order."""
         return [item for item in self.startup if item.transition == transition]
 
 
 @dataclass(slots=True)
-class CopyConfig:
+class CopyConfig(Placed):
     """`[[copy]]`: an output that an input decides.
 
     Attributes:
@@ -310,7 +315,7 @@ class RealTimeConfig:
 
 
 @dataclass(slots=True)
-class DomainConfig:
+class DomainConfig(Placed):
     """`[[domain]]`: slaves that are exchanged together; the first table is domain 0.
 
     Attributes:
@@ -328,7 +333,7 @@ class DomainConfig:
 
 
 @dataclass(slots=True)
-class DcSlaveConfig:
+class DcSlaveConfig(Placed):
     """`[[dc.slave]]`: the SYNC signals of one slave.
 
     Attributes:
@@ -346,7 +351,7 @@ class DcSlaveConfig:
 
 
 @dataclass(slots=True)
-class DcConfig:
+class DcConfig(Placed):
     """`[dc]`: distributed clocks.
 
     Attributes:
@@ -405,7 +410,7 @@ STOP_TIMEOUT_S = 2.0
 
 
 @dataclass(slots=True)
-class SafeConfig:
+class SafeConfig(Placed):
     """`[[outputs.safe]]`: the safe value of a slave's outputs, or of one of its entries.
 
     Attributes:
@@ -459,7 +464,7 @@ class OutputsConfig:
 
 
 @dataclass(slots=True)
-class SignalConfig:
+class SignalConfig(Placed):
     """`[[signal]]`: what an entry of the process data means.
 
     Keys that are not given come from a device profile, else from the slave. Unit, scale and offset
@@ -532,7 +537,7 @@ class GatewayConfig:
 
 
 @dataclass(slots=True)
-class Config:
+class Config(Placed):
     """The whole configuration of one bus.
 
     Attributes:
@@ -667,4 +672,12 @@ class Config:
 
     def to_dict(self) -> dict[str, Any]:
         """The configuration as maps, from which `read_config` makes it again."""
-        return asdict(self)
+        return dict(_plain(self))
+
+
+def _plain(value: Any) -> Any:
+    """Tables as maps, without their places."""
+    if is_dataclass(value):
+        kept = (item.name for item in fields(value) if item.compare)
+        return {name: _plain(getattr(value, name)) for name in kept}
+    return [_plain(item) for item in value] if isinstance(value, list) else value

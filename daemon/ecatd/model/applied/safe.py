@@ -9,15 +9,14 @@ torque limits, target position and mode of operation, keep their last value.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import STOPS, SafeConfig
-from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
-from ecatd.model.errors import ConfigError
-from ecatd.model.meanings import find_slave
-from ecatd.model.pdo import Entry
+from ..bus import Bus, Slave
+from ..config import STOPS, SafeConfig, SignalConfig
+from ..datatypes import DataType, is_real, is_signed, value_range
+from ..pdo import Entry
+from ..problems import AT_ONCE, Problems
 
 _AXES = range(8)
 _AXIS_OBJECTS = 0x800
@@ -74,21 +73,34 @@ class SafeOutputs:
     stops: list[Stop] = field(default_factory=list)
 
 
-def safe_outputs(bus: Bus, rules: list[SafeConfig]) -> SafeOutputs:
+def safe_outputs(
+    bus: Bus,
+    rules: Sequence[SafeConfig],
+    signals: Sequence[SignalConfig] = (),
+    problems: Problems = AT_ONCE,
+) -> SafeOutputs:
     """Makes the safe values of all outputs: 0 without a rule. Also sets `safe` of each entry.
+
+    Args:
+        bus: The bus, with meanings.
+        rules: The configuration.
+        signals: `[[signal]]` tables, to name the one with a range that has no safe value.
+        problems: Takes what is wrong with a rule.
 
     Raises:
         ConfigError: A rule does not fit this bus, or a safe value is out of its declared range.
     """
     slaves = {slave.position: _SlaveOutputs(slave) for slave in bus.slaves if slave.output_bytes}
     for rule in rules:
-        slave = find_slave(bus, rule.slave, "outputs.safe")
-        if rule.slave not in slaves:
-            raise ConfigError(f"outputs.safe: {slave.label} has no outputs")
-        slaves[rule.slave].apply(rule)
+        with problems:
+            if rule.slave not in slaves:
+                label = bus.slaves[rule.slave].label
+                rule.table.fail("slave", f"{label} has no outputs: remove the table")
+            slaves[rule.slave].apply(rule)
+    ranges = {(rule.slave, rule.address): rule for rule in signals}
     safe = SafeOutputs()
     for position, outputs in slaves.items():
-        outputs.note()
+        outputs.note(ranges, problems)
         safe.images[position] = outputs.image()
         safe.stops += outputs.stops.values()
     return safe
@@ -100,6 +112,7 @@ class _SlaveOutputs:
     def __init__(self, slave: Slave) -> None:
         self._slave = slave
         self._value = self._hold = 0
+        self._rules: dict[tuple[int, int], SafeConfig] = {}
         self.stops: dict[int, Stop] = {}
 
     def apply(self, rule: SafeConfig) -> None:
@@ -107,9 +120,13 @@ class _SlaveOutputs:
             self._stop(rule)
         elif rule.address is None:
             self.stops.clear()
+            self._note(rule, (entry for entry, _ in self._entries()))
             self._set(0, 8 * self._slave.output_bytes, 0, hold=rule.value == "hold")
         else:
             self._set_entry(rule, rule.address)
+
+    def _note(self, rule: SafeConfig, entries: Iterable[Entry]) -> None:
+        self._rules |= {(entry.index, entry.subindex): rule for entry in entries}
 
     def _set(self, bit: int, bits: int, value: int, *, hold: bool = False) -> None:
         mask = ((1 << bits) - 1) << bit
@@ -122,10 +139,15 @@ class _SlaveOutputs:
             if (entry.index, entry.subindex) != address:
                 continue
             found = True
-            value = 0 if isinstance(rule.value, str) else self._raw(entry, rule.value)
+            value = 0 if isinstance(rule.value, str) else self._raw(entry, rule)
+            self._note(rule, [entry])
             self._set(bit, entry.bit_length, value, hold=rule.value == "hold")
         if not found:
-            raise ConfigError(f"outputs.safe: {self._slave.label} has no output {rule.entry}")
+            rule.table.fail(
+                "entry",
+                f"{self._slave.label} has no output {rule.entry}: `ecatctl pdos -p "
+                f"{self._slave.position}` lists what it has",
+            )
         if address[1] == 0:
             self.stops.pop(address[0], None)
 
@@ -133,21 +155,23 @@ class _SlaveOutputs:
         for _pdo, entry, bit in self._slave.entries(outputs=True):
             yield entry, bit
 
-    def _raw(self, entry: Entry, value: float) -> int:
+    def _raw(self, entry: Entry, rule: SafeConfig) -> int:
         """Encodes the raw value of an entry as bits; raises `ConfigError` if it is out of range."""
-        where = f"for {entry.address} of {self._slave.label}"
+        value, where = rule.value, f"for {entry.address} of {self._slave.label}"
+        assert not isinstance(value, str)
         if is_real(entry.data_type):
             try:
                 code = "<f" if entry.data_type == DataType.REAL32 else "<d"
                 return int.from_bytes(struct.pack(code, value), "little")
             except OverflowError:
-                raise ConfigError(f"outputs.safe: {value} is out of range {where}") from None
+                rule.table.fail("value", f"{value} is out of range {where}: choose another one")
         low, high = value_range(entry.data_type, entry.bit_length)
         if isinstance(value, float) or not low <= value <= high:
             sign = "" if is_signed(entry.data_type) else " (it is unsigned)"
-            raise ConfigError(
-                f"outputs.safe: {value} is out of range {where}: whole numbers from {low} to "
-                f"{high} are allowed{sign}"
+            rule.table.fail(
+                "value",
+                f"{value} is out of range {where}: whole numbers from {low} to {high} are "
+                f"allowed{sign}",
             )
         return value
 
@@ -159,9 +183,10 @@ class _SlaveOutputs:
             axes = [n for n in axes if (_CONTROLWORD + n * _AXIS_OBJECTS, 0) == rule.address]
         if not axes:
             entry = f"{rule.entry} is no controlword in" if rule.entry else "no controlword is in"
-            raise ConfigError(
-                f'outputs.safe: "{rule.value}" is for drives of CiA 402, but {entry} the outputs '
-                f"of {self._slave.label}: it is 0x6040:00, and 0x800 further for each further axis"
+            rule.table.fail(
+                "entry" if rule.entry else "value",
+                f'"{rule.value}" is for drives of CiA 402, but {entry} the outputs of '
+                f"{self._slave.label}: it is 0x6040:00, and 0x800 further for each further axis",
             )
         for axis in axes:
             self._stop_axis(axis, rule)
@@ -174,14 +199,17 @@ class _SlaveOutputs:
             for _pdo, entry, _bit in self._slave.entries(outputs=False)
         }
         if (statusword, 0, 16) not in inputs:
-            raise ConfigError(
-                f'outputs.safe: "{rule.value}" needs the statusword 0x{statusword:04X}:00 of '
-                f"{self._slave.label} in its process data: it tells when the drive has stopped"
+            rule.table.fail(
+                "value",
+                f'"{rule.value}" needs the statusword 0x{statusword:04X}:00 of '
+                f"{self._slave.label} in its process data, since it tells when the drive has "
+                "stopped: add it to a PDO of the slave",
             )
         for entry, bit in self._entries():
             if first <= entry.index < first + _AXIS_OBJECTS:
                 moves = entry.index - axis * _AXIS_OBJECTS in _ZERO
                 self._set(bit, entry.bit_length, 0, hold=not moves)
+                self._note(rule, [entry])
         word = _CONTROLWORD + axis * _AXIS_OBJECTS
         self.stops[word] = Stop(self._slave.position, word, str(rule.value), rule.patience)
 
@@ -189,20 +217,30 @@ class _SlaveOutputs:
         size = self._slave.output_bytes
         return self._value.to_bytes(size, "little"), self._hold.to_bytes(size, "little")
 
-    def note(self) -> None:
+    def note(
+        self, ranges: Mapping[tuple[int, tuple[int, int]], SignalConfig], problems: Problems
+    ) -> None:
         """Writes the safe value of each output into the bus description."""
         for entry, bit in self._entries():
-            entry.safe = self._safe(entry, bit)
+            with problems:
+                entry.safe = self._safe(entry, bit, ranges)
 
-    def _safe(self, entry: Entry, bit: int) -> int | float | str:
+    def _safe(
+        self, entry: Entry, bit: int, ranges: Mapping[tuple[int, tuple[int, int]], SignalConfig]
+    ) -> int | float | str:
         raw = self._value >> bit & ((1 << entry.bit_length) - 1)
         value = _meaning(entry, raw)
         low, high = entry.raw_range()
         if not low <= value <= high:
-            raise ConfigError(
-                f"signal: {entry.address} of {self._slave.label} must not be {value:g} (raw), "
-                f"which it is before a client owns it: give it a value within its range by "
-                f"[[outputs.safe]]"
+            address, position = (entry.index, entry.subindex), self._slave.position
+            key = "minimum" if value < low else "maximum"
+            table = ranges.get((position, address), SafeConfig(position)).table
+            if address in self._rules:
+                key, table = "value", self._rules[address].table
+            table.fail(
+                key,
+                f"{entry.address} of {self._slave.label} must not be {value:g} (raw), which it is "
+                "before a client owns it: give it a value within its range by [[outputs.safe]]",
             )
         if entry.subindex == 0 and entry.index in self.stops:
             return self.stops[entry.index].how

@@ -6,13 +6,12 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import CopyConfig
-from ecatd.model.datatypes import DataType, bit_length, is_real, is_signed, type_name
-from ecatd.model.errors import ConfigError
-from ecatd.model.meanings import find_slave
-from ecatd.model.pdo import Entry
-
+from ..bus import Bus, Slave
+from ..config import CopyConfig
+from ..datatypes import DataType, bit_length, is_real, is_signed, type_name
+from ..pdo import Entry
+from ..problems import AT_ONCE, Problems
+from ..toml_file import Table
 from .safe import Stop
 
 _BITS_MAX = 64
@@ -45,7 +44,11 @@ class Copy:
 
 
 def find_copies(
-    bus: Bus, rules: Sequence[CopyConfig], stops: Sequence[Stop], doubtful: Collection[int]
+    bus: Bus,
+    rules: Sequence[CopyConfig],
+    stops: Sequence[Stop],
+    doubtful: Collection[int],
+    problems: Problems = AT_ONCE,
 ) -> list[Copy]:
     """Finds the entries, and computes factors so that the physical value stays the same.
 
@@ -55,42 +58,48 @@ def find_copies(
         stops: Axes that are stopped, which wins over copies; their controlwords cannot be copies.
         doubtful: Positions of slaves whose process data are in doubt. Rules about entries that they
             do not have do nothing.
+        problems: Takes what is wrong with a rule.
 
     Raises:
         ConfigError: A rule does not fit this bus.
     """
     copies = []
     for rule in rules:
-        source = find_slave(bus, rule.from_slave, "copy")
-        target = find_slave(bus, rule.slave, "copy")
-        ends = ((source, rule.from_address, False), (target, rule.address, True))
-        if any(s.position in doubtful and not _find(s, at, output=out) for s, at, out in ends):
-            continue
-        value = _entry(source, rule.from_address, output=False)
-        copied = _entry(target, rule.address, output=True)
-        where = f"copy: {value.address} of {source.label} to {copied.address} of {target.label}"
-        stop = next(
-            (s for s in stops if s.slave == target.position and s.covers(copied.index)), None
-        )
-        if stop is not None and (copied.index, copied.subindex) == (stop.controlword, 0):
-            raise ConfigError(
-                f"{where}: this is the controlword of a drive that [[outputs.safe]] brings to a "
-                "stop, so it cannot be a copy: remove one of them"
-            )
-        factor, offset = _conversion(rule, value, copied, where)
-        copies.append(
-            Copy(
-                (source.position, value.index, value.subindex),
-                (target.position, copied.index, copied.subindex),
-                factor,
-                offset,
-                stop,
-            )
-        )
+        with problems:
+            copy = _find_copy(bus, rule, stops, doubtful)
+            copies += [copy] if copy is not None else []
     return copies
 
 
-def _conversion(rule: CopyConfig, value: Entry, copied: Entry, where: str) -> tuple[float, float]:
+def _find_copy(
+    bus: Bus, rule: CopyConfig, stops: Sequence[Stop], doubtful: Collection[int]
+) -> Copy | None:
+    """As `find_copies`, for one rule; None if it does nothing."""
+    source, target = bus.slaves[rule.from_slave], bus.slaves[rule.slave]
+    ends = ((source, rule.from_address, False), (target, rule.address, True))
+    if any(s.position in doubtful and not _find(s, at, output=out) for s, at, out in ends):
+        return None
+    value = _entry(source, rule.from_address, rule.table, "from_entry")
+    copied = _entry(target, rule.address, rule.table, "entry")
+    what = f"{value.address} of {source.label} to {copied.address} of {target.label}"
+    stop = next((s for s in stops if s.slave == target.position and s.covers(copied.index)), None)
+    if stop is not None and (copied.index, copied.subindex) == (stop.controlword, 0):
+        rule.table.fail(
+            "entry",
+            f"{what}: this is the controlword of a drive that [[outputs.safe]] brings to a stop, "
+            "so it cannot be a copy: remove one of them",
+        )
+    factor, offset = _conversion(rule, value, copied, what)
+    return Copy(
+        (source.position, value.index, value.subindex),
+        (target.position, copied.index, copied.subindex),
+        factor,
+        offset,
+        stop,
+    )
+
+
+def _conversion(rule: CopyConfig, value: Entry, copied: Entry, what: str) -> tuple[float, float]:
     """Factor and offset from raw input to raw output.
 
     Raises:
@@ -103,23 +112,26 @@ def _conversion(rule: CopyConfig, value: Entry, copied: Entry, where: str) -> tu
         for entry in (value, copied)
     )
     if bits and not (same and plain):
-        raise ConfigError(
-            f"{where}: {bits[0].address} is {type_name(bits[0].data_type)}, which is no number, so "
+        rule.table.fail(
+            None,
+            f"{what}: {bits[0].address} is {type_name(bits[0].data_type)}, which is no number, so "
             f"the other entry must have {bits[0].bit_length} bits without sign or meaning, and the "
-            "copy no factor or offset: correct the table, or leave it out"
+            "copy no factor or offset: correct the table, or leave it out",
         )
     if value.unit and copied.unit and value.unit != copied.unit and rule.factor is None:
-        raise ConfigError(
-            f"{where}: the input is in {value.unit}, the output in {copied.unit}: write how many "
-            f"{copied.unit} one {value.unit} makes, such as factor = 1.0"
+        rule.table.fail(
+            "factor",
+            f"{what}: the input is in {value.unit}, the output in {copied.unit}: write how many "
+            f"{copied.unit} one {value.unit} makes, such as factor = 1.0",
         )
     factor = 1.0 if rule.factor is None else rule.factor
     offset = value.offset * factor + rule.offset - copied.offset
     factor, offset = value.scale * factor / copied.scale, offset / copied.scale
     if not (math.isfinite(factor) and math.isfinite(offset)):
-        raise ConfigError(
-            f"{where}: the raw output would be raw input * {factor:g} + {offset:g}: correct the "
-            "factor, the offset, or the scales of the entries"
+        rule.table.fail(
+            "factor",
+            f"{what}: the raw output would be raw input * {factor:g} + {offset:g}: correct the "
+            "factor, the offset, or the scales of the entries",
         )
     return factor, offset
 
@@ -138,8 +150,9 @@ def _find(slave: Slave, address: tuple[int, int], *, output: bool) -> list[Entry
     ]
 
 
-def _entry(slave: Slave, address: tuple[int, int], *, output: bool) -> Entry:
-    """Finds an entry in the process data of a slave."""
+def _entry(slave: Slave, address: tuple[int, int], table: Table, key: str) -> Entry:
+    """Finds the entry in the process data of a slave that a key names."""
+    output = key == "entry"
     entries = _find(slave, address, output=output)
     kind, other = ("output", "input") if output else ("input", "output")
     text = f"0x{address[0]:04X}:{address[1]:02X}"
@@ -148,10 +161,11 @@ def _entry(slave: Slave, address: tuple[int, int], *, output: bool) -> Entry:
         why = f"`ecatctl pdos -p {slave.position}` lists what it has"
         if there:
             why = f"it is an {other}; copies go from an input to an output"
-        raise ConfigError(f"copy: {slave.label} has no {kind} {text}: {why}")
+        table.fail(key, f"{slave.label} has no {kind} {text}: {why}")
     if entries[0].bit_length > _BITS_MAX:
-        raise ConfigError(
-            f"copy: {text} of {slave.label} has {entries[0].bit_length} bits, but at most "
-            f"{_BITS_MAX} can be copied: remove the table"
+        table.fail(
+            key,
+            f"{text} of {slave.label} has {entries[0].bit_length} bits, but at most {_BITS_MAX} "
+            "can be copied: remove the table",
         )
     return entries[0]

@@ -1,0 +1,42 @@
+"""Lists all that does not fit between a configuration and a bus that has been described."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from copy import deepcopy
+
+from ..bus import Bus
+from ..config import Config
+from ..meanings import raw_parameters, without_meanings
+from ..problems import Collected
+from ..profiles import Profiles
+from .apply import apply
+from .slaves import check_slaves
+
+
+def misfits(
+    config: Config, described: Bus, profiles: Profiles, doubtful: Collection[int] = ()
+) -> list[str]:
+    """Takes the steps of a start that need nothing but the description of the bus.
+
+    Args:
+        config: The configuration, about the slaves where they were found.
+        described: The bus. What another configuration says about it does not count.
+        profiles: Device profiles.
+        doubtful: Positions of slaves whose process data will be others.
+
+    Returns:
+        All for which the daemon would refuse the configuration.
+    """
+    problems = Collected()
+    bus = without_meanings(deepcopy(described))
+    check_slaves(config, bus, problems)
+    config = config.moved({slave.position: slave.position for slave in bus.slaves})
+    for slave in bus.slaves:
+        settings = config.settings_of(slave.position)
+        slave.given_name, slave.group = settings.name, settings.group_at(slave.position)
+        if slave.position not in doubtful:
+            raw_parameters(settings, slave, profiles, config.signal, problems)
+    wire = [slave.position for slave in bus.slaves]
+    apply(config, bus, profiles, wire, doubtful, doubtful, problems)
+    return problems.texts

@@ -1,0 +1,50 @@
+"""Checks that a bus has the slaves that the configuration names, before any of them is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..bus import Bus
+from ..config import Config
+from ..problems import AT_ONCE, Problems
+from ..toml_file import Table
+
+
+def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None:
+    """Checks that the bus has all slaves that the configuration names.
+
+    Args:
+        config: The configuration, about the slaves where they were found.
+        bus: The bus.
+        problems: Takes each slave that is not there.
+
+    Raises:
+        ConfigError: A slave is not there.
+    """
+    count = len(bus.slaves)
+    for table, key, position in _named(config):
+        if position < count:
+            continue
+        here = f"{count} slave{'s' * (count != 1)}" + (f", 0 to {count - 1}" if count > 1 else "")
+        with problems:
+            table.fail(
+                key,
+                f"there is no slave {position}: bus '{bus.name}' has {here}; correct the table, or "
+                "check the cable and the power of the slaves",
+            )
+
+
+def _named(config: Config) -> Iterator[tuple[Table, str, int]]:
+    """Each table and key that names a slave, and the position of the slave."""
+    for slave in config.slave:
+        yield slave.table, "position", slave.position
+    for domain in config.domain:
+        yield from ((domain.table, "slaves", position) for position in domain.slaves)
+    if config.dc.enabled:
+        yield config.dc.table, "reference", config.dc.reference
+        yield from ((rule.table, "slave", rule.slave) for rule in config.dc.slave)
+    yield from ((rule.table, "slave", rule.slave) for rule in config.outputs.safe)
+    yield from ((rule.table, "slave", rule.slave) for rule in config.signal)
+    for copy in config.copy:
+        yield copy.table, "slave", copy.slave
+        yield copy.table, "from_slave", copy.from_slave

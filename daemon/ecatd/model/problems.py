@@ -1,0 +1,43 @@
+"""What becomes of a mistake in the configuration: it is raised at once, or all are collected.
+
+    for rule in rules:
+        with problems:
+            apply(rule)  # raises ConfigError
+
+The daemon ends with the first mistake. `ecatctl config check` wants all of them, from the same
+functions.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from types import TracebackType
+
+from .errors import ConfigError
+
+Problems = AbstractContextManager[object, bool | None]
+
+AT_ONCE: Problems = nullcontext()
+"""Lets the first mistake through."""
+
+
+class Collected(AbstractContextManager["Collected", bool]):
+    """Collects mistakes; what stands behind one in its block is left out.
+
+    Attributes:
+        texts: The messages, each once.
+    """
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> bool:
+        """Takes a `ConfigError`; all other errors go on."""
+        if isinstance(error, ConfigError) and str(error) not in self.texts:
+            self.texts.append(str(error))
+        return isinstance(error, ConfigError)
