@@ -57,13 +57,11 @@ values = { 0 = "pressed" }
 
 
 @pytest.fixture
-def machine(
-    start_daemon: Callable[..., Daemon], tmp_path: Path
-) -> Callable[[list[str], str], Daemon]:
-    def start(kinds: list[str], config: str) -> Daemon:
+def machine(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Callable[..., Daemon]:
+    def start(kinds: list[str], config: str, *, ready: bool = True) -> Daemon:
         rig = tmp_path / "rig.toml"
         rig.write_text('name = "m"\n' + "".join(f'[[slave]]\ndevice = "{k}"\n' for k in kinds))
-        return start_daemon(str(rig), config=config)
+        return start_daemon(str(rig), config=config, ready=ready)
 
     return start
 
@@ -129,6 +127,84 @@ def test_a_file_is_checked_against_the_bus(machine: Callable[..., Daemon], tmp_p
         names(pdos, "other PDOs", "slave 2", "CiA402", "0x1600", "0x1601")
     offline = daemon.ctl("config", "init", "--from", str(scan)).stdout
     assert offline.partition("[dc]")[0] == text.partition("[dc]")[0]
+
+
+WRONG = """
+[[signal]]
+slave = 2
+entry = "0x60FF:00"
+unit = "rpm"
+scale = 0.1
+maximum = -5.0
+[[signal]]
+slave = "stop"
+entry = "0x6000:01"
+unit = "V"
+[[copy]]
+slave = 2
+entry = "0x60FF:00"
+from_slave = "stop"
+from_entry = "0x6000:01"
+[[copy]]
+slave = 2
+entry = "0x60FF:01"
+from_slave = "stop"
+from_entry = "0x6010:01"
+[[copy]]
+slave = 2
+entry = "0x6071:00"
+from_slave = 7
+from_entry = "0x6010:01"
+[[domain]]
+[[domain]]
+name = "coupler"
+slaves = [0]
+[outputs]
+[[outputs.safe]]
+slave = "stop"
+value = "hold"
+[[dc.slave]]
+slave = "stop"
+"""
+
+
+def test_all_that_does_not_fit_the_bus_is_listed(
+    machine: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    kinds = ["EK1100", "EL1008", "CiA402"]
+    running = "[[signal]]\nslave = 2\nentry = '0x60FF:00'\nunit = 'm/s'\n[gateway]\nlisten = []\n"
+    daemon = machine(kinds, running)
+    file, scan = tmp_path / "machine.toml", tmp_path / "scan.json"
+    config = f"[gateway]\nlisten = []\n[[slave]]\nposition = 1\nname = 'stop'\n{WRONG}"
+    file.write_text(config)
+    daemon.ctl("scan", "-o", str(scan))
+    expected = [
+        ("signal[0].maximum", "slave 2 (CiA402)", "0x60FF:00", "[[outputs.safe]]"),
+        ("copy[0].factor", "rpm", "V", "slave 1 (stop, EL1008)"),
+        ("copy[1].entry", "0x60FF:01", "slave 2 (CiA402)", "ecatctl pdos -p 2"),
+        ("copy[2].from_slave", "slave 7", "3 slaves"),
+        ("domain[1].slaves", "domain 1 (coupler)", "nothing"),
+        ("outputs.safe[0].slave", "slave 1 (stop, EL1008)", "no outputs"),
+        ("dc.slave[0].slave", "slave 1 (stop, EL1008)", "no distributed clock"),
+    ]
+    for source in ([], ["--from", str(scan)]):
+        found = daemon.ctl("config", "check", str(file), *source, check=False)
+        assert found.returncode == 2, found.stderr
+        lines = sorted(found.stdout.splitlines(), key=lambda line: line.split(": ")[1])
+        assert len(lines) == len(expected), lines
+        for line, tokens in zip(lines, sorted(expected), strict=True):
+            assert line.startswith(f"{file}:")
+            names(line, *tokens)
+    document = daemon.ctl("config", "check", str(file), "--json", check=False)
+    said = json.loads(document.stdout)["wrong"]
+    assert sorted(said) == sorted(lines)
+    assert daemon.stop() == 0
+    # A start ends with one of them, and the same words, apart from names of file and bus.
+    refused = machine(kinds, config, ready=False)
+    status, log = refused.wait_end()
+    assert status == 2
+    text = one_line_error(log, "ecatd").removeprefix("error: ")
+    assert text.split(": ", 1)[1].replace(refused.bus, daemon.bus) in "\n".join(said)
 
 
 def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon]) -> None:

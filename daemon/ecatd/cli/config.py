@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_name import check_bus_name
@@ -13,15 +13,13 @@ from ecatd.model.config import Config, load_config
 from ecatd.model.config.origins import DEFAULT, flatten
 from ecatd.model.config.writer import value_text, write_config
 from ecatd.model.errors import StateError, UsageError
-from ecatd.model.expected_bus import Difference, compare
+from ecatd.model.expected_bus import compare
 from ecatd.version import VERSION
 
 from .bus_source import add_options, get_bus
+from .config_check import check, described
 from .output import print_json, print_table
 from .scan import save
-
-if TYPE_CHECKING:
-    from ecatd.esi import EsiDevice
 
 _DIFFERENT = 1
 
@@ -30,12 +28,14 @@ actions:
   init            write a commented configuration that expects the slaves of the bus as they are
   from-eni FILE   write one from an ENI file, which TwinCAT, EC-Engineer and others write; needs no
                   daemon
-  check FILE      compare the slaves that a file expects with those of the bus
+  check FILE      compare the slaves that a file expects with those of the bus, and list all that
+                  does not fit it
   diff FILE       compare a file with the configuration that the daemon uses
   show            print all that the daemon uses, and where it comes from
 
 exit status:
   0 done, or no difference   1 diff: there are differences   7 check: there are differences
+  2 check: something in the file does not fit the bus
 """
 
 
@@ -107,22 +107,11 @@ def _init(options: argparse.Namespace) -> int:
     if options.esi is not None:
         from ecatd.esi.configure import add_esi
 
-        devices = _described(bus, options.esi)
+        devices = described(bus, options.esi)
         notes = add_esi(known, bus, devices)
         more = {"described": sorted(devices)}
     _write(options, bus, write_config(known, bus, VERSION, notes), "give them names, then", more)
     return 0
-
-
-def _described(bus: Bus, source: str) -> dict[int, EsiDevice]:
-    """The ESI descriptions of the slaves; warns about those without one."""
-    from .esi_devices import describe
-
-    devices = describe(bus.slaves, source)
-    missing = [slave.label for slave in bus.slaves if slave.position not in devices]
-    if missing:
-        print(f"ecatctl: {source} does not describe {', '.join(missing)}", file=sys.stderr)
-    return devices
 
 
 def _write(
@@ -172,86 +161,6 @@ def _from_eni(options: argparse.Namespace) -> int:
         print("\n".join(found.report.lines(str(options.file), labels)), file=sys.stderr)
     _write(options, found.bus, text, "go through it, then", found.report.to_dict())
     return 0
-
-
-# --- check ---------------------------------------------------------------------------------------
-
-
-def _check(options: argparse.Namespace) -> int:
-    wanted = load_config(options.file)
-    bus = get_bus(options)
-    found = compare(wanted, bus.slaves)
-    wanted = wanted.moved(found.places)
-    differences = found.differences + _other_pdos(wanted, bus)
-    if options.esi is not None:
-        differences += _forbidden(wanted, bus, _described(bus, options.esi))
-    if options.json:
-        rows = [
-            {
-                "kind": item.kind,
-                "expected": list(item.expected),
-                "found": list(item.found),
-                "text": item.text,
-                "strict": item.strict,
-            }
-            for item in differences
-        ]
-        print_json({"bus": bus.name, "file": str(options.file), "differences": rows})
-    elif differences:
-        for item in differences:
-            print(f"{item.kind}: {item.text}")
-    else:
-        count = len(bus.slaves)
-        with_identity = sum(slave.product is not None for slave in wanted.slave)
-        print(
-            f"bus {bus.name} with {count} slave{'s' * (count != 1)} is as {options.file} expects; "
-            f"it expects {with_identity or 'none'} by identity"
-        )
-    return StateError.exit_code if differences else 0
-
-
-def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
-    """Slaves that exchange other PDOs than the configuration assigns."""
-    differences = []
-    for settings in wanted.slave:
-        if settings.pdos is None or settings.position >= len(bus.slaves):
-            continue
-        slave = bus.slaves[settings.position]
-        pdos = [pdo.index for pdo in (*slave.outputs, *slave.inputs)]
-        if sorted(pdos) != sorted(settings.pdos):
-            text = (
-                f"{slave.label} exchanges the PDOs {_indices(pdos)}, not "
-                f"{_indices(settings.pdos)}: restart ecatd with this file, or correct its pdos"
-            )
-            place = (settings.position,)
-            differences.append(Difference("other PDOs", place, place, text, strict=False))
-    return differences
-
-
-def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[Difference]:
-    """PDOs and modules of the configuration that the ESI files do not allow."""
-    from ecatd.esi.check import pdo_problems
-    from ecatd.esi.modules import module_problems
-
-    found = []
-    for settings in wanted.slave:
-        device = devices.get(settings.position)
-        if device is None:
-            continue
-        problems = [("forbidden PDOs", text) for text in pdo_problems(settings, device)]
-        idents = [module.ident for module in settings.modules]
-        problems += [("forbidden modules", text) for text in module_problems(device, idents)]
-        place = (settings.position,)
-        label, file = bus.slaves[settings.position].label, Path(device.path).name
-        found += [
-            Difference(kind, place, place, f"{label} {text} ({file})", strict=False)
-            for kind, text in problems
-        ]
-    return found
-
-
-def _indices(indices: list[int]) -> str:
-    return ", ".join(f"0x{index:04X}" for index in indices) or "none"
 
 
 # --- diff and show -------------------------------------------------------------------------------
@@ -347,4 +256,4 @@ def _shown(key: str, value: Any) -> str:
     return "(not set)" if value is None else value_text(key.rpartition(".")[2], value)
 
 
-_RUN = {"init": _init, "from-eni": _from_eni, "check": _check, "diff": _diff, "show": _show}
+_RUN = {"init": _init, "from-eni": _from_eni, "check": check, "diff": _diff, "show": _show}

@@ -1,0 +1,133 @@
+"""`ecatctl config check`: does a configuration fit a bus?"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ecatd.model.applied import misfits
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.config import Config, SlaveConfig, load_config
+from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.expected_bus import Difference, compare
+from ecatd.model.profiles import load_profiles
+from ecatd.paths import profile_folders
+
+from .bus_source import get_bus
+from .output import print_json
+
+if TYPE_CHECKING:
+    from ecatd.esi import EsiDevice
+
+
+def check(options: argparse.Namespace) -> int:
+    """Lists the differences between slaves, and what of the file does not fit the bus."""
+    wanted = load_config(options.file)
+    profiles = load_profiles(map(Path, wanted.profiles), profile_folders())
+    bus = get_bus(options)
+    found = compare(wanted, bus.slaves)
+    moved = wanted.moved(found.places)
+    differences = found.differences + _other_pdos(moved, bus)
+    # As at a start: what is about slaves that are others, or will have other PDOs, is not known.
+    others = {position for item in differences for position in item.found}
+    unexpected = found.unexpected
+    places = {n: at for n, at in found.places.items() if at not in unexpected}
+    wrong = misfits(wanted.moved(places), bus, profiles, others)
+    if options.esi is not None:
+        differences += _forbidden(moved, bus, described(bus, options.esi))
+    if options.json:
+        rows = [
+            {
+                "kind": item.kind,
+                "expected": list(item.expected),
+                "found": list(item.found),
+                "text": item.text,
+                "strict": item.strict,
+            }
+            for item in differences
+        ]
+        print_json(
+            {"bus": bus.name, "file": str(options.file), "differences": rows, "wrong": wrong}
+        )
+    elif differences or wrong:
+        for item in differences:
+            print(f"{item.kind}: {item.text}")
+        for text in wrong:
+            print(text)
+    else:
+        count = len(bus.slaves)
+        with_identity = sum(slave.product is not None for slave in moved.slave)
+        print(
+            f"bus {bus.name} with {count} slave{'s' * (count != 1)} is as {options.file} expects; "
+            f"it expects {with_identity or 'none'} by identity"
+        )
+    if wrong:
+        return ConfigError.exit_code
+    return StateError.exit_code if differences else 0
+
+
+def described(bus: Bus, source: str) -> dict[int, EsiDevice]:
+    """The ESI descriptions of the slaves; warns about those without one."""
+    from .esi_devices import describe
+
+    devices = describe(bus.slaves, source)
+    missing = [slave.label for slave in bus.slaves if slave.position not in devices]
+    if missing:
+        print(f"ecatctl: {source} does not describe {', '.join(missing)}", file=sys.stderr)
+    return devices
+
+
+def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
+    """Slaves that exchange other PDOs, or other entries, than the configuration says."""
+    differences = []
+    for settings in wanted.slave:
+        if settings.position >= len(bus.slaves):
+            continue
+        slave = bus.slaves[settings.position]
+        text = _pdo_difference(settings, slave)
+        if text:
+            text = f"{slave.label} exchanges {text}: restart ecatd with this file, or correct it"
+            place = (settings.position,)
+            differences.append(Difference("other PDOs", place, place, text, strict=False))
+    return differences
+
+
+def _pdo_difference(settings: SlaveConfig, slave: Slave) -> str:
+    now = {pdo.index: pdo for pdo in (*slave.outputs, *slave.inputs)}
+    if settings.pdos is not None and sorted(now) != sorted(settings.pdos):
+        return f"the PDOs {_indices(list(now))}, not {_indices(settings.pdos)}"
+    for pdo in settings.pdo:
+        if pdo.index not in now:
+            continue
+        there = [((e.index, e.subindex), e.bit_length) for e in now[pdo.index].entries]
+        if there != [(entry.address, entry.bits) for entry in pdo.entries]:
+            return f"PDO 0x{pdo.index:04X} with other entries than its [[slave.pdo]] has"
+    return ""
+
+
+def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[Difference]:
+    """PDOs and modules of the configuration that the ESI files do not allow."""
+    from ecatd.esi.check import pdo_problems
+    from ecatd.esi.modules import module_problems
+
+    found = []
+    for settings in wanted.slave:
+        device = devices.get(settings.position)
+        if device is None:
+            continue
+        problems = [("forbidden PDOs", text) for text in pdo_problems(settings, device)]
+        idents = [module.ident for module in settings.modules]
+        problems += [("forbidden modules", text) for text in module_problems(device, idents)]
+        place = (settings.position,)
+        label, file = bus.slaves[settings.position].label, Path(device.path).name
+        found += [
+            Difference(kind, place, place, f"{label} {text} ({file})", strict=False)
+            for kind, text in problems
+        ]
+    return found
+
+
+def _indices(indices: list[int]) -> str:
+    return ", ".join(f"0x{index:04X}" for index in indices) or "none"
