@@ -516,12 +516,12 @@ def test_a_clock_out_of_step(drifting: Daemon, simulator: Callable[[], Simulator
     [
         ("reference = 1", "dc.reference: | slave 1 (S1) | no distributed clock | 0, 2, 3"),
         ("reference = 9\nenabled = true", "dc.reference: | slave 9"),
-        ("[[dc.slave]]\nslave = 1", "dc.slave: | slave 1 (S1) | no distributed clock"),
-        ("[[dc.slave]]\nslave = 4", "dc.slave: | slave 4"),
-        ("reference = 2\n[[dc.slave]]\nslave = 0", "dc.slave: | slave 0 (S0) | "
+        ("[[dc.slave]]\nslave = 1", "dc.slave[0].slave: | slave 1 (S1) | no distributed clock"),
+        ("[[dc.slave]]\nslave = 4", "dc.slave[0].slave: | slave 4"),
+        ("reference = 2\n[[dc.slave]]\nslave = 0", "dc.slave[0].slave: | slave 0 (S0) | "
          "reference | slave 2 (S2)"),
-        ("[[dc.slave]]\nslave = 3\nsync0_us = 1000.0\nsync1_us = 2_000_000.0", "dc.slave: | "
-         "slave 3 (S3) | 32 bits"),
+        ("[[dc.slave]]\nslave = 3\nsync0_us = 1000.0\nsync1_us = 2_000_000.0",
+         "dc.slave[0].sync0_us: | slave 3 (S3) | 32 bits"),
     ],
 )  # fmt: skip
 def test_refused(start: Callable[..., Daemon], tmp_path: Path, config: str, reason: str) -> None:

@@ -225,7 +225,7 @@ def test_outputs_of_a_client_that_ends_or_hangs_are_safe(troll: Daemon, end: str
 
 def test_a_client_that_lost_its_lease_is_told(troll: Daemon) -> None:
     with troll.client() as client:
-        client.claim(EL2008)  # five cycles
+        client.claim(EL2008, lease=2)
         output = client.signal(EL2008, 0x7000, 1)
         output.raw = 1
         client.commit()

@@ -137,7 +137,7 @@ def master_kickcat(count):
     from ecatsim.control import Simulator
 
     link = kickcat.create_link(FIRST, SECOND)
-    link.set_timeout(0.02)  # seconds; for a busy machine
+    link.set_timeout(0.2)  # seconds; for a busy machine
     bus = kickcat.Bus(link)
     bus.init(0.0)
     bus.create_mapping()

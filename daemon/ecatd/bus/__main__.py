@@ -1,8 +1,9 @@
 """The process of the bus server: `python -m ecatd.bus`, started by the service.
 
-Its settings (see `ecatd.service_link`) are `config`, `origins` (where each key of it is
-written, for messages), `interface` and `second_interface` (which may be those of a simulator instead
-of those of the configuration), `runtime_dir`, `namespace_of` (process number of a simulator whose network namespace to enter, or 0), `parent` and `log_level`.
+Its settings (see `ecatd.service_link`) are `config`, `origins` (where each key of it is written,
+for messages), `interface` and `second_interface` (which may be those of a simulator instead of
+those of the configuration), `runtime_dir`, `namespace_of` (process number of a simulator whose
+network namespace to enter, or 0), `parent` and `log_level`.
 It tells that it is ready when the bus is in OP, with a line about the bus, which the service logs
 once the gateway answers, too. With `describe` it writes the bus description to stdout instead
 (`ecatd.model.bus_file`), and ends.
