@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long deb death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -23,6 +23,7 @@ help:
 	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"
 	@echo "             Modelica_DeviceDrivers: its shared memory is measured as well"
 	@echo "make check   lint, types, formatting"
+	@echo "make deb     Debian packages in build/deb, in a minute or two; needs mmdebstrap"
 	@echo "make pictures"
 	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
 	@echo "make clean   remove what the other commands made"
@@ -38,7 +39,8 @@ $(BIN)/python:
 define install
 @echo "Installing into $(VENV) (the first time this downloads some 100 MB) ..."
 @rm -rf $(VENV)/wheel
-@$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir $(VENV)/wheel .
+@$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir $(VENV)/wheel \
+  --config-settings=build-dir=build/wheel .
 @$(PIP) "$$(ls $(VENV)/wheel/*.whl)[$(1)]"
 @$(PIP) --force-reinstall --no-deps $(VENV)/wheel/*.whl
 endef
@@ -103,6 +105,14 @@ torn: $(VENV)/.test
 bench bench-full: $(VENV)/.bench
 	@[ "$$(id -u)" = 0 ] || echo "Without root there is no real-time priority: the load of the machine will show."
 	@$(BIN)/python -m benchmarks $(if $(filter bench-full,$@),--full) --out "$(OUT)"
+
+# The wheels of ecatd and of what it needs, then Debian packages from them, in a clean Debian 12.
+deb: $(BIN)/python
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
+	  echo "The packages are for Debian 12, so the wheels must be for Python 3.11: make PYTHON=python3.11 deb"; exit 1; }
+	@rm -rf build/wheels
+	@$(BIN)/pip wheel --quiet --disable-pip-version-check --wheel-dir build/wheels .
+	@packaging/deb.sh build/wheels build/deb
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -21,10 +21,17 @@ class LazyCommand(argparse.ArgumentParser):
         super().__init__(**settings)
         self._command = command
         self._module = module
+        self._is_declared = False
+
+    def declare(self) -> None:
+        """Loads the module, which declares the arguments; once."""
+        if not self._is_declared:
+            self._is_declared = True
+            import_module(self._module).add_arguments(self, self._command)
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
-        """Loads the module, which declares the arguments, and parses them."""
-        import_module(self._module).add_arguments(self, self._command)
+        """Parses the arguments, after they have been declared."""
+        self.declare()
         return super().parse_known_args(args, namespace)

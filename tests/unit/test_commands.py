@@ -46,7 +46,7 @@ def test_ctrl_c_before_the_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     for module, status in ((cli, 130), (service, 0)):
-        monkeypatch.setattr(module, "_parser", interrupted)
+        monkeypatch.setattr(module, "make_parser", interrupted)
         assert module.main() == status
 
 

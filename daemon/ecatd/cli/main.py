@@ -45,6 +45,7 @@ _COMMANDS = (
     ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),
     ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
     ("library", "library", "Install the Modelica library EtherCAT."),
+    ("service", "service", "Install, upgrade or remove the service of systemd."),
     ("client-flags", "library", "Print compiler flags for C and C++ programs."),
 )
 """Name, module and summary of each command."""
@@ -104,7 +105,8 @@ def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
     )
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
     parser = _Parser(
         prog="ecatctl",
         description="Shows and controls an EtherCAT bus that ecatd runs.",
@@ -162,7 +164,7 @@ def main() -> int:
 
 
 def _main() -> int:
-    options = _parser().parse_args()
+    options = make_parser().parse_args()
     # A saved scan keeps the name of its bus unless --bus gives another one.
     options.given_bus = getattr(options, "bus", None)
     options.bus = options.given_bus or os.environ.get("ECATD_BUS") or "ecat0"

@@ -33,7 +33,8 @@ exit status:
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="ecatd",
         description="EtherCAT daemon: runs the bus and shares its process image.",
@@ -99,7 +100,7 @@ def main() -> int:
 
 
 def _main() -> int:
-    options = _parser().parse_args()
+    options = make_parser().parse_args()
     log = Log("ecatd")
     try:
         config, origins = _configuration(options)

@@ -32,7 +32,8 @@ _BROKEN_PIPE = 128 + signal.SIGPIPE
 _INTERRUPTED = 128 + signal.SIGINT
 
 
-def _parser() -> Parser:
+def make_parser() -> Parser:
+    """The parser of the command line."""
     parser = Parser(
         prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
     )
@@ -58,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status."""
     try:
         ours, child = _split(sys.argv[1:] if arguments is None else arguments)
-        options = _parser().parse_args(ours)
+        options = make_parser().parse_args(ours)
         if getattr(options, "child", None):
             raise UsageError("put `--` in front of the command to run")
         options.child = child

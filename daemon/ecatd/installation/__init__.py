@@ -1,0 +1,1 @@
+"""Puts the files of the service into their places in the system, and removes them."""

@@ -1,0 +1,102 @@
+"""Which file goes where.
+
+The wheel has the files in `ecatd/_system`: `systemd`, `share` (as below `/usr/share`) and
+`monitoring`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path, PurePosixPath
+
+_PROGRAM = b"/usr/local/bin/ecatd"
+"""The path of ecatd in the units as they are in the repository."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where a kind of installation has its files.
+
+    Attributes:
+        units: Units of systemd.
+        networks: Files of systemd-networkd.
+        users: Files of systemd-sysusers.
+        rules: Rules of udev.
+        catalog: Explanations for `journalctl -x`.
+        share: Pages of the manual, completion, monitoring.
+    """
+
+    units: PurePosixPath
+    networks: PurePosixPath
+    users: PurePosixPath
+    rules: PurePosixPath
+    catalog: PurePosixPath
+    share: PurePosixPath
+
+
+LOCAL = Layout(
+    units=PurePosixPath("/etc/systemd/system"),
+    networks=PurePosixPath("/etc/systemd/network"),
+    users=PurePosixPath("/etc/sysusers.d"),
+    rules=PurePosixPath("/etc/udev/rules.d"),
+    catalog=PurePosixPath("/usr/local/lib/systemd/catalog"),
+    share=PurePosixPath("/usr/local/share"),
+)
+"""For what an administrator installs."""
+
+DISTRIBUTION = Layout(
+    units=PurePosixPath("/lib/systemd/system"),
+    networks=PurePosixPath("/lib/systemd/network"),
+    users=PurePosixPath("/usr/lib/sysusers.d"),
+    rules=PurePosixPath("/lib/udev/rules.d"),
+    catalog=PurePosixPath("/usr/lib/systemd/catalog"),
+    share=PurePosixPath("/usr/share"),
+)
+"""For a package of a distribution."""
+
+
+def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:
+    """The content of all files by their path.
+
+    Args:
+        layout: Where they go.
+        program: The path of `ecatd`, for the units.
+    """
+    systemd = _folder() / "systemd"
+    placed = {}
+    for folder, names in (
+        (layout.units, ("ecatd.service", "ecatd@.service")),
+        (layout.networks, ("10-ecatd.network",)),
+        (layout.rules, ("85-ecatd.rules",)),
+        (layout.catalog, ("ecatd.catalog",)),
+    ):
+        for name in names:
+            data = (systemd / name).read_bytes()
+            placed[folder / name] = data.replace(_PROGRAM, str(program).encode())
+    placed[layout.users / "ecatd.conf"] = (systemd / "ecatd.sysusers.conf").read_bytes()
+    placed[layout.share / "doc/ecatd/ecat0.toml"] = example()
+    for name in ("share", "monitoring"):
+        target = layout.share if name == "share" else layout.share / "ecatd/monitoring"
+        for path, data in _tree(_folder() / name):
+            placed[target / path] = data
+    return placed
+
+
+def example() -> bytes:
+    """The commented configuration."""
+    return (_folder() / "systemd/ecat0.toml").read_bytes()
+
+
+def _folder() -> Traversable:
+    return resources.files("ecatd") / "_system"
+
+
+def _tree(folder: Traversable) -> Iterator[tuple[PurePosixPath, bytes]]:
+    for item in sorted(folder.iterdir(), key=lambda item: item.name):
+        if item.is_dir():
+            yield from ((PurePosixPath(item.name) / path, data) for path, data in _tree(item))
+        else:
+            yield PurePosixPath(item.name), item.read_bytes()

@@ -1,0 +1,133 @@
+"""What an installation does, one step after the other; each can say what it would do."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ecatd.model.atomic_write import write_whole
+from ecatd.model.errors import NotPermittedError, StateError
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step; this one does nothing.
+
+    Attributes:
+        verb: What it does: `write`, `remove`, `link`, `run`, `keep` or `skip`.
+        what: The file or the command.
+        why: Why, or empty.
+    """
+
+    verb: str
+    what: str
+    why: str = ""
+
+    def do(self) -> None:
+        """Does it.
+
+        Raises:
+            EcatError: It cannot be done.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Write(Step):
+    """Writes a file, and makes the folders that it needs."""
+
+    path: Path = Path()
+    data: bytes = b""
+
+    def do(self) -> None:
+        """Writes it, readable for all."""
+        with _Refusals(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self.path, self.data, ".ecatd-")
+            self.path.chmod(0o644)
+
+
+@dataclass(frozen=True, slots=True)
+class Link(Step):
+    """Makes a symbolic link, in place of another link."""
+
+    path: Path = Path()
+    target: Path = Path()
+
+    def do(self) -> None:
+        """Makes it."""
+        with _Refusals(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.unlink(missing_ok=True)
+            self.path.symlink_to(self.target)
+
+
+@dataclass(frozen=True, slots=True)
+class Remove(Step):
+    """Removes a file, and the folders that are empty then."""
+
+    path: Path = Path()
+    folders: int = 0
+
+    def do(self) -> None:
+        """Removes it."""
+        with _Refusals(self.path):
+            self.path.unlink(missing_ok=True)
+            for folder in self.path.parents[: self.folders]:
+                if any(folder.iterdir()):
+                    break
+                folder.rmdir()
+
+
+@dataclass(frozen=True, slots=True)
+class Run(Step):
+    """Runs a command of the system.
+
+    Attributes:
+        command: The command.
+        may_fail: The installation goes on if it fails.
+    """
+
+    command: Sequence[str] = ()
+    may_fail: bool = False
+
+    def do(self) -> None:
+        """Runs it.
+
+        Raises:
+            StateError: The command is not there, or fails.
+        """
+        try:
+            done = subprocess.run(self.command, capture_output=True, text=True, check=False)
+        except OSError as error:
+            if not self.may_fail:
+                raise StateError(f"{self.command[0]} cannot be run: {error.strerror}") from error
+            return
+        if done.returncode and not self.may_fail:
+            said = (done.stderr.strip() or done.stdout.strip()).replace("\n", "; ")
+            raise StateError(f"`{shlex.join(self.command)}` failed: {said}")
+
+
+def run(*command: str, why: str = "", may_fail: bool = False) -> Run:
+    """The step that runs a command."""
+    return Run("run", shlex.join(command), why, command, may_fail)
+
+
+class _Refusals:
+    """Turns errors of the file system into those of the command line."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, _kind: object, error: object, _traceback: object) -> None:
+        if isinstance(error, PermissionError):
+            raise NotPermittedError(
+                f"{self._path} cannot be written: {error.strerror}; run it with sudo"
+            ) from error
+        if isinstance(error, OSError):
+            raise StateError(f"{self._path}: {error.strerror}") from error
