@@ -10,13 +10,15 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long deb death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long test-system deb death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
 	@echo "make test    run the tests that take some minutes; test-all: all of them"
+	@echo "make test-system"
+	@echo "             run the tests on a whole machine in QEMU, as root; needs mmdebstrap, qemu-system-x86"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
 	@echo "make torn    100 million reads while the daemon writes: none is of two cycles, some minutes"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
@@ -82,15 +84,23 @@ rm -f .pytest_cache/$(1)/v/cache/lastfailed; $(2) $(call pytest,$(1)) $(PARALLEL
 endef
 
 test: $(VENV)/.test
-	$(call run_tests,short,,-m "not long")
+	$(call run_tests,short,,-m "not long and not system")
 
 test-all: test test-long
 
 test-long: $(VENV)/.test
-	$(call run_tests,long,,-m long)
+	$(call run_tests,long,,-m "long and not system")
 	@if [ "$$(id -u)" = 0 ]; then echo "The first steps, as an ordinary user:"; fi
 	@[ "$$(id -u)" != 0 ] || { \
 	  $(call run_tests,user,unshare --user --map-user=1000 --map-group=1000,-m unprivileged $(FIRST_STEPS)); }
+
+# As root, in a network of its own. The image of the machine is made anew when what is in it changes.
+build/machine: tests/system/system_machine.py tests/system/agent.py
+	@rm -rf $@
+	@$(BIN)/python tests/system/system_machine.py $@
+
+test-system: $(VENV)/.test deb build/machine
+	unshare --net $(call pytest,system) -m system tests/system
 
 # What the tests name in their first lines; each of these is a part of make test in small.
 death: $(VENV)/.test

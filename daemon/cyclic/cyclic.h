@@ -145,4 +145,8 @@ CYCLIC_API void cyclic_reply(cyclic_t *c, uint32_t slot, uint32_t cell, uint32_t
                              uint32_t seq, int32_t status, uint32_t abort_code, const void *data,
                              uint32_t length);
 
+/* Sleeps `count` times until the next of times that are `period_ns` apart, as the calling thread, and counts
+ * in `late`, an ecat_shm_histogram of zeros, how much later than that it ran. */
+CYCLIC_API void cyclic_measure_wakeup(uint64_t period_ns, uint64_t count, void *late);
+
 #endif

@@ -21,7 +21,7 @@ _EPILOG = """\
 exit status:
   0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
   6 not permitted   7 wrong state or no such slave   70 a defect of ours
-  1 only by --check of generate and library: something would change
+  1 only by --check of generate and library: something would change; by doctor: a problem
   check has statuses of its own: 0 well, 1 degraded, 2 down
 
 The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another host.
@@ -45,6 +45,7 @@ _COMMANDS = (
     ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),
     ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
     ("library", "library", "Install the Modelica library EtherCAT."),
+    ("doctor", "doctor", "Look at this machine for what makes a bus slow, late or unreachable."),
     ("service", "service", "Install, upgrade or remove the service of systemd."),
     ("client-flags", "library", "Print compiler flags for C and C++ programs."),
 )

@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdo-read upload sdo-write download config startup scan generate library service client-flags
-set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --esi --fmi --from --histogram --interface --raw --root --slave --templates --timeout --type --watch -o -p
+set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdo-read upload sdo-write download config startup scan generate library doctor service client-flags
+set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --esi --fmi --from --histogram --interface --latency --raw --root --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -234,6 +234,18 @@ complete -c ecatctl -n '_shtab_ecatctl_using library' -l openmodelica -d 'put it
 complete -c ecatctl -n '_shtab_ecatctl_using library' -l check -d 'write nothing, say what would change; then the exit status is 1'
 complete -c ecatctl -n '_shtab_ecatctl_using library' -l force -d 'also replace generated files that were changed by hand, and keep those as FILE.orig'
 complete -c ecatctl -n '_shtab_ecatctl_using library; and test $_shtab_ecatctl_npos -eq 0' -ka "(__fish_complete_directories)" -d 'folder that the library is put into'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a doctor -d 'Look at this machine for what makes a bus slow, late or unreachable.'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'configuration (default: /etc/ecatd/BUS.toml): its interface and CPU are looked at'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l interface -x -d 'interface to look at instead'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l latency -x -d 'also measure for so long how late the engine would wake up, half of it with all processors busy'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l fix -d 'change what can be changed back, until the next boot'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l undo -d 'change back what --fix has changed'
+complete -c ecatctl -n '_shtab_ecatctl_using doctor' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'also write a report to send to others'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a service -d 'Install, upgrade or remove the service of systemd.'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

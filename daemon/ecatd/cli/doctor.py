@@ -1,0 +1,232 @@
+"""Command `doctor`: looks at this machine for what makes a bus slow, late or unreachable."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ecatd.doctor.findings import Finding, Level
+from ecatd.doctor.interface import look_at
+from ecatd.doctor.mend import mend, undo
+from ecatd.doctor.processors import look_at_processors
+from ecatd.doctor.rights import (
+    look_at_configuration,
+    look_at_rights,
+    look_at_shared_memory,
+    look_at_versions,
+)
+from ecatd.doctor.wakeup import Wakeups, measure
+from ecatd.model.atomic_write import write_whole
+from ecatd.model.config import Config
+from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.paths import MACHINE
+from ecatd.stats import Snapshot
+
+from .arguments import seconds
+from .output import print_json, table_lines
+from .source import Source
+
+_QUANTILES = (0.5, 0.99, 0.9999)
+_WINDOW_S = 2.0
+
+
+@dataclass(slots=True)
+class _Report:
+    """What is printed, and written into the report."""
+
+    findings: list[Finding]
+    done: list[str] = field(default_factory=list)
+    wakeups: list[Wakeups] = field(default_factory=list)
+
+    @property
+    def problems(self) -> int:
+        return sum(item.level == Level.PROBLEM for item in self.findings)
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration (default: /etc/ecatd/BUS.toml): its interface and CPU are looked at",
+    )
+    command.add_argument("--interface", metavar="IF", help="interface to look at instead")
+    command.add_argument(
+        "--latency",
+        type=seconds,
+        metavar="SECONDS",
+        help="also measure for so long how late the engine would wake up, half of it with all "
+        "processors busy",
+    )
+    changes = command.add_mutually_exclusive_group()
+    changes.add_argument(
+        "--fix", action="store_true", help="change what can be changed back, until the next boot"
+    )
+    changes.add_argument("--undo", action="store_true", help="change back what --fix has changed")
+    command.add_argument(
+        "-o", dest="out", type=Path, metavar="FILE", help="also write a report to send to others"
+    )
+    command.set_defaults(alone=doctor)
+
+
+def doctor(options: argparse.Namespace) -> int:
+    """Looks, measures and mends; returns 1 if there is a problem, else 0."""
+    file = options.config or MACHINE / f"{options.bus}.toml"
+    about, config = look_at_configuration(file)
+    if options.config is not None and not file.exists():
+        raise UsageError(f"there is no file {file}")
+    report = _Report([])
+    if options.undo:
+        report.done = list(_measured(options, undo()))
+    report.findings = [about, *_look(options, config)]
+    if options.fix:
+        changes = [item.change for item in report.findings if item.change is not None]
+        report.done = list(_measured(options, mend(changes))) if changes else []
+        report.findings = [about, *_look(options, config)]
+    if options.latency is not None:
+        report.wakeups = _latency(options, config)
+    lines = list(_lines(report, options))
+    if options.json:
+        print_json(_document(report))
+    else:
+        print("\n".join(lines))
+    if options.out is not None:
+        _write(options.out, lines)
+    return 1 if report.problems else 0
+
+
+def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Finding]:
+    cpu = config.realtime.cpu if config is not None else None
+    cpu = None if cpu is None or cpu < 0 else cpu
+    names = [options.interface] if options.interface else []
+    if not names and config is not None:
+        names = [name for name in (config.interface, config.second_interface) if name]
+    for name in names:
+        yield from look_at(name, cpu)
+    yield from look_at_processors(cpu)
+    yield from look_at_rights(options.bus)
+    yield from look_at_shared_memory()
+    yield from look_at_versions()
+
+
+def _measured(options: argparse.Namespace, changes: Iterator[str]) -> Iterator[str]:
+    """Adds to each change what it brought, if a bus runs here: the median of the exchange."""
+    before = _exchange_us(options)
+    for text in changes:
+        after = _exchange_us(options)
+        if before is None or after is None:
+            yield text
+        else:
+            yield f"{text}; the exchange took {before:.1f} µs, now {after:.1f} µs"
+        before = after
+
+
+def _exchange_us(options: argparse.Namespace) -> float | None:
+    """Median of the exchange in µs, of the next two seconds; None without a bus on this machine."""
+    with Source(options) as source:
+        if not source.local:
+            return None
+        try:
+            first = source.read()
+            time.sleep(_WINDOW_S)
+            interval: Snapshot = source.read() - first
+        except EcatError:
+            return None
+        exchange = interval.times.exchange
+        return exchange.quantile(0.5) / 1e3 if exchange.count else None
+
+
+def _latency(options: argparse.Namespace, config: Config | None) -> list[Wakeups]:
+    config = config or Config()
+    cpu = config.realtime.cpu if config.realtime.cpu >= 0 else None
+    half = options.latency / 2
+    if not options.json:
+        print(f"Measuring for {options.latency:g} s how late the engine wakes up ...", flush=True)
+    return [measure(half, config.realtime.priority, cpu, load=load) for load in (False, True)]
+
+
+def _lines(report: _Report, options: argparse.Namespace) -> Iterator[str]:
+    area = ""
+    for item in report.findings:
+        if item.area != area:
+            yield from ([""] if area else [])
+            yield item.area
+            area = item.area
+        yield f"  {item.level:<8} {item.name}: {item.text}"
+        if item.remedy:
+            fixed = "; `ecatctl doctor --fix` does that" if item.change is not None else ""
+            yield f"           {item.remedy}{fixed}"
+    if report.wakeups:
+        yield ""
+        yield "how late the engine wakes up, in µs"
+        head = ["  processors", "real time", "median", "99 %", "99.99 %", "largest", "samples"]
+        yield from table_lines(head, map(_row, report.wakeups), "<<>>>>>")
+    if report.done:
+        yield ""
+        yield from report.done
+        if options.fix:
+            yield "`ecatctl doctor --undo` changes that back; so does the next start of the machine"
+    elif options.fix or options.undo:
+        yield ""
+        yield "nothing to change"
+    yield ""
+    hints = sum(item.level == Level.HINT for item in report.findings)
+    yield f"{_count(report.problems, 'problem')}, {_count(hints, 'hint')}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+
+
+def _row(wakeups: Wakeups) -> list[str]:
+    late = wakeups.late
+    times = [late.quantile(q) for q in _QUANTILES] + [late.max_ns]
+    return [
+        "  busy" if wakeups.load else "  idle",
+        "yes" if wakeups.real_time else "no",
+        *(f"{ns / 1e3:.1f}" for ns in times),
+        str(late.count),
+    ]
+
+
+def _document(report: _Report) -> dict[str, object]:
+    return {
+        "problems": report.problems,
+        "findings": [
+            {
+                "area": item.area,
+                "name": item.name,
+                "level": item.level.value,
+                "text": item.text,
+                "remedy": item.remedy,
+                "fixable": item.change is not None,
+            }
+            for item in report.findings
+        ],
+        "changes": report.done,
+        "wakeups": [
+            {
+                "load": item.load,
+                "real_time": item.real_time,
+                "samples": item.late.count,
+                "median_ns": item.late.quantile(0.5),
+                "p99_ns": item.late.quantile(0.99),
+                "p9999_ns": item.late.quantile(0.9999),
+                "max_ns": item.late.max_ns,
+            }
+            for item in report.wakeups
+        ],
+    }
+
+
+def _write(file: Path, lines: list[str]) -> None:
+    head = [f"ecatctl doctor, {time.strftime('%Y-%m-%d %H:%M')}", platform.platform(), ""]
+    try:
+        write_whole(file, "\n".join([*head, *lines, ""]).encode(), ".ecatctl-")
+    except OSError as error:
+        raise StateError(f"{file} cannot be written: {error.strerror}") from error

@@ -1,0 +1,183 @@
+"""Looks at a network interface with EtherCAT slaves."""
+
+from __future__ import annotations
+
+import fcntl
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from . import ethtool
+from .findings import Change, Finding, Level
+from .values import read, text_change
+
+_SIOCGIFADDR = 0x8915
+_NETWORK = Path("/sys/class/net")
+_COALESCING_OFF = "rx 0 tx 0 adaptive off"
+
+
+def look_at(interface: str, cpu: int | None) -> Iterator[Finding]:
+    """Findings about an interface.
+
+    Args:
+        interface: Its name.
+        cpu: `realtime.cpu` of the configuration.
+    """
+    area = f"interface {interface}"
+    folder = _NETWORK / interface
+    if not folder.exists():
+        names = ", ".join(sorted(path.name for path in _NETWORK.iterdir()))
+        text = f"there is none of this name; there are: {names}"
+        remedy = "correct 'interface' in the configuration, or look at `dmesg` for the card"
+        yield Finding(area, "interface", Level.PROBLEM, text, remedy)
+        return
+    yield _driver(area, folder)
+    yield _link(area, interface, folder)
+    yield from _users(area, interface, folder)
+    yield from _settings(area, interface)
+    yield from _interrupts(area, folder, cpu)
+
+
+def _driver(area: str, folder: Path) -> Finding:
+    driver = folder / "device/driver"
+    if not driver.exists():
+        return Finding(area, "driver", Level.HINT, "it is a virtual interface, without a card")
+    name = driver.resolve().name
+    if (folder / "wireless").exists():
+        remedy = "use an Ethernet port"
+        return Finding(area, "driver", Level.PROBLEM, f"{name}: a radio, no Ethernet port", remedy)
+    if "usb" in str((folder / "device").resolve()):
+        text = f"{name}, behind USB: each frame waits for the bus of USB, up to some 100 µs"
+        return Finding(area, "driver", Level.HINT, text, "use a card at PCIe")
+    return Finding(area, "driver", Level.OK, name)
+
+
+def _link(area: str, interface: str, folder: Path) -> Finding:
+    if read(folder / "carrier") != "1":
+        if not int(read(folder / "flags") or "0", 16) & 1:
+            text = "it is switched off; ecatd switches it on when it starts"
+            return Finding(area, "link", Level.OK, text)
+        remedy = "check cable and power of the first slave, and that this is the right interface"
+        return Finding(area, "link", Level.PROBLEM, "no carrier", remedy)
+    speed, duplex = read(folder / "speed"), read(folder / "duplex")
+    if speed in ("", "-1") or not (folder / "device").exists():
+        return Finding(area, "link", Level.OK, "carrier")
+    text = f"{speed} Mbit/s, {duplex} duplex"
+    if speed == "100" and duplex == "full":
+        return Finding(area, "link", Level.OK, text)
+    if duplex == "full" and int(speed) > 100:
+        text += ": the other end is no EtherCAT slave, which has 100 Mbit/s, but a switch or a PC"
+        remedy = "connect the IN port of the first slave directly"
+        return Finding(area, "link", Level.HINT, text, remedy)
+    remedy = f"`ethtool -s {interface} autoneg on`, and another cable"
+    return Finding(area, "link", Level.PROBLEM, text, remedy)
+
+
+def _users(area: str, interface: str, folder: Path) -> Iterator[Finding]:
+    """Who else uses the interface."""
+    addresses = [*_ipv4(interface), *_ipv6(interface)]
+    if addresses:
+        text = f"{', '.join(addresses)}: other programs send their frames to the slaves"
+        remedy = (
+            "name the interface in /etc/ecatd/BUS.toml and run `udevadm trigger --action=change "
+            f"--subsystem-match=net`; then `ip addr flush dev {interface}`"
+        )
+        yield Finding(area, "IP addresses", Level.HINT, text, remedy)
+    else:
+        yield Finding(area, "IP addresses", Level.OK, "none")
+    if (folder / "master").exists():
+        bridge = (folder / "master").resolve().name
+        text = f"it is a part of {bridge}, so that others reach the slaves"
+        remedy = f"`ip link set {interface} nomaster`"
+        yield Finding(area, "bridge", Level.PROBLEM, text, remedy)
+
+
+def _settings(area: str, interface: str) -> Iterator[Finding]:
+    with suppress(OSError):
+        found = ethtool.coalescing(interface)
+        name = f"{interface} coalescing"
+        get, put = (
+            partial(ethtool.coalescing, interface),
+            partial(ethtool.set_coalescing, interface),
+        )
+        if found == _COALESCING_OFF:
+            yield Finding(area, "interrupt coalescing", Level.OK, "off")
+        else:
+            yield Finding(
+                area,
+                "interrupt coalescing",
+                Level.HINT,
+                f"{found}: the card waits for so many µs before it tells of a frame",
+                f"`ethtool -C {interface} adaptive-rx off rx-usecs 0 tx-usecs 0`",
+                Change(name, get, put, _COALESCING_OFF),
+            )
+    on = []
+    for name in ethtool.OFFLOADS:
+        with suppress(OSError):
+            if ethtool.offload(interface, name) == "on":
+                on.append(name)
+    if not on:
+        yield Finding(area, "offloads", Level.OK, "off")
+    for name in on:
+        change = Change(
+            f"{interface} {name}",
+            partial(ethtool.offload, interface, name),
+            partial(ethtool.set_offload, interface, name),
+            "off",
+        )
+        who = "the kernel" if name == "gro" else "the card"
+        text = f"{name} is on: {who} tries to join frames, which EtherCAT frames never can be"
+        remedy = f"`ethtool -K {interface} {name} off`"
+        yield Finding(area, "offloads", Level.HINT, text, remedy, change)
+    with suppress(OSError):
+        if ethtool.energy_efficient(interface) == "on":
+            change = Change(
+                f"{interface} eee",
+                partial(ethtool.energy_efficient, interface),
+                partial(ethtool.set_energy_efficient, interface),
+                "off",
+            )
+            text = "Energy-Efficient Ethernet is on: the port sleeps between the cycles"
+            remedy = f"`ethtool --set-eee {interface} eee off`"
+            yield Finding(area, "sleep of the port", Level.HINT, text, remedy, change)
+
+
+def _interrupts(area: str, folder: Path, cpu: int | None) -> Iterator[Finding]:
+    """Where the interrupts of the card go."""
+    numbers = [path.name for path in (folder / "device/msi_irqs").glob("*")]
+    if not numbers and (single := read(folder / "device/irq")) not in ("", "0"):
+        numbers = [single]
+    for number in sorted(numbers, key=int):
+        file = Path("/proc/irq") / number / "smp_affinity_list"
+        where = read(file)
+        if not where:
+            continue
+        if cpu is None or where == str(cpu):
+            text = f"IRQ {number} on CPU {where}"
+            yield Finding(area, "interrupts", Level.OK, text)
+        else:
+            text = f"IRQ {number} goes to CPU {where}, the engine runs on CPU {cpu}"
+            remedy = f"`echo {cpu} >{file}`; irqbalance must not move it back"
+            change = text_change(f"IRQ {number}", file, str(cpu))
+            yield Finding(area, "interrupts", Level.HINT, text, remedy, change)
+
+
+def _ipv4(interface: str) -> list[str]:
+    request = struct.pack("16s24x", interface.encode())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control, suppress(OSError):
+        answer = fcntl.ioctl(control, _SIOCGIFADDR, request)
+        return [socket.inet_ntoa(answer[20:24])]
+    return []
+
+
+def _ipv6(interface: str) -> list[str]:
+    """Global addresses; each interface has a local one of its own, which does no harm."""
+    found = []
+    for line in read(Path("/proc/net/if_inet6")).splitlines():
+        address, _, _, scope, _, name = line.split()
+        if name == interface and scope == "00":
+            found.append(socket.inet_ntop(socket.AF_INET6, bytes.fromhex(address)))
+    return found

@@ -1,0 +1,128 @@
+"""Looks at kernel and processors: what makes a cycle late."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from .findings import Finding, Level
+from .values import cpu_list, read, text_change
+
+_CPUS = Path("/sys/devices/system/cpu")
+_AREA = "processors"
+_DEEP_US = 50
+"""A sleep from which a processor takes longer to wake up costs as much as a short cycle."""
+
+
+def look_at_processors(cpu: int | None) -> Iterator[Finding]:
+    """Findings about kernel and processors.
+
+    Args:
+        cpu: `realtime.cpu` of the configuration.
+    """
+    yield _kernel()
+    yield from _engine_cpu(cpu)
+    yield from _governor()
+    yield _sleep()
+    yield _clock()
+    yield from _others(cpu)
+
+
+def _kernel() -> Finding:
+    version = os.uname()
+    if read(Path("/sys/kernel/realtime")) == "1" or "PREEMPT_RT" in version.version:
+        return Finding(_AREA, "kernel", Level.OK, f"{version.release}, with PREEMPT_RT")
+    text = f"{version.release}, without PREEMPT_RT: drivers may delay a cycle by milliseconds"
+    remedy = "Debian: `apt install linux-image-rt-amd64`; `ecatctl doctor --latency 60` measures it"
+    return Finding(_AREA, "kernel", Level.HINT, text, remedy)
+
+
+def _engine_cpu(cpu: int | None) -> Iterator[Finding]:
+    online = cpu_list(read(_CPUS / "online"))
+    isolated = cpu_list(read(_CPUS / "isolated"))
+    if cpu is None:
+        text = f"the engine has none for itself (realtime.cpu); there are {len(online)}"
+        best = max(isolated or online, default=0)
+        remedy = f"set realtime.cpu = {best}" + (
+            "" if isolated else f", and boot with isolcpus={best}"
+        )
+        yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy)
+        return
+    if cpu not in online:
+        text = f"realtime.cpu is {cpu}, but there are only {read(_CPUS / 'online')}"
+        yield Finding(_AREA, "CPU of the engine", Level.PROBLEM, text, "correct realtime.cpu")
+        return
+    if cpu in isolated:
+        yield Finding(_AREA, "CPU of the engine", Level.OK, f"CPU {cpu}, isolated from the others")
+    else:
+        text = f"CPU {cpu}, which all other programs use, too"
+        remedy = f"boot with isolcpus={cpu} nohz_full={cpu} rcu_nocbs={cpu}"
+        yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy)
+    twins = cpu_list(read(_CPUS / f"cpu{cpu}/topology/thread_siblings_list")) - {cpu}
+    if twins:
+        text = f"CPU {cpu} shares its core with CPU {min(twins)}: they slow each other down"
+        remedy = f"switch hyper-threading off, or isolate CPU {min(twins)}, too"
+        yield Finding(_AREA, "shared core", Level.HINT, text, remedy)
+
+
+def _governor() -> Iterator[Finding]:
+    slow = []
+    files = sorted(_CPUS.glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    for file in files:
+        if read(file) != "performance":
+            slow.append(file)
+    if not slow:
+        text = "performance" if files else "the processors have one frequency, or the host rules it"
+        yield Finding(_AREA, "frequency", Level.OK, text)
+    for file in slow:
+        name = file.parents[1].name
+        yield Finding(
+            _AREA,
+            "frequency",
+            Level.HINT,
+            f"{name} has the governor '{read(file)}': it is slow when it is called after a pause",
+            f"`echo performance >{file}`",
+            text_change(f"{name} governor", file, "performance"),
+        )
+
+
+def _sleep() -> Finding:
+    states = sorted(_CPUS.glob("cpu0/cpuidle/state[0-9]*"))
+    latencies = [int(read(state / "latency") or 0) for state in states]
+    deepest = max(latencies, default=0)
+    if deepest <= _DEEP_US:
+        return Finding(_AREA, "sleep", Level.OK, f"they wake up within {deepest} µs")
+    device = Path("/dev/cpu_dma_latency")
+    text = f"they sleep so deeply that they take {deepest} µs to wake up"
+    if device.exists():
+        text += "; ecatd prevents that while it runs, if it may write /dev/cpu_dma_latency"
+        return Finding(_AREA, "sleep", Level.OK, text)
+    remedy = "boot with intel_idle.max_cstate=1, or switch C-states off in the BIOS"
+    return Finding(_AREA, "sleep", Level.HINT, text, remedy)
+
+
+def _clock() -> Finding:
+    source = read(Path("/sys/devices/system/clocksource/clocksource0/current_clocksource"))
+    if source in ("hpet", "acpi_pm", "jiffies", "refined-jiffies"):
+        text = f"{source}: to read the time takes a microsecond or more, instead of 20 ns"
+        remedy = "look in `dmesg` why the TSC is not used; boot with tsc=reliable if it is good"
+        return Finding(_AREA, "clock", Level.HINT, text, remedy)
+    return Finding(_AREA, "clock", Level.OK, source or "unknown")
+
+
+def _others(cpu: int | None) -> Iterator[Finding]:
+    runtime = read(Path("/proc/sys/kernel/sched_rt_runtime_us"))
+    if runtime not in ("", "-1"):
+        period = int(read(Path("/proc/sys/kernel/sched_rt_period_us")) or 1_000_000)
+        share = 100 * int(runtime) // period
+        text = f"real-time programs get {share} % of each second; enough unless busy_receive is set"
+        yield Finding(_AREA, "share of real time", Level.OK, text)
+    names = (read(path / "comm") for path in Path("/proc").glob("[0-9]*"))
+    if cpu is not None and "irqbalance" in names:
+        text = "irqbalance runs: it may move interrupts to the CPU of the engine"
+        remedy = f"IRQBALANCE_BANNED_CPULIST={cpu} in /etc/default/irqbalance, or stop it"
+        yield Finding(_AREA, "irqbalance", Level.HINT, text, remedy)
+    if "hypervisor" in read(Path("/proc/cpuinfo")).partition("\n\n")[0].split():
+        text = "this is a virtual machine: its host decides when it runs"
+        yield Finding(_AREA, "machine", Level.HINT, text, "measure: `ecatctl doctor --latency 60`")

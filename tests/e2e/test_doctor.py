@@ -1,0 +1,141 @@
+"""`ecatctl doctor` on interfaces of a network namespace, on this machine, and on what is wrong."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from conftest import Daemon
+
+pytestmark = pytest.mark.bus
+
+CTL = f"{sys.executable} -m ecatd.cli doctor"
+NAMES = ["area", "name", "level", "text", "remedy", "fixable"]
+
+
+def namespace(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Runs a script in a network namespace with a pair of interfaces, `here` and `there`."""
+    setup = "mount -t sysfs none /sys\n"  # that of the namespace
+    setup += "ip link add here type veth peer name there && ip link set there up\n"
+    root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+    command = ["unshare", *root, "--net", "--mount", "sh", "-ec", setup + script]
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run")}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=env)
+
+
+def findings(text: str) -> dict[tuple[str, str], dict[str, Any]]:
+    document = json.loads(text)
+    assert document["schema"] == 1
+    assert all(list(item) == NAMES for item in document["findings"])
+    return {(item["area"], item["name"]): item for item in document["findings"]}
+
+
+def test_an_interface_without_a_carrier_and_with_an_address(tmp_path: Path) -> None:
+    script = f"""
+        {CTL} --interface here --json || true
+        echo ---
+        ip link set here up; ip link set there down; ip addr add 10.1.2.3/24 dev here
+        {CTL} --interface here --json && exit 1
+        test $? = 1
+    """
+    done = namespace(script, tmp_path)
+    assert done.returncode == 0, done
+    off, on = map(findings, done.stdout.split("---"))
+    assert "switched off" in off["interface here", "link"]["text"]
+    assert off["interface here", "IP addresses"]["level"] == "ok"
+    assert on["interface here", "link"]["level"] == "problem"
+    assert "cable" in on["interface here", "link"]["remedy"]
+    assert "10.1.2.3" in on["interface here", "IP addresses"]["text"]
+
+
+def test_what_is_changed_can_be_changed_back(tmp_path: Path) -> None:
+    kept = tmp_path / "ecatd-doctor.json"
+    script = f"""
+        look() {{ ethtool -k here | grep ^generic-receive-offload; }}
+        ip link set here up; ethtool -K here gro on
+        {CTL} --interface here --fix || true
+        look
+        {CTL} --interface here --fix || true
+        cat {kept}
+        {CTL} --interface here --undo || true
+        look
+        test ! -e {kept}
+        {CTL} --interface here --undo || true
+    """
+    done = namespace(script, tmp_path)
+    assert done.returncode == 0, done
+    begins = ("here gro", ' "here gro', "generic-receive-offload")
+    lines = [line for line in done.stdout.splitlines() if line.startswith(begins)]
+    assert lines == [
+        "here gro: on -> off",
+        "generic-receive-offload: off",
+        ' "here gro": "on"',
+        "here gro: off -> on",
+        "generic-receive-offload: on",
+    ]
+    assert done.stdout.count("nothing to change") == 2
+
+
+def test_a_damaged_list_of_changes_is_named(tmp_path: Path) -> None:
+    for text in ("[]", "{", '{"here what": "1"}'):
+        (tmp_path / "ecatd-doctor.json").write_text(text)
+        done = namespace(f"{CTL} --interface here --undo", tmp_path)
+        assert done.returncode == 7, (text, done)
+        assert "ecatd-doctor.json" in done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def run(*arguments: str, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    command = [*shlex.split(CTL), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=env)
+
+
+def test_the_configuration_says_what_is_looked_at(tmp_path: Path) -> None:
+    file = tmp_path / "press.toml"
+    file.write_text('interface = "absent7"\n[realtime]\ncpu = 1000\n')
+    done = run("--config", str(file), "--json")
+    assert done.returncode == 1
+    found = findings(done.stdout)
+    assert found["interface absent7", "interface"]["level"] == "problem"
+    assert "lo" in found["interface absent7", "interface"]["text"]
+    assert "1000" in found["processors", "CPU of the engine"]["text"]
+    file.write_text("interfaces = 1\n")
+    done = run("--config", str(file))
+    assert done.returncode == 1
+    assert "interfaces" in done.stdout
+    done = run("--config", str(tmp_path / "none.toml"))
+    assert done.returncode == 2
+    assert "none.toml" in done.stderr
+
+
+def test_the_wake_up_test_writes_a_report(tmp_path: Path) -> None:
+    out = tmp_path / "report.txt"
+    done = run("--latency", "0.4", "-o", str(out), "--json")
+    document = json.loads(done.stdout)
+    assert [item["load"] for item in document["wakeups"]] == [False, True]
+    for item in document["wakeups"]:
+        assert item["samples"] == 200
+        assert 0 < item["median_ns"] <= item["p99_ns"] <= item["max_ns"]
+    text = out.read_text()
+    assert "how late the engine wakes up" in text
+    assert "processors" in text
+    done = run("-o", str(tmp_path / "no/report.txt"))
+    assert done.returncode == 7
+    assert "cannot be written" in done.stderr
+
+
+def test_a_killed_daemon_leaves_memory_that_is_named(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("line:1")
+    left = f"/dev/shm/ecat.{daemon.bus}.out is left"
+    assert left not in run(env=daemon.env).stdout
+    assert (
+        "may write outputs" in run("--bus", daemon.bus, env=daemon.env).stdout or os.geteuid() == 0
+    )

@@ -1,0 +1,295 @@
+"""A day of administration of a whole machine. The tests depend on each other, in this order."""
+
+import json
+import re
+import time
+from pathlib import Path
+
+import pytest
+from system_machine import MACS, PATIENCE_S, Machine, segment
+
+from ecatsim.control import Simulator
+
+pytestmark = pytest.mark.system
+
+VELOCITY = 0x606C
+SPEED = 200_000  # of spin.py
+FIGURES: list[tuple[str, str]] = []
+"""What was measured, printed at the end."""
+
+CONFIGURATION = """\
+interface = "{interface}"
+cycle_time_us = 10000
+state_timeout_s = 60.0
+
+[gateway]
+listen = []
+
+[[outputs.safe]]
+slave = 0
+value = "quick_stop"
+stop_timeout_s = 10.0
+"""
+
+
+def interface(machine: Machine, number: int) -> str:
+    """The name that the machine gives to a card, or an empty text."""
+    found = machine.text(f"grep -l {MACS[number]} /sys/class/net/*/address; true")
+    return Path(found).parent.name if found else ""
+
+
+def wait_until_well(machine: Machine, bus: str = "ecat0") -> None:
+    """A bus is well when `ecatctl check` says so."""
+    machine.until(f"ecatctl --bus {bus} check", 240)
+
+
+def process(machine: Machine, module: str) -> str:
+    """The number of a process of ecatd: `main`, `ecatd.bus` or `ecatd.gateway`."""
+    main = machine.text("systemctl show --property MainPID --value ecatd")
+    return main if module == "main" else machine.text(f"pgrep -P {main} -f 'm {module}$'")
+
+
+def turn(machine: Machine, simulator: Simulator) -> None:
+    """Has a client in the machine turn the drive."""
+    wait_until_well(machine)
+    machine("systemctl reset-failed spin; true")
+    machine(
+        "systemd-run --quiet --unit=spin --uid=mechanic --collect "
+        "/usr/lib/ecatd/bin/python /files/spin.py"
+    )
+    end = time.monotonic() + PATIENCE_S
+    while abs(simulator.get(0, VELOCITY)) < 0.9 * SPEED:
+        assert time.monotonic() < end, machine("journalctl -u spin -n 20 --no-pager").text
+        time.sleep(0.1)
+
+
+def watch_the_end(simulator: Simulator) -> tuple[int, float]:
+    """Waits until the drive leaves OP or stands still; its speed then, and the seconds."""
+    began = time.monotonic()
+    while True:
+        speed = abs(simulator.get(0, VELOCITY))
+        seconds = time.monotonic() - began
+        if simulator.status().slaves[0].state != "OP" or speed == 0:
+            return speed, seconds
+        assert seconds < PATIENCE_S, "the drive goes on turning"
+        time.sleep(0.01)
+
+
+def note(what: str, figure: str) -> None:
+    FIGURES.append((what, figure))
+    print(f"figure: {what}: {figure}", flush=True)
+
+
+# --- Installation ------------------------------------------------------------------------------
+
+
+def test_the_package_is_installed_without_a_network(machine: Machine) -> None:
+    machine("apt-get install -y /files/ecatd_*.deb 2>&1 | tail -5", timeout=300)
+    assert machine.text("ecatctl --version").startswith("ecatctl ")
+    assert machine.text("systemctl is-enabled ecatd") == "enabled"
+    machine("systemctl start ecatd")
+    told = machine("systemctl status ecatd --no-pager", status=3).text
+    assert re.search("ConditionPathExists=/etc/ecatd/ecat0.toml", told)
+
+
+def test_others_leave_the_interface_alone(machine: Machine) -> None:
+    """systemd-networkd would configure every card of this machine."""
+    name = interface(machine, 0)
+    machine.write(
+        "/etc/systemd/network/80-all.network",
+        "[Match]\nName=e*\n[Network]\nAddress=10.9.8.7/24\n",
+    )
+    machine("systemctl enable --now systemd-networkd")
+    machine.until(f"ip -4 -brief addr show {name} | grep 10.9.8.7")
+    told = machine(f"ecatctl service install --interface {name}").text
+    assert "/etc/ecatd/ecat0.toml" in told
+    machine("udevadm settle")
+    properties = machine.text(f"udevadm info -q property /sys/class/net/{name}").splitlines()
+    assert {"ID_ECATD=1", "NM_UNMANAGED=1"} <= set(properties)
+    other = machine.text(f"udevadm info -q property /sys/class/net/{interface(machine, 1)}")
+    assert "ID_ECATD" not in other
+    machine("systemctl restart systemd-networkd")
+    machine.until(f"networkctl --no-pager list {name} | grep unmanaged")
+    machine(f"ip addr flush dev {name}")
+    assert machine.text("stat -c %G:%a /dev/cpu_dma_latency") == "ecat:660"
+
+
+def test_the_bus_starts(machine: Machine, drive: str) -> None:
+    name = interface(machine, 0)
+    assert machine.text(f"basename $(readlink /sys/class/net/{name}/device/driver)") == "e1000e"
+    machine.write("/etc/ecatd/ecat0.toml", CONFIGURATION.format(interface=name))
+    began = machine("systemctl start ecatd", timeout=200)
+    note("start of the service", f"{began.seconds:.1f} s")
+    wait_until_well(machine)
+    assert "is in OP: 8 slaves" in machine.text("systemctl show --property StatusText ecatd")
+    assert machine.text("systemctl show --property User --value ecatd") == "ecatd"
+    with Simulator(drive) as simulator:
+        assert {slave.state for slave in simulator.status().slaves} == {"OP"}
+
+
+def test_who_may_use_the_bus(machine: Machine) -> None:
+    machine("useradd -m -G ecat mechanic && useradd -m stranger")
+    assert "OP" in machine.text("runuser -u mechanic -- ecatctl sdo-read 0 0x6060 && echo OP")
+    told = machine("runuser -u stranger -- ecatctl sdo-read 0 0x6060", status=6).text
+    assert "usermod -aG ecat" in told
+
+
+def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:
+    text = machine.text("journalctl -u ecatd -o json --no-pager | tail -50")
+    entries = [json.loads(line) for line in text.splitlines()]
+    assert any(entry.get("ECAT_BUS") == "ecat0" for entry in entries)
+    assert any("MESSAGE_ID" in entry and "ECAT_EVENT" in entry for entry in entries)
+    assert "-- Subject:" in machine.text("journalctl -x -u ecatd --no-pager")
+
+
+# --- Processes that die or hang while a drive turns ----------------------------------------------
+
+
+@pytest.mark.parametrize("module", ["main", "ecatd.bus", "ecatd.gateway", "client"])
+def test_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
+    with Simulator(drive) as simulator:
+        turn(machine, simulator)
+        before = {name: process(machine, name) for name in ("main", "ecatd.bus")}
+        if module == "client":
+            machine("systemctl kill --signal=KILL spin")
+        else:
+            machine(f"kill -KILL {process(machine, module)}")
+        if module == "ecatd.gateway":
+            wait_until_well(machine)
+            assert abs(simulator.get(0, VELOCITY)) > 0.9 * SPEED
+            machine("systemctl stop spin")
+            watch_the_end(simulator)
+        else:
+            speed, seconds = watch_the_end(simulator)
+            note(
+                f"{module} killed: the drive leaves OP or stands", f"{speed} inc/s, {seconds:.1f} s"
+            )
+            if module in ("main", "client"):
+                assert speed < SPEED / 50
+        wait_until_well(machine)
+        machine("systemctl stop spin; true")
+        same = {name: process(machine, name) == pid for name, pid in before.items()}
+        assert set(same.values()) == {module in ("client", "ecatd.gateway")}
+
+
+@pytest.mark.parametrize("module", ["main", "ecatd.bus", "ecatd.gateway"])
+def test_a_process_hangs(machine: Machine, drive: str, module: str) -> None:
+    with Simulator(drive) as simulator:
+        turn(machine, simulator)
+        stopped = process(machine, module)
+        began = time.monotonic()
+        machine(f"kill -STOP {stopped}")
+        if module == "ecatd.gateway":
+            machine.until(f"! kill -0 {stopped}", 240)
+            wait_until_well(machine)
+            assert abs(simulator.get(0, VELOCITY)) > 0.9 * SPEED
+            machine("systemctl stop spin")
+        else:
+            machine.until(f"! kill -0 {stopped}", 240)
+            wait_until_well(machine)
+        note(f"{module} stopped: well again", f"{time.monotonic() - began:.1f} s")
+        machine("systemctl stop spin; true")
+
+
+def test_no_memory_is_left(machine: Machine, drive: str) -> None:
+    """The kernel ends what takes the memory, not ecatd."""
+    before = process(machine, "ecatd.bus")
+    with Simulator(drive) as simulator:
+        turn(machine, simulator)
+        machine(
+            "systemd-run --quiet --wait --pipe python3 -c "
+            "'x = []\nwhile True: x.append(bytearray(b\"x\" * 2**24))' 2>&1 | tail -1",
+            status=None,
+            timeout=300,
+        )
+        assert "Out of memory" in machine.text("dmesg | grep -i 'out of memory'")
+        assert process(machine, "ecatd.bus") == before
+        machine("systemctl stop spin; true")
+    wait_until_well(machine)
+
+
+# --- Wires and cards -----------------------------------------------------------------------------
+
+
+def test_the_cable_is_pulled(machine: Machine) -> None:
+    machine.monitor("set_link", name="card0", up=False)
+    machine.until("ecatctl check | grep -E 'no carrier|link|cable|down'; test $? = 0", 120)
+    assert machine("ecatctl check", status=None).status in (1, 2)
+    machine.monitor("set_link", name="card0", up=True)
+    wait_until_well(machine)
+
+
+def test_the_card_is_pulled_and_put_back(machine: Machine) -> None:
+    name = interface(machine, 0)
+    machine.monitor("device_del", id="card0")
+    machine.until(f"! test -e /sys/class/net/{name}")
+    machine.until("! ecatctl check", 120)
+    machine.monitor(
+        "device_add", driver="e1000e", netdev="wire0", id="card0", bus="slot0", mac=MACS[0]
+    )
+    machine.until(f"test -e /sys/class/net/{name}")
+    wait_until_well(machine)
+
+
+def test_two_buses(machine: Machine) -> None:
+    name = interface(machine, 1)
+    with segment("line:3", 1):
+        machine(f"ecatctl --bus press service install --interface {name}")
+        machine(
+            "sed -i 's/^listen = .*/listen = []/; s/^cycle_time_us.*/cycle_time_us = 10000/' "
+            "/etc/ecatd/press.toml"
+        )
+        machine("systemctl start ecatd@press", timeout=200)
+        wait_until_well(machine, "press")
+        wait_until_well(machine)
+        machine("systemctl stop ecatd@press", timeout=200)
+        wait_until_well(machine)
+        assert machine.text("ls /run/ecatd") == "ecat0"
+        machine("systemctl disable ecatd@press")
+
+
+def test_the_machine_starts_again_with_a_late_interface(machine: Machine) -> None:
+    machine.monitor("device_del", id="card0")
+    machine.until("! ecatctl check", 120)
+    machine.reboot()
+    assert machine("systemctl is-active ecatd", status=None).text.strip() != "active"
+    machine.monitor(
+        "device_add", driver="e1000e", netdev="wire0", id="card0", bus="slot0", mac=MACS[0]
+    )
+    began = time.monotonic()
+    wait_until_well(machine)
+    note("the interface is there: the bus is well", f"{time.monotonic() - began:.1f} s")
+
+
+# --- Upgrade and end -----------------------------------------------------------------------------
+
+
+def test_an_upgrade_leaves_the_bus_alone(machine: Machine) -> None:
+    before = process(machine, "ecatd.bus")
+    machine("cp -r /etc/ecatd /tmp/before")
+    machine("mkdir -p /tmp/new && dpkg-deb -R /files/ecatd_*.deb /tmp/new")
+    machine("sed -i 's/^Version: .*/Version: 99.0/' /tmp/new/DEBIAN/control")
+    machine("dpkg-deb -b /tmp/new /tmp/ecatd_99.deb >/dev/null", timeout=300)
+    told = machine("apt-get install -y /tmp/ecatd_99.deb 2>&1 | tail -5", timeout=300).text
+    assert "systemctl restart ecatd" in told
+    assert process(machine, "ecatd.bus") == before
+    machine("diff -r /etc/ecatd /tmp/before")
+    wait_until_well(machine)
+    machine("systemctl restart ecatd", timeout=300)
+    wait_until_well(machine)
+    assert process(machine, "ecatd.bus") != before
+
+
+def test_nothing_stays(machine: Machine, drive: str) -> None:
+    machine("apt-get purge -y ecatd 2>&1 | tail -5", timeout=300)
+    with Simulator(drive) as simulator:
+        assert {slave.state for slave in simulator.status().slaves} == {"INIT"}
+    left = machine.text(
+        "find / -xdev -path /files -prune -o -path /tmp -prune -o -path /var/log -prune "
+        "-o -iname '*ecat*' -print; ls /dev/shm; ls /run/ecatd 2>/dev/null; true"
+    )
+    assert not left
+    assert machine("id ecatd", status=1)
+    assert machine("getent group ecat", status=2)
+    assert "ecatd" not in machine.text("systemctl list-units --all --no-pager | grep ecat; true")
+    print("\n".join(f"| {what} | {figure} |" for what, figure in FIGURES))
