@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long test-system deb death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long test-system deb site death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -25,6 +25,7 @@ help:
 	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"
 	@echo "             Modelica_DeviceDrivers: its shared memory is measured as well"
 	@echo "make check   lint, types, formatting"
+	@echo "make site    the documentation as a site, in build/site"
 	@echo "make deb     Debian packages in build/deb, in a minute or two; needs mmdebstrap"
 	@echo "make pictures"
 	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
@@ -123,6 +124,15 @@ deb: $(BIN)/python
 	@rm -rf build/wheels
 	@$(BIN)/pip wheel --quiet --disable-pip-version-check --wheel-dir build/wheels .
 	@packaging/deb.sh build/wheels build/deb
+
+# Into build/site/VERSION; a warning, such as a link that leads nowhere, is an error.
+site: $(VENV)/.site
+	@$(BIN)/mkdocs build --quiet
+	@echo "build/site/index.html"
+
+$(VENV)/.site: $(BIN)/python
+	@$(PIP) "mkdocs-material>=9.6"
+	@touch $@
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -139,7 +139,8 @@ def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:
     entries = [json.loads(line) for line in text.splitlines()]
     assert any(entry.get("ECAT_BUS") == "ecat0" for entry in entries)
     assert any("MESSAGE_ID" in entry and "ECAT_EVENT" in entry for entry in entries)
-    assert "-- Subject:" in machine.text("journalctl -x -u ecatd --no-pager")
+    told = machine.text("journalctl -x -u ecatd --no-pager")
+    assert re.search("in OP.*?Subject: ", told, re.DOTALL)
 
 
 # --- Processes that die or hang while a drive turns ----------------------------------------------
@@ -205,6 +206,30 @@ def test_no_memory_is_left(machine: Machine, drive: str) -> None:
         assert "Out of memory" in machine.text("dmesg | grep -i 'out of memory'")
         assert process(machine, "ecatd.bus") == before
         machine("systemctl stop spin; true")
+    wait_until_well(machine)
+
+
+def test_the_doctor_sees_and_mends_the_card(machine: Machine) -> None:
+    name = interface(machine, 0)
+    machine(f"ethtool -C {name} rx-usecs 100; ethtool -K {name} gro on")
+
+    def hints() -> set[str]:
+        found = json.loads(machine("ecatctl doctor --json", status=None).text)["findings"]
+        assert not [item for item in found if item["level"] == "problem"], found
+        return {item["name"] for item in found if item["fixable"]}
+
+    assert {"interrupt coalescing", "offloads"} <= hints()
+    told = machine("ecatctl doctor --fix", status=None).text
+    for line in re.findall(r"^.* -> .*$", told, re.MULTILINE):
+        note("doctor", line)
+    assert re.search(f"{name} coalescing: rx 100 .*-> rx 0 tx .*the exchange took", told)
+    assert machine.text(f"ethtool -c {name} | grep ^rx-usecs:") == "rx-usecs:\t0"
+    assert "interrupt coalescing" not in hints()
+    machine("ecatctl doctor --undo", status=None)
+    assert machine.text(f"ethtool -c {name} | grep ^rx-usecs:") == "rx-usecs:\t100"
+    told = machine("ecatctl doctor --latency 10", status=None, timeout=200).text
+    assert "with PREEMPT_RT" in told
+    assert re.search(r"^ +busy +yes ", told, re.MULTILINE)
     wait_until_well(machine)
 
 
@@ -286,7 +311,7 @@ def test_nothing_stays(machine: Machine, drive: str) -> None:
         assert {slave.state for slave in simulator.status().slaves} == {"INIT"}
     left = machine.text(
         "find / -xdev -path /files -prune -o -path /tmp -prune -o -path /var/log -prune "
-        "-o -iname '*ecat*' -print; ls /dev/shm; ls /run/ecatd 2>/dev/null; true"
+        "-o \\( -name '*ecatd*' -o -name 'ecatctl*' -o -name 'ecatsim*' -o -name 'ecat0*' \\) -print; ls /dev/shm; ls /run/ecatd 2>/dev/null; true"
     )
     assert not left
     assert machine("id ecatd", status=1)
