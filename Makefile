@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long test-system deb site death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long test-system fuzz deb site death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -20,6 +20,7 @@ help:
 	@echo "make test-system"
 	@echo "             run the tests on a whole machine in QEMU, as root; needs mmdebstrap, qemu-system-x86"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
+	@echo "make fuzz    a million wrong inputs for each parser and way into the daemon, some hours (INPUTS=number)"
 	@echo "make torn    100 million reads while the daemon writes: none is of two cycles, some minutes"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
 	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"
@@ -111,6 +112,12 @@ death: $(VENV)/.test
 
 torn: $(VENV)/.test
 	ECAT_READS=100000000 $(BIN)/python -m pytest -s --timeout 3600 tests/proof/test_torn.py
+
+# A million inputs for each parser and each way into the daemon, and sanitizers for the parts in C.
+INPUTS := 1000000
+fuzz: $(VENV)/.test
+	ECAT_INPUTS=$(INPUTS) ECAT_PAGES=$(INPUTS) $(call pytest,fuzz) $(PARALLEL) -o timeout=36000 -m "not system" \
+	  --durations=20 tests/fuzz tests/bus/test_hostile_clients.py
 
 # On an idle machine; as root with real-time priority, as everyone else without.
 bench bench-full: $(VENV)/.bench

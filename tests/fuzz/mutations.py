@@ -1,10 +1,16 @@
 """Seeded mutations of byte strings, the same on every machine."""
 
+import os
 import random
 import re
 from collections.abc import Iterator, Sequence
 
 _PIECES = re.compile(r"<[^>]*>|[^<]+")
+
+
+def inputs(usual: int) -> int:
+    """How many inputs a test tries: as usual, or as many as `make fuzz` wants."""
+    return int(os.environ.get("ECAT_INPUTS", usual))
 
 
 def mutants(seeds: Sequence[bytes], count: int, seed: int) -> Iterator[bytes]:

@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from mutations import mutants, mutated_elements
+from mutations import inputs, mutants, mutated_elements
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
@@ -18,7 +18,7 @@ from ecatd.model.errors import ConfigError
 
 pytestmark = pytest.mark.long
 
-FILES = 3_000
+FILES = inputs(3_000)
 VALUES = ["0", "1", "-1", "254", "65535", "#xFFFFFFFF", "", "PS", "0003", "00" * 40, "Inputs"]
 
 

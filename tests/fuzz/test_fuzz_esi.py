@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from mutations import mutants, mutated_elements
+from mutations import inputs, mutants, mutated_elements
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
@@ -17,7 +17,7 @@ from ecatsim.files.esi import device_from_esi
 pytestmark = pytest.mark.long
 
 
-FILES, SHARDS = 4_000, 2
+FILES, SHARDS = inputs(4_000), 2
 VALUES = ["0", "1", "-1", "255", "65536", "#xFFFFFFFF", "#x", "", "UINT", "STRING(65535)", "DT2000"]
 VALUES += ["ARRAY [0..99999] OF BYTE", "DT2001ARR", "RW", "1e999", "nan", "\u2603", "00" * 300]
 

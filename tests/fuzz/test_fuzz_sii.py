@@ -4,7 +4,7 @@ import struct
 from collections.abc import Callable
 
 import pytest
-from mutations import mutants
+from mutations import inputs, mutants
 
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
@@ -21,7 +21,7 @@ from ecatsim.slave.sync_managers import default_size
 pytestmark = pytest.mark.long
 
 
-IMAGES, SHARDS = 50_000, 5
+IMAGES, SHARDS = inputs(50_000), 5
 BOOTED = 2_000
 APRD, APWR = 1, 2
 AL_CONTROL, AL_STATUS, EEPROM_CONTROL, EEPROM_DATA = 0x0120, 0x0130, 0x0502, 0x0508

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mutations import mutants
+from mutations import inputs, mutants
 
 from ecatd.model import profiles
 from ecatd.model.config import load_config
@@ -204,6 +204,6 @@ def test_changed_texts(
 
 @pytest.mark.parametrize(("text", "load"), FILES[:2])
 def test_changed_bytes(tmp_path: Path, text: str, load: Load) -> None:
-    for data in mutants([text.encode()], 1000, 1):
+    for data in mutants([text.encode()], inputs(2_000) // 2, 1):
         said = said_about(tmp_path / "x.toml", data, load)
         assert re.fullmatch(r"(\d+: .+| is nested too deeply)?", said)
