@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long test-system fuzz deb site death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long test-system soak fuzz deb site death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -20,6 +20,7 @@ help:
 	@echo "make test-system"
 	@echo "             run the tests on a whole machine in QEMU, as root; needs mmdebstrap, qemu-system-x86"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
+	@echo "make soak    a bus with random faults for half an hour (SECONDS=number SEED=number)"
 	@echo "make fuzz    a million wrong inputs for each parser and way into the daemon, some hours (INPUTS=number)"
 	@echo "make torn    100 million reads while the daemon writes: none is of two cycles, some minutes"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
@@ -112,6 +113,11 @@ death: $(VENV)/.test
 
 torn: $(VENV)/.test
 	ECAT_READS=100000000 $(BIN)/python -m pytest -s --timeout 3600 tests/proof/test_torn.py
+
+# Half an hour of random faults (SECONDS=number, SEED=number).
+SECONDS := 1800
+soak: $(VENV)/.test
+	ECAT_SOAK_S=$(SECONDS) ECAT_SEED=$(SEED) $(call pytest,soak) -s -o timeout=0 tests/soak
 
 # A million inputs for each parser and each way into the daemon, and sanitizers for the parts in C.
 INPUTS := 1000000

@@ -38,6 +38,16 @@ def test_every_feature_of_the_simulator_is_shown(feature: str, tests: str) -> No
     check(tests, SIMULATOR)
 
 
+def test_all_cases_have_a_row() -> None:
+    numbers = [row[0] for row in rows("reliability.md", "Cases")]
+    assert numbers == [f"R{number:02}" for number in range(1, 46)]
+
+
+@pytest.mark.parametrize("row", rows("reliability.md", "Cases"))
+def test_every_case_is_shown(row: list[str]) -> None:
+    check(row[-1], {})
+
+
 @pytest.mark.parametrize("row", rows("features.md", "Master classes", "Faults"))
 def test_every_feature_of_the_master_is_shown(row: list[str]) -> None:
     tests = row[-1]

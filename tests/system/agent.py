@@ -8,7 +8,7 @@ import subprocess
 import time
 from pathlib import Path
 
-PORT = Path("/dev/virtio-ports/ecatd.agent")
+PORT = Path("/dev/virtio-ports/tests.agent")
 
 
 def answer(request):

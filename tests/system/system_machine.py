@@ -135,7 +135,7 @@ class Machine:
                 "-device",
                 "virtio-serial",
                 "-device",
-                "virtserialport,chardev=agent,name=ecatd.agent",
+                "virtserialport,chardev=agent,name=tests.agent",
             ),
             *("-qmp", f"unix:{monitor},server=on,wait=off"),
             *cards,
