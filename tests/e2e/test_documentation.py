@@ -20,7 +20,7 @@ from ecatd.model.config import (
     load_config,
     read_config,
 )
-from ecatd.model.errors import ConfigError
+from ecatd.model.errors import ConfigError, EcatError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -39,8 +39,20 @@ def anchors(document: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
 
 
+def test_every_error_has_an_entry() -> None:
+    def family(kind: type[EcatError]) -> Iterator[type[EcatError]]:
+        yield kind
+        for child in kind.__subclasses__():
+            yield from family(child)
+
+    text = (ROOT / "docs/troubleshooting.md").read_text().split("## Errors by name")[1]
+    told = dict(re.findall(r"^\| `(\w+)` \| (\d+) \|", text, re.MULTILINE))
+    ours = [kind for kind in family(EcatError) if kind.__module__ == EcatError.__module__]
+    assert told == {kind.name: str(kind.exit_code) for kind in ours}
+
+
 def test_every_link_leads_somewhere() -> None:
-    for document in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+    for document in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
         for target, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", document.read_text()):
             if "://" not in target:
                 page = document.parent / target if target else document
