@@ -1,8 +1,8 @@
 """The process of the gateway: `python -m ecatd.gateway`, started by the service.
 
 Its settings, those of `ecatd.bus.__main__` and the origins of the configuration, come when the bus
-is in OP (see `ecatd.service_link`); it is ready when it answers. It has no capabilities, and the
-bus does not depend on it.
+is in OP (see `ecatd.service_link`); it is ready when it answers. It has no capabilities, may
+write only into the folder of its bus, and the bus does not depend on it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from ecatd.landlock import restrict
 from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
@@ -54,6 +55,16 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         await gateway.stop()
 
 
+def _folders(settings: dict[str, Any]) -> list[Path]:
+    """The folders of its Unix sockets."""
+    config = read_config(settings["config"])
+    addresses = [config.gateway.metrics, *config.gateway.listen]
+    paths = [Path(address.partition(":")[2]) for address in addresses if address[:5] == "unix:"]
+    paths += [Path(text[16:]) for text in addresses if text.startswith("unixsock-stream/")]
+    folders = [Path(settings["runtime_dir"]) / config.bus, *(path.parent for path in paths)]
+    return [folder for folder in folders if folder.is_dir()]
+
+
 def main() -> int:
     """Runs the gateway; the exit code says why it ended."""
     leave_signals_to_the_service()
@@ -64,6 +75,9 @@ def main() -> int:
     settings = read_settings()
     die_with_parent(settings["parent"])
     log = Log("ecatd", settings["log_level"], settings["config"]["bus"])
+    # It has no threads yet. Whoever gets it under control can make sockets in its folder: no more.
+    if not restrict(_folders(settings)):
+        log.debug("this kernel has no Landlock: the gateway may write what its user may")
     try:
         asyncio.run(_serve(settings, log))
     except EcatError as error:
