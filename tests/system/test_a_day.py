@@ -304,14 +304,18 @@ def test_an_upgrade_leaves_the_bus_alone(machine: Machine) -> None:
     machine("cp -r /etc/ecatd /tmp/before")
     machine("mkdir -p /tmp/new && dpkg-deb -R /files/ecatd_*.deb /tmp/new")
     machine("sed -i 's/^Version: .*/Version: 99.0/' /tmp/new/DEBIAN/control")
+    version = "/tmp/new/usr/lib/ecatd/lib/python3.11/site-packages/ecatd/version.py"
+    machine(f"sed -i 's/^VERSION = .*/VERSION = \"99.0\"/' {version}")
     machine("dpkg-deb -b /tmp/new /tmp/ecatd_99.deb >/dev/null", timeout=300)
     told = machine("apt-get install -y /tmp/ecatd_99.deb 2>&1 | tail -5", timeout=300).text
     assert "systemctl restart ecatd" in told
     assert process(machine, "ecatd.bus") == before
     machine("diff -r /etc/ecatd /tmp/before")
     wait_until_well(machine)
+    assert "is run by version 0." in machine("ecatctl doctor", status=None).text
     machine("systemctl restart ecatd", timeout=300)
     wait_until_well(machine)
+    assert "is run by version" not in machine("ecatctl doctor", status=None).text
     assert process(machine, "ecatd.bus") != before
 
 

@@ -111,7 +111,7 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
     yield from look_at_processors(cpu)
     yield from look_at_rights(options.bus)
     yield from look_at_shared_memory()
-    yield from look_at_versions()
+    yield from look_at_versions(options.bus)
 
 
 def _measured(options: argparse.Namespace, changes: Iterator[str]) -> Iterator[str]:

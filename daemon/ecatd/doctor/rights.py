@@ -6,6 +6,7 @@ import grp
 import os
 import resource
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ecatd import shm
 from ecatd.model.config import Config, load_config
 from ecatd.model.errors import JOIN, EcatError
 from ecatd.paths import MACHINE, control_socket, search_dirs
+from ecatd.stats import read
 from ecatd.version import VERSION
 
 from .findings import Finding, Level
@@ -93,8 +95,8 @@ def look_at_shared_memory() -> Iterator[Finding]:
             yield Finding(area, "left over", Level.HINT, text, remedy)
 
 
-def look_at_versions() -> Iterator[Finding]:
-    """Versions of ecatd and what it needs."""
+def look_at_versions(bus: str) -> Iterator[Finding]:
+    """Versions of ecatd and what it needs, and of the daemon that runs the bus."""
     found = [f"ecatd {VERSION}"]
     for name in _PACKAGES:
         try:
@@ -103,3 +105,9 @@ def look_at_versions() -> Iterator[Finding]:
             remedy = "install ecatd again with pip"
             yield Finding("versions", name, Level.PROBLEM, "it is not installed", remedy)
     yield Finding("versions", "installed", Level.OK, ", ".join(found))
+    with suppress(EcatError):
+        running = read(bus).version
+        if running != VERSION:
+            text = f"bus '{bus}' is run by version {running}"
+            remedy = "`systemctl restart` of its service, when the machine may stop"
+            yield Finding("versions", "running", Level.HINT, text, remedy)
