@@ -49,7 +49,7 @@ retry_s = 0.5
 lease_max_ms = 60000
 wkc_limit = 20
 """
-HEAL_S = 60.0
+HEAL_S = 120.0
 GROWTH = {"RSS": 6144, "descriptors": 3, "threads": 2}
 """Most that a process may grow after the warm-up; memory in KiB, as allocators keep some."""
 GRID_CYCLES = 2
@@ -97,12 +97,16 @@ class Soak:
         assert abs(elapsed - cycles) < GRID_CYCLES + late, (elapsed, cycles, late)
 
     def heal(self) -> None:
-        """Waits until all slaves are in OP again."""
+        """Waits until all slaves are in OP again, and the log says that all answer.
+
+        What comes and goes in quick succession is told together, so the next fault waits for it.
+        """
         end = time.monotonic() + HEAL_S
         while True:
             self.check()
             states = [slave.state for slave in self.simulator.status().slaves]
-            if set(states) == {"OP"}:
+            counted = re.findall(r"slave count changed|slaves answer, and no", self.daemon.log)
+            if set(states) == {"OP"} and counted[-1:] != ["slave count changed"]:
                 return
             assert time.monotonic() < end, (states, self.daemon.log[-3000:])
             time.sleep(0.05)

