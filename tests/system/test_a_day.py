@@ -3,14 +3,19 @@
 import json
 import re
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from system_machine import MACS, PATIENCE_S, Machine, segment
+from system_machine import MACS, PATIENCE_S, Machine, segment, wires
 
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.system
+
+ROOT = Path(__file__).parents[2]
+IMAGE = ROOT / "build/machine"
+PACKAGES = ROOT / "build/deb"
 
 VELOCITY = 0x606C
 SPEED = 200_000  # of spin.py
@@ -30,6 +35,25 @@ slave = 0
 value = "quick_stop"
 stop_timeout_s = 10.0
 """
+
+
+@pytest.fixture(scope="session")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
+    """The machine, with the Debian packages in `/files`."""
+    assert IMAGE.exists(), "use make test-system"
+    packages = sorted(PACKAGES.glob("*.deb"))
+    assert packages, "use make test-system"
+    helpers = sorted((Path(__file__).parent / "guest").glob("*.py"))
+    folder = tmp_path_factory.mktemp("machine")
+    with wires(), Machine(IMAGE, folder, [*packages, *helpers]) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def drive(machine: Machine) -> Iterator[str]:
+    """The simulated segment at the first card: its name for `Simulator`."""
+    with segment("troll", 0) as name:
+        yield name
 
 
 def interface(machine: Machine, number: int) -> str:
