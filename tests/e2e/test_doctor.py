@@ -139,3 +139,43 @@ def test_a_killed_daemon_leaves_memory_that_is_named(
     assert (
         "may write outputs" in run("--bus", daemon.bus, env=daemon.env).stdout or os.geteuid() == 0
     )
+
+
+def test_what_is_gone_does_not_hold_up_the_rest(tmp_path: Path) -> None:
+    kept = tmp_path / "ecatd-doctor.json"
+    kept.write_text('{"gone0 gro": "on", "here gro": "on", "IRQ 99999": "1"}')
+    done = namespace(f"ethtool -K here gro off; {CTL} --interface here --undo || true", tmp_path)
+    assert "gone0 gro: cannot be changed back" in done.stdout
+    assert "here gro: off -> on" in done.stdout
+    assert "here gro" not in json.loads(kept.read_text())
+    assert "gone0 gro" in json.loads(kept.read_text())
+
+
+def test_a_report_into_a_device_leaves_the_device(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE, text=True)
+    done = run("-o", str(pipe))
+    assert done.returncode in (0, 1), done
+    assert "processors" in reader.communicate(timeout=60)[0]
+    assert pipe.is_fifo()
+
+
+def test_the_wake_up_test_ends_with_its_command() -> None:
+    process = subprocess.Popen([*shlex.split(CTL), "--latency", "60"], stdout=subprocess.DEVNULL)
+    children: set[str] = set()
+    while not children:
+        text = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
+        children = set(text.split())
+    process.kill()
+    process.wait()
+    # Nobody may have waited for them yet, but they do nothing any more.
+    while any(runs(child) for child in children):
+        pass
+
+
+def runs(pid: str) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

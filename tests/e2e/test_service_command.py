@@ -158,9 +158,12 @@ def test_what_cannot_be_done_is_refused(tmp_path: Path) -> None:
     assert "installed.json is damaged" in service(tmp_path, "uninstall", status=7)
 
 
-def test_a_folder_in_place_of_a_file_is_named(tmp_path: Path) -> None:
+def test_a_folder_in_place_of_a_file_stays(tmp_path: Path) -> None:
     (tmp_path / UNIT).mkdir(parents=True)
-    assert f"/{UNIT}: " in service(tmp_path, "install", status=7)
+    told = service(tmp_path, "install")
+    assert re.search(rf"^keep +/{UNIT} ", told, re.MULTILINE)
+    service(tmp_path, "uninstall")
+    assert (tmp_path / UNIT).is_dir()
 
 
 def test_a_mistake_in_your_configuration_is_told(tmp_path: Path) -> None:
@@ -188,4 +191,118 @@ def test_an_ordinary_user_is_told_to_use_sudo(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 6, done
     assert "sudo" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_masked_unit_and_links_out_of_the_image_are_left_alone(tmp_path: Path) -> None:
+    root, outside = tmp_path / "root", tmp_path / "outside"
+    outside.mkdir()
+    target = outside / "target"
+    target.write_text("of somebody else\n")
+    unit = root / UNIT
+    unit.parent.mkdir(parents=True)
+    unit.symlink_to(target)
+    told = service(root, "install", "--interface", "eth7")
+    assert re.search(rf"^keep +/{UNIT} ", told, re.MULTILINE)
+    assert target.read_text() == "of somebody else\n"
+    service(root, "uninstall", "--purge")
+    assert unit.is_symlink()
+    assert target.read_text() == "of somebody else\n"
+    (root / "etc/sysusers.d").rmdir()
+    (root / "etc/sysusers.d").symlink_to(outside)
+    assert "leads out of" in service(root, "install", status=7)
+    assert [path.name for path in outside.iterdir()] == ["target"]
+
+
+def test_purging_a_linked_folder_removes_the_link(tmp_path: Path) -> None:
+    root, outside = tmp_path / "root", tmp_path / "outside"
+    outside.mkdir()
+    (outside / "mine.toml").write_text("")
+    root.mkdir()
+    service(root, "install")
+    (root / "etc/ecatd").symlink_to(outside)
+    service(root, "uninstall", "--purge")
+    assert not (root / "etc/ecatd").is_symlink()
+    assert (outside / "mine.toml").exists()
+
+
+def test_what_was_changed_since_stays(tmp_path: Path) -> None:
+    service(tmp_path, "install", "--interface", "eth7")
+    edited = tmp_path / UNIT
+    edited.write_text(edited.read_text() + "# mine\n")
+    link = tmp_path / "usr/local/bin/ecatctl"
+    link.unlink()
+    link.symlink_to("/opt/mine/ecatctl")
+    script = tmp_path / "usr/local/bin/ecatsim"
+    script.unlink()
+    script.write_text("mine")
+    (tmp_path / "usr/local/share/man/man1/ecatd.1").unlink()
+    told = service(tmp_path, "upgrade")
+    assert (str(link.readlink()), script.read_text()) == ("/opt/mine/ecatctl", "mine")
+    edited.write_text("# mine again\n")
+    told = service(tmp_path, "uninstall")
+    assert "changed since it was installed" in told
+    assert edited.read_text() == "# mine again\n"
+    left = {path for path in tree(tmp_path) if "before-ecatd" not in path}
+    assert left == {UNIT, CONFIGURATION, "usr/local/bin/ecatctl", "usr/local/bin/ecatsim"}
+
+
+def test_no_copy_is_written_over_another(tmp_path: Path) -> None:
+    unit = tmp_path / UNIT
+    unit.parent.mkdir(parents=True)
+    for text in ("first\n", "second\n"):
+        unit.write_text(text)
+        service(tmp_path, "install")
+    copies = sorted(unit.parent.glob("*.before-ecatd*"))
+    assert [copy.read_text() for copy in copies] == ["first\n", "second\n"]
+
+
+def test_an_interrupted_installation_can_be_removed(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ecatd.cli", "service", "install", "--root", str(tmp_path)]
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as nobody:
+        subprocess.run(command, stdout=nobody, check=False)
+    assert (tmp_path / "usr/local/bin/ecatd").is_symlink()  # it was finished
+    for path in list(tree(tmp_path))[::2]:
+        if path != LIST:
+            (tmp_path / path).unlink()
+    service(tmp_path, "uninstall")
+    assert tree(tmp_path) == {}
+
+
+def test_folders_can_be_read_whatever_the_umask_is(tmp_path: Path) -> None:
+    root = tmp_path / "root"
+    root.mkdir()
+    command = [sys.executable, "-m", "ecatd.cli", "service", "install", "--interface", "eth7"]
+    subprocess.run([*command, "--root", str(root)], umask=0o077, check=True, capture_output=True)
+    folders = [path for path in root.rglob("*") if path.is_dir() and not path.is_symlink()]
+    assert {path.stat().st_mode & 0o777 for path in folders} == {0o755}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"files": {"etc/x": "y"}}',
+        '{"files": {"/../x": "y"}}',
+        '{"files": {"/\\ud800": "y"}}',
+        "[" * 100_000,
+    ],
+)
+def test_a_damaged_list_is_refused(tmp_path: Path, text: str) -> None:
+    service(tmp_path, "install")
+    (tmp_path / LIST).write_text(text)
+    assert "installed.json is damaged" in service(tmp_path, "uninstall", status=7)
+
+
+def test_odd_arguments(tmp_path: Path) -> None:
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    for root in (str(loop), ""):
+        done = run_module("ecatd.cli", "service", "install", "--root", root)
+        assert (done.returncode, "Traceback" in done.stderr) == (2, False), done
+    for name in ("a\x01b", "é" * 15, ".", "..", "eth0/x"):
+        assert "network interface" in service(tmp_path, "install", "--interface", name, status=2)
+    command = f"{sys.executable} -m ecatd.cli service install --root {tmp_path} >&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert "Traceback" not in done.stderr

@@ -63,7 +63,7 @@ def _declared(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
                 action, argparse._SubParsersAction
             ):
                 action.choices = list(action.choices)  # shtab takes a map for commands
-            if action.type is Path:
+            if action.type is Path or action.metavar == "DIR":
                 what = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
                 action.complete = what  # type: ignore[attr-defined]
     return parser

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 
 from ecatd.installation.service import (
@@ -47,8 +48,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument("-n", "--dry-run", action="store_true", help="only say what would be done")
     command.add_argument(
         "--root",
-        type=Path,
-        default=Path("/"),
+        default="/",
         metavar="DIR",
         help="install into the file system of an image; commands of the system are not run",
     )
@@ -61,9 +61,12 @@ def service(options: argparse.Namespace) -> None:
     Raises:
         EcatError: A step cannot be taken.
     """
-    root = options.root.resolve()
-    if not root.is_dir():
-        raise UsageError(f"--root {options.root} is no folder")
+    try:
+        root = Path(options.root).resolve(strict=True)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise UsageError(f"--root {options.root!r} is no folder: {error}") from error
+    if not options.root or not root.is_dir():
+        raise UsageError(f"--root {options.root!r} is no folder")
     if options.interface is not None and options.action != "install":
         raise UsageError(f"--interface is for install, not for {options.action}")
     if options.purge and options.action != "uninstall":
@@ -74,7 +77,8 @@ def service(options: argparse.Namespace) -> None:
         if not options.dry_run:
             step.do()
         if not options.json:
-            print(_line(step, dry_run=options.dry_run), flush=True)
+            with suppress(BrokenPipeError):  # what has begun is finished, whoever listens
+                print(_line(step, dry_run=options.dry_run), flush=True)
     following = _next(place, options)
     if options.json:
         print_json(

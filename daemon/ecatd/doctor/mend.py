@@ -44,10 +44,17 @@ def undo() -> Iterator[str]:
     before = _read()
     for name, value in list(before.items()):
         change = _change(name, value)
-        yield _set(change, change.read())
-        del before[name]
-        _write(before)
-    _list().unlink(missing_ok=True)
+        try:
+            yield _set(change, change.read())
+            done = change.read() == value
+        except (OSError, ValueError) as error:  # an adapter that is gone, for example
+            yield f"{name}: cannot be changed back to {value}: {error}"
+            done = False
+        if done:
+            del before[name]
+            _write(before)
+    if not before:
+        _list().unlink(missing_ok=True)
 
 
 def _set(change: Change, was: str) -> str:
@@ -55,8 +62,8 @@ def _set(change: Change, was: str) -> str:
         change.write(change.wanted)
     except PermissionError as error:
         raise NotPermittedError(f"{change.name}: only root may change it; use sudo") from error
-    except OSError as error:
-        return f"{change.name}: {was}; the driver refuses {change.wanted} ({error.strerror})"
+    except (OSError, ValueError) as error:
+        return f"{change.name}: {was}; the system refuses {change.wanted} ({error})"
     now = change.read()
     return f"{change.name}: {was} -> {now}"
 
@@ -64,7 +71,7 @@ def _set(change: Change, was: str) -> str:
 def _change(name: str, wanted: str) -> Change:
     """The setting of this name, as `mend` has written it."""
     first, _, second = name.partition(" ")
-    if first == "IRQ":
+    if first == "IRQ" and second.isdecimal():
         return text_change(name, Path("/proc/irq") / second / "smp_affinity_list", wanted)
     if second == "governor":
         file = Path("/sys/devices/system/cpu") / first / "cpufreq/scaling_governor"

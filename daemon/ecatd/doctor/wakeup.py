@@ -10,6 +10,7 @@ import contextlib
 import ctypes
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 
 from ecatd import native, shm
 from ecatd.model.errors import StateError
+from ecatd.process import die_with_parent
 from ecatd.stats.snapshot import Histogram
 
 _PERIOD_NS = 1_000_000
@@ -73,7 +75,11 @@ def _busy(load: bool) -> Iterator[None]:
     """Keeps all processors busy during the block."""
     command = [sys.executable, "-c", _LOAD]
     count = len(os.sched_getaffinity(0)) if load else 0
-    busy = [subprocess.Popen(command) for _ in range(count)]
+    here = os.getpid()
+    busy = [
+        subprocess.Popen(command, preexec_fn=lambda: die_with_parent(here, signal.SIGKILL))
+        for _ in range(count)
+    ]
     try:
         yield
     finally:
@@ -84,6 +90,7 @@ def _busy(load: bool) -> Iterator[None]:
 
 def main(period_ns: int, count: int, priority: int, cpu: int) -> None:
     """Measures in this process, and prints the histogram."""
+    die_with_parent(os.getppid(), signal.SIGKILL)
     if cpu >= 0:
         os.sched_setaffinity(0, {cpu})
     real_time = priority > 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import re
 import shutil
@@ -18,7 +19,7 @@ from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.version import VERSION
 
 from .places import LOCAL, example, files
-from .steps import Link, Remove, Run, Step, Write, run
+from .steps import Link, Remove, RemoveTree, Run, Step, Write, run
 
 PACKAGED = Path("/usr/lib/ecatd/bin")
 """Where the Debian package has the programs."""
@@ -28,7 +29,8 @@ _LIST = LOCAL.share / "ecatd/installed.json"
 _BIN = PurePosixPath("/usr/local/bin")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 """Folders that the service does not see (`ProtectHome=`, `PrivateTmp=`)."""
-_INTERFACE_NAME = re.compile(r"[^\s/\"'\\]{1,15}")
+_INTERFACE_NAME = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9_.:@+-]{1,15}")
+_PROGRAM_PATH = re.compile(r"[A-Za-z0-9_./+-]+")
 _INTERFACE = re.compile(rb'^interface = "[^"\n]*"', re.MULTILINE)
 
 
@@ -122,8 +124,10 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Step]:
         stop = "the drives are stopped, and the slaves go to INIT"
         yield run("systemctl", "disable", "--now", "ecatd.service", why=stop, may_fail=True)
         yield run("systemctl", "stop", "ecatd@*.service", why=stop, may_fail=True)
-    for path in (*installed, str(_LIST)) if installed else ():
-        yield Remove("remove", path, "", place.at(PurePosixPath(path)), folders=2)
+    for path, digest in installed.items():
+        yield from _remove(place, path, digest)
+    if installed:
+        yield Remove("remove", str(_LIST), "", place.at(_LIST))
     for bus_unit in place.at(LOCAL.units).glob("*.wants/ecatd@*.service"):
         yield Remove("remove", str(_seen(place, bus_unit)), "", bus_unit)
     if purge:
@@ -151,6 +155,11 @@ def _refuse_package(place: Place, how: str) -> None:
 
 
 def _check_visible(place: Place) -> None:
+    if not _PROGRAM_PATH.fullmatch(str(place.programs)):
+        raise UsageError(
+            f"ecatd is installed in '{place.programs}': a unit of systemd needs a path of letters, "
+            "digits and . _ + - only, such as /opt/ecatd"
+        )
     for path in (place.programs, Path(sys.base_prefix).resolve()):
         for folder in _HIDDEN:
             if path.is_relative_to(folder) and place.root == Path("/"):
@@ -163,23 +172,50 @@ def _check_visible(place: Place) -> None:
 
 def _bring_up_to_date(place: Place) -> Iterator[Step]:
     """The files, the links, and the list of both."""
-    wanted = files(LOCAL, place.programs / "ecatd")
     before = _installed(place)
-    links = _links(place)
-    for path, data in wanted.items():
-        yield from _write(place, path, data, before)
-    for link, target in links.items():
-        yield from _link(place, link, target, before)
-    for old in before:
-        if PurePosixPath(old) not in (*wanted, *links):
-            why = "this version has no such file"
-            yield Remove("remove", old, why, place.at(PurePosixPath(old)), folders=2)
+    wanted = {
+        path: data
+        for path, data in files(LOCAL, place.programs / "ecatd").items()
+        if not _is_kept(place, path)
+    }
+    links = {
+        path: target
+        for path, target in _links(place).items()
+        if _is_free(place, path, before, target)
+    }
     content = {str(path): _digest(data) for path, data in wanted.items()}
-    content |= {str(path): "link" for path in links if _is_ours(place, path, before)}
+    content |= {str(path): f"link:{target}" for path, target in links.items()}
     listed = {"version": VERSION, "files": content}
     data = json.dumps(listed, indent=1, sort_keys=True).encode() + b"\n"
-    if _read(place.at(_LIST)) != data:
+    if _read(place.at(_LIST)) != data:  # first: what is interrupted can be removed
         yield Write("write", str(_LIST), "what is installed", place.at(_LIST), data)
+    for path in files(LOCAL, place.programs / "ecatd"):
+        if path in wanted:
+            yield from _write(place, path, wanted[path], before)
+        else:
+            yield Step("keep", str(path), "yours: a link or a folder, such as of a masked unit")
+    for path, target in _links(place).items():
+        if path not in links:
+            yield Step("keep", str(path), f"another program, which is not {target}")
+        elif place.at(path).is_symlink() and place.at(path).readlink() == target:
+            yield Step("keep", str(path), "up to date")
+        else:
+            yield Link("link", str(path), f"to {target}", place.at(path), target)
+    for old, digest in before.items():
+        if old not in content:
+            yield from _remove(place, old, digest, "this version has no such file")
+
+
+def _is_kept(place: Place, path: PurePosixPath) -> bool:
+    """Whether there is something in the place of a file that must stay.
+
+    Raises:
+        StateError: A link among the folders above it leads out of the file system of the image.
+    """
+    file = place.at(path)
+    if not file.parent.resolve().is_relative_to(place.root):
+        raise StateError(f"{file.parent} leads out of {place.root}: remove the link")
+    return file.is_symlink() or (file.exists() and not file.is_file())
 
 
 def _write(
@@ -192,9 +228,28 @@ def _write(
         return
     if there is not None and _digest(there) != before.get(str(path)):
         copy = file.with_name(file.name + ".before-ecatd")
-        why = "the file above as it was, since somebody else has written it"
+        for number in itertools.count(2):
+            if not copy.exists() and not copy.is_symlink():
+                break
+            copy = file.with_name(f"{file.name}.before-ecatd-{number}")
+        why = "the file below as it was, since somebody else has written it"
         yield Write("write", str(_seen(place, copy)), why, copy, there)
     yield Write("write", str(path), "new" if there is None else "changed", file, data)
+
+
+def _remove(place: Place, path: str, digest: str, why: str = "") -> Iterator[Step]:
+    """Removes what is as it was installed, and nothing else."""
+    file = place.at(PurePosixPath(path))
+    if file.is_symlink():
+        ours = digest == f"link:{file.readlink()}"
+    elif not file.exists():
+        return
+    else:
+        ours = _digest(_read(file) or b"") == digest and file.is_file()
+    if ours and file.parent.resolve().is_relative_to(place.root):
+        yield Remove("remove", path, why, file)
+    else:
+        yield Step("keep", path, "changed since it was installed: remove it yourself")
 
 
 def _links(place: Place) -> dict[PurePosixPath, Path]:
@@ -204,27 +259,20 @@ def _links(place: Place) -> dict[PurePosixPath, Path]:
     return {_BIN / name: place.programs / name for name in PROGRAMS}
 
 
-def _is_ours(place: Place, path: PurePosixPath, before: Mapping[str, str]) -> bool:
+def _is_free(place: Place, path: PurePosixPath, before: Mapping[str, str], target: Path) -> bool:
+    """Whether a link can be made: nothing is there, or a link that we have made."""
     link = place.at(path)
-    return str(path) in before or link.is_symlink() or not link.exists()
-
-
-def _link(
-    place: Place, path: PurePosixPath, target: Path, before: Mapping[str, str]
-) -> Iterator[Step]:
-    link = place.at(path)
-    if link.is_symlink() and link.readlink() == target:
-        yield Step("keep", str(path), "up to date")
-    elif _is_ours(place, path, before):
-        yield Link("link", str(path), f"to {target}", link, target)
-    else:
-        yield Step("keep", str(path), f"another program, which is not {target}")
+    if link.is_symlink():
+        return f"link:{link.readlink()}" in (before.get(str(path)), f"link:{target}")
+    return not link.exists()
 
 
 def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Step]:
     path = CONFIGURATION / f"{bus}.toml"
     file = place.at(path)
-    if file.exists():
+    if file.is_symlink() and not file.exists():
+        yield Step("keep", str(path), f"a link to {file.readlink()}, which does not exist")
+    elif file.exists():
         yield Step("keep", str(path), _state(file))
     elif interface is None:
         why = f"--interface IF writes one; {unit(bus)} does not start before it exists"
@@ -262,8 +310,8 @@ def _tell_system(place: Place, *, users: bool = True) -> Iterator[Step]:
 
 def _purge(place: Place) -> Iterator[Step]:
     folder = place.at(CONFIGURATION)
-    for file in sorted(path for path in folder.rglob("*") if not path.is_dir()):
-        yield Remove("remove", str(_seen(place, file)), "", file, folders=2)
+    if folder.exists() or folder.is_symlink():
+        yield RemoveTree("remove", str(CONFIGURATION), "", folder)
     if place.root == Path("/"):
         yield Run("run", "userdel ecatd", "", ("userdel", "ecatd"), may_fail=True)
         yield Run("run", "groupdel ecat", "", ("groupdel", "ecat"), may_fail=True)
@@ -279,8 +327,13 @@ def _installed(place: Place) -> dict[str, str]:
     if data is None:
         return {}
     try:
-        return {str(path): str(digest) for path, digest in json.loads(data)["files"].items()}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        found = {str(path): str(digest) for path, digest in json.loads(data)["files"].items()}
+        for path in found:
+            path.encode()
+            if not path.startswith("/") or ".." in PurePosixPath(path).parts:
+                raise ValueError(path)
+        return found
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise StateError(
             f"{_LIST} is damaged, so what is installed is not known: remove it, and install again"
         ) from error

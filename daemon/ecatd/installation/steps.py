@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +11,9 @@ from pathlib import Path
 
 from ecatd.model.atomic_write import write_whole
 from ecatd.model.errors import NotPermittedError, StateError
+
+_OURS = ("monitoring", "ecatd")
+"""Folders that hold nothing but files of ecatd."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +48,7 @@ class Write(Step):
     def do(self) -> None:
         """Writes it, readable for all."""
         with _Refusals(self.path):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            _make_folder(self.path.parent)
             write_whole(self.path, self.data, ".ecatd-")
             self.path.chmod(0o644)
 
@@ -59,26 +63,40 @@ class Link(Step):
     def do(self) -> None:
         """Makes it."""
         with _Refusals(self.path):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            _make_folder(self.path.parent)
             self.path.unlink(missing_ok=True)
             self.path.symlink_to(self.target)
 
 
 @dataclass(frozen=True, slots=True)
 class Remove(Step):
-    """Removes a file, and the folders that are empty then."""
+    """Removes a file or a link, and the folders of ecatd that are empty then."""
 
     path: Path = Path()
-    folders: int = 0
 
     def do(self) -> None:
         """Removes it."""
         with _Refusals(self.path):
             self.path.unlink(missing_ok=True)
-            for folder in self.path.parents[: self.folders]:
-                if any(folder.iterdir()):
+            for folder in self.path.parents:
+                if folder.name not in _OURS or not folder.is_dir() or any(folder.iterdir()):
                     break
                 folder.rmdir()
+
+
+@dataclass(frozen=True, slots=True)
+class RemoveTree(Step):
+    """Removes a folder with all that is in it; a link to a folder is only removed itself."""
+
+    path: Path = Path()
+
+    def do(self) -> None:
+        """Removes it."""
+        with _Refusals(self.path):
+            if self.path.is_symlink():
+                self.path.unlink()
+            else:
+                shutil.rmtree(self.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +131,14 @@ class Run(Step):
 def run(*command: str, why: str = "", may_fail: bool = False) -> Run:
     """The step that runs a command."""
     return Run("run", shlex.join(command), why, command, may_fail)
+
+
+def _make_folder(folder: Path) -> None:
+    """Makes a folder and those above it, readable for all whatever the umask is."""
+    if not folder.exists():
+        _make_folder(folder.parent)
+        folder.mkdir()
+        folder.chmod(0o755)
 
 
 class _Refusals:

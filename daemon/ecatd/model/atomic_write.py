@@ -23,6 +23,9 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
         OSError: The file cannot be written.
     """
     target = path.resolve()
+    if target.exists() and not target.is_file() and not target.is_dir():
+        target.write_bytes(data)  # a device or a pipe, such as /dev/null, must not be replaced
+        return
     number, name = tempfile.mkstemp(prefix=prefix, dir=target.parent)
     try:
         with os.fdopen(number, "wb") as file:
