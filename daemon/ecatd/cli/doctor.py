@@ -13,9 +13,9 @@ from ecatd.doctor.findings import Finding, Level
 from ecatd.doctor.interface import look_at
 from ecatd.doctor.mend import mend, undo
 from ecatd.doctor.processors import look_at_processors
-from ecatd.doctor.rights import (
+from ecatd.doctor.rights import look_at_rights
+from ecatd.doctor.software import (
     look_at_configuration,
-    look_at_rights,
     look_at_shared_memory,
     look_at_versions,
 )

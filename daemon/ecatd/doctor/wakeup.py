@@ -92,7 +92,10 @@ def main(period_ns: int, count: int, priority: int, cpu: int) -> None:
     """Measures in this process, and prints the histogram."""
     die_with_parent(os.getppid(), signal.SIGKILL)
     if cpu >= 0:
-        os.sched_setaffinity(0, {cpu})
+        try:
+            os.sched_setaffinity(0, {cpu})
+        except OSError as error:
+            sys.exit(f"CPU {cpu}: {error.strerror}; correct realtime.cpu")
     real_time = priority > 0
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

@@ -165,37 +165,30 @@ def _check_visible(place: Place) -> None:
             if path.is_relative_to(folder) and place.root == Path("/"):
                 raise UsageError(
                     f"ecatd is installed in {path}, which the service cannot see, since it has no "
-                    f"access to {folder}: install ecatd elsewhere, as with `sudo python3 -m venv "
-                    "/opt/ecatd` and `sudo /opt/ecatd/bin/pip install ecatd`"
+                    f"access to {folder}: install ecatd into another environment, such as one of "
+                    "`sudo python3 -m venv /opt/ecatd`"
                 )
 
 
 def _bring_up_to_date(place: Place) -> Iterator[Step]:
     """The files, the links, and the list of both."""
     before = _installed(place)
-    wanted = {
-        path: data
-        for path, data in files(LOCAL, place.programs / "ecatd").items()
-        if not _is_kept(place, path)
-    }
-    links = {
-        path: target
-        for path, target in _links(place).items()
-        if _is_free(place, path, before, target)
-    }
-    content = {str(path): _digest(data) for path, data in wanted.items()}
-    content |= {str(path): f"link:{target}" for path, target in links.items()}
+    data_of, links = files(LOCAL, place.programs / "ecatd"), _links(place)
+    kept = {path for path in data_of if _is_kept(place, path)}
+    kept |= {path for path, target in links.items() if not _is_free(place, path, before, target)}
+    content = {str(path): _digest(data) for path, data in data_of.items() if path not in kept}
+    content |= {str(path): f"link:{to}" for path, to in links.items() if path not in kept}
     listed = {"version": VERSION, "files": content}
     data = json.dumps(listed, indent=1, sort_keys=True).encode() + b"\n"
     if _read(place.at(_LIST)) != data:  # first: what is interrupted can be removed
         yield Write("write", str(_LIST), "what is installed", place.at(_LIST), data)
-    for path in files(LOCAL, place.programs / "ecatd"):
-        if path in wanted:
-            yield from _write(place, path, wanted[path], before)
-        else:
+    for path, wanted in data_of.items():
+        if path in kept:
             yield Step("keep", str(path), "yours: a link or a folder, such as of a masked unit")
-    for path, target in _links(place).items():
-        if path not in links:
+        else:
+            yield from _write(place, path, wanted, before)
+    for path, target in links.items():
+        if path in kept:
             yield Step("keep", str(path), f"another program, which is not {target}")
         elif place.at(path).is_symlink() and place.at(path).readlink() == target:
             yield Step("keep", str(path), "up to date")

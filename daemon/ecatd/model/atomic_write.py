@@ -12,7 +12,7 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
     """Writes a temporary file in the folder of the target, then renames it to the target.
 
     If that fails, the old file stays. A symbolic link stays as well: the file that it leads to is
-    replaced.
+    replaced. A device or a pipe stays, too: it gets the data.
 
     Args:
         path: The target. The new file gets the permissions of the one that it replaces.
@@ -24,7 +24,7 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
     """
     target = path.resolve()
     if target.exists() and not target.is_file() and not target.is_dir():
-        target.write_bytes(data)  # a device or a pipe, such as /dev/null, must not be replaced
+        target.write_bytes(data)
         return
     number, name = tempfile.mkstemp(prefix=prefix, dir=target.parent)
     try:

@@ -1,0 +1,78 @@
+"""Looks at the configuration, at versions, and at room and leftovers in shared memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from ecatd import shm
+from ecatd.model.config import Config, load_config
+from ecatd.model.errors import EcatError
+from ecatd.paths import MACHINE, control_socket, search_dirs
+from ecatd.stats import read
+from ecatd.version import VERSION
+
+from .findings import Finding, Level
+
+_PACKAGES = ("pysoem", "eclipse-zenoh", "msgpack", "jinja2")
+_ROOM_MIB = 64
+
+
+def look_at_configuration(file: Path) -> tuple[Finding, Config | None]:
+    """Whether a configuration is valid, and what it says.
+
+    Args:
+        file: The file, which may not exist.
+    """
+    area, name = "configuration", str(file)
+    if not file.exists():
+        remedy = f"`ecatctl service install --interface IF` writes {file}"
+        if file.parent != MACHINE:
+            remedy = "name an existing file"
+        return Finding(area, name, Level.HINT, "there is none", remedy), None
+    try:
+        config = load_config(file)
+    except EcatError as error:
+        remedy = f"`ecatd --check-config --config {file}` after each change"
+        return Finding(area, name, Level.PROBLEM, str(error), remedy), None
+    return Finding(area, name, Level.OK, "valid"), config
+
+
+def look_at_shared_memory() -> Iterator[Finding]:
+    """Room and leftovers in /dev/shm."""
+    area = "shared memory"
+    state = os.statvfs(shm.FOLDER)
+    free = state.f_bavail * state.f_frsize >> 20
+    text = f"{free} MiB free in {shm.FOLDER}"
+    if free < _ROOM_MIB:
+        remedy = f"remove what fills it: `du -a {shm.FOLDER}`"
+        yield Finding(area, "room", Level.PROBLEM, text, remedy)
+    else:
+        yield Finding(area, "room", Level.OK, text)
+    for file in sorted(shm.FOLDER.glob("ecat.*.out")):
+        bus = file.name.removeprefix("ecat.").removesuffix(".out")
+        if not any(control_socket(folder, bus).exists() for folder in search_dirs()):
+            text = f"{file} is left of bus '{bus}', whose ecatd was killed"
+            remedy = "the next start of the bus replaces it; or remove it"
+            yield Finding(area, "left over", Level.HINT, text, remedy)
+
+
+def look_at_versions(bus: str) -> Iterator[Finding]:
+    """Versions of ecatd and what it needs, and of the daemon that runs the bus."""
+    found = [f"ecatd {VERSION}"]
+    for name in _PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            remedy = "install ecatd again with pip"
+            yield Finding("versions", name, Level.PROBLEM, "it is not installed", remedy)
+    yield Finding("versions", "installed", Level.OK, ", ".join(found))
+    with suppress(EcatError):
+        running = read(bus).version
+        if running != VERSION:
+            text = f"bus '{bus}' is run by version {running}"
+            remedy = "`systemctl restart` of its service, when the machine may stop"
+            yield Finding("versions", "running", Level.HINT, text, remedy)
