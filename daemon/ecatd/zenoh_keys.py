@@ -20,11 +20,6 @@ def bus_key(bus: str, *rest: str) -> str:
     return "/".join(("ecat", VERSION, bus, *rest))
 
 
-def object_key(index: int, subindex: int) -> tuple[str, str]:
-    """The last two parts of an SDO key, for example `("0x6060", "0x00")`."""
-    return f"0x{index:04X}", f"0x{subindex:02X}"
-
-
 def session_config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
     """Returns a Zenoh configuration without scouting: it connects only where `settings` say so.
 

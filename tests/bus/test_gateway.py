@@ -218,13 +218,13 @@ def test_parameters_that_are_not_known(daemon: Daemon, key: str, what: str) -> N
         ("rw/sdo/0/0x6060/0", {"id": "b"}, "'data' | 'value'"),
         ("rw/sdo/0/0x6060/0", {"id": "c", "data": b"\x01", "x": 1}, "'x'"),
         ("rw/sdo/0/zzz/0", {"id": "d", "data": b"\x01"}, "'zzz' | index"),
-        ("rw/state", {"id": "e", "state": "OP", "op": "sdo_write"}, "'op' | key"),
-        ("rw/state", {"id": "f", "state": "RUN"}, "'RUN' | AL state"),
+        ("rw/state/all", {"id": "e", "state": "OP", "op": "sdo_write"}, "'op' | key"),
+        ("rw/state/all", {"id": "f", "state": "RUN"}, "'RUN' | AL state"),
         ("rw/nonsense", {"id": "g"}, "rw/nonsense | key"),
         ("ro/nonsense", None, "ro/nonsense | key"),
         ("ro/sdo/99/0x6060/0", None, "slave 99"),
-        ("rw/state", b"\xc1\xc1", "msgpack"),
-        ("rw/state", b"\0" * 70000, "too long"),
+        ("rw/state/all", b"\xc1\xc1", "msgpack"),
+        ("rw/state/all", b"\0" * 70000, "too long"),
     ],
 )
 def test_wrong_requests_are_answered_and_change_nothing(

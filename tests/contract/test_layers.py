@@ -117,7 +117,7 @@ def test_every_row_is_about_something_that_exists() -> None:
     [
         ("ecatd/bus/master/master.py", "ecatd/bus/start/bring_up.py"),
         ("ecatd/bus/master/master.py", "ecatd/bus/watch/rate_limiter.py"),
-        ("ecatd/bus/start/bring_up.py", "ecatd/bus/sdo_requests.py"),
+        ("ecatd/bus/start/bring_up.py", "ecatd/bus/requests/conversations.py"),
         ("ecatd/client/remote.py", "ecatd/gateway/publisher.py"),
         ("ecatd/bus/watch/outputs.py", "ecatd/shared_memory/reader.py"),
         ("ecatd/bus/__main__.py", "ecatsim/rig.py"),

@@ -3,6 +3,7 @@
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from conftest import Daemon
 pytestmark = pytest.mark.bus
 
 CTL = f"{sys.executable} -m ecatd.cli doctor"
+needs_ethtool = pytest.mark.skipif(not shutil.which("ethtool"), reason="ethtool is not installed")
 NAMES = ["area", "name", "level", "text", "remedy", "fixable"]
 
 
@@ -54,6 +56,7 @@ def test_an_interface_without_a_carrier_and_with_an_address(tmp_path: Path) -> N
     assert "10.1.2.3" in on["interface here", "IP addresses"]["text"]
 
 
+@needs_ethtool
 def test_what_is_changed_can_be_changed_back(tmp_path: Path) -> None:
     kept = tmp_path / "ecatd-doctor.json"
     script = f"""
@@ -141,6 +144,7 @@ def test_a_killed_daemon_leaves_memory_that_is_named(
     )
 
 
+@needs_ethtool
 def test_what_is_gone_does_not_hold_up_the_rest(tmp_path: Path) -> None:
     kept = tmp_path / "ecatd-doctor.json"
     kept.write_text('{"gone0 gro": "on", "here gro": "on", "IRQ 99999": "1"}')

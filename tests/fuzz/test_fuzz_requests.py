@@ -39,7 +39,7 @@ SEEDS = [pack(request) for request in REQUESTS]
 KEYS = [
     "ro/sdo/0/0x1018/0",
     "rw/sdo/0/0x6060/0",
-    "rw/state",
+    "rw/state/all",
     "ro/info",
     "ro/states",
     "rw/x",

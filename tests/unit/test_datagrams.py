@@ -25,14 +25,15 @@ from ecatsim.slave.sii import Description, build
 
 PROCESS_MEMORY = 0x1000
 HOUR_US = 3_600_000_000
+PATIENT = 10.0
 
 
 @contextmanager
-def bus(*chips: Chip) -> Iterator[tuple[Datagrams, Segment, Wire]]:
+def bus(*chips: Chip, timeout: float = 0.02) -> Iterator[tuple[Datagrams, Segment, Wire]]:
     segment = Segment()
     for position, chip in enumerate(chips):
         segment.add(chip, image(position))
-    with served(segment, len(chips)) as (registers, wire):
+    with served(segment, len(chips), timeout=timeout) as (registers, wire):
         yield registers, segment, wire
 
 
@@ -41,7 +42,7 @@ def image(position: int) -> bytes:
 
 
 def test_each_command_reaches_whom_it_should() -> None:
-    with bus(Chip(), Chip(), Chip()) as (registers, _segment, wire):
+    with bus(Chip(), Chip(), Chip(), timeout=PATIENT) as (registers, _segment, wire):
         answers = registers.exchange(
             [
                 bwr(PROCESS_MEMORY, b"\x01"),
@@ -72,7 +73,7 @@ def test_frames_that_are_lost_together_are_sent_again_in_order() -> None:
 
 
 def test_frames_are_full_and_have_indices_of_their_own() -> None:
-    with bus(Chip()) as (registers, _segment, wire):
+    with bus(Chip(), timeout=PATIENT) as (registers, _segment, wire):
         assert registers.exchange([]) == []
         for size, per_frame in ((2, 107), (14, 57), (DATAGRAM_MAX // 2, 1), (DATAGRAM_MAX, 1)):
             wire.frames.clear()

@@ -10,13 +10,28 @@ from hypothesis import strategies as st
 from conftest import naming
 from ecatd.encoding import unpack
 from ecatd.model.errors import EcatError, SdoAbortError, UsageError
-from ecatd.model.messages import SdoRead, SdoWrite, SetState, parse_request, to_map
+from ecatd.model.messages import (
+    Describe,
+    ReadInfo,
+    ReadStates,
+    SdoRead,
+    SdoWrite,
+    SetState,
+    parse_request,
+    to_map,
+)
+from ecatd.model.queries import from_query, to_query
 
 
 @pytest.mark.parametrize(
     "request_",
     [
+        Describe(),
+        ReadInfo(),
+        ReadStates(),
         SdoRead(3, 0x6060),
+        SdoRead("7/Ana. Eingang? ä*", 0x1018, 1, complete=True),
+        SdoRead("all", 0x1018),
         SdoWrite(0, 0x1C12, b"\x00", 1, complete=True),
         SdoWrite(0, 0x6060, value="-3"),
         SetState("OP"),
@@ -25,6 +40,9 @@ from ecatd.model.messages import SdoRead, SdoWrite, SetState, parse_request, to_
 )
 def test_requests_survive(request_: Any) -> None:
     assert parse_request(to_map(request_)) == request_
+    key, parameters, payload = to_query(request_)
+    assert from_query(key, parameters, payload or {}) == request_
+    assert all(part and not set(part) & set("/*$?#") for part in key)
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,10 @@ class Wire:
 
 @contextmanager
 def served(
-    segment: Segment, count: int, react: Callable[[], None] = lambda: None
+    segment: Segment,
+    count: int,
+    react: Callable[[], None] = lambda: None,
+    timeout: float = 0.02,
 ) -> Iterator[tuple[Datagrams, Wire]]:
     """Register access to the slaves of a segment, which get their station addresses.
 
@@ -46,6 +49,8 @@ def served(
         segment: The segment; it is closed in the end.
         count: How many slaves it has.
         react: Called after each frame and each millisecond, by the thread that serves.
+        timeout: Seconds after which a frame is lost. A test that counts frames has patience, so
+            that none is sent again because the machine is busy.
     """
     wire = Wire()
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -73,7 +78,7 @@ def served(
 
     thread = threading.Thread(target=serve)
     thread.start()
-    registers = Datagrams(ours, SOURCE)
+    registers = Datagrams(ours, SOURCE, timeout)
     registers.exchange(
         [apwr(i, 0x0010, struct.pack("<H", FIRST_STATION + i)) for i in range(count)]
     )

@@ -16,10 +16,9 @@ from typing import Any
 from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.bus import Bus, Slave
+from ecatd.model.bus import Bus
 from ecatd.model.config import Config
-from ecatd.model.datatypes import DataType, bit_length, encode
-from ecatd.model.errors import StateError, UsageError
+from ecatd.model.errors import StateError
 from ecatd.model.health import look_at
 from ecatd.model.messages import (
     Describe,
@@ -29,9 +28,7 @@ from ecatd.model.messages import (
     SdoRead,
     SdoWrite,
     SetState,
-    check_data,
 )
-from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.service_link import HANG_S
 from ecatd.version import VERSION
 
@@ -39,7 +36,8 @@ from .engine.engine import Engine
 from .engine.shared_memory import SharedMemory
 from .master.master import SlaveState
 from .master.worker import Worker
-from .sdo_requests import SdoRequests
+from .requests.conversations import Conversations
+from .requests.objects import Objects
 from .start.bring_up import BringUp, leases
 from .watch.monitor import Monitor
 
@@ -82,9 +80,8 @@ class BusServer:
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._up = BringUp(config, interface, log, self._aborted.is_set)
         self._monitor: Monitor | None = None
-        self._access: SdoRequests | None = None
+        self._known_objects: Objects | None = None
         self._started = 0.0
-        self._types: dict[int, ObjectTypes] = {}
 
     @property
     def bus(self) -> Bus:
@@ -104,7 +101,8 @@ class BusServer:
         """
         self._monitor = await self._worker.run(self._bring_up)
         assert self._up.master is not None
-        self._access = SdoRequests(self._up.master, self._worker, self._monitor.emergencies.note)
+        conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
+        self._known_objects = Objects(self.bus, conversations)
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
@@ -165,9 +163,9 @@ class BusServer:
         return self._monitor
 
     @property
-    def _objects(self) -> SdoRequests:
-        assert self._access is not None, "asked before the bus was brought up"
-        return self._access
+    def _objects(self) -> Objects:
+        assert self._known_objects is not None, "asked before the bus was brought up"
+        return self._known_objects
 
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
@@ -185,48 +183,10 @@ class BusServer:
                 return self._state_rows()
             case SetState():
                 return await self._set_state(request)
-            case SdoRead(position, index, subindex, complete):
-                slave = self._coe_slave(position)
-                data = await self._objects.read(slave, index, subindex, complete=complete)
-                known = self._type(slave, index, subindex)
-                if complete:
-                    known = ObjectType(known.name)
-                return {"data": data, **known.of(data).to_map()}
+            case SdoRead():
+                return await self._objects.read(request)
             case SdoWrite():
-                return await self._write(request)
-
-    def _type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
-        if slave.position not in self._types:
-            self._types[slave.position] = ObjectTypes(slave)
-        return self._types[slave.position].find(index, subindex)
-
-    async def _write(self, request: SdoWrite) -> dict[str, Any]:
-        slave = self._coe_slave(request.slave)
-        index, subindex, data = request.index, request.subindex, request.data
-        known = self._type(slave, index, subindex)
-        if data is None:
-            assert request.value is not None
-            if not known.data_type:
-                known = await self._type_by_size(slave, index, subindex)
-            data = encode(DataType(known.data_type), request.value)
-            check_data(data)
-        await self._objects.write(slave, index, subindex, data, complete=request.complete)
-        return {"data": data, **known.of(data).to_map()}
-
-    async def _type_by_size(self, slave: Slave, index: int, subindex: int) -> ObjectType:
-        """Reads an object of unknown type, and guesses the type from its length.
-
-        Raises:
-            UsageError: No type has this length.
-        """
-        now = await self._objects.read(slave, index, subindex, complete=False)
-        found = self._type(slave, index, subindex).of(now)
-        if not bit_length(found.data_type):
-            raise UsageError(
-                f"the type of 0x{index:04X}:{subindex:02X} is not known and it has {len(now)} "
-                f"bytes; give it with --type"
-            )
-        return found
+                return await self._objects.write(request)
 
     def _info(self) -> dict[str, Any]:
         assert self._up.wire is not None, "asked before the bus was brought up"
@@ -268,12 +228,6 @@ class BusServer:
             chosen = [self.bus.find(request.slave).position]
         await self._running.change(chosen, AlState.parse(request.state))
         return self._state_rows()
-
-    def _coe_slave(self, wanted: int | str) -> Slave:
-        slave = self.bus.find(wanted)
-        if not slave.coe:
-            raise StateError(f"{slave.label} has no object dictionary: it does not speak CoE")
-        return slave
 
     async def stop(self) -> None:
         """Takes the bus down in order, also after a start that failed half-way."""

@@ -19,8 +19,10 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.model.messages import ReadInfo, ReadStates, Request, SdoRead, SdoWrite, SetState
+from ecatd.model.queries import to_query
 from ecatd.paths import search_dirs, zenoh_socket
-from ecatd.zenoh_keys import bus_key, object_key, session_config
+from ecatd.zenoh_keys import bus_key, session_config
 
 # What only some requests need is loaded by them: most commands are one request, and short.
 if TYPE_CHECKING:
@@ -132,14 +134,20 @@ class Remote:
     ) -> None:
         self.close()
 
-    def _ask(
-        self, *key: str, payload: dict[str, Any] | None = None, parameters: str = ""
-    ) -> dict[str, Any]:
-        """The answer to one query.
+    def request(self, request: Request) -> dict[str, Any]:
+        """Has the daemon carry a request out; its answer.
 
         Raises:
             EcatError: The error that the daemon replied, as its own class.
         """
+        key, parameters, payload = to_query(request)
+        if payload is not None:
+            payload["id"] = _request_id()
+        return self._ask(*key, payload=payload, parameters=parameters)
+
+    def _ask(
+        self, *key: str, payload: dict[str, Any] | None = None, parameters: str = ""
+    ) -> dict[str, Any]:
         selector = bus_key(self.bus, *key) + (f"?{parameters}" if parameters else "")
         data = pack(payload) if payload is not None else None
         for reply in self._session.get(selector, payload=data, timeout=self._timeout):
@@ -180,7 +188,7 @@ class Remote:
 
     def info(self) -> dict[str, Any]:
         """Version, interface, start time and cycle time of the daemon."""
-        return self._ask("ro", "info")
+        return self.request(ReadInfo())
 
     def describe(self) -> Bus:
         """The bus description."""
@@ -201,7 +209,7 @@ class Remote:
 
     def states(self) -> list[dict[str, Any]]:
         """AL states of all slaves: `position`, names, `al_state`, `al_code` and `text`."""
-        return list(self._ask("ro", "state")["slaves"])
+        return list(self.request(ReadStates())["slaves"])
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""
@@ -217,14 +225,7 @@ class Remote:
         self, slave: int | str, index: int, subindex: int = 0, *, complete: bool = False
     ) -> SdoValue:
         """Uploads an object of a slave, which is given by its position or name."""
-        answer = self._ask(
-            "ro",
-            "sdo",
-            str(slave),
-            *object_key(index, subindex),
-            parameters="complete=1" if complete else "",
-        )
-        return _sdo_value(answer)
+        return _sdo_value(self.request(SdoRead(slave, index, subindex, complete)))
 
     def sdo_write(
         self,
@@ -245,22 +246,13 @@ class Remote:
                 finds the type out.
             complete: Complete access.
         """
-        what = {"value" if isinstance(data, str) else "data": data}
-        answer = self._ask(
-            "rw",
-            "sdo",
-            str(slave),
-            *object_key(index, subindex),
-            payload={"id": _request_id(), **what, "complete": complete},
-        )
-        return _sdo_value(answer)
+        value, raw = (data, None) if isinstance(data, str) else (None, data)
+        request = SdoWrite(slave, index, raw, subindex, complete, value)
+        return _sdo_value(self.request(request))
 
     def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""
-        payload: dict[str, Any] = {"id": _request_id(), "state": state}
-        if slave is not None:
-            payload["slave"] = slave
-        return list(self._ask("rw", "state", payload=payload)["slaves"])
+        return list(self.request(SetState(state, slave))["slaves"])
 
 
 def _sdo_value(answer: dict[str, Any]) -> SdoValue:

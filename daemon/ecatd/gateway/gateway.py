@@ -8,7 +8,6 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,13 +18,8 @@ from ecatd.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
-from ecatd.model.messages import (
-    Describe,
-    ReadInfo,
-    ReadStates,
-    Request,
-    parse_request,
-)
+from ecatd.model.messages import Describe, ReadStates, Request
+from ecatd.model.queries import changes, from_query, read_flag, read_parameters
 from ecatd.paths import control_socket, zenoh_socket
 from ecatd.stats import read, to_map
 from ecatd.stats.clocks import read_clocks
@@ -42,13 +36,6 @@ _CLOSE_PATIENCE = 1.0
 """Seconds that Zenoh has to close its session."""
 _REMEMBERED = 1024
 """Number of changes whose answers are kept: a change that arrives twice is carried out once."""
-
-_FLAGS: dict[tuple[str, ...], tuple[str, ...]] = {
-    ("ro", "stats"): ("buckets",),
-    ("ro", "sdo"): ("complete",),
-}
-"""The parameters that a query may have, by the first parts of its key."""
-_TRUE, _FALSE = ("1", "true"), ("0", "false")
 
 _ALL_MESSAGES = [
     "put",
@@ -215,30 +202,24 @@ class Gateway:
         payload = b"" if query.payload is None else bytes(query.payload)
         if len(payload) > MAX_MESSAGE:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
-        asked = _flags(query, *_FLAGS.get(tuple(parts[:2]), ()))
+        parameters = str(query.parameters)
         match parts:
-            case ["ro", "info"]:
-                return self._bus.ask(ReadInfo())
             case ["ro", "slaves"]:
-                return _known(self._bus_description)
+                return _known(parameters, lambda: self._bus_description)
             case ["ro", "config"]:
-                return _known({"config": self._config.to_dict(), "origins": self._origins})
-            case ["ro", "state"]:
-                return self._bus.ask(ReadStates())
+                shown = {"config": self._config.to_dict(), "origins": self._origins}
+                return _known(parameters, lambda: shown)
             case ["ro", "stats"]:
-                return _known(to_map(read(self._config.bus), buckets=asked["buckets"]))
+                return _known(parameters, self._stats, "buckets")
             case ["ro", "dc"]:
-                return _known(read_clocks(self._config.bus))
-            case ["ro", "sdo", slave, index, subindex]:
-                return self._bus.ask(_object_request("sdo_read", slave, index, subindex, asked))
-            case ["rw", "sdo", slave, index, subindex]:
-                identity, values = _change(payload, "slave", "index", "subindex")
-                request = _object_request("sdo_write", slave, index, subindex, values)
-                return self._once(identity, request)
-            case ["rw", "state"]:
-                identity, values = _change(payload)
-                return self._once(identity, parse_request({**values, "op": "set_state"}))
-        raise UsageError(f"'{query.key_expr}' is no key of this version")
+                return _known(parameters, lambda: read_clocks(self._config.bus))
+        values = unpack(payload) if payload else {}
+        identity = values.pop("id", None)
+        request = from_query(parts, parameters, values)
+        return self._once(identity, request) if changes(type(request)) else self._bus.ask(request)
+
+    def _stats(self, *, buckets: bool) -> dict[str, Any]:
+        return to_map(read(self._config.bus), buckets=buckets)
 
     def _once(self, identity: Any, request: Request) -> Answer:
         """Carries a change out; if its id has come before, returns the answer to the first one."""
@@ -280,49 +261,19 @@ class Gateway:
         self._socket.unlink(missing_ok=True)
 
 
-def _known(found: dict[str, Any]) -> Answer:
-    """Returns an answer that is known without asking the bus server."""
+def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) -> Answer:
+    """Returns an answer that is known without asking the bus server.
+
+    Args:
+        parameters: The parameters of the query.
+        make: Makes the answer.
+        flags: The parameters that the query may have, each true or false, and an argument of
+            `make`.
+    """
+    given = read_parameters(parameters, flags)
     answer: Answer = asyncio.get_running_loop().create_future()
-    answer.set_result(found)
+    answer.set_result(make(**{name: read_flag(name, given.get(name, "0")) for name in flags}))
     return answer
-
-
-def _flags(query: zenoh.Query, *names: str) -> dict[str, bool]:
-    """The parameters of a query, such as `?complete=1`; those that are missing are false."""
-    flags = dict.fromkeys(names, False)
-    for item in filter(None, str(query.parameters).split(";")):
-        name, _, value = item.partition("=")
-        if name not in flags:
-            known = ", ".join(names) or "none"
-            raise UsageError(f"'{name}' is no parameter of '{query.key_expr}': use {known}")
-        if value not in _TRUE and value not in _FALSE:
-            raise UsageError(f"'{name}={value}' in the query: use {name}=1 or {name}=0")
-        flags[name] = value in _TRUE
-    return flags
-
-
-def _object_request(
-    op: str, slave: str, index: str, subindex: str, values: dict[str, Any]
-) -> Request:
-    """An SDO request whose address is in the key."""
-    address: dict[str, int | str] = {"slave": slave}
-    with suppress(ValueError):  # it is a name
-        address["slave"] = int(slave, 0)
-    for key, text in (("index", index), ("subindex", subindex)):
-        try:
-            address[key] = int(text, 0)
-        except ValueError:
-            raise UsageError(f"'{text}' in the key is no {key}") from None
-    return parse_request({**values, **address, "op": op})
-
-
-def _change(payload: bytes, *in_key: str) -> tuple[Any, dict[str, Any]]:
-    """Returns id and arguments of a change; refuses arguments that belong into the key."""
-    values = unpack(payload)
-    for name in ("op", *in_key):
-        if name in values:
-            raise UsageError(f"'{name}' belongs into the key, not into the payload")
-    return values.pop("id", None), values
 
 
 def _reason(error: Exception) -> str:

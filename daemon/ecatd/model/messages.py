@@ -1,7 +1,12 @@
 """Requests about the bus, and their validation.
 
-A client sends a request to the gateway over Zenoh (msgpack), and the gateway sends it to the bus
-server. Gateway and bus server both check it with `parse_request`, since neither trusts its client.
+A client sends a request to the gateway over Zenoh (`queries.py`), and the gateway sends it to the
+bus server as a map in msgpack. Gateway and bus server both check it with `parse_request`, since
+neither trusts its client.
+
+Each kind of request has a name, `op`, and its Zenoh key below the bus, `key`. A key begins with
+`ro`, or with `rw` if the request changes something, and names the kind and then the slave, so that
+access control can distinguish all three. Fields in braces stand in the key.
 """
 
 from __future__ import annotations
@@ -18,6 +23,7 @@ class Describe:
     """Asks for the bus description, which is long and does not change while the daemon runs."""
 
     op: ClassVar[str] = "describe"
+    key: ClassVar[str] = "ro/slaves"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +31,7 @@ class ReadInfo:
     """Asks about the daemon: version, interface, start, cycle, and present links and recovery."""
 
     op: ClassVar[str] = "info"
+    key: ClassVar[str] = "ro/info"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +39,7 @@ class ReadStates:
     """Asks for the AL states of all slaves, which are read for this request."""
 
     op: ClassVar[str] = "states"
+    key: ClassVar[str] = "ro/state"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +52,7 @@ class SetState:
     """
 
     op: ClassVar[str] = "set_state"
+    key: ClassVar[str] = "rw/state/{slave}"
     state: str
     slave: int | str | None = None
 
@@ -60,6 +69,7 @@ class SdoRead:
     """
 
     op: ClassVar[str] = "sdo_read"
+    key: ClassVar[str] = "ro/sdo/{slave}/{index}/{subindex}"
     slave: int | str
     index: int
     subindex: int = 0
@@ -81,6 +91,7 @@ class SdoWrite:
     """
 
     op: ClassVar[str] = "sdo_write"
+    key: ClassVar[str] = "rw/sdo/{slave}/{index}/{subindex}"
     slave: int | str
     index: int
     data: bytes | None = None
@@ -95,15 +106,16 @@ class SdoWrite:
 
 Request = Describe | ReadInfo | ReadStates | SetState | SdoRead | SdoWrite
 
-_KINDS: dict[str, type[Request]] = {
+KINDS: dict[str, type[Request]] = {
     kind.op: kind for kind in (Describe, ReadInfo, ReadStates, SetState, SdoRead, SdoWrite)
 }
+"""The kinds of requests, by `op`."""
 _RANGES = {"slave": (0, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
 _DATA_MAX = 32 * 1024
 
 
-class _Key(NamedTuple):
-    """A key of a request.
+class _Field(NamedTuple):
+    """A field of a request.
 
     Attributes:
         kind: Its type, for messages.
@@ -116,20 +128,25 @@ class _Key(NamedTuple):
     needed: bool
 
 
-_KEYS: dict[type[Request], dict[str, _Key]] = {
+_FIELDS: dict[type[Request], dict[str, _Field]] = {
     kind: {
-        field.name: _Key(
+        field.name: _Field(
             str(field.type), frozenset(str(field.type).split(" | ")), field.default is MISSING
         )
         for field in fields(kind)
     }
-    for kind in _KINDS.values()
+    for kind in KINDS.values()
 }
+
+
+def field_types(kind: type[Request]) -> dict[str, frozenset[str]]:
+    """The fields of a kind of request, and the names of the types that each may have."""
+    return {name: field.types for name, field in _FIELDS[kind].items()}
 
 
 def to_map(request: Request) -> dict[str, Any]:
     """The request as a map, with its `op`."""
-    return {"op": request.op} | {name: getattr(request, name) for name in _KEYS[type(request)]}
+    return {"op": request.op} | {name: getattr(request, name) for name in _FIELDS[type(request)]}
 
 
 def parse_request(data: Any) -> Request:
@@ -143,10 +160,10 @@ def parse_request(data: Any) -> Request:
         raise UsageError("a request is a map with string keys")
     values = dict(data)
     op = values.pop("op", None)
-    if not isinstance(op, str) or op not in _KINDS:
-        raise UsageError(f"op {op!r} is no request: use {', '.join(_KINDS)}")
-    kind = _KINDS[op]
-    known = _KEYS[kind]
+    if not isinstance(op, str) or op not in KINDS:
+        raise UsageError(f"op {op!r} is no request: use {', '.join(KINDS)}")
+    kind = KINDS[op]
+    known = _FIELDS[kind]
     for key, value in values.items():
         if key not in known:
             raise UsageError(f"'{key}' is no key of {op}: use {', '.join(known) or 'none'}")
@@ -167,7 +184,7 @@ def check_data(data: bytes) -> None:
         raise UsageError(f"'data' of sdo_write has {len(data)} bytes; 1 to {_DATA_MAX} are allowed")
 
 
-def _check(op: str, key: str, value: Any, wanted: _Key) -> None:
+def _check(op: str, key: str, value: Any, wanted: _Field) -> None:
     # Types are compared by name: bool is a subclass of int, but true is no slave number.
     found = "None" if value is None else type(value).__name__
     if found not in wanted.types:

@@ -1,4 +1,4 @@
-"""SdoRequests of slaves on a running bus: late answers, queues, and emergencies."""
+"""Conversations with slaves of a running bus: late answers, queues, and emergencies."""
 
 from __future__ import annotations
 
@@ -20,12 +20,14 @@ from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
 from ecatd.bus.master.emergencies import Emergency, tell_emergencies
 from ecatd.bus.master.master import Master
 from ecatd.bus.master.worker import Worker
-from ecatd.bus.sdo_requests import SdoRequests
+from ecatd.bus.requests.conversations import Conversations
+from ecatd.bus.requests.objects import Objects
 from ecatd.bus.watch.rate_limiter import Batch
 from ecatd.log import Log
-from ecatd.model.bus import Slave
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError
+from ecatd.model.messages import SdoRead, SdoWrite
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxFault
@@ -47,7 +49,7 @@ class Number(Device):
 
 
 class Bench:
-    """SdoRequests of simulated slaves in PREOP; the master has no more than they need."""
+    """Objects of simulated slaves in PREOP; the master has no more than they need."""
 
     def __init__(self, devices: list[Device], registers: Any, wire: Wire) -> None:
         self.devices, self.registers, self.wire = devices, registers, wire
@@ -66,17 +68,18 @@ class Bench:
         self.emergencies = Batch[Emergency](
             lambda found, left_out: tell_emergencies(log, found, left_out)
         )
-        self.objects = SdoRequests(master, self.worker, self.emergencies.note)
+        bus = Bus("bench", 1000, SLAVES)
+        self.objects = Objects(bus, Conversations(master, self.worker, self.emergencies.note))
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)
 
     async def read(self, position: int = 0, index: int = NUMBER) -> int:
-        data = await self.objects.read(SLAVES[position], index, 0, complete=False)
-        return int.from_bytes(data, "little")
+        answer = await self.objects.read(SdoRead(position, index))
+        return int.from_bytes(answer["data"], "little")
 
     async def write(self, data: bytes, position: int = 0, index: int = NUMBER) -> None:
-        await self.objects.write(SLAVES[position], index, 0, data, complete=False)
+        await self.objects.write(SdoWrite(position, index, data))
 
 
 @contextmanager
@@ -199,7 +202,7 @@ def test_too_many_requests_are_told_so_and_take_no_place_from_others() -> None:
 def test_what_waited_for_too_long_is_not_carried_out(
     short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ecatd.bus.sdo_requests._PATIENCE", 0.1)
+    monkeypatch.setattr("ecatd.bus.requests.conversations._PATIENCE", 0.1)
     with bench() as made:
         (device,) = made.devices
         device.mailbox_fault = MailboxFault("stuck")

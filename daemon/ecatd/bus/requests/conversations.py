@@ -1,4 +1,4 @@
-"""SDO requests to the slaves of a running bus.
+"""Conversations with the mailboxes of a running bus, for requests of clients.
 
 Conversations with different slaves take turns on the worker. So a slow slave delays only requests
 to itself.
@@ -15,11 +15,11 @@ from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
-from .mailbox.coe import Coe
-from .mailbox.mailboxes import Line, Talk, talk_alone
-from .master.emergencies import Emergency
-from .master.master import Master
-from .master.worker import Worker
+from ..mailbox.coe import Coe
+from ..mailbox.mailboxes import Line, Talk, talk_alone
+from ..master.emergencies import Emergency
+from ..master.master import Master
+from ..master.worker import Worker
 
 T = TypeVar("T")
 
@@ -31,8 +31,8 @@ _PATIENCE = 10.0
 _STATE = 0x0F
 
 
-class SdoRequests:
-    """SDO transfers to and from the slaves of a bus.
+class Conversations:
+    """The conversations of clients with the slaves of a bus.
 
     Args:
         master: The master.
@@ -46,21 +46,18 @@ class SdoRequests:
         self._waiting = 0
         self._note = note
 
-    async def read(self, slave: Slave, index: int, subindex: int, *, complete: bool) -> bytes:
-        """Uploads an object; raises as `Coe.upload`, and BusyError."""
-        return await self._converse(
-            slave, lambda coe: coe.upload(index, subindex, complete=complete)
-        )
+    async def coe(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
+        """Has a conversation about the objects of a slave, when it is its turn.
 
-    async def write(
-        self, slave: Slave, index: int, subindex: int, data: bytes, *, complete: bool
-    ) -> None:
-        """Downloads an object; raises as `Coe.download`, and BusyError."""
-        await self._converse(
-            slave, lambda coe: coe.download(index, subindex, data, complete=complete)
-        )
+        Args:
+            slave: The slave, which speaks CoE.
+            part: The conversation, for example `coe.upload`.
 
-    async def _converse(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
+        Raises:
+            BusyError: Too many requests are waiting, or this one waited too long.
+            StateError: The slave is in a state without CoE.
+            EcatError: As the conversation raises.
+        """
         coe = self._master.coe(slave.position, alone=True)
 
         def talk() -> Talk[T]:

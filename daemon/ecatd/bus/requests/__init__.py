@@ -1,0 +1,1 @@
+"""Requests of clients to a running bus: what each needs from the slaves."""

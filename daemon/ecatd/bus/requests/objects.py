@@ -1,0 +1,82 @@
+"""Requests about objects of slaves: SDO uploads and downloads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.datatypes import DataType, bit_length, encode
+from ecatd.model.errors import StateError, UsageError
+from ecatd.model.messages import SdoRead, SdoWrite, check_data
+from ecatd.model.object_types import ObjectType, ObjectTypes
+
+from .conversations import Conversations
+
+
+class Objects:
+    """The objects of all slaves.
+
+    Args:
+        bus: The bus description.
+        conversations: The way to the slaves.
+    """
+
+    def __init__(self, bus: Bus, conversations: Conversations) -> None:
+        self._bus = bus
+        self._conversations = conversations
+        self._types: dict[int, ObjectTypes] = {}
+
+    async def read(self, request: SdoRead) -> dict[str, Any]:
+        """Uploads an object; the reply has `data`, name, type and meaning."""
+        slave = self._find(request.slave)
+        data = await self._upload(slave, request.index, request.subindex, request.complete)
+        known = self._type(slave, request.index, request.subindex)
+        if request.complete:
+            known = ObjectType(known.name)
+        return {"data": data, **known.of(data).to_map()}
+
+    async def write(self, request: SdoWrite) -> dict[str, Any]:
+        """Downloads an object; the reply is as that of `read`, with the data that were sent."""
+        slave, index, subindex = self._find(request.slave), request.index, request.subindex
+        known, data = self._type(slave, index, subindex), request.data
+        if data is None:
+            assert request.value is not None
+            if not known.data_type:
+                known = await self._type_by_size(slave, index, subindex)
+            data = encode(DataType(known.data_type), request.value)
+            check_data(data)
+        await self._conversations.coe(
+            slave, lambda coe: coe.download(index, subindex, data, complete=request.complete)
+        )
+        return {"data": data, **known.of(data).to_map()}
+
+    def _find(self, wanted: int | str) -> Slave:
+        slave = self._bus.find(wanted)
+        if not slave.coe:
+            raise StateError(f"{slave.label} has no object dictionary: it does not speak CoE")
+        return slave
+
+    async def _upload(self, slave: Slave, index: int, subindex: int, complete: bool) -> bytes:
+        return await self._conversations.coe(
+            slave, lambda coe: coe.upload(index, subindex, complete=complete)
+        )
+
+    def _type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        if slave.position not in self._types:
+            self._types[slave.position] = ObjectTypes(slave)
+        return self._types[slave.position].find(index, subindex)
+
+    async def _type_by_size(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        """Reads an object of unknown type, and guesses the type from its length.
+
+        Raises:
+            UsageError: No type has this length.
+        """
+        now = await self._upload(slave, index, subindex, False)
+        found = self._type(slave, index, subindex).of(now)
+        if not bit_length(found.data_type):
+            raise UsageError(
+                f"the type of 0x{index:04X}:{subindex:02X} is not known and it has {len(now)} "
+                f"bytes; give it with --type"
+            )
+        return found

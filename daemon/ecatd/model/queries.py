@@ -1,0 +1,153 @@
+"""Requests as Zenoh queries: what stands in the key, in the parameters and in the payload.
+
+`messages.py` says for each kind of request which fields stand in its key. Of a request that only
+reads, the other fields are parameters of the query, as in `…?complete=1`. Of one that changes
+something they are the payload, a map. Gateway and clients both use this module, so both agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+from urllib.parse import quote, unquote
+
+from .errors import UsageError
+from .messages import KINDS, Request, field_types, parse_request
+
+ALL = "all"
+"""In the key: all slaves."""
+_TRUE, _FALSE = ("1", "true"), ("0", "false")
+_HEX_DIGITS = {"index": 4, "subindex": 2}
+
+
+class Query(NamedTuple):
+    """A request as a query.
+
+    Attributes:
+        key: The parts of the key below the bus. Names of slaves are percent-encoded.
+        parameters: As they stand behind the `?` of a selector; may be empty.
+        payload: The other fields of a request that changes something, else None.
+    """
+
+    key: tuple[str, ...]
+    parameters: str
+    payload: dict[str, Any] | None
+
+
+def changes(kind: type[Request]) -> bool:
+    """Whether requests of this kind change something."""
+    return kind.key.startswith("rw/")
+
+
+def to_query(request: Request) -> Query:
+    """Makes a query of a request. Fields that are None are left out."""
+    in_key, key = set(), []
+    for part in request.key.split("/"):
+        name = _field_of(part)
+        in_key.add(name)
+        key.append(_to_text(name, getattr(request, name)) if name else part)
+    others = {
+        name: value
+        for name in field_types(type(request))
+        if name not in in_key and (value := getattr(request, name)) is not None
+    }
+    if changes(type(request)):
+        return Query(tuple(key), "", others)
+    texts = (f"{name}={_to_text(name, value)}" for name, value in others.items() if value)
+    return Query(tuple(key), ";".join(texts), None)
+
+
+def from_query(key: Sequence[str], parameters: str, payload: Mapping[str, Any]) -> Request:
+    """Makes a request of a query, and checks it.
+
+    Args:
+        key: As in `Query`.
+        parameters: As in `Query`.
+        payload: As in `Query`; empty if there is none.
+
+    Raises:
+        UsageError: No request has this key, or a field is wrong.
+    """
+    kind = _kind_of(key)
+    types = field_types(kind)
+    values: dict[str, Any] = dict(payload)
+    if not changes(kind) and values:
+        raise UsageError(f"'{'/'.join(key)}' takes parameters and no payload")
+    if "op" in values:
+        raise UsageError("'op' belongs into the key, not into the payload")
+    known = [name for name in types if f"{{{name}}}" not in kind.key]
+    for name, text in read_parameters(parameters, () if changes(kind) else known).items():
+        values[name] = _from_text(name, text, types[name], "the query")
+    for part, text in zip(kind.key.split("/"), key, strict=True):
+        if name := _field_of(part):
+            if name in values:
+                raise UsageError(f"'{name}' belongs into the key, not into the payload")
+            values[name] = _from_text(name, text, types[name], "the key")
+    return parse_request({**values, "op": kind.op})
+
+
+def read_parameters(parameters: str, known: Sequence[str]) -> dict[str, str]:
+    """Splits the parameters of a query.
+
+    Raises:
+        UsageError: One of them is not in `known`.
+    """
+    found = {}
+    for item in filter(None, parameters.split(";")):
+        name, _, value = item.partition("=")
+        if name not in known:
+            raise UsageError(
+                f"'{name}' is no parameter of this query: use {', '.join(known) or 'none'}"
+            )
+        found[name] = value
+    return found
+
+
+def read_flag(name: str, text: str) -> bool:
+    """A parameter that is true or false.
+
+    Raises:
+        UsageError: It is neither.
+    """
+    if text not in _TRUE and text not in _FALSE:
+        raise UsageError(f"'{name}={text}' in the query: use {name}=1 or {name}=0")
+    return text in _TRUE
+
+
+def _kind_of(key: Sequence[str]) -> type[Request]:
+    for kind in KINDS.values():
+        parts = kind.key.split("/")
+        if len(parts) == len(key) and all(
+            _field_of(part) or part == text for part, text in zip(parts, key, strict=True)
+        ):
+            return kind
+    raise UsageError(f"'{'/'.join(key)}' is no key of this version")
+
+
+def _field_of(part: str) -> str:
+    """The field that stands in a part of the template of a key; empty for fixed text."""
+    return part[1:-1] if part.startswith("{") else ""
+
+
+def _to_text(name: str, value: Any) -> str:
+    if value is None:
+        return ALL
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    if name in _HEX_DIGITS:
+        return f"0x{value:0{_HEX_DIGITS[name]}X}"
+    return quote(str(value), safe="")
+
+
+def _from_text(name: str, text: str, types: frozenset[str], where: str) -> Any:
+    if "bool" in types:
+        return read_flag(name, text)
+    if "None" in types and text == ALL:
+        return None
+    if "int" in types:
+        with suppress(ValueError):
+            return int(text, 0)
+        if "str" not in types:
+            raise UsageError(f"'{text}' in {where} is no {name}")
+    return unquote(text)
