@@ -183,7 +183,7 @@ def test_the_output_is_safe_without_its_source(daemon: Daemon, client: Client) -
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.power_off(5)  # the last of the domain, so no working counter is complete
         wait_for(lambda: client.output(lamp).reason == shm.Reason.SOURCE, daemon)
-        assert rig.get(2, 0x7010, 1) == 1
+        wait_for(lambda: rig.get(2, 0x7010, 1) == 1, daemon)  # the next frame has it
         rig.faults.power_on(5)
         wait_for(lambda: client.output(lamp).reason == shm.Reason.START, daemon)
     arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
