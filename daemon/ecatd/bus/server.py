@@ -18,7 +18,7 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
-from ecatd.model.errors import StateError
+from ecatd.model.errors import StateError, UsageError
 from ecatd.model.health import look_at
 from ecatd.model.messages import (
     Describe,
@@ -187,6 +187,7 @@ class BusServer:
                 return await self._objects.read(request)
             case SdoWrite():
                 return await self._objects.write(request)
+        raise UsageError(f"the bus server cannot answer {request.op}")
 
     def _info(self) -> dict[str, Any]:
         assert self._up.wire is not None, "asked before the bus was brought up"

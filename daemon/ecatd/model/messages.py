@@ -11,110 +11,16 @@ access control can distinguish all three. Fields in braces stand in the key.
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, fields
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 from .al import AlState
 from .errors import UsageError
 
-
-@dataclass(frozen=True, slots=True)
-class Describe:
-    """Asks for the bus description, which is long and does not change while the daemon runs."""
-
-    op: ClassVar[str] = "describe"
-    key: ClassVar[str] = "ro/slaves"
-
-
-@dataclass(frozen=True, slots=True)
-class ReadInfo:
-    """Asks about the daemon: version, interface, start, cycle, and present links and recovery."""
-
-    op: ClassVar[str] = "info"
-    key: ClassVar[str] = "ro/info"
-
-
-@dataclass(frozen=True, slots=True)
-class ReadStates:
-    """Asks for the AL states of all slaves, which are read for this request."""
-
-    op: ClassVar[str] = "states"
-    key: ClassVar[str] = "ro/state"
-
-
-@dataclass(frozen=True, slots=True)
-class SetState:
-    """Asks to bring one slave or all slaves to an AL state.
-
-    Attributes:
-        state: Name of the state.
-        slave: Position or name, or None for all slaves.
-    """
-
-    op: ClassVar[str] = "set_state"
-    key: ClassVar[str] = "rw/state/{slave}"
-    state: str
-    slave: int | str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class SdoRead:
-    """Uploads an object.
-
-    Attributes:
-        slave: Position or name; see `Bus.find`.
-        index: Object index.
-        subindex: Object subindex.
-        complete: Whether to use complete access.
-    """
-
-    op: ClassVar[str] = "sdo_read"
-    key: ClassVar[str] = "ro/sdo/{slave}/{index}/{subindex}"
-    slave: int | str
-    index: int
-    subindex: int = 0
-    complete: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class SdoWrite:
-    """Downloads an object; has either `data` or `value`.
-
-    Attributes:
-        slave: Position or name; see `Bus.find`.
-        index: Object index.
-        data: Bytes, little endian.
-        subindex: Object subindex.
-        complete: Whether to use complete access.
-        value: The value as a user types it (`model.datatypes.encode`); the daemon finds out the
-            type of the object.
-    """
-
-    op: ClassVar[str] = "sdo_write"
-    key: ClassVar[str] = "rw/sdo/{slave}/{index}/{subindex}"
-    slave: int | str
-    index: int
-    data: bytes | None = None
-    subindex: int = 0
-    complete: bool = False
-    value: str | None = None
-
-    def __post_init__(self) -> None:
-        if (self.data is None) == (self.value is None):
-            raise UsageError(f"{self.op} needs either 'data' or 'value'")
-
-
-Request = Describe | ReadInfo | ReadStates | SetState | SdoRead | SdoWrite
-
-KINDS: dict[str, type[Request]] = {
-    kind.op: kind for kind in (Describe, ReadInfo, ReadStates, SetState, SdoRead, SdoWrite)
-}
+KINDS: dict[str, type[Request]] = {}
 """The kinds of requests, by `op`."""
-_RANGES = {"slave": (0, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
-_DATA_MAX = 32 * 1024
 
 
-class _Field(NamedTuple):
+class Field(NamedTuple):
     """A field of a request.
 
     Attributes:
@@ -128,25 +34,134 @@ class _Field(NamedTuple):
     needed: bool
 
 
-_FIELDS: dict[type[Request], dict[str, _Field]] = {
-    kind: {
-        field.name: _Field(
-            str(field.type), frozenset(str(field.type).split(" | ")), field.default is MISSING
-        )
-        for field in fields(kind)
-    }
-    for kind in KINDS.values()
-}
+@dataclass_transform(frozen_default=True, eq_default=True)
+class Request:
+    """A request; each subclass is a kind of request, and its annotations are the fields.
+
+    It is a dataclass that needs no `dataclasses`: to load those takes as long as all else that a
+    command loads.
+    """
+
+    op: ClassVar[str]
+    key: ClassVar[str]
+    fields: ClassVar[dict[str, Field]]
+
+    def __init_subclass__(cls) -> None:
+        cls.fields = {
+            name: Field(kind, frozenset(kind.split(" | ")), not hasattr(cls, name))
+            for name, kind in cls.__annotations__.items()
+        }
+        KINDS[cls.op] = cls
+
+    def __init__(self, *args: Any, **values: Any) -> None:
+        values.update(zip(self.fields, args, strict=False))
+        missing = [name for name in self.fields if name not in values and self.fields[name].needed]
+        if missing:
+            raise UsageError(f"{self.op} needs {', '.join(missing)}")
+        self.__dict__.update(values)
+        self._check()
+
+    def _check(self) -> None:
+        """Checks what the types of the fields do not say.
+
+        Raises:
+            UsageError: The fields contradict each other.
+        """
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and repr(self) == repr(other)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({to_map(self)})"
 
 
-def field_types(kind: type[Request]) -> dict[str, frozenset[str]]:
-    """The fields of a kind of request, and the names of the types that each may have."""
-    return {name: field.types for name, field in _FIELDS[kind].items()}
+class Describe(Request):
+    """Asks for the bus description, which is long and does not change while the daemon runs."""
+
+    op = "describe"
+    key = "ro/slaves"
+
+
+class ReadInfo(Request):
+    """Asks about the daemon: version, interface, start, cycle, and present links and recovery."""
+
+    op = "info"
+    key = "ro/info"
+
+
+class ReadStates(Request):
+    """Asks for the AL states of all slaves, which are read for this request."""
+
+    op = "states"
+    key = "ro/state"
+
+
+class SetState(Request):
+    """Asks to bring one slave or all slaves to an AL state.
+
+    Attributes:
+        state: Name of the state.
+        slave: Position or name, or None for all slaves.
+    """
+
+    op = "set_state"
+    key = "rw/state/{slave}"
+    state: str
+    slave: int | str | None = None
+
+
+class SdoRead(Request):
+    """Uploads an object.
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        index: Object index.
+        subindex: Object subindex.
+        complete: Whether to use complete access.
+    """
+
+    op = "sdo_read"
+    key = "ro/sdo/{slave}/{index}/{subindex}"
+    slave: int | str
+    index: int
+    subindex: int = 0
+    complete: bool = False
+
+
+class SdoWrite(Request):
+    """Downloads an object; has either `data` or `value`.
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        index: Object index.
+        data: Bytes, little endian.
+        subindex: Object subindex.
+        complete: Whether to use complete access.
+        value: The value as a user types it (`model.datatypes.encode`); the daemon finds out the
+            type of the object.
+    """
+
+    op = "sdo_write"
+    key = "rw/sdo/{slave}/{index}/{subindex}"
+    slave: int | str
+    index: int
+    data: bytes | None = None
+    subindex: int = 0
+    complete: bool = False
+    value: str | None = None
+
+    def _check(self) -> None:
+        if (self.data is None) == (self.value is None):
+            raise UsageError(f"{self.op} needs either 'data' or 'value'")
+
+
+_RANGES = {"slave": (0, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
+_DATA_MAX = 32 * 1024
 
 
 def to_map(request: Request) -> dict[str, Any]:
     """The request as a map, with its `op`."""
-    return {"op": request.op} | {name: getattr(request, name) for name in _FIELDS[type(request)]}
+    return {"op": request.op} | {name: getattr(request, name) for name in request.fields}
 
 
 def parse_request(data: Any) -> Request:
@@ -163,14 +178,11 @@ def parse_request(data: Any) -> Request:
     if not isinstance(op, str) or op not in KINDS:
         raise UsageError(f"op {op!r} is no request: use {', '.join(KINDS)}")
     kind = KINDS[op]
-    known = _FIELDS[kind]
+    known = kind.fields
     for key, value in values.items():
         if key not in known:
             raise UsageError(f"'{key}' is no key of {op}: use {', '.join(known) or 'none'}")
-        _check(op, key, value, known[key])
-    missing = [name for name, key in known.items() if key.needed and name not in values]
-    if missing:
-        raise UsageError(f"{op} needs {', '.join(missing)}")
+        _check_field(op, key, value, known[key])
     return kind(**values)
 
 
@@ -184,7 +196,7 @@ def check_data(data: bytes) -> None:
         raise UsageError(f"'data' of sdo_write has {len(data)} bytes; 1 to {_DATA_MAX} are allowed")
 
 
-def _check(op: str, key: str, value: Any, wanted: _Field) -> None:
+def _check_field(op: str, key: str, value: Any, wanted: Field) -> None:
     # Types are compared by name: bool is a subclass of int, but true is no slave number.
     found = "None" if value is None else type(value).__name__
     if found not in wanted.types:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
 
 from .errors import UsageError
-from .messages import KINDS, Request, field_types, parse_request
+from .messages import KINDS, Request, parse_request
 
 ALL = "all"
 """In the key: all slaves."""
@@ -49,7 +49,7 @@ def to_query(request: Request) -> Query:
         key.append(_to_text(name, getattr(request, name)) if name else part)
     others = {
         name: value
-        for name in field_types(type(request))
+        for name in request.fields
         if name not in in_key and (value := getattr(request, name)) is not None
     }
     if changes(type(request)):
@@ -70,20 +70,20 @@ def from_query(key: Sequence[str], parameters: str, payload: Mapping[str, Any]) 
         UsageError: No request has this key, or a field is wrong.
     """
     kind = _kind_of(key)
-    types = field_types(kind)
+    fields = kind.fields
     values: dict[str, Any] = dict(payload)
     if not changes(kind) and values:
         raise UsageError(f"'{'/'.join(key)}' takes parameters and no payload")
     if "op" in values:
         raise UsageError("'op' belongs into the key, not into the payload")
-    known = [name for name in types if f"{{{name}}}" not in kind.key]
+    known = [name for name in fields if f"{{{name}}}" not in kind.key]
     for name, text in read_parameters(parameters, () if changes(kind) else known).items():
-        values[name] = _from_text(name, text, types[name], "the query")
+        values[name] = _from_text(name, text, fields[name].types, "the query")
     for part, text in zip(kind.key.split("/"), key, strict=True):
         if name := _field_of(part):
             if name in values:
                 raise UsageError(f"'{name}' belongs into the key, not into the payload")
-            values[name] = _from_text(name, text, types[name], "the key")
+            values[name] = _from_text(name, text, fields[name].types, "the key")
     return parse_request({**values, "op": kind.op})
 
 
