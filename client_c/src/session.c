@@ -57,17 +57,33 @@ static void identity(char *text, size_t size, const char *name, unsigned vendor,
            revision);
 }
 
+/* Finds a slave by its name, or without one by its position; only its identity is to be checked then. */
+static int locate(ecat_session_slave *slave) {
+  ecat_t *bus = slave->session->bus;
+  int named = slave->given_name != NULL && slave->given_name[0] != '\0';
+  int position = named ? ecat_find_name(bus, slave->given_name) : slave->position;
+  char here[300], expected[300];
+  if (position == ECAT_EBUS) {
+    snprintf(expected, sizeof expected, "was generated for %s", slave->name);
+    return another(slave, ecat_error(bus), expected);
+  }
+  if (position < 0 || position >= ecat_slave_count(bus)) {
+    snprintf(here, sizeof here, "bus '%s' has no slave %d (it has %d slaves)", ecat_name(bus), position,
+             ecat_slave_count(bus));
+    snprintf(expected, sizeof expected, "was generated for %s there", slave->name);
+    return another(slave, here, expected);
+  }
+  slave->position = position;
+  return 0;
+}
+
 static int find_slave(ecat_session_slave *slave) {
   ecat_session *session = slave->session;
   ecat_t *bus = session->bus;
   ecat_slave_info found;
   char here[300], expected[300], text[400];
-  if (slave->position < 0 || slave->position >= ecat_slave_count(bus)) {
-    snprintf(here, sizeof here, "bus '%s' has no slave %d (it has %d slaves)", ecat_name(bus),
-             slave->position, ecat_slave_count(bus));
-    snprintf(expected, sizeof expected, "was generated for %s there", slave->name);
-    return another(slave, here, expected);
-  }
+  int code = locate(slave);
+  if (code != 0) return code;
   if (ecat_slave(bus, slave->position, &found) < 0) return ecat_session_client(session, ECAT_EBUS);
   if (found.vendor != slave->vendor || found.product != slave->product ||
       (slave->revision != 0 && found.revision != slave->revision)) {
@@ -77,14 +93,6 @@ static int find_slave(ecat_session_slave *slave) {
     identity(expected + strlen(expected), sizeof expected - strlen(expected), slave->name,
              slave->vendor, slave->product, slave->revision);
     return another(slave, text, expected);
-  }
-  /* Two slaves of the same kind that have changed places have the same fingerprint. */
-  if (slave->given_name != NULL && slave->given_name[0] != '\0' &&
-      strcmp(slave->given_name, found.name) != 0) {
-    snprintf(here, sizeof here, "slave %d of bus '%s' is '%s'", slave->position, ecat_name(bus),
-             found.name);
-    snprintf(expected, sizeof expected, "was generated for '%s' there", slave->given_name);
-    return another(slave, here, expected);
   }
   snprintf(text, sizeof text, "%016llx", (unsigned long long)ecat_fingerprint(bus));
   slave->same_bus = strcmp(text, slave->fingerprint) == 0;

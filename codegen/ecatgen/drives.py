@@ -114,6 +114,7 @@ def _drive(block: Block) -> Drive | None:
         modes=tuple(mode for kind in kinds for mode in kind.modes),
         modifiers=(
             "final position = slave.slaveData.position",
+            "final slaveName = slave.slaveData.name",
             f"final modeInProcessData = {_boolean(_MODE in writes)}",
             *(f"final {flag} = {_boolean(index in reads)}" for index, (flag, _) in _FLAGS.items()),
         ),

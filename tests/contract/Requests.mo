@@ -32,7 +32,7 @@ model Requests "All SDO blocks on the rig of the tests"
     period = 0.05);
   EtherCAT.SDOReadString refused(object = "0x5FFF", request = EtherCAT.Types.Request.Initial);
   parameter EtherCAT.Objects.StartupList list = EtherCAT.Objects.StartupList(
-    etherCATMaster.master, 0, [8194, 0, 2, -5; 8195, 0, 3, 6]) "An INTEGER8 and an INTEGER16";
+    etherCATMaster.master, 0, "", [8194, 0, 2, -5; 8195, 0, 3, 6]) "An INTEGER8 and an INTEGER16";
   Integer listState(start = 0, fixed = true);
 equation
   connect(writeInteger.done, readInteger.trigger);

@@ -30,7 +30,7 @@ axis *axis_open(const char *bus, double sample_time, double lease, int failure, 
     a->outputs[n] = ecatm_pdo_open(a->slave, writes[n].index, 0, 1, writes[n].type, writes[n].bits, 1, 0, "");
     a->inputs[n] = ecatm_pdo_open(a->slave, reads[n].index, 0, 0, reads[n].type, reads[n].bits, 1, 0, "");
   }
-  a->drive = ecatm_drive_new(a->master, position, settings, start_up, (size_t)rows, "");
+  a->drive = ecatm_drive_new(a->master, position, "", settings, start_up, (size_t)rows, "");
   return a;
 }
 
@@ -65,7 +65,7 @@ void axis_close(axis *a) {
 /* The logic alone: a drive of no bus. */
 void *logic_open(const ecatm_drive_settings *settings) {
   ecatm_master *master = calloc(1, sizeof *master);
-  return ecatm_drive_new(master, 0, settings, NULL, 0, "");
+  return ecatm_drive_new(master, 0, "", settings, NULL, 0, "");
 }
 
 /* One evaluation of the logic; `in`: valid, status, display, position, velocity, torque, current,

@@ -139,7 +139,7 @@ def opened(
 ) -> str:
     """The call that makes the object of a block."""
     return (
-        f"ecatm_sdo_open(master, {slave}, {index}, {subindex}, {int(data_type)}, {int(has)}, "
+        f'ecatm_sdo_open(master, {slave}, "", {index}, {subindex}, {int(data_type)}, {int(has)}, '
         f'{int(when)}, {period}, {scale}, {offset}, "{text}", "")'
     )
 

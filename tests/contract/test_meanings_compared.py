@@ -5,7 +5,6 @@ import random
 import re
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -190,31 +189,6 @@ def test_a_configuration_that_was_changed_after_generation(
         (error,) = instance.errors()
         names(error, *meanings, "ecatctl generate Plant")
         assert error.index("0.5") < error.index("generated for") < error.index("0.25")
-
-
-def named(name: str) -> Bus:
-    """The reference plant, in which the configuration gives slave 4 a name."""
-    bus = sample_buses.troll()
-    bus.slaves[4] = replace(bus.slaves[4], given_name=name)
-    return bus
-
-
-def test_slaves_of_the_same_kind_that_have_changed_places(compiler: str, tmp_path: Path) -> None:
-    """The fingerprint is the same, but the block would move something else."""
-    generate(named("infeed"), "Plant", tmp_path / "out")
-    model = player.Model(generate_fmu(named("infeed"), "Plant", tmp_path, 2).fmu)
-    assert (tmp_path / "out" / "Plant" / "Infeed.mo").exists()
-    program = compile_program(compiler, STEPS, tmp_path / "out", tmp_path)
-    with served(named("outfeed")) as name, player.Player(model) as instance:
-        said = sentence(run(program, name, "0", str(ERROR), str(ERROR), "0"))
-        names(said, f"slave 4 of bus '{name}'", "'outfeed'", "'infeed'", "ecatctl generate Plant")
-        instance.set("bus", name)
-        with pytest.raises(Exception, match="InitializationMode"):
-            instance.start()
-        (error,) = instance.errors()
-        names(error, f"slave 4 of bus '{name}'", "'outfeed'", "'infeed'")
-    with served(named("infeed")) as name, model.play(bus=name) as instance:
-        assert instance.errors() == []
 
 
 BY_HAND = """

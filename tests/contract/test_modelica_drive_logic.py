@@ -272,7 +272,7 @@ int main(void) {
   ecatm_drive_settings s;
   ecatm_drive_defaults(&s, ECATM_CYCLIC_VELOCITY, 65536);
   CHANGE;
-  ecatm_drive_new(&master, 3, &s, NULL, 0, "");
+  ecatm_drive_new(&master, 3, "", &s, NULL, 0, "");
   return 0;
 }
 """

@@ -194,7 +194,7 @@ def test_a_model_that_only_watches_writes_no_objects(program: Program, troll: Da
     watcher = program("""
   int state = 0, n;
   void *master = ecatm_master_open(argv[argc - 1], 0, 0.001, 1, 0.1, 1, 1, 0, 1, 0, "Lab.master");
-  void *sdo = ecatm_sdo_open(master, 0, 0x6085, 0, 7, 1, 1, 0, 1, 0, "", "Lab.write");
+  void *sdo = ecatm_sdo_open(master, 0, "", 0x6085, 0, 7, 1, 1, 0, 1, 0, "", "Lab.write");
   for (n = 0; n < 1000 && state != ECATM_SDO_FAILED; n++) {
     ecatm_wait(master, 0.001 * n);
     state = ecatm_sdo_write_integer(sdo, 0.001 * n, 0, 1, 4711);

@@ -35,7 +35,7 @@ def opened(table: Sequence[Sequence[int]], *, slave: int = 0, columns: int = 4) 
     numbers = ", ".join(str(int(number)) for row in table for number in row) or "0"
     return (
         f"static const int table[] = {{{numbers}}};\n"
-        f"void *list = ecatm_sdo_list_open(master, {slave}, table, {len(table)}, {columns}, "
+        f'void *list = ecatm_sdo_list_open(master, {slave}, "", table, {len(table)}, {columns}, '
         '"");\n'
     )
 

@@ -77,7 +77,7 @@ def test_a_list_without_a_bus_fails_with_the_reason(tmp_path: Path, compiler: st
         compiler,
         r"""
   static const int table[] = {0x2002, 0, 2, 11};
-  void *list = ecatm_sdo_list_open(master, 0, table, 1, 4, "");
+  void *list = ecatm_sdo_list_open(master, 0, "", table, 1, 4, "");
   int n, state = 0;
   for (n = 0; n < 3; n++) state = ecatm_sdo_list_write(list, now, sample(), 1);
   printf("%d||%d|0|%s\n", state, ecatm_sdo_list_abort_code(list, 0),

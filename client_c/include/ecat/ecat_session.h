@@ -66,9 +66,9 @@ typedef struct ecat_session_settings {
 } ecat_session_settings;
 
 typedef struct ecat_session_slave {
-  int position;
+  int position;                  /* where it is; of a slave with a name, where it was found last */
   uint32_t vendor, product, revision; /* expected; revision 0: any */
-  const char *given_name;        /* that the configuration must give it; NULL or empty: any */
+  const char *given_name;        /* in the configuration, by which it is found; NULL or empty: by position */
   const char *name;              /* of the slave, for messages */
   const char *command;           /* that generates the product again */
   const char *heading;           /* messages about it begin with this: "Plant.analog: "; may be NULL */

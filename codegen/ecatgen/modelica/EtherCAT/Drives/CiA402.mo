@@ -2,7 +2,10 @@ within EtherCAT.Drives;
 block CiA402 "State machine and conversions of a drive with the device profile CiA 402"
   extends EtherCAT.Interfaces.DriveParameters;
 
-  parameter Integer position(min = 0) = 0 "Position of the drive on the bus, 0 first";
+  parameter String slaveName = ""
+    "Name of the drive in the configuration of ecatd; if empty, its position below";
+  parameter Integer position(min = 0) = 0 "Position of the drive on the bus, 0 first"
+    annotation (Dialog(enable = slaveName == ""));
   parameter Integer axis(min = 1, max = 8) = 1
     "Axis of the drive: its objects are 0x800*(axis - 1) behind those that are named here"
     annotation (Dialog(group = "Process data"));
@@ -116,7 +119,7 @@ protected
   Boolean sampled = etherCATMaster.sampled[EtherCAT.Functions.domainIndex(
     domainID, size(etherCATMaster.sampled, 1))] "True at the sample instants of the domain";
   parameter EtherCAT.Objects.Drive drive = EtherCAT.Objects.Drive(
-    etherCATMaster.master, position, mode, reference,
+    etherCATMaster.master, position, slaveName, mode, reference,
     (if useModeDisplay then 1 else 0) + (if usePosition then 2 else 0) + (if useVelocity then 4 else 0) + (if useTorque then 8 else 0) + (if useCurrent then 16 else 0),
     if modeInProcessData then 0 else 24672 + 2048*(axis - 1), encoderResolution, gearRatio,
     velocityScale, ratedTorque, ratedCurrent, tau_max, approachSpeed, standstillSpeed, maxDropout, startUp,

@@ -1,14 +1,17 @@
 within EtherCAT.Drives;
 block Elmo "Elmo Gold drive with its state machine, in SI units"
   extends EtherCAT.Interfaces.PartialDrive(
-    cia402(final position = position));
+    cia402(final position = position, final slaveName = slaveName));
 
-  parameter Integer position(min = 0) = 0 "Position of the drive on the bus, 0 first"
+  parameter String slaveName = ""
+    "Name of the drive in the configuration of ecatd; if empty, its position below"
     annotation (Dialog(group = "Operation"));
+  parameter Integer position(min = 0) = 0 "Position of the drive on the bus, 0 first"
+    annotation (Dialog(group = "Operation", enable = slaveName == ""));
 
   EtherCAT.Drives.Utilities.ElmoGold slave(
     final domainID = domainID,
-    slaveData(final position = position)) "Process data of the drive"
+    slaveData(final position = position, final name = slaveName)) "Process data of the drive"
     annotation (Placement(transformation(extent = {{-56, -128}, {56, -72}})));
 equation
   connect(cia402.modeOfOperation, slave.modeOfOperation)

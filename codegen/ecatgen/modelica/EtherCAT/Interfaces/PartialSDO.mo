@@ -2,8 +2,11 @@ within EtherCAT.Interfaces;
 partial block PartialSDO "Base of the blocks that access one object of a slave"
   extends EtherCAT.Icons.SDO;
 
-  parameter Integer position(min = 0) = 0 "Position of the slave on the bus, 0 first"
+  parameter String slaveName = ""
+    "Name of the slave in the configuration of ecatd; if empty, its position below"
     annotation (Dialog(group = "Object"));
+  parameter Integer position(min = 0) = 0 "Position of the slave on the bus, 0 first"
+    annotation (Dialog(group = "Object", enable = slaveName == ""));
   parameter String object = ""
     "Index and subindex in hexadecimal, such as \"0x6060:00\"; if empty, the two numbers below"
     annotation (Dialog(group = "Object"));
@@ -44,7 +47,7 @@ partial block PartialSDO "Base of the blocks that access one object of a slave"
 protected
   outer EtherCAT.EtherCATMaster etherCATMaster "Connection to the bus";
   parameter EtherCAT.Objects.SDO sdo = EtherCAT.Objects.SDO(
-    etherCATMaster.master, position, index, subindex, typeNumber, valueType, Integer(request),
+    etherCATMaster.master, position, slaveName, index, subindex, typeNumber, valueType, Integer(request),
     period, scale, offset, object, getInstanceName()) "Object";
   Modelica.Blocks.Interfaces.BooleanInput triggered
     "Needed to connect to the conditional connector";

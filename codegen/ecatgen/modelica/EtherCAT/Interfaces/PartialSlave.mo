@@ -39,8 +39,9 @@ Registers one slave, and tells how it is. A block of your own extends it, and ad
 <a href=\"modelica://EtherCAT.Functions\">functions</a> explain.
 </p>
 <p>
-The start of the simulation fails with one sentence when another slave is found at
-<code>slaveData.position</code>; <code>slaveData.revisionNumber = 0</code> accepts any revision.
+The slave is found by <code>slaveData.name</code>, or without a name at <code>slaveData.position</code>. The start of
+the simulation fails with one sentence when another slave is found there;
+<code>slaveData.revisionNumber = 0</code> accepts any revision.
 </p>
 <p>
 <code>valid</code> is true while the daemon delivers, all slaves of the domain of the bus took part in the

@@ -4,7 +4,8 @@ class Drive "State machine, conversions and memory of a drive with the device pr
 
   function constructor "Make the state machine of a drive"
     input EtherCAT.Objects.Master master "Connection";
-    input Integer position "Position of the slave on the bus, for messages";
+    input Integer position "Position of the slave on the bus, 0 first";
+    input String slaveName "Name of the slave in the configuration of ecatd, empty: by position";
     input EtherCAT.Types.DriveMode mode "Mode of operation";
     input EtherCAT.Types.DriveReference reference "What the reference of a position means";
     input Integer entries
@@ -23,7 +24,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
       "Objects to write before the drive is enabled: index, subindex, data type, value";
     input String instance = "" "Name of the instance of the block, for messages";
     output Drive drive "Drive";
-    external "C" drive = ecatm_drive_open(master, position, mode, reference, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2), instance)
+    external "C" drive = ecatm_drive_open(master, position, slaveName, mode, reference, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2), instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

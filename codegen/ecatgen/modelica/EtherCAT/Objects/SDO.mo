@@ -5,6 +5,7 @@ class SDO "One object of a slave, accessed through its mailbox"
   function constructor "Register the access to an object"
     input EtherCAT.Objects.Master master "Connection";
     input Integer position "Position of the slave on the bus, 0 first";
+    input String slaveName "Name of the slave in the configuration of ecatd, empty: by position";
     input Integer index "Index of the object";
     input Integer subindex "Subindex of the object";
     input Integer dataType "CoE data type: number of the EtherCAT.Types.DataType";
@@ -16,7 +17,7 @@ class SDO "One object of a slave, accessed through its mailbox"
     input String object = "" "Index and subindex as \"0x6060:00\", instead of the numbers";
     input String instance = "" "Name of the instance of the block, for messages";
     output SDO sdo "Object";
-    external "C" sdo = ecatm_sdo_open(master, position, index, subindex, dataType, valueType, request, period, scale, offset, object, instance)
+    external "C" sdo = ecatm_sdo_open(master, position, slaveName, index, subindex, dataType, valueType, request, period, scale, offset, object, instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

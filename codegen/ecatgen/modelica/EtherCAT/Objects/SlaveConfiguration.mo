@@ -5,7 +5,7 @@ class SlaveConfiguration "Registration of one slave"
   function constructor "Check the identity of a slave and register it"
     input EtherCAT.Objects.Domain domain "Domain of the slave";
     input Integer position "Position on the bus, 0 first";
-    input String givenName "Expected name in the configuration of ecatd, empty: any";
+    input String givenName "Name in the configuration of ecatd, empty: by position";
     input Integer vendorID "Expected vendor ID";
     input Integer productCode "Expected product code";
     input Integer revisionNumber "Expected revision number, 0: any";

@@ -2,15 +2,16 @@ within EtherCAT.Objects;
 record SlaveData "Place and identity of a slave"
   extends Modelica.Icons.Record;
   Integer position = 0 "Position on the bus, 0 first";
-  String name = "" "Name that the configuration of ecatd must give the slave, empty: any";
+  String name = "" "Name of the slave in the configuration of ecatd, empty: by position";
   Integer vendorID = 0 "Vendor ID (32 unsigned bits, read as signed)";
   Integer productCode = 0 "Product code (32 unsigned bits, read as signed)";
   Integer revisionNumber = 0 "Revision number (32 unsigned bits, read as signed), 0: any";
 
   annotation (Documentation(info = "<html>
 <p>
-<code>name</code> tells slaves of the same kind from each other, which may have changed places: the start of the
-simulation fails with one sentence when the slave at <code>position</code> has another name.
+If <code>name</code> is given, the slave is found by the name that the configuration of ecatd gives it, wherever
+it is on the bus, and <code>position</code> does not count. The start of the simulation fails with one sentence when no
+slave has this name.
 </p>
 <p>
 The paper on the DLR EtherCAT library calls it so, too. Numbers with 32 bits without a sign are held with

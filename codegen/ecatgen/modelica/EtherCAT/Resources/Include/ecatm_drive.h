@@ -86,9 +86,8 @@ typedef struct ecatm_drive_order {
 
 typedef struct ecatm_drive {
   ecatm_node node;
-  int position;                  /* of the slave on the bus */
   ecatm_drive_settings settings;
-  void *list;                    /* objects to write before the drive is enabled */
+  ecatm_sdo_list *list;                  /* objects to write before the drive is enabled */
   int stepped;                   /* `time` is valid */
   double time, elapsed;          /* simulation time of this sample, since the one before */
   ecatm_drive_view view, view_before;
@@ -154,7 +153,7 @@ typedef struct ecatm_drive_table {
 
 /* The list of objects to write before the drive is enabled: the mode, unless the process data have it,
  * then `table`, whose rows are index, subindex, data type and value. */
-ECATM_FUNCTION void *ecatm_drive_list(void *object, int position,
+ECATM_FUNCTION void *ecatm_drive_list(void *object, int position, const char *name,
                                       const ecatm_drive_settings *settings, const int *table,
                                       size_t rows, const char *block) {
   size_t row = sizeof(int) * ECATM_LIST_COLUMNS, first = settings->mode_object != 0;
@@ -166,13 +165,15 @@ ECATM_FUNCTION void *ecatm_drive_list(void *object, int position,
   all->rows[0][2] = 2; /* INTEGER8 */
   all->rows[0][3] = settings->mode;
   if (rows > 0) memcpy((char *)all->rows + first * row, table, rows * row);
-  list = ecatm_sdo_list_open(object, position, all->rows[0], rows + first, ECATM_LIST_COLUMNS, block);
+  list = ecatm_sdo_list_open(object, position, name, all->rows[0], rows + first, ECATM_LIST_COLUMNS,
+                             block);
   ecatm_close(all);
   return list;
 }
 
-/* A drive with a start-up list of `rows` rows: index, subindex, data type, value. */
-ECATM_FUNCTION void *ecatm_drive_new(void *object, int position,
+/* A drive with a start-up list of `rows` rows: index, subindex, data type, value. `name`: of the slave,
+ * see ecatm_which. */
+ECATM_FUNCTION void *ecatm_drive_new(void *object, int position, const char *name,
                                      const ecatm_drive_settings *settings, const int *table,
                                      size_t rows, const char *block) {
   const char *wrong = ecatm_drive_wrong(settings);
@@ -184,12 +185,11 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position,
     ModelicaFormatError("EtherCAT: %sthe drive of slave %d cannot work: %s", heading, position, wrong);
     return NULL;
   }
-  list = ecatm_drive_list(object, position, settings, table, rows, block);
+  list = ecatm_drive_list(object, position, name, settings, table, rows, block);
   drive = (ecatm_drive *)ecatm_new((ecatm_master *)object, sizeof *drive);
   if (drive == NULL) return NULL;
   strcpy(drive->node.heading, heading);
-  drive->list = list;
-  drive->position = position;
+  drive->list = (ecatm_sdo_list *)list;
   drive->settings = *settings;
   drive->view.state = ECATM_NOT_READY_TO_SWITCH_ON;
   return drive;
@@ -197,8 +197,8 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position,
 
 /* The constructor in Modelica; see ecatm_drive_settings. `mode` is the number of an
  * EtherCAT.Types.DriveMode. */
-ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int reference,
-                                      int entries, int mode_object, double encoder, double gear,
+ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, const char *name, int mode,
+                                      int reference, int entries, int mode_object, double encoder, double gear,
                                       double velocity_scale, double rated_torque,
                                       double rated_current, double max_torque,
                                       double approach_speed, double standstill_speed,
@@ -221,7 +221,7 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, int mode, int 
   settings.standstill_speed = standstill_speed;
   settings.max_dropout = max_dropout;
   (void)columns; /* 4, as declared */
-  return ecatm_drive_new(master, position, &settings, table, rows, block);
+  return ecatm_drive_new(master, position, name, &settings, table, rows, block);
 }
 
 ECATM_FUNCTION void ecatm_drive_close(void *object) {

@@ -143,7 +143,7 @@ ECATM_FUNCTION void ecatm_drive_watch_mode(ecatm_drive *drive) {
   ModelicaFormatMessage("EtherCAT: %sthe drive of slave %d is not enabled: it stays in mode of operation "
                         "%d (0x6061) and does not take %d; choose a mode of its object 0x6502, or "
                         "write 0x6060 in startUp\n",
-                        drive->node.heading, drive->position, drive->view.display,
+                        drive->node.heading, drive->list->transfer.slave.position, drive->view.display,
                         drive->settings.mode);
 }
 
@@ -229,7 +229,7 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   now->following = drive->view.enabled && now->word == 0x0F;
   if (now->following && !ecatm_finite(reference)) {
     ModelicaFormatError("EtherCAT: %sthe reference of the drive of slave %d is not a finite number",
-                        drive->node.heading, drive->position);
+                        drive->node.heading, drive->list->transfer.slave.position);
     return 0;
   }
   if (!now->following) now->arrived = 0;

@@ -46,9 +46,9 @@ ECATM_FUNCTION void ecatm_domain_close(void *object) { ecatm_close(object); }
 
 /* --- Slave --------------------------------------------------------------------------------- */
 
-/* The registration of one slave. Stops with one sentence when another slave is found there, now or when
- * the bus appears. Identity numbers are 32 unsigned bits in a Modelica Integer; revision 0 accepts any.
- * `given_name`: that the configuration must give it; empty: any.
+/* The registration of one slave. Stops with one sentence when another slave is found, now or when the
+ * bus appears. Identity numbers are 32 unsigned bits in a Modelica Integer; revision 0 accepts any.
+ * `given_name`: its name in the configuration, by which it is found wherever it is; empty: by position.
  * Without a fingerprint the block was written by hand. `block`: name of the block's instance. */
 ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, const char *given_name, int vendor,
                                       int product, int revision, const char *name,

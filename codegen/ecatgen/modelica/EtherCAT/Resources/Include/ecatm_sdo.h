@@ -24,10 +24,17 @@ enum ecatm_sdo_value {           /* what the model has of the object */
   ECATM_STRING_VALUE = 3
 };
 
+/* Which slave it is: by its name in the configuration, or if that is empty, by its position. */
+typedef struct ecatm_which {
+  int position;                  /* of a slave with a name, where it was found last */
+  char name[32];
+} ecatm_which;
+
 /* One transfer at a time. */
 typedef struct ecatm_transfer {
   ecatm_node node;
-  int position, index, subindex;
+  ecatm_which slave;
+  int index, subindex;
   int handle;                    /* of the client, -1: not sent yet */
   unsigned connection;           /* of the master, when it was sent */
   int download;
@@ -70,23 +77,34 @@ ECATM_FUNCTION int ecatm_sdo_connected(const ecatm_master *master) {
   return master->session.bus != NULL && master->session.outage == 0;
 }
 
-/* Whether the bus has a slave: 0, or what ecat_session_fail() returns. */
-ECATM_FUNCTION int ecatm_check_position(ecatm_master *master, const char *heading, int position) {
+ECATM_FUNCTION ecatm_which ecatm_which_slave(int position, const char *name) {
+  ecatm_which which;
+  which.position = position;
+  sprintf(which.name, "%.*s", (int)sizeof which.name - 1, name);
+  return which;
+}
+
+/* Finds a slave on the bus: 0, or what ecat_session_fail() returns. */
+ECATM_FUNCTION int ecatm_find_slave(ecatm_master *master, const char *heading, ecatm_which *which) {
   ecat_session *session = &master->session;
   ecat_slave_info info;
-  int code = ecat_slave(session->bus, position, &info);
-  if (code == 0) return 0;
+  int position = which->name[0] != '\0' ? ecat_find_name(session->bus, which->name) : which->position;
+  int code = position == ECAT_EBUS ? position : ecat_slave(session->bus, position, &info);
+  if (code == 0) {
+    which->position = position;
+    return 0;
+  }
   return ecat_session_fail(session, code, "%s%s", heading, ecat_error(session->bus));
 }
 
 ECATM_FUNCTION int ecatm_transfer_check(ecatm_node *node) {
-  return ecatm_check_position(node->master, node->heading, ((ecatm_transfer *)node)->position);
+  return ecatm_find_slave(node->master, node->heading, &((ecatm_transfer *)node)->slave);
 }
 
-ECATM_FUNCTION void ecatm_transfer_open(ecatm_transfer *transfer, int position, int index,
+ECATM_FUNCTION void ecatm_transfer_open(ecatm_transfer *transfer, const ecatm_which *slave, int index,
                                         int subindex) {
   transfer->node.check = ecatm_transfer_check;
-  transfer->position = position;
+  transfer->slave = *slave;
   transfer->index = index;
   transfer->subindex = subindex;
   transfer->handle = -1;
@@ -102,11 +120,10 @@ ECATM_FUNCTION void ecatm_check_range(const char *heading, int position, int ind
 }
 
 /* The same, or if there is a bus that has no such slave. */
-ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, const char *heading, int position,
+ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, const char *heading, ecatm_which *slave,
                                        int index, int subindex) {
-  ecatm_check_range(heading, position, index, subindex);
-  if (master->session.bus != NULL)
-    ecatm_check(master, ecatm_check_position(master, heading, position));
+  ecatm_check_range(heading, slave->position, index, subindex);
+  if (master->session.bus != NULL) ecatm_check(master, ecatm_find_slave(master, heading, slave));
 }
 
 /* The end of a transfer that did not succeed. It does not end the simulation; the log says so once,
@@ -119,7 +136,7 @@ ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const
     ModelicaFormatMessage("EtherCAT: %s%s object 0x%04X:%02X of slave %d failed: %s\n",
                           transfer->node.heading, transfer->download ? "writing" : "reading",
                           (unsigned)transfer->index, (unsigned)transfer->subindex,
-                          transfer->position, text);
+                          transfer->slave.position, text);
   strcpy(transfer->text, text);
   transfer->told = 1;
   transfer->abort_code = code;
@@ -155,7 +172,7 @@ ECATM_FUNCTION int ecatm_transfer_step(ecatm_transfer *transfer) {
     return ecatm_transfer_fail(transfer, ECAT_ESTATE, "readOnly of the EtherCATMaster is true, so the "
                                "model writes nothing");
   if (transfer->handle < 0) {
-    code = ecat_sdo_start(master->session.bus, transfer->position, (unsigned)transfer->index,
+    code = ecat_sdo_start(master->session.bus, transfer->slave.position, (unsigned)transfer->index,
                           (unsigned)transfer->subindex,
                           transfer->download ? transfer->data : NULL,
                           transfer->download ? transfer->length : 0);
@@ -236,35 +253,38 @@ ECATM_FUNCTION void ecatm_sdo_parse(const char *heading, const char *text, int *
   *subindex = (int)numbers[1];
 }
 
-/* An object of a slave. `type`: CoE data type; `value`: enum ecatm_sdo_value, what the model has of
- * it; `when`: enum ecatm_sdo_when, with `period` in s if sampled; `scale` and `offset` for a Real;
- * `address`: index and subindex as text, instead of the numbers; `block`: name of the block's instance. */
-ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, int index, int subindex, int type,
-                                    int value, int when, double period, double scale,
-                                    double offset, const char *address, const char *block) {
+/* An object of a slave. `name`: see ecatm_which; `type`: CoE data type; `value`: enum ecatm_sdo_value,
+ * what the model has of it; `when`: enum ecatm_sdo_when, with `period` in s if sampled; `scale` and
+ * `offset` for a Real; `address`: index and subindex as text, instead of the numbers;
+ * `block`: name of the block's instance. */
+ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, const char *name, int index,
+                                    int subindex, int type, int value, int when, double period,
+                                    double scale, double offset, const char *address,
+                                    const char *block) {
   ecatm_master *master = (ecatm_master *)object;
+  ecatm_which slave = ecatm_which_slave(position, name);
   ecatm_sdo *sdo;
   char heading[ECATM_HEADING];
   ecatm_head(heading, block);
   ecatm_sdo_parse(heading, address, &index, &subindex);
-  ecatm_check_object(master, heading, position, index, subindex);
+  ecatm_check_object(master, heading, &slave, index, subindex);
   ecatm_sdo_check_type(heading, type, value);
   if (when == ECATM_SAMPLED && !(period > 0)) {
     ModelicaFormatError("EtherCAT: %sobject 0x%04X:%02X of slave %d cannot be requested every %g s: the "
                         "period must be positive", heading, (unsigned)index, (unsigned)subindex,
-                        position, period);
+                        slave.position, period);
     return NULL;
   }
   if (!ecatm_is_scale(scale, offset)) {
     ModelicaFormatError("EtherCAT: %sobject 0x%04X:%02X of slave %d cannot be scaled by %g with an offset "
                         "of %g: the scale must be a finite number other than 0", heading,
-                        (unsigned)index, (unsigned)subindex, position, scale, offset);
+                        (unsigned)index, (unsigned)subindex, slave.position, scale, offset);
     return NULL;
   }
   sdo = (ecatm_sdo *)ecatm_new(master, sizeof *sdo);
   if (sdo == NULL) return NULL;
   strcpy(sdo->transfer.node.heading, heading);
-  ecatm_transfer_open(&sdo->transfer, position, index, subindex);
+  ecatm_transfer_open(&sdo->transfer, &slave, index, subindex);
   sdo->trigger.when = when;
   sdo->trigger.period = period;
   sdo->type = type;
@@ -302,7 +322,7 @@ ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int input, int do
       if (sdo->wrong)
         ModelicaFormatError("EtherCAT: %sobject 0x%04X:%02X of slave %d cannot be written: %s",
                             transfer->node.heading, (unsigned)transfer->index,
-                            (unsigned)transfer->subindex, transfer->position, sdo->mistake);
+                            (unsigned)transfer->subindex, transfer->slave.position, sdo->mistake);
       trigger->state = ecatm_transfer_step(transfer);
       if (trigger->state == ECATM_SDO_DONE && !transfer->download)
         trigger->state = ecatm_sdo_decode(sdo);

@@ -26,40 +26,42 @@ ECATM_FUNCTION void ecatm_sdo_list_choose(ecatm_sdo_list *list, int row) {
 }
 
 /* Stops the simulation if an entry cannot be written. */
-ECATM_FUNCTION void ecatm_sdo_list_check(ecatm_master *master, const char *heading, int position,
-                                         int row, const int *entry) {
+ECATM_FUNCTION void ecatm_sdo_list_check(ecatm_master *master, const char *heading,
+                                         ecatm_which *slave, int row, const int *entry) {
   unsigned char data[8];
   size_t length;
   char text[ECATM_TEXT] = "the third column must be an integer data type";
-  ecatm_check_object(master, heading, position, entry[0], entry[1]);
+  ecatm_check_object(master, heading, slave, entry[0], entry[1]);
   if (ecatm_type_bytes(entry[2]) == 0 || ecatm_type_is_real(entry[2]) ||
       ecatm_encode_number(entry[2], entry[3], data, &length, text) != 0)
     ModelicaFormatError("EtherCAT: %sentry %d of the start-up list of slave %d (object 0x%04X:%02X) "
-                        "cannot be written: %s", heading, row + 1, position, (unsigned)entry[0],
-                        (unsigned)entry[1], text);
+                        "cannot be written: %s", heading, row + 1, slave->position,
+                        (unsigned)entry[0], (unsigned)entry[1], text);
 }
 
-/* The list for one slave. `table` has a row for each object: index, subindex, CoE data type, value;
- * `block`: name of the block's instance. */
-ECATM_FUNCTION void *ecatm_sdo_list_open(void *object, int position, const int *table, size_t rows,
-                                         size_t columns, const char *block) {
+/* The list for one slave. `name`: see ecatm_which; `table` has a row for each object: index, subindex, CoE
+ * data type, value; `block`: name of the block's instance. */
+ECATM_FUNCTION void *ecatm_sdo_list_open(void *object, int position, const char *name,
+                                         const int *table, size_t rows, size_t columns,
+                                         const char *block) {
   ecatm_master *master = (ecatm_master *)object;
+  ecatm_which slave = ecatm_which_slave(position, name);
   ecatm_sdo_list *list;
   char heading[ECATM_HEADING];
   size_t row, bytes = rows * ECATM_LIST_COLUMNS * sizeof *table;
   ecatm_head(heading, block);
   if (rows > 0 && columns != ECATM_LIST_COLUMNS) {
     ModelicaFormatError("EtherCAT: %sthe start-up list of slave %d has %lu columns instead of %d: index, "
-                        "subindex, data type, value", heading, position, (unsigned long)columns,
+                        "subindex, data type, value", heading, slave.position, (unsigned long)columns,
                         ECATM_LIST_COLUMNS);
     return NULL;
   }
   for (row = 0; row < rows; row++)
-    ecatm_sdo_list_check(master, heading, position, (int)row, table + ECATM_LIST_COLUMNS * row);
+    ecatm_sdo_list_check(master, heading, &slave, (int)row, table + ECATM_LIST_COLUMNS * row);
   list = (ecatm_sdo_list *)ecatm_new(master, sizeof *list + bytes);
   if (list == NULL) return NULL;
   strcpy(list->transfer.node.heading, heading);
-  ecatm_transfer_open(&list->transfer, position, 0, 0);
+  ecatm_transfer_open(&list->transfer, &slave, 0, 0);
   list->trigger.when = ECATM_TRIGGERED;
   list->rows = (int)rows;
   list->table = (int *)(list + 1);
