@@ -3,6 +3,7 @@
 import argparse
 import os
 import pty
+import select
 import sys
 
 import pytest
@@ -46,5 +47,10 @@ def test_on_a_terminal_it_asks(typed: str, goes_on: bool, monkeypatch: pytest.Mo
             with pytest.raises(UsageError, match="nothing was done"):
                 confirm(_options(), ABOUT)
         stderr.close()
-        assert ABOUT.encode() in os.read(master, 4096)
+        shown = b""
+        while (
+            ABOUT.encode() not in shown
+        ):  # a terminal gives its echo and the question in any number of pieces
+            assert select.select([master], [], [], 60)[0], f"the question was not asked: {shown!r}"
+            shown += os.read(master, 4096)
     os.close(master)
