@@ -193,6 +193,7 @@ struct cyclic {
   uint32_t attend;                /* set by control: cycles until it calls cyclic_attend() again; 0: taken */
   uint32_t attended;              /* cycles that are left of them; 0: never called, or too late */
 
+  struct cyclic_frame_ring *frame_ring; /* of what is sent and received, or NULL */
   struct cyclic_relay *relay;     /* that follows this engine, or NULL; control */
   cyclic_settings settings;
   uint64_t cycle;

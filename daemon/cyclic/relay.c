@@ -4,6 +4,7 @@
 #include "relay.h"
 
 #include "engine.h"
+#include "frame_ring.h"
 #include "thread.h"
 
 #include <errno.h>
@@ -38,6 +39,7 @@ struct cyclic_relay {
   uint32_t ports;
   int stop_fd;
   cyclic_t *engine;
+  cyclic_frame_ring_t *frame_ring; /* of what is sent and received, or NULL */
   pthread_t thread;
 
   uint64_t free_ns;     /* when the share allows the next frame */
@@ -107,8 +109,10 @@ static void mark(uint8_t *frame, uint32_t port) { frame[SOURCE_PORT_AT] ^= (uint
 
 static void send_copy(cyclic_relay_t *r, uint32_t port) {
   mark(r->frame, port);
-  if (send(r->port[port], r->frame, r->length, MSG_DONTWAIT) == (ssize_t)r->length)
+  if (send(r->port[port], r->frame, r->length, MSG_DONTWAIT) == (ssize_t)r->length) {
     r->pending |= 1u << port;
+    cyclic_frame_ring_write(r->frame_ring, r->frame, r->length, port, 1);
+  }
   mark(r->frame, port);
 }
 
@@ -194,6 +198,7 @@ static int take(cyclic_relay_t *r, uint32_t port) {
     if (length < 0 && errno == EINTR) continue;
     if (length < 0) return errno == EAGAIN; /* if not, ENETDOWN and its kind */
     if (length == 0) return 0;
+    cyclic_frame_ring_write(r->frame_ring, r->received, (size_t)length, port, 0);
     if (!is_answer(r, r->received, (size_t)length)) continue;
     sent_by = r->received[SOURCE_PORT_AT] != r->frame[SOURCE_PORT_AT];
     if (!(r->pending >> sent_by & 1)) continue; /* twice the same */
@@ -353,6 +358,12 @@ void cyclic_relay_follow(cyclic_relay_t *r, cyclic_t *engine) {
   if (engine != NULL) engine->relay = r;
   r->free_ns = 0;
   r->free_part = 1;
+  pthread_mutex_unlock(&r->lock);
+}
+
+void cyclic_relay_set_frame_ring(cyclic_relay_t *r, cyclic_frame_ring_t *ring) {
+  pthread_mutex_lock(&r->lock);
+  r->frame_ring = ring;
   pthread_mutex_unlock(&r->lock);
 }
 

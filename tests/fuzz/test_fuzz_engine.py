@@ -17,8 +17,8 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 CYCLIC = ROOT / "daemon" / "cyclic"
 SOURCES = (
-    *("clock", "control", "copies", "engine", "frames", "outputs", "publish", "relay", "setup"),
-    *("slots", "thread", "wake", "wire"),
+    *("clock", "control", "copies", "engine", "frame_ring", "frames", "outputs", "publish"),
+    *("relay", "setup", "slots", "thread", "wake", "wire"),
 )
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 CYCLES = 6000

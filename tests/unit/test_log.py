@@ -87,6 +87,7 @@ def test_every_event_is_explained() -> None:
     assert len(over_zenoh) > 15
     only_counted = {"working_counter"}  # told as a disturbance
     of_the_service = {"in_op", "failed", "ended", "hung", "gateway", "configuration"}
+    of_the_service |= {"frames_written"}
     known = (over_zenoh - only_counted) | of_the_service | {"expected_bus"}
     assert of_the_service <= logged() <= known
     assert explained() == {message_id(name) for name in known}

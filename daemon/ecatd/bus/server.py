@@ -22,6 +22,7 @@ from ecatd.model.errors import StateError, UsageError
 from ecatd.model.health import look_at
 from ecatd.model.messages import (
     Describe,
+    ReadFrames,
     ReadInfo,
     ReadStates,
     Request,
@@ -37,8 +38,10 @@ from .engine.shared_memory import SharedMemory
 from .master.master import SlaveState
 from .master.worker import Worker
 from .requests.conversations import Conversations
+from .requests.frames import read_frames
 from .requests.objects import Objects
 from .start.bring_up import BringUp, leases
+from .watch.fault_files import FaultFiles
 from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
@@ -80,6 +83,7 @@ class BusServer:
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._up = BringUp(config, interface, log, self._aborted.is_set)
         self._monitor: Monitor | None = None
+        self._fault_files: FaultFiles | None = None
         self._known_objects: Objects | None = None
         self._started = 0.0
 
@@ -111,8 +115,18 @@ class BusServer:
 
     def _bring_up(self) -> Monitor:
         running = self._up.run()
+        self._fault_files = FaultFiles(
+            *(self.bus.name, self._config.capture, self._up.frame_rings, running.interfaces),
+            *(running.shared.header.cycle, self._log),
+        )
         monitor = Monitor(
-            running, self._up.config.outputs, self.answer, self._worker, self._log, self._publish
+            running,
+            self._up.config.outputs,
+            self.answer,
+            self._worker,
+            self._log,
+            self._publish,
+            self._fault_files,
         )
         monitor.read_states()
         running.shared.publish()
@@ -124,6 +138,8 @@ class BusServer:
         assert self._up.shared is not None, "asked before the bus was brought up"
         self._running.set_recovery(config.recovery)
         self._up.shared.set_leases(*leases(config))
+        if self._fault_files is not None:
+            self._fault_files.config = config.capture
 
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""
@@ -187,6 +203,8 @@ class BusServer:
                 return await self._objects.read(request)
             case SdoWrite():
                 return await self._objects.write(request)
+            case ReadFrames():
+                return read_frames(self._up.frame_rings, self._up.interfaces, request)
         raise UsageError(f"the bus server cannot answer {request.op}")
 
     def _info(self) -> dict[str, Any]:
@@ -240,6 +258,8 @@ class BusServer:
         if self._monitor is not None:
             self._monitor.stop()
             self._monitor.close()
+        if self._fault_files is not None:
+            await self._fault_files.close()
         await asyncio.to_thread(self._worker.close)
         self._aborted.clear()  # on the way down slaves are waited for
         await asyncio.to_thread(self._take_down)
@@ -283,3 +303,5 @@ class BusServer:
                 up.shared.close()
             if up.master is not None:
                 up.master.close()
+            for ring in up.frame_rings.values():
+                ring.close()

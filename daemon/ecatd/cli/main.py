@@ -45,6 +45,7 @@ _COMMANDS = (
     ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),
     ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
     ("library", "library", "Install the Modelica library EtherCAT."),
+    ("capture", "capture", "Write the last frames on the wire to a file, for Wireshark."),
     ("doctor", "doctor", "Look at this machine for what makes a bus slow, late or unreachable."),
     ("service", "service", "Install, upgrade or remove the service of systemd."),
     ("client-flags", "library", "Print compiler flags for C and C++ programs."),

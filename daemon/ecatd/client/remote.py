@@ -19,7 +19,15 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.model.messages import ReadInfo, ReadStates, Request, SdoRead, SdoWrite, SetState
+from ecatd.model.messages import (
+    ReadFrames,
+    ReadInfo,
+    ReadStates,
+    Request,
+    SdoRead,
+    SdoWrite,
+    SetState,
+)
 from ecatd.model.queries import to_query
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.zenoh_keys import bus_key, session_config
@@ -189,6 +197,14 @@ class Remote:
     def info(self) -> dict[str, Any]:
         """Version, interface, start time and cycle time of the daemon."""
         return self.request(ReadInfo())
+
+    def read_frames(self, ring: str, position: int = 0) -> dict[str, Any]:
+        """The last frames that were sent and received; see `bus/requests/frames.py`.
+
+        Raises:
+            StateError: The daemon keeps none.
+        """
+        return self.request(ReadFrames(ring, position))
 
     def describe(self) -> Bus:
         """The bus description."""

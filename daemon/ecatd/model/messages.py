@@ -155,7 +155,30 @@ class SdoWrite(Request):
             raise UsageError(f"{self.op} needs either 'data' or 'value'")
 
 
-_RANGES = {"slave": (0, 65535), "index": (0, 0xFFFF), "subindex": (0, 0xFF)}
+RINGS = ("cycle", "control")
+"""Kinds of frames: those of the cyclic exchange, and all others."""
+
+
+class ReadFrames(Request):
+    """Asks for the last frames that were sent and received.
+
+    Attributes:
+        ring: Which ones, of `RINGS`.
+        position: Where to begin: 0 for the oldest, or `position` of the last answer.
+    """
+
+    op = "read_frames"
+    key = "ro/frames/{ring}"
+    ring: str
+    position: int = 0
+
+
+_RANGES = {
+    "slave": (0, 65535),
+    "index": (0, 0xFFFF),
+    "subindex": (0, 0xFF),
+    "position": (0, 1 << 62),
+}
 _DATA_MAX = 32 * 1024
 
 
@@ -209,3 +232,5 @@ def _check_field(op: str, key: str, value: Any, wanted: Field) -> None:
         check_data(value)
     if key == "state":
         AlState.parse(value)
+    if key == "ring" and value not in RINGS:
+        raise UsageError(f"'ring' of {op} is {value!r}, but must be {' or '.join(RINGS)}")

@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdo-read upload sdo-write download config startup scan generate library doctor service client-flags
-set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --esi --fmi --from --histogram --interface --latency --raw --root --slave --templates --timeout --type --watch -o -p
+set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdo-read upload sdo-write download config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -234,6 +234,16 @@ complete -c ecatctl -n '_shtab_ecatctl_using library' -l openmodelica -d 'put it
 complete -c ecatctl -n '_shtab_ecatctl_using library' -l check -d 'write nothing, say what would change; then the exit status is 1'
 complete -c ecatctl -n '_shtab_ecatctl_using library' -l force -d 'also replace generated files that were changed by hand, and keep those as FILE.orig'
 complete -c ecatctl -n '_shtab_ecatctl_using library; and test $_shtab_ecatctl_npos -eq 0' -ka "(__fish_complete_directories)" -d 'folder that the library is put into'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a capture -d 'Write the last frames on the wire to a file, for Wireshark.'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -s o -l output -x -d 'file to write, in the pcapng format; - for stdout'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l last -x -d 'only the frames of the last S seconds'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l follow -d 'go on with new frames, until Ctrl-C'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l duration -x -d 'with --follow: end after S seconds'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a doctor -d 'Look at this machine for what makes a bus slow, late or unreachable.'
 complete -c ecatctl -n '_shtab_ecatctl_using doctor' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using doctor' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -86,6 +86,11 @@ class Relay:
             self._close_sockets()
             raise EcatError(f"the relay for mailbox frames does not start: {reason}")
 
+    @property
+    def handle(self) -> int:
+        """The `cyclic_relay_t`, for the ring of its frames."""
+        return int(self._relay)
+
     def follow(self, engine: Engine | None) -> None:
         """Makes frames wait for the free time of the engine's cycle, until the engine stops.
 

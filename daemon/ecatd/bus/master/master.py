@@ -19,6 +19,7 @@ from ecatd.model.sii_reader import read_mailbox
 from ..frames import soem
 from ..frames.datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
 from ..frames.eeprom import Words, read_eeproms
+from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.relay import Relay
 from ..frames.scan import count_slaves, has_stations, number_slaves, stations
@@ -66,6 +67,7 @@ class Master:
         run: 32 bits that tell the master's frames of this run from those of others.
         share: Share of the cycle's free time that the master's frames may take; see `Relay`.
         priority: SCHED_FIFO priority of the relay, below that of the engine; 0 for none.
+        frame_ring: Takes the frames of the relay.
 
     Attributes:
         relay: The relay that carries all frames of the master; set by `scan`.
@@ -90,12 +92,14 @@ class Master:
         run: int = 0,
         share: float = 1.0,
         priority: int = 0,
+        frame_ring: FrameRing | None = None,
     ) -> None:
         self._interfaces = list(interfaces)
         self._cancelled = cancelled
         self._run = run
         self._share = share
         self._priority = priority
+        self._frame_ring = frame_ring
         self.stations: list[int] = []
         self.wire: list[int] = []
         self._names: list[str] = []
@@ -201,6 +205,8 @@ class Master:
     def _open_relay(self) -> None:
         sockets = [open_for_control(name) for name in self._interfaces]
         self.relay = Relay(sockets, self._share, self._priority)
+        if self._frame_ring is not None:
+            self._frame_ring.of_relay(self.relay.handle)
         self._opened.callback(self.relay.close)
         self.registers = Datagrams(
             self.relay.client, source_address(0, self._run), self.relay.timeout_us * 1e-6

@@ -24,6 +24,7 @@ from ecatd.model.config import Config, Mark, RecoveryConfig
 from ecatd.model.errors import StateError
 from ecatd.model.expected_bus import compare
 from ecatd.model.meanings import raw_parameters, unused_profiles
+from ecatd.model.messages import RINGS
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.paths import profile_folders
 from ecatd.real_time import SETTINGS
@@ -31,6 +32,7 @@ from ecatd.real_time import SETTINGS
 from ..engine.engine import Engine, Grant, Index, RealTime, open_socket
 from ..engine.layout import Image, lay_out
 from ..engine.shared_memory import SharedMemory
+from ..frames.frame_ring import FrameRing
 from ..master.emergencies import tell_emergencies
 from ..master.master import Master
 from .absent import arrange
@@ -60,6 +62,7 @@ from .wire_time import WireTime, wire_time
 _MAILBOX_PAUSE = 0.0005
 """Seconds between two rounds of frames while slaves answer over their mailboxes."""
 
+_MIB = 1 << 20
 _CLOCK_PAUSE = 0.01
 """Seconds between two reads of the state of SYNC signals."""
 
@@ -117,6 +120,7 @@ class BringUp:
         cancelled: Called while waiting for slaves; when true, the start ends with `StateError`.
 
     Attributes:
+        interfaces: Names of the interfaces: one, or two with cable redundancy.
         bus: The bus description; it has slaves after the step "read".
         shared: The shared memory: made by "reserve", filled by "exchange".
         master: The master, from "scan" on.
@@ -126,6 +130,8 @@ class BringUp:
         clocks: The distributed clocks, from "map" on, if the configuration enables them.
         applied: What the configuration says about this bus, from "map" on.
         config: The configuration; from "read" on, it is about the slaves where they were found.
+        frame_rings: The last frames: `cycle` those of the engine, `control` all others; none if the
+            configuration gives no memory.
         differences: How the bus differs from the expected one, from "read" on.
         summary: The bus in one line, once it is in OP.
     """
@@ -143,7 +149,7 @@ class BringUp:
         self._doubtful: dict[int, Doubt] = {}
         self._mailboxes: list[bytes] = []
         self._ends: list[int] = []
-        self._interfaces = [name for name in (interface, config.second_interface) if name]
+        self.interfaces = [name for name in (interface, config.second_interface) if name]
         self._run = secrets.randbits(32)
         self.bus = Bus(config.bus, config.cycle_time_us)
         self.shared: SharedMemory | None = None
@@ -153,6 +159,7 @@ class BringUp:
         self.wire: WireTime | None = None
         self.applied: Applied | None = None
         self.clocks: Clocks | None = None
+        self.frame_rings: dict[str, FrameRing] = {}
         self.differences: list[str] = []
         self.summary = ""
 
@@ -165,6 +172,8 @@ class BringUp:
         self._load_profiles()
         # Reserving comes next: nothing must be done to a bus that another daemon runs.
         self.shared = shared = SharedMemory(self.config.bus)
+        if size := self.config.capture.memory_mb * _MIB:
+            self.frame_rings = {name: FrameRing(size // 2) for name in RINGS}
         master, image = self._describe()
         engine = self._exchange(shared, master, image)
         self._synchronise(shared)
@@ -174,7 +183,7 @@ class BringUp:
         self.summary = self._summarise(image)
         return RunningBus(
             self.bus,
-            self._interfaces,
+            self.interfaces,
             self._run,
             shared,
             master,
@@ -222,11 +231,12 @@ class BringUp:
 
     def _describe(self) -> tuple[Master, Image]:
         self.master = master = Master(
-            self._interfaces,
+            self.interfaces,
             self._cancelled,
             run=self._run,
             share=self.config.mailbox.share,
             priority=max(self.config.realtime.priority - 1, 0),
+            frame_ring=self.frame_rings.get("control"),
         )
         self._scan(master)
         self._read(master)
@@ -411,11 +421,13 @@ class BringUp:
         self.engine = engine = Engine(
             shared.address,
             shared.out_fd,
-            [open_socket(name, Index.ENGINE, Index.LAST) for name in self._interfaces],
+            [open_socket(name, Index.ENGINE, Index.LAST) for name in self.interfaces],
             self._run,
         )
         for domain in image.domains:
             engine.add_domain(domain)
+        if self.frame_rings:
+            self.frame_rings["cycle"].of_engine(engine.handle)
         if self.clocks is not None:
             engine.set_clock(self.clocks.engine_clock)
         self._guard(shared, engine)

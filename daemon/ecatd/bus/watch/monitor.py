@@ -25,6 +25,7 @@ from ..master.master import SlaveState
 from ..master.worker import Worker
 from ..start.bring_up import RunningBus
 from .clocks import ClockWatch
+from .fault_files import FaultFiles
 from .files import FileWatch
 from .interfaces import InterfaceWatch
 from .mailboxes import MailboxWatch
@@ -50,6 +51,7 @@ class Monitor:
         worker: The worker on which slaves are asked.
         log: Where events are told.
         publish: Called with every event, as a map, on the event loop's thread.
+        fault_files: Writes the frames of faults to files.
     """
 
     def __init__(
@@ -60,12 +62,14 @@ class Monitor:
         worker: Worker,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
+        fault_files: FaultFiles,
     ) -> None:
         self._bus = running.bus
         self._shared = running.shared
         self._engine = running.engine
         self._log = log
         self._publish = publish
+        self._fault_files = fault_files
         self._requests = SlotRequests(
             running.shared, running.engine, answer, self._on_wrong_request, log
         )
@@ -212,6 +216,7 @@ class Monitor:
 
     def _tell(self, kind: str, **facts: Any) -> None:
         self._publish({"event": kind, "time_ns": time.time_ns(), **facts})
+        self._fault_files.note(kind, facts)
 
     async def run(self) -> None:
         """Watches everything until the watch is stopped."""

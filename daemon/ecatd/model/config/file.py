@@ -17,6 +17,7 @@ from .slaves import check_clocks, read_clocks, read_domains
 from .tables import (
     LOG_LEVELS,
     RECOVERY_MODES,
+    CaptureConfig,
     Config,
     GatewayConfig,
     MailboxConfig,
@@ -76,6 +77,13 @@ def _folder(table: Table, key: Key) -> str:
     return folder
 
 
+def _capture_folder(table: Table, key: Key) -> str:
+    folder = table.text(key)
+    if folder and not (folder.startswith("/") and folder.isprintable()):
+        table.fail(key, f'{show(folder)} is no folder: write its whole path, "/var/lib/ecatd"')
+    return folder
+
+
 _SOCKET_PATH_MAX = len("unix:") + 107  # of a Unix socket in Linux
 
 
@@ -126,6 +134,11 @@ _RECOVERY: Rules = {
     "slaves": choice({mode: mode for mode in RECOVERY_MODES}),
     "retry_s": number(0.1, 3600),
 }
+_CAPTURE: Rules = {
+    "memory_mb": integer(0, 1024),
+    "folder": _capture_folder,
+    "keep": integer(1, 1000),
+}
 _GATEWAY: Rules = {
     "listen": array(_endpoint),
     "publish_hz": number(0, 1000),
@@ -149,6 +162,7 @@ _TOP: Rules = {
     "outputs": read_outputs,
     "signal": read_signals,
     "copy": read_copies,
+    "capture": lambda top, key: CaptureConfig(**top.table(key).read(_CAPTURE)),
     "gateway": lambda top, key: GatewayConfig(**top.table(key).read(_GATEWAY)),
 }
 

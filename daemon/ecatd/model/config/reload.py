@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 from .origins import flatten
 from .tables import Config
 
-_AT_ONCE = ("gateway.", "log_level", "recovery.", "outputs.lease_")
+_AT_ONCE = (
+    "capture.folder",
+    "capture.keep",
+    "gateway.",
+    "log_level",
+    "recovery.",
+    "outputs.lease_",
+)
 """Beginnings of the keys, as `flatten` makes them, that can change while the bus runs."""
 
 
@@ -39,6 +46,7 @@ def reload(before: Config, wanted: Config) -> Reload:
     config = replace(
         before,
         log_level=wanted.log_level,
+        capture=replace(wanted.capture, memory_mb=before.capture.memory_mb),
         gateway=wanted.gateway,
         recovery=wanted.recovery,
         outputs=replace(

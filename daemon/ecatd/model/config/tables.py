@@ -520,6 +520,21 @@ class SignalConfig(Placed):
 
 
 @dataclass(slots=True)
+class CaptureConfig:
+    """`[capture]`: the last frames, for `ecatctl capture` and for files about faults.
+
+    Attributes:
+        memory_mb: Memory for them in MiB, half of it for the frames of the cycle; 0: none.
+        folder: Where a file is written after a fault; empty: nowhere.
+        keep: Number of files that are kept in `folder`; the oldest are deleted.
+    """
+
+    memory_mb: int = 16
+    folder: str = ""
+    keep: int = 10
+
+
+@dataclass(slots=True)
 class GatewayConfig:
     """`[gateway]`: access to the bus over Zenoh.
 
@@ -559,6 +574,7 @@ class Config(Placed):
         outputs: Leases and safe values.
         signal: Names, units, scales and limits of entries of the process data.
         copy: Outputs that an input of another slave decides.
+        capture: The last frames.
         gateway: Access over Zenoh.
     """
 
@@ -579,6 +595,7 @@ class Config(Placed):
     outputs: OutputsConfig = field(default_factory=OutputsConfig)
     signal: list[SignalConfig] = field(default_factory=list)
     copy: list[CopyConfig] = field(default_factory=list)
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
     gateway: GatewayConfig = field(default_factory=GatewayConfig)
 
     def settings_of(self, position: int) -> SlaveConfig:

@@ -27,7 +27,7 @@ _COPY_EXAMPLE = [
     '# from_slave = "switches"',
     '# from_entry = "0x6000:01"',
 ]
-_TABLES = ("dc", "mailbox", "recovery", "realtime", "outputs", "gateway")
+_TABLES = ("dc", "mailbox", "recovery", "realtime", "outputs", "capture", "gateway")
 
 
 @dataclass(slots=True)

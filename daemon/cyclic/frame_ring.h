@@ -1,0 +1,39 @@
+/* The last frames that a thread has sent and received, for `ecatctl capture`. One thread writes them
+ * into memory of a fixed size, over the oldest ones; others may read meanwhile. The writer never waits.
+ */
+#ifndef ECAT_FRAME_RING_H
+#define ECAT_FRAME_RING_H
+
+#include "cyclic.h"
+#include "relay.h"
+
+typedef struct cyclic_frame_ring cyclic_frame_ring_t;
+
+/* What stands in front of each frame. The frame follows, filled up to a multiple of 8 bytes. */
+typedef struct cyclic_frame_record {
+  uint64_t time_ns; /* CLOCK_MONOTONIC, when it was handed to the kernel or taken from it */
+  uint32_t length;  /* bytes of the frame */
+  uint8_t port;     /* 0 or 1 */
+  uint8_t sent;     /* 1: sent, 0: received */
+  uint16_t unused;
+} cyclic_frame_record;
+
+/* Makes a ring of this many bytes, at least 16384. Returns NULL on failure, and sets errno. */
+CYCLIC_API cyclic_frame_ring_t *cyclic_frame_ring_new(uint64_t bytes);
+/* Makes an engine or a relay write into a ring. For an engine, call it before cyclic_start(). The caller
+ * still owns the ring, and frees it after the engine or the relay. */
+CYCLIC_API void cyclic_set_frame_ring(cyclic_t *c, cyclic_frame_ring_t *ring);
+CYCLIC_API void cyclic_relay_set_frame_ring(cyclic_relay_t *r, cyclic_frame_ring_t *ring);
+/* Copies whole records to `to`, which has room for `room` bytes, at least 2048. `position` counts all bytes
+ * ever written: it says where to begin, and becomes where to go on. If what was there is overwritten
+ * already, the oldest that is left comes, and `position` has advanced by more than what is returned: the
+ * number of bytes in `to`. */
+CYCLIC_API uint32_t cyclic_frame_ring_read(const cyclic_frame_ring_t *ring, uint64_t *position, void *to,
+                                           uint32_t room);
+CYCLIC_API void cyclic_frame_ring_free(cyclic_frame_ring_t *ring);
+
+/* Writes a frame; does nothing if `ring` is NULL. For the thread that owns the ring. */
+void cyclic_frame_ring_write(cyclic_frame_ring_t *ring, const uint8_t *frame, size_t length, uint32_t port,
+                             int sent);
+
+#endif

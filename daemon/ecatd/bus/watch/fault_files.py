@@ -1,0 +1,129 @@
+"""Files with the last frames, written when something has gone wrong on the bus."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import heapq
+import os
+import time
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.config import CaptureConfig
+from ecatd.pcapng import header, packet, read_records
+
+from ..frames.frame_ring import FrameRing
+
+_AFTERMATH = 1.0
+"""Seconds that pass between a fault and its file, so that what follows is in it, too."""
+_PAUSE = 30.0
+"""Seconds between two files: one file has the faults that follow each other."""
+_ROOM = 1 << 20
+_SUFFIX = ".pcapng"
+
+
+class FaultFiles:
+    """Writes the files.
+
+    Args:
+        bus: Name of the bus; names of files begin with it.
+        config: Where they are written, and how many are kept.
+        rings: The last frames.
+        interfaces: Names of the interfaces.
+        first_cycle: What happened before this cycle, on the way to OP, is no fault.
+        log: Where a new file is told, or why there is none.
+    """
+
+    def __init__(
+        self,
+        bus: str,
+        config: CaptureConfig,
+        rings: Mapping[str, FrameRing],
+        interfaces: Sequence[str],
+        first_cycle: int,
+        log: Log,
+    ) -> None:
+        self.config = config
+        self._bus = bus
+        self._rings = rings
+        self._interfaces = interfaces
+        self._first_cycle = first_cycle
+        self._log = log
+        self._last = -_PAUSE
+        self._task: asyncio.Task[None] | None = None
+
+    def note(self, kind: str, facts: Mapping[str, Any]) -> None:
+        """Takes an event; if it is a fault, a file follows."""
+        if not self.config.folder or not self._rings or not _is_fault(kind, facts):
+            return
+        if facts.get("cycle", self._first_cycle) < self._first_cycle:
+            return
+        now = time.monotonic()
+        if now - self._last < _PAUSE:
+            return
+        self._last = now
+        text = facts.get("text") or ", ".join(f"{key} {value}" for key, value in facts.items())
+        self._task = asyncio.create_task(self._write(f"{kind}: {text}"))
+
+    async def close(self) -> None:
+        """Waits until a file that was begun is written; what would follow the fault is left out."""
+        if self._task is not None and not self._task.done():
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+
+    async def _write(self, about: str) -> None:
+        try:
+            await asyncio.sleep(_AFTERMATH)
+        finally:
+            await asyncio.shield(asyncio.to_thread(self._save, about))
+
+    def _save(self, about: str) -> None:
+        folder = Path(self.config.folder)
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
+        file = folder / f"{self._bus}-{stamp}{_SUFFIX}"
+        unfinished = file.with_suffix(".part")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with unfinished.open("wb") as out:
+                os.fchmod(out.fileno(), 0o640)
+                out.write(header(self._interfaces, about))
+                clock_ns = time.time_ns() - time.monotonic_ns()
+                frames = heapq.merge(*(read_records(_all(ring)) for ring in self._rings.values()))
+                out.writelines(packet(frame, clock_ns) for frame in frames)
+            unfinished.rename(file)
+            for old in sorted(folder.glob(f"{self._bus}-*{_SUFFIX}"))[: -self.config.keep]:
+                old.unlink()
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                unfinished.unlink(missing_ok=True)
+            self._log.warning(
+                f"the last frames cannot be written to {folder} (capture.folder): {error.strerror}"
+            )
+            return
+        self._log.info(f"the last frames are in {file}", "frames_written")
+
+
+def _all(ring: FrameRing) -> bytes:
+    parts, position = [], 0
+    while True:
+        position, records = ring.read(position, _ROOM)
+        parts.append(records)
+        if len(records) < _ROOM // 2:  # else there was more than one answer can have
+            return b"".join(parts)
+
+
+def _is_fault(kind: str, facts: Mapping[str, Any]) -> bool:
+    match kind:
+        case "working_counter":
+            return bool(facts["state"] != "complete")
+        case "slaves":
+            return bool(facts["missing"])
+        case "disturbance" | "emergency":
+            return True
+        case _:
+            return False

@@ -1,0 +1,134 @@
+"""Command `capture`: the last frames on the wire, as a file for Wireshark."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from ecatd.model.errors import StateError, UsageError
+from ecatd.model.messages import RINGS
+from ecatd.pcapng import Frame, header, packet, read_records
+
+from .arguments import seconds
+from .output import print_json
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+_PAUSE = 0.2
+"""Seconds between two looks for new frames."""
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments."""
+    command.set_defaults(run=capture)
+    command.add_argument(
+        *("-o", "--output"),
+        metavar="FILE",
+        required=True,
+        help="file to write, in the pcapng format; - for stdout",
+    )
+    command.add_argument(
+        "--last", type=seconds, metavar="S", help="only the frames of the last S seconds"
+    )
+    command.add_argument(
+        "--follow", action="store_true", help="go on with new frames, until Ctrl-C"
+    )
+    command.add_argument(
+        "--duration", type=seconds, metavar="S", help="with --follow: end after S seconds"
+    )
+
+
+class Source:
+    """The frames that a daemon keeps, in the order of time.
+
+    Attributes:
+        interfaces: Names of the interfaces, by port.
+        clock_ns: Unix time minus the time of the frames.
+        missing: Bytes that were overwritten before they were read.
+    """
+
+    def __init__(self, remote: Remote) -> None:
+        self._remote = remote
+        self._positions = dict.fromkeys(RINGS, 0)
+        self._waiting: list[Frame] = []
+        self.interfaces: list[str] = []
+        self.clock_ns = 0
+        self.missing = 0
+
+    def read(self) -> list[Frame]:
+        """All frames since the last call; those that might come out of order wait for the next."""
+        complete_ns = min([self._read(ring) for ring in RINGS])
+        self._waiting.sort(key=lambda frame: frame.time_ns)
+        count = sum(frame.time_ns < complete_ns for frame in self._waiting)
+        ready, self._waiting = self._waiting[:count], self._waiting[count:]
+        return ready
+
+    def _read(self, ring: str) -> int:
+        """Reads what a ring has; returns the time in front of which nothing is missing."""
+        while True:
+            before = self._positions[ring]
+            answer = self._remote.read_frames(ring, before)
+            self.interfaces, self.clock_ns = answer["interfaces"], answer["clock_ns"]
+            self._waiting.extend(read_records(answer["records"]))
+            self._positions[ring] = answer["position"]
+            if before:  # what came before the first look was never asked for
+                self.missing += max(answer["overwritten"], 0)
+            if not answer["more"]:
+                return int(answer["now_ns"])
+
+
+def capture(remote: Remote, options: argparse.Namespace) -> None:
+    """Writes frames to a file."""
+    if options.duration and not options.follow:
+        raise UsageError("--duration needs --follow")
+    if options.json and options.output == "-":
+        raise UsageError("the frames go to stdout: give --output FILE with --json")
+    source = Source(remote)
+    count, first, last = 0, 0, 0
+    frames = source.read()
+    if options.last and frames:
+        begin = frames[-1].time_ns - int(options.last * 1e9)
+        frames = [frame for frame in frames if frame.time_ns >= begin]
+    deadline = time.monotonic() + (options.duration or float("inf"))
+    with _opened(options.output) as file, suppress(KeyboardInterrupt):
+        file.write(header(source.interfaces))
+        while True:
+            file.writelines(packet(frame, source.clock_ns) for frame in frames)
+            file.flush()
+            if frames:
+                first, last = first or frames[0].time_ns, frames[-1].time_ns
+                count += len(frames)
+            if not options.follow or time.monotonic() >= deadline:
+                break
+            time.sleep(_PAUSE)
+            frames = source.read()
+    span = (last - first) / 1e9
+    if options.json:
+        found = {"file": options.output, "frames": count, "seconds": span}
+        print_json({"bus": remote.bus, **found, "bytes_missing": source.missing})
+        return
+    text = f"{options.output}: {count} frames in {span:.3f} s"
+    if source.missing:
+        text += f"; {source.missing} bytes were overwritten before they were read"
+    print(text, file=sys.stderr)
+
+
+@contextmanager
+def _opened(path: str) -> Iterator[BinaryIO]:
+    if path == "-":
+        if sys.stdout.isatty():
+            raise UsageError("a terminal cannot show frames: pipe them to `wireshark -k -i -`")
+        yield sys.stdout.buffer
+        return
+    try:
+        file = Path(path).open("wb")  # noqa: SIM115  only what fails here is about the path
+    except OSError as error:
+        raise StateError(f"{path} cannot be written: {error.strerror}") from error
+    with file:
+        yield file

@@ -1,0 +1,113 @@
+"""`ecatctl capture`: frames of both directions and of all threads, as tshark reads them."""
+
+import itertools
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, names, one_line_error, wait_for
+from ecatsim.control import Simulator
+
+pytestmark = [
+    pytest.mark.bus,
+    pytest.mark.skipif(not shutil.which("tshark"), reason="tshark is not installed"),
+]
+
+IN, OUT = "0x00000001", "0x00000002"
+MAILBOX = "ecat_mailbox.coe"
+
+
+def tshark(file: Path, *arguments: str) -> list[str]:
+    """What tshark prints about a file."""
+    done = subprocess.run(
+        ["tshark", "-r", file, *arguments], capture_output=True, text=True, check=True
+    )
+    return done.stdout.splitlines()
+
+
+def test_the_last_frames(troll: Daemon, tmp_path: Path) -> None:
+    file = tmp_path / "last.pcapng"
+    troll.ctl("sdo-read", "0", "0x1018", "1")
+    found = troll.ctl_json("capture", "-o", str(file))
+    rows = [
+        line.split("\t")
+        for line in tshark(
+            *(file, "-T", "fields", "-e", "frame.time_epoch", "-e", "frame.packet_flags"),
+            *("-e", "ecat.cmd", "-e", "frame.interface_name"),
+        )
+    ]
+    assert len(rows) == found["frames"] > 100
+    assert found["bytes_missing"] == 0
+    times = [float(row[0]) for row in rows]
+    assert times == sorted(times)
+    assert {row[1] for row in rows} == {IN, OUT}
+    assert {row[3] for row in rows} == {troll.ctl_json("info")["interface"]}
+    assert tshark(file, "-Y", MAILBOX)  # the SDO went by the relay, in between
+    assert tshark(file, "-Y", "_ws.malformed || _ws.short") == []
+    shorter = troll.ctl_json("capture", "-o", str(tmp_path / "short"), "--last", "0.01")
+    assert 0 < shorter["seconds"] <= 0.01
+
+
+def test_frames_as_they_come(troll: Daemon, tmp_path: Path) -> None:
+    file = tmp_path / "follow.pcapng"
+    found = troll.ctl_json("capture", "-o", str(file), "--follow", "--duration", "1")
+    indices = tshark(file, "-T", "fields", "-e", "ecat.idx", "-Y", f"frame.packet_flags == {OUT}")
+    assert found["seconds"] > 1
+    assert len(indices) * 2 <= found["frames"] + 10  # all came back, but for the last ones
+    cyclic = [int(line.split(",")[0], 16) for line in indices]
+    cyclic = [index for index in cyclic if index >= 0x80]
+    if not found["bytes_missing"]:
+        steps = {(two - one) % 0x80 for one, two in itertools.pairwise(cyclic)}
+        assert steps == {1}
+
+
+def test_wrong_use_is_refused(troll: Daemon, tmp_path: Path) -> None:
+    where = str(tmp_path / "none" / "x")
+    for arguments, status, words in (
+        (("-o", where), 7, (where, "No such file")),
+        (("-o", "x", "--duration", "1"), 2, ("--follow",)),
+        (("-o", "-", "--json"), 2, ("--output",)),
+    ):
+        refused = troll.ctl("capture", *arguments, check=False)
+        assert refused.returncode == status
+        names(one_line_error(refused.stderr, "ecatctl"), *words)
+
+
+def test_without_memory(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    daemon = start_daemon("troll", config="[capture]\nmemory_mb = 0\n")
+    refused = daemon.ctl("capture", "-o", str(tmp_path / "x"), check=False)
+    assert refused.returncode == 7
+    names(one_line_error(refused.stderr, "ecatctl"), "capture.memory_mb")
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_fault_is_in_a_file(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    folder = tmp_path / "faults"
+    daemon = start_daemon("troll", config=f'[capture]\nfolder = "{folder}"\nkeep = 2\n')
+    assert not folder.exists()  # on the way to OP nothing is a fault
+    folder.mkdir()
+    for day in (1, 2, 3):
+        (folder / f"{daemon.bus}-2026010{day}T000000.000000Z.pcapng").touch()
+    (folder / "zero.pcapng").touch()
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(5)
+        wait_for(lambda: "the last frames are in" in daemon.log, daemon)
+    older, file, other = sorted(folder.iterdir())
+    assert str(file) in daemon.log
+    assert ("20260103" in older.name, other.name) == (True, "zero.pcapng")
+    assert tshark(file, "-Y", f"frame.packet_flags == {IN}")
+    about = subprocess.run(["capinfos", "-k", file], capture_output=True, text=True, check=True)
+    assert any(name in about.stdout for name in ("working_counter:", "slaves:", "disturbance:"))
+
+
+def test_a_folder_that_cannot_be_written(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    daemon = start_daemon("troll", config=f'[capture]\nfolder = "{tmp_path / "file" / "x"}"\n')
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(5)
+        wait_for(lambda: "capture.folder" in daemon.log, daemon)
