@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long test-system soak fuzz wheel deb site death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long test-system test-system-short soak fuzz wheel deb site death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -19,6 +19,7 @@ help:
 	@echo "make test    run the tests that take some minutes; test-all: all of them"
 	@echo "make test-system"
 	@echo "             run the tests on a whole machine in QEMU, as root; needs mmdebstrap, qemu-system-x86"
+	@echo "             test-system-short: from installing to removing the package, with the most important between"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
 	@echo "make soak    a bus with random faults for half an hour (SECONDS=number SEED=number)"
 	@echo "make fuzz    a million wrong inputs for each parser and way into the daemon, some hours (INPUTS=number)"
@@ -103,8 +104,8 @@ build/machine: tests/system/system_machine.py tests/system/agent.py
 	@rm -rf $@
 	@$(BIN)/python tests/system/system_machine.py $@
 
-test-system: $(VENV)/.test deb build/machine
-	unshare --net $(call pytest,system) -m system tests/system
+test-system test-system-short: $(VENV)/.test deb build/machine
+	unshare --net $(call pytest,system) -m "system$(if $(filter %-short,$@), and not long)" tests/system
 
 # What the tests name in their first lines; each of these is a part of make test in small.
 death: $(VENV)/.test

@@ -19,7 +19,7 @@ from ecatd.model.errors import UsageError
 from .plot import Figure, Panel, Series
 from .target import Target
 
-SECTIONS = ("simulator", "engine", "cores", "scale", "requests", "client", "modelica")
+SECTIONS = ("simulator", "engine", "cores", "scale", "recovery", "requests", "client", "modelica")
 """Names of the benchmarks, in the order of the page."""
 
 

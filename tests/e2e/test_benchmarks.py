@@ -89,6 +89,20 @@ def test_scale(tmp_path: Path) -> None:
     assert "## Many slaves" in page
 
 
+def test_recovery(tmp_path: Path) -> None:
+    result, page = measured("recovery", tmp_path)
+    power, group, told = result["power"], result["group"], result["told"]
+    assert (power["losses"], power["verified"], group["joins"]) == (1, 1, 2)
+    for part in (power, group):
+        assert part["fallen"] == 0
+        assert 0 < part["median"] <= part["longest"]
+    assert group["asked"] > 0
+    assert min(group[kind]["cycles"] for kind in ("changes", "pauses")) > 0
+    assert (told["slaves"], told["objects"]) == (10, 20)
+    assert min(told["with"], told["without"]) > 0
+    assert "## Slaves that come back" in page
+
+
 def test_engine(tmp_path: Path) -> None:
     result, page = measured("engine", tmp_path)
     (line,) = result["lines"]

@@ -12,6 +12,8 @@ from system_machine import MACS, PATIENCE_S, Machine, segment, wires
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.system
+whole_day = pytest.mark.long
+"""Not in the short form of the day, `make test-system-short`."""
 
 ROOT = Path(__file__).parents[2]
 IMAGE = ROOT / "build/machine"
@@ -170,7 +172,13 @@ def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:
 # --- Processes that die or hang while a drive turns ----------------------------------------------
 
 
-@pytest.mark.parametrize("module", ["main", "ecatd.bus", "ecatd.gateway", "client"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        "main",
+        *(pytest.param(name, marks=whole_day) for name in ("ecatd.bus", "ecatd.gateway", "client")),
+    ],
+)
 def test_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
     with Simulator(drive) as simulator:
         turn(machine, simulator)
@@ -197,6 +205,7 @@ def test_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
         assert set(same.values()) == {module in ("client", "ecatd.gateway")}
 
 
+@whole_day
 @pytest.mark.parametrize("module", ["main", "ecatd.bus", "ecatd.gateway"])
 def test_a_process_hangs(machine: Machine, drive: str, module: str) -> None:
     with Simulator(drive) as simulator:
@@ -216,6 +225,7 @@ def test_a_process_hangs(machine: Machine, drive: str, module: str) -> None:
         machine("systemctl stop spin; true")
 
 
+@whole_day
 def test_no_memory_is_left(machine: Machine, drive: str) -> None:
     """The kernel ends what takes the memory, not ecatd."""
     before = process(machine, "ecatd.bus")
@@ -233,6 +243,7 @@ def test_no_memory_is_left(machine: Machine, drive: str) -> None:
     wait_until_well(machine)
 
 
+@whole_day
 def test_the_doctor_sees_and_mends_the_card(machine: Machine) -> None:
     name = interface(machine, 0)
     machine(f"ethtool -C {name} rx-usecs 100; ethtool -K {name} gro on")
@@ -257,6 +268,7 @@ def test_the_doctor_sees_and_mends_the_card(machine: Machine) -> None:
     wait_until_well(machine)
 
 
+@whole_day
 def test_the_time_of_day_jumps(machine: Machine) -> None:
     before = process(machine, "ecatd.bus")
     machine("date -s '+1 hour' && sleep 2 && date -s '-2 hours' && sleep 2 && date -s '+1 hour'")
@@ -276,6 +288,7 @@ def test_the_cable_is_pulled(machine: Machine) -> None:
     wait_until_well(machine)
 
 
+@whole_day
 def test_the_card_is_pulled_and_put_back(machine: Machine) -> None:
     name = interface(machine, 0)
     machine.monitor("device_del", id="card0")
@@ -288,6 +301,7 @@ def test_the_card_is_pulled_and_put_back(machine: Machine) -> None:
     wait_until_well(machine)
 
 
+@whole_day
 def test_two_buses(machine: Machine) -> None:
     name = interface(machine, 1)
     with segment("line:3", 1):
@@ -305,6 +319,7 @@ def test_two_buses(machine: Machine) -> None:
         machine("systemctl disable ecatd@press")
 
 
+@whole_day
 def test_the_machine_starts_again_with_a_late_interface(machine: Machine) -> None:
     machine.monitor("device_del", id="card0")
     machine.until("! ecatctl check", 120)
@@ -321,6 +336,7 @@ def test_the_machine_starts_again_with_a_late_interface(machine: Machine) -> Non
 # --- Upgrade and end -----------------------------------------------------------------------------
 
 
+@whole_day
 def test_an_upgrade_leaves_the_bus_alone(machine: Machine) -> None:
     before = process(machine, "ecatd.bus")
     machine("cp -r /etc/ecatd /tmp/before")

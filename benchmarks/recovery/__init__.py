@@ -1,0 +1,1 @@
+"""Slaves that come back, and what they are told."""
