@@ -40,7 +40,7 @@ def layers() -> tuple[Layer, ...]:
     for row in re.findall(r"^\| `([^`]+)` \|.*\| ([^|]+) \|$", text, re.MULTILINE):
         where, last = without_tree(row[0].removesuffix("/")), row[1]
         found = {EVERYTHING} if EVERYTHING in last else set(re.findall(r"`([^`]+)`", last))
-        for other in re.findall(r"as `([^`]+)`", last):
+        for other in re.findall(r"`([^`]+)` and its row", last):
             found |= allowed[other]
         allowed[where] = frozenset(found)
     assert len(allowed) > 20
