@@ -12,8 +12,8 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Rig
-from ecatsim.core import Chip
 from ecatsim.devices.generic import Loopback
+from ecatsim.esc import Chip
 
 from ..machine import ROOT
 

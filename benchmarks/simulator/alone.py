@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ecatd.native import load
-from ecatsim.core import Chip, Segment
+from ecatsim.esc import Chip, Segment
 from ecatsim.rigs.library import make
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sii import Description, build

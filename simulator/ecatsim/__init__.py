@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ecatd.model.pdo import Entry as Entry
     from ecatd.model.pdo import Pdo as Pdo
 
-    from .core import Chip as Chip
+    from .esc import Chip as Chip
     from .rig import Rig as Rig
     from .simulation import Simulation as Simulation
     from .slave.device import Device as Device

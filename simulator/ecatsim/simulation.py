@@ -11,7 +11,7 @@ from typing import IO
 
 from ecatd.model.errors import StateError, UsageError
 
-from .core import Segment
+from .esc import Segment
 from .faults import Faults
 from .rig import Rig
 from .slave.device import Device

@@ -20,7 +20,7 @@ from ecatd.file_locks import take
 from ecatd.model.errors import StateError
 from ecatd.shared_memory import raw
 from ecatd.shared_memory.claims import read_claims
-from ecatd.shared_memory.picture import picture
+from ecatd.shared_memory.contents import contents
 from ecatd.stats import read
 from ecatd.stats.clocks import read_clocks
 from handle import Handle
@@ -118,7 +118,7 @@ def test_the_c_client_reads_a_later_minor_version(troll: Daemon, later: str) -> 
         assert client.slaves() == present.slaves()
         mine, theirs = client.signals(), present.signals()
         assert [str(signal) for signal in mine] == [str(signal) for signal in theirs]
-        seen = {signal["number"]: signal["raw"] for signal in picture(later)["signals"]}
+        seen = {signal["number"]: signal["raw"] for signal in contents(later)["signals"]}
         assert [signal.raw for signal in mine] == list(seen.values())
         assert {signal.validity for signal in mine} == {shm.Validity.VALID}
     with Handle(later) as handle:
@@ -127,7 +127,7 @@ def test_the_c_client_reads_a_later_minor_version(troll: Daemon, later: str) -> 
 
 
 def test_the_readers_in_python_read_it_too(troll: Daemon, later: str) -> None:
-    found, present = picture(later), picture(troll.bus)
+    found, present = contents(later), contents(troll.bus)
     assert (found["layout"], found["problems"]) == (f"1.{LATER & 0xFFFF}", [])
     assert found["slaves"] == present["slaves"]
     assert [(s["name"], s["type"], s["unit"]) for s in found["signals"]] == [
@@ -205,8 +205,8 @@ def test_a_client_works_with_a_later_daemon(
     daemon = start_daemon("troll")
     document = daemon.ctl_json("shm")
     assert (document["layout"], document["problems"]) == ("1.1", [])
-    assert picture(daemon.bus)["layout"] == "1.1"  # this process is of the earlier version
-    assert picture(daemon.bus)["problems"] == []
+    assert contents(daemon.bus)["layout"] == "1.1"  # this process is of the earlier version
+    assert contents(daemon.bus)["problems"] == []
     with daemon.client() as client:
         output, input_ = client.signal(EL2008, 0x7000, 1), client.signal(EL1018, 0x6000, 1)
         client.claim(EL2008, 30.0)
@@ -297,7 +297,7 @@ def test_readers_in_python_say_the_same(
         f"this client {client >> 16}.{client & 0xFFFF}: {cure}"
     )
     slaves = partial(raw.read_raw, table="slaves")
-    for reader in (read, read_clocks, picture, read_claims, slaves):
+    for reader in (read, read_clocks, contents, read_claims, slaves):
         with pytest.raises(StateError) as caught:
             reader(troll.bus)
         assert str(caught.value) == wanted

@@ -12,8 +12,8 @@ import pytest
 from masters import new_master
 
 from ecatd.model.pdo import Entry, Pdo
-from ecatsim.core import Chip
 from ecatsim.devices.beckhoff import EK1100, EK1122
+from ecatsim.esc import Chip
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device
 

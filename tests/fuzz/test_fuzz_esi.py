@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 from esi_sample import SAMPLE
 
 from ecatd.model.errors import ConfigError
-from ecatsim.core import Segment
+from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi
 
 pytestmark = pytest.mark.long

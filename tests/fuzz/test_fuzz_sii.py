@@ -12,7 +12,7 @@ from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import byte_length
 from ecatd.model.sii import UNASSIGNED, Sii
 from ecatd.model.sii_reader import read_dc_modes, read_mailbox, read_sii
-from ecatsim.core import Segment
+from ecatsim.esc import Segment
 from ecatsim.files.sii_image import device_from_sii
 from ecatsim.rigs import library as rigs
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, build

@@ -6,7 +6,7 @@ It is written against the standards, and knows nothing of the devices but their 
 import struct
 
 from ecatd.model.errors import SdoAbortError
-from ecatsim.core import Segment
+from ecatsim.esc import Segment
 
 INIT, PREOP, BOOT, SAFEOP, OP = 1, 2, 3, 4, 8
 ERROR = ACK = 0x10

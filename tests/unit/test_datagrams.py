@@ -20,7 +20,7 @@ from ecatd.bus.frames.datagrams import (
 )
 from ecatd.bus.frames.eeprom import read_eeproms
 from ecatd.model.errors import StateError
-from ecatsim.core import Chip, Segment
+from ecatsim.esc import Chip, Segment
 from ecatsim.slave.sii import Description, build
 
 PROCESS_MEMORY = 0x1000

@@ -20,7 +20,7 @@ from test_ecatsim_frames import (
 )
 
 from ecatd.model.errors import StateError
-from ecatsim.core import Area, Chip, Segment
+from ecatsim.esc import Area, Chip, Segment
 from ecatsim.slave.sii import Description, build
 
 OUT, IN = 0x1100, 0x1400

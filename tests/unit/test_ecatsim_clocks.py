@@ -12,7 +12,7 @@ import pytest
 from test_ecatsim_frames import APRD, APWR, ARMW, BWR, FPWR, FRMW, datagram, frame, send
 
 from ecatsim.chip import MODELS
-from ecatsim.core import Chip, Segment
+from ecatsim.esc import Chip, Segment
 from ecatsim.slave.sii import Description, build
 
 SLAVES = 3

@@ -16,8 +16,8 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, SdoAbortError
 from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
 from ecatsim.chip import MODELS
-from ecatsim.core import Segment
 from ecatsim.devices.beckhoff import EL3008
+from ecatsim.esc import Segment
 from ecatsim.files import device_attributes, device_file
 from ecatsim.slave.objects import ObjectCode
 from ecatsim.slave.sii import DcMode, Description, FmmuType, SmType, SyncManager, build

@@ -8,7 +8,7 @@ from test_ecatsim_frames import APRD, APWR, datagram, frame, send
 
 from conftest import naming
 from ecatd.model.errors import StateError, UsageError
-from ecatsim.core import Chip, Event, Segment
+from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build, checksum
 
 READ, WRITE, RELOAD, ENABLE = 0x0100, 0x0200, 0x0400, 0x0001

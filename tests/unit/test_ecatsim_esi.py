@@ -12,7 +12,7 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, SdoAbortError
 from ecatd.model.sii import SiiDc
 from ecatd.model.sii_check import check_sii
-from ecatsim.core import Segment
+from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi
 from ecatsim.slave.device import Device
 from ecatsim.slave.objects import Access, ObjectCode

@@ -19,7 +19,7 @@ from test_ecatsim_frames import (
     set_sm,
 )
 
-from ecatsim.core import Area, Chip, Event, Segment
+from ecatsim.esc import Area, Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 
 OUT, IN = 0x1100, 0x1400

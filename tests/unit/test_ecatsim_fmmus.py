@@ -6,7 +6,7 @@ import pytest
 from test_ecatsim_frames import APRW, BRW, FPRW, LRD, LRW, LWR, logical, send, set_fmmu, set_sm
 
 from ecatsim.chip import Chip
-from ecatsim.core import Segment
+from ecatsim.esc import Segment
 from ecatsim.slave.sii import Description, build
 
 READ, WRITE = 1, 2

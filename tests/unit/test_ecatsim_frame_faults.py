@@ -8,7 +8,7 @@ from test_ecatsim_frames import APWR, BRD, LRD, LRW, LWR, datagram, frame, send,
 
 from conftest import naming
 from ecatd.model.errors import StateError, UsageError
-from ecatsim.core import MAX_FAULTS, Chip, FaultKind, FrameFault, Segment
+from ecatsim.esc import MAX_FAULTS, Chip, FaultKind, FrameFault, Segment
 from ecatsim.slave.sii import Description, build
 
 SLAVES = 3

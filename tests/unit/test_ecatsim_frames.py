@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from ecatsim.core import Area, Chip, Event, Segment
+from ecatsim.esc import Area, Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 
 APRD, APWR, APRW, FPRD, FPWR, FPRW, BRD, BWR, BRW, LRD, LWR, LRW, ARMW, FRMW = range(1, 15)

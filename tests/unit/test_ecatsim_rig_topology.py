@@ -4,8 +4,8 @@ import pytest
 
 from conftest import naming
 from ecatd.model.errors import UsageError
-from ecatsim.core import Chip
 from ecatsim.devices.beckhoff import EK1100, EK1122
+from ecatsim.esc import Chip
 from ecatsim.rig import Rig
 from ecatsim.simulation import Simulation
 from ecatsim.slave.device import Device

@@ -10,7 +10,7 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import CATEGORY_DC, SiiDc, SiiMailbox
 from ecatd.model.sii_check import check_sii
-from ecatsim.core import Chip, Segment
+from ecatsim.esc import Chip, Segment
 from ecatsim.files.sii_image import device_from_sii
 from ecatsim.slave.sii import (
     Category,

@@ -10,7 +10,7 @@ import time
 import pytest
 from test_ecatsim_frames import APRD, APWR, datagram, frame, send
 
-from ecatsim.core import Chip, Event, Segment
+from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 
 MS = 1_000_000

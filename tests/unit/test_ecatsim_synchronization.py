@@ -9,7 +9,7 @@ from ecatd.model import abort_codes
 from ecatd.model.errors import SdoAbortError
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim import DcMode, Device, Mailbox
-from ecatsim.core import Event
+from ecatsim.esc import Event
 
 ACTIVATION, START_TIME, CYCLE_TIME = 0x0981, 0x0990, 0x09A0
 RUN, SYNC0, SYNC1 = 0x01, 0x02, 0x04

@@ -19,7 +19,7 @@ from test_ecatsim_frames import (
 
 from conftest import naming
 from ecatd.model.errors import StateError, UsageError
-from ecatsim.core import Chip, Event, Segment
+from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 
 EBUS4, EBUS2, MII1 = Chip(ports=0xAA), Chip(ports=0x0A), Chip(ports=0x03)

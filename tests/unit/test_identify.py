@@ -10,7 +10,7 @@ from ecatd.bus.frames.datagrams import Datagrams, apwr
 from ecatd.bus.start.identify import Finder
 from ecatd.model.bus import Slave
 from ecatd.model.errors import StateError
-from ecatsim.core import Chip, Segment
+from ecatsim.esc import Chip, Segment
 from ecatsim.slave.sii import Description, build
 
 ADDRESS = 0x0010

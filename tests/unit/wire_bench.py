@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from ecatd.bus.frames.datagrams import Datagrams, apwr, source_address
-from ecatsim.core import Chip, Event, Segment
+from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.device import Device
 from ecatsim.slave.sii import Description, build
 

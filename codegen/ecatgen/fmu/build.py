@@ -14,7 +14,7 @@ from ecatd.version import VERSION
 
 from .. import names
 from ..ir import Block, Connector, Library
-from . import fixed
+from . import common_variables as common
 from .ir import Attributes, Fmu, Slave, Unknown, Variable
 from .units import units
 
@@ -51,8 +51,8 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
         command=f"{library.command} --fmu{'' if fmi == 2 else ' --fmi 3'}",
         step_size=repr(bus.cycle_time_us / 1e6),
         unit_groups=tuple(filter(None, [units(item.unit for item in variables)])),
-        enumerations=fixed.ENUMERATIONS,
-        categories=fixed.CATEGORIES,
+        enumerations=common.ENUMERATIONS,
+        categories=common.CATEGORIES,
         variables=variables,
         slaves=tuple(_slaves(library.blocks, instances, variables)),
         unknowns=tuple(
@@ -66,7 +66,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
 
 def _instances(blocks: Sequence[Block]) -> list[str]:
     """The prefix of each slave's variables: the usual name of its block, made unique."""
-    own = [item.name for item in fixed.PARAMETERS + fixed.DIAGNOSTICS]
+    own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS]
     namespace = names.Namespace([*own, "time"], suffix="Slave")
     return [namespace.take(block.instance) for block in blocks]
 
@@ -142,11 +142,11 @@ class _Builder:
             yield self._variable(
                 ("time", "Simulation time"), "independent", "time", _Value("Float64", "Float64")
             )
-        for item in fixed.PARAMETERS:
+        for item in common.PARAMETERS:
             yield self._variable(
                 (item.name, item.description), "parameter", item.name, self._fixed(item)
             )
-        for item in fixed.DIAGNOSTICS:
+        for item in common.DIAGNOSTICS:
             yield self._variable(
                 (item.name, item.description), "output", item.name, self._fixed(item)
             )
@@ -159,7 +159,7 @@ class _Builder:
             for outputs in (False, True)
             for _, entry, _ in reversed(list(self._slave_entries(block, outputs=outputs)))
         }
-        for item in fixed.OF_SLAVES:
+        for item in common.OF_SLAVES:
             yield self._variable(
                 (f"{instance}.{item.name}", f"{block.slave_label}: {item.description}"),
                 "output",
@@ -221,7 +221,7 @@ class _Builder:
         limits = (None, None) if whole else (low, high)
         return _Value(element, element, first, *limits)
 
-    def _fixed(self, item: fixed.Fixed) -> _Value:
+    def _fixed(self, item: common.Fixed) -> _Value:
         if item.kind == "Real":
             element = _FLOAT[self._fmi]
             low = None if item.start is None else 0.0

@@ -10,12 +10,12 @@ from ecatd import shm as layout
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import StateError, UnreachableError, UsageError
 from ecatd.shared_memory.claims import read_claims
-from ecatd.shared_memory.picture import picture
+from ecatd.shared_memory.contents import contents
 from ecatd.shared_memory.raw import NAMES, plain, read_raw
 
 from .arguments import add_slave, add_watch
 from .layout_tables import layout_lines
-from .shared_memory_screen import claims_lines, picture_lines
+from .shared_memory_screen import claims_lines, contents_lines
 from .watch import present
 
 # Fields that are printed in hexadecimal.
@@ -53,7 +53,7 @@ def shm(options: argparse.Namespace) -> int:
         present(options, lambda: _raw_document(options), _raw_lines)
         return 0
     bus = options.bus
-    return _status(present(options, lambda: _chosen(picture(bus), options), picture_lines))
+    return _status(present(options, lambda: _chosen(contents(bus), options), contents_lines))
 
 
 def claims(options: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby, zip_longest
 from typing import Any
 
-from ecatd.shared_memory.picture import COUNTERS
+from ecatd.shared_memory.contents import COUNTERS
 
 from .output import shortened, table_lines
 from .stats_screen import duration
@@ -29,8 +29,8 @@ _REASONS = {
 Document = dict[str, Any]
 
 
-def picture_lines(document: Document) -> list[str]:
-    """Formats the whole shared memory, from a document of `picture.picture`."""
+def contents_lines(document: Document) -> list[str]:
+    """Formats the whole shared memory, from a document of `contents.contents`."""
     return [
         *_head(document),
         *_section(_domains(document["domains"])),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .picture import Picture
+from .contents import Contents
 from .reader import opened
 
 
@@ -19,13 +19,14 @@ def read_claims(bus: str) -> dict[str, Any]:
             another version or damaged beyond use.
     """
     with opened(bus) as shared:
-        picture = Picture(shared)
+        contents = Contents(shared)
         return {
-            **picture.summary(),
-            "slots": picture.slots(),
+            **contents.summary(),
+            "slots": contents.slots(),
             "slaves": [
-                {"position": slave["position"], "name": slave["name"]} for slave in picture.slaves()
+                {"position": slave["position"], "name": slave["name"]}
+                for slave in contents.slaves()
             ],
-            "outputs": picture.signals(outputs=True),
-            "problems": picture.problems,
+            "outputs": contents.signals(outputs=True),
+            "problems": contents.problems,
         }

@@ -29,7 +29,7 @@ def read_raw(bus: str, table: str) -> list[Any]:
 
     Raises:
         UsageError: There is no such table.
-        EcatError: It cannot be read, as `picture.picture`.
+        EcatError: It cannot be read, as `contents.contents`.
     """
     if table not in NAMES:
         raise UsageError(f"'{table}' is no table: use one of {', '.join(NAMES)}")

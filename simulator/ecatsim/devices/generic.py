@@ -5,7 +5,7 @@ from __future__ import annotations
 from ecatd.model.datatypes import DataType
 from ecatd.model.pdo import Entry, Pdo
 
-from ..core import Chip
+from ..esc import Chip
 from ..slave.device import Device
 from ..slave.sii import Mailbox
 from .parameters import Parameter

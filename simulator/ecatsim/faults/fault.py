@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 
 from ecatd.model.errors import UsageError
 
-from ..core import MAX_SLAVES
+from ..esc import MAX_SLAVES
 from ..parameters import Described, Is, parameters
 from . import named_devices
 from .target import Target
@@ -26,7 +26,7 @@ class Fault(Described):
     It strikes in the cycles `at_cycle`, `at_cycle + every`, … until it has struck `count` times.
     In each of them it strikes with `probability`; the random numbers come from `seed` alone, so
     the same fault strikes in the same cycles in every run. Cycles are counted as in
-    `ecatsim.core.Counters.cycles`.
+    `ecatsim.esc.Counters.cycles`.
     """
 
     _: KW_ONLY

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
-from ..core import Segment
+from ..esc import Segment
 from ..slave.device import Device
 
 

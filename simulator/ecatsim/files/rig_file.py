@@ -12,8 +12,8 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.toml_file import Key, Table, read_toml, show
 
 from .. import faults
-from ..core import MAX_SLAVES
 from ..devices import library
+from ..esc import MAX_SLAVES
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device

@@ -10,7 +10,7 @@ from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager, in_memory
 from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii, is_description
 
-from ..core import Chip
+from ..esc import Chip
 from ..slave.device import Device
 from ..slave.sii import Mailbox, SmType, SyncManager
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ecatd.model.errors import UsageError
 
-from ..core import MAX_SLAVES
 from ..devices.generic import Loopback
+from ..esc import MAX_SLAVES
 from ..rig import Rig
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from ecatd.model.errors import UsageError
 
-from ..core import MAX_SLAVES
 from ..devices.beckhoff import EK1100, EL1018, EL2008
+from ..esc import MAX_SLAVES
 from ..rig import Rig
 from ..slave.device import Device
 

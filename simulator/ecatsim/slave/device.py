@@ -22,7 +22,7 @@ from ecatd.model.al import AlState
 from ecatd.model.errors import UsageError
 from ecatd.model.pdo import Pdo
 
-from ..core import Event, Segment
+from ..esc import Event, Segment
 from . import emergency, standard_objects
 from .device_type import DeviceType
 from .mailbox import MailboxFault

@@ -8,7 +8,7 @@ from dataclasses import replace
 from ecatd.model.pdo import Pdo
 from ecatd.model.pdo_layout import byte_length
 
-from ..core import Chip
+from ..esc import Chip
 from . import sii
 from .sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from .sync_managers import default_size, derive

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 from ecatd.model.pdo import Pdo
 
-from ..core import Area, Segment
+from ..esc import Area, Segment
 from .objects import Dictionary
 from .pdo_objects import ProcessDataObjects
 from .process_image import ProcessImage

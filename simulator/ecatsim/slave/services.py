@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ecatd.model.al import AlState
 
-from ..core import Event, Segment
+from ..esc import Event, Segment
 from .coe import CoeServer
 from .foe import FileHost, FoeServer
 from .mailbox import MailboxServer, Protocol

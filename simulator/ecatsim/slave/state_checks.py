@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ecatd.model.al import AlState
 
-from ..core import Segment
+from ..esc import Segment
 from . import sync_managers
 from .device_type import DeviceType
 from .process_data import ProcessData

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from ecatd.model.pdo import Pdo
 from ecatd.model.pdo_layout import byte_length
 
-from ..core import Segment
+from ..esc import Segment
 from .sii import UNASSIGNED, Mailbox, SmType, SyncManager
 from .state_machine import AlCode, RefusedError
 

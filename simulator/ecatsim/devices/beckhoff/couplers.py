@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...core import Chip
+from ...esc import Chip
 from ...slave.device import Device
 from .terminal import VENDOR
 

@@ -28,7 +28,7 @@ COUNTERS = (
 )
 
 
-def picture(bus: str) -> dict[str, Any]:
+def contents(bus: str) -> dict[str, Any]:
     """Everything in the shared memory of a bus on this machine, also after its daemon has died.
 
     Returns:
@@ -39,10 +39,10 @@ def picture(bus: str) -> dict[str, Any]:
             or a header that makes no sense.
     """
     with opened(bus) as shared:
-        return Picture(shared, leftover=True).document()
+        return Contents(shared, leftover=True).document()
 
 
-class Picture:
+class Contents:
     """Shared memory, taken apart; what is damaged goes to `problems`.
 
     Args:
@@ -52,7 +52,7 @@ class Picture:
     Attributes:
         problems: What is wrong, in the order in which it was found.
         head: `ecat_shm_header`.
-        now_ns: CLOCK_MONOTONIC when the picture was taken.
+        now_ns: CLOCK_MONOTONIC when they were read.
 
     Raises:
         EcatError: The header makes no sense.

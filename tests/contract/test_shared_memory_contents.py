@@ -20,7 +20,7 @@ from conftest import names, naming
 from ecatd import shm
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
-from ecatd.cli.shared_memory_screen import WIDTH, age, claims_lines, picture_lines
+from ecatd.cli.shared_memory_screen import WIDTH, age, claims_lines, contents_lines
 from ecatd.file_locks import take
 from ecatd.model.errors import (
     EcatError,
@@ -31,7 +31,7 @@ from ecatd.model.errors import (
 )
 from ecatd.shared_memory import raw
 from ecatd.shared_memory.claims import read_claims
-from ecatd.shared_memory.picture import picture
+from ecatd.shared_memory.contents import contents
 from ecatd.stats import read
 from ecatd.stats.clocks import read_clocks
 
@@ -72,7 +72,7 @@ def test_values_of_all_shapes_are_shown(shared: SharedMemory) -> None:
     odd = -700
     word = 1 | ((odd & 0x7FF) << 1)
     exchange(shared, struct.pack("<HHQqfd", 515, word, (1 << 64) - 1, -(1 << 63), 1.5, -2.25))
-    found = picture(name_of(shared))
+    found = contents(name_of(shared))
     assert [s["raw"] for s in found["signals"]] == [
         *(1, odd, (1 << 64) - 1, -(1 << 63), 1.5, -2.25, 515)
     ]
@@ -80,7 +80,7 @@ def test_values_of_all_shapes_are_shown(shared: SharedMemory) -> None:
     scaled = found["signals"][4]
     assert (scaled["value"], scaled["unit"], scaled["scaled"]) == (1.75, "V", True)
     assert found["problems"] == []
-    text = "\n".join(picture_lines(found))
+    text = "\n".join(contents_lines(found))
     assert "1.75 V" in text
     assert "18446744073709551615" in text
     assert max(map(len, text.splitlines())) <= WIDTH
@@ -88,7 +88,7 @@ def test_values_of_all_shapes_are_shown(shared: SharedMemory) -> None:
 
 def test_validity_says_why(shared: SharedMemory) -> None:
     def seen() -> list[str]:
-        return [signal["validity"] for signal in picture(name_of(shared))["signals"]]
+        return [signal["validity"] for signal in contents(name_of(shared))["signals"]]
 
     assert set(seen()) == {"never"}
     exchange(shared, bytes(32))
@@ -165,11 +165,11 @@ def test_what_is_damaged_is_named_and_the_rest_shown(
 ) -> None:
     exchange(shared, bytes(32))
     setattr(table(shared, *row), field, value)
-    found = picture(name_of(shared))
+    found = contents(name_of(shared))
     wanted = naming(*problem.split(" | "))
     assert any(re.search(wanted, text) for text in found["problems"]), found["problems"]
     assert len(found["signals"]) == 7
-    text = "\n".join(picture_lines(found))
+    text = "\n".join(contents_lines(found))
     assert "DAMAGED: " in text
     assert "Restart the daemon" in text
 
@@ -190,7 +190,7 @@ def test_an_image_larger_than_the_memory_is_no_traceback(shared: SharedMemory) -
 
 def test_a_page_that_was_left_in_the_middle_is_told(shared: SharedMemory) -> None:
     page(shared).seq = 5
-    (problem,) = picture(name_of(shared))["problems"]
+    (problem,) = contents(name_of(shared))["problems"]
     names(problem, "domains[0]", "page", "writer")
 
 
@@ -211,10 +211,10 @@ def test_a_table_that_is_not_there_is_told(
     shared: SharedMemory, field: str, value: int, problem: str
 ) -> None:
     setattr(shared.header, field, value)
-    found = picture(name_of(shared))
+    found = contents(name_of(shared))
     wanted = naming(*problem.split(" | "))
     assert any(re.search(wanted, text) for text in found["problems"]), found["problems"]
-    assert picture_lines(found)
+    assert contents_lines(found)
 
 
 @contextmanager
@@ -236,16 +236,16 @@ def copy_of(shared: SharedMemory, *, alive: bool) -> Iterator[tuple[str, Path, i
 
 def test_a_leftover_is_shown_and_what_to_do_with_it(shared: SharedMemory) -> None:
     with copy_of(shared, alive=False) as (name, path, _fd):
-        found = picture(name)
+        found = contents(name)
         assert not found["alive"]
         assert len(found["signals"]) == 7
-        text = "\n".join(picture_lines(found))
+        text = "\n".join(contents_lines(found))
         assert "NO DAEMON" in text
         assert f"rm -f {path} {path}.out" in text
         with pytest.raises(UnreachableError, match=naming("no ecatd", f"'{name}'")):
             read_claims(name)
         path.with_name(f"{path.name}.out").unlink()
-        assert picture(name)["slots"] == []
+        assert contents(name)["slots"] == []
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_what_is_no_segment_is_told_in_one_sentence(
     with copy_of(shared, alive=alive) as (name, path, _fd):
         path.write_bytes(change)
         with pytest.raises((StateError, UnreachableError)) as caught:
-            picture(name)
+            contents(name)
         names(caught.value, *tokens.split(" | "))
         assert str(caught.value).isprintable()
 
@@ -277,11 +277,11 @@ def test_who_may_not_see_the_clients_sees_the_rest(shared: SharedMemory) -> None
     status = table(shared, "slot_status", "ecat_shm_slot_status", 4)
     status.state = shm.SlotState.ACTIVE
     shared.out_path.chmod(0)
-    found = picture(name_of(shared))
+    found = contents(name_of(shared))
     (slot,) = found["slots"]
     assert (slot["slot"], slot["pid"], slot["program"], slot["held"]) == (4, None, None, None)
     assert found["problems"] == []
-    assert " 4    ?  ?  " in "\n".join(picture_lines(found))
+    assert " 4    ?  ?  " in "\n".join(contents_lines(found))
     with pytest.raises(NotPermittedError, match=naming("group 'ecat'")):
         raw.read_raw(name_of(shared), "slots")
 
@@ -291,7 +291,7 @@ def test_a_file_that_is_cut_short_says_so(shared: SharedMemory) -> None:
         size = path.stat().st_size
         os.truncate(path, size - 8)
         with pytest.raises(StateError, match=naming(size, size - 8)):
-            picture(name)
+            contents(name)
 
 
 def test_the_segment_of_the_clients_may_be_damaged_too(shared: SharedMemory) -> None:
@@ -305,14 +305,14 @@ def test_the_segment_of_the_clients_may_be_damaged_too(shared: SharedMemory) -> 
             (whole[:12] + b"\xff" * 4 + whole[16:], "4294967295 slots"),
         ):
             out.write_bytes(data)
-            found = picture(name)
+            found = contents(name)
             assert [text for text in found["problems"] if problem in text], found["problems"]
         out.write_bytes(whole[:4096])  # without slots: nobody can be named
-        assert picture(name)["slots"] == []
+        assert contents(name)["slots"] == []
         with pytest.raises(StateError, match=naming("slots", "cut short")):
             raw.read_raw(name, "slots")
         out.unlink()
-        (problem,) = picture(name)["problems"]
+        (problem,) = contents(name)["problems"]
         names(problem, f"{path}.out")
 
 
@@ -390,13 +390,13 @@ def test_random_mutations_are_no_tracebacks(
             if turn % 50 == 0:
                 os.truncate(fd, random_.randrange(len(whole)))
             try:
-                found = picture(name)
+                found = contents(name)
             except EcatError as error:
                 refused += 1
                 lines = [str(error)]
             else:
                 told, sound = told + bool(found["problems"]), sound + (not found["problems"])
-                lines = picture_lines(found)
+                lines = contents_lines(found)
                 assert json.dumps(found)
                 with suppress(EcatError):
                     lines += claims_lines(read_claims(name))
