@@ -94,8 +94,6 @@ static uint64_t patience(const cyclic_t *c, uint64_t period) {
   return until < c->now_ns + period / 4 ? c->now_ns + period / 4 : until;
 }
 
-/* Moves to the next deadline on the grid. Deadlines that have passed are skipped and counted as
- * missed, so that no burst of cycles follows. */
 /* On a busy machine missed cycles count, too. If the machine stood still, they count as a few: the control
  * side stood still as well. */
 enum { MISSED_AT_ONCE = 4 };
@@ -106,6 +104,8 @@ static void count_unattended(cyclic_t *c, uint32_t cycles) {
   if (c->attended == 0) cyclic_make_safe(c);
 }
 
+/* Moves to the next deadline on the grid. Deadlines that have passed are skipped and counted as
+ * missed, so that no burst of cycles follows. */
 static void advance(cyclic_t *c, uint64_t period, uint64_t end) {
   if (c->settings.free_running) {
     c->deadline_ns = end;

@@ -32,7 +32,7 @@ _HOME = {
     "DataType": "ecatd.model.datatypes",
     "Entry": "ecatd.model.pdo",
     "Pdo": "ecatd.model.pdo",
-    "Chip": ".core",
+    "Chip": ".esc",
     "Rig": ".rig",
     "Simulation": ".simulation",
     "Device": ".slave.device",

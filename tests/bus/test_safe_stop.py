@@ -270,7 +270,7 @@ def test_outputs_fall_when_slaves_no_longer_take_part(start_daemon: Callable[...
         _words, speed = other.until_off()
         assert speed < SPEED / 50
         other.run()  # a new claim of a complete bus
-    wait_for(lambda: "slaves of their domain did not take part" in daemon.log, daemon)
+    wait_for(lambda: "wrong working counters in a row" in daemon.log, daemon)
 
 
 def test_without_a_limit_wrong_working_counters_change_nothing(

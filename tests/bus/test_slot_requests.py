@@ -175,7 +175,7 @@ def test_random_requests_are_told_and_starve_nobody(troll: Daemon) -> None:
     with hostile(troll, raw, troll.bus) as (pid, program), troll.client() as client:
         for _ in range(50):
             assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
-        who = rf"slot \d+.* holds what no client library writes.*'{program}' \(pid {pid}\)"
+        who = rf"slot \d+.* contains data that no client library writes.*'{program}' \(pid {pid}\)"
         wait_for(lambda: re.search(who, troll.log[before:]) is not None, troll)
         for _ in range(50):
             assert client.sdo_upload(DRIVE, 0x1018, 2).result() == struct.pack("<I", 0x00030924)

@@ -145,7 +145,8 @@ class Clocks:
     def _measure_new(self, slaves: Iterable[Slave]) -> None:
         """Measures the delays of slaves that were absent at the start.
 
-        A closed ring would have to be opened for that. There the delay of the slave before counts.
+        With a second interface nothing is measured, because the ring would have to be opened for
+        that. A new slave then gets the largest delay of the slaves before it.
         """
         new = [slave for slave in slaves if slave.position not in self._measured]
         if not new:
@@ -329,8 +330,10 @@ class Clocks:
             text += f"; clocks that differ from it: {', '.join(astray[:8])}"
             text += f" and {len(astray) - 8} more" if len(astray) > 8 else ""
         if not locked:
-            text += f"; a computer with less precise timers needs more than {dc.lock_us:g} µs for "
-            text += "dc.lock_us"
+            text += (
+                "; if the timers of this computer are less precise, set dc.lock_us to more than "
+            )
+            text += f"{dc.lock_us:g} µs"
         return text
 
     # --- slaves that come back -----------------------------------------------------------------

@@ -90,9 +90,9 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
             spent = node.between(passed, port)
             if spent > _LONGEST_NS or spent < walk.dwell - _ROUNDING_NS:
                 raise StateError(
-                    f"slave {position} says that a frame was behind its port {passed} for {spent} "
-                    f"ns until it came to port {port}, the slaves there say {walk.dwell} ns: is a "
-                    f"link unreliable, or are two masters at work?"
+                    f"the receive times do not fit: by slave {position}, a frame took {spent} ns "
+                    f"from its port {passed} to its port {port}; the slaves in between need "
+                    f"{walk.dwell} ns: is a link unreliable, or are two masters at work?"
                 )
             one_way = max(0, spent - walk.dwell) / walk.hops
             before = here + node.between(node.entry, passed)

@@ -42,7 +42,7 @@ def ask_identifications(
         patience_s: Seconds that slaves have to tell it.
 
     Returns:
-        Identifications by station address, without those of slaves that tell none, or 0.
+        Identifications by station address. Slaves that have none, or 0, are left out.
     """
     direct = [station for station, register in ways.items() if register]
     answers = registers.exchange([fprd(station, ways[station], 2) for station in direct])

@@ -171,7 +171,7 @@ class SetUp:
     def leave(self, positions: Iterable[int], state: AlState) -> Steps[list[str]]:
         """Tells slaves what they are told before they go down to a state; see `leave`."""
         items = [self._scanned[position] for position in sorted(positions)]
-        if state not in (AlState.SAFEOP, AlState.OP):  # PS is to undo what SP does
+        if state not in (AlState.SAFEOP, AlState.OP):  # SP may change what PS sets
             down = [item for item in items if item.settings.parameters("SP")]
             self._untold.update(item.slave.position for item in down)
         return (yield from leave(self._master, items, state, self._timeout_s))
@@ -339,8 +339,9 @@ def _difference(
         if _layout(before) == _layout(now):
             continue
         again = (
-            f"then ask for OP (`ecatctl state OP -p {slave.position}`), or restart ecatd "
-            f"{'with a description of it as it is' if described else 'to use what it has now'}"
+            f"then run `ecatctl state OP -p {slave.position}`, or "
+            + ("write a new description (`ecatctl scan -o FILE`) and " if described else "")
+            + "restart ecatd to use what it has now"
         )
         for was, pdo in zip(before, now, strict=False):
             if was.index == pdo.index and _entries(was) != _entries(pdo):

@@ -174,7 +174,9 @@ class SyncSignals:
             master.register_write(position, SYNC_CONTROL, struct.pack("<H", signals.activation))
             if signed(start - self._system_time(slave), slave.dc_bits) > 0:
                 return
-        raise StateError("its SYNC signals cannot be set up before they begin")
+        raise StateError(
+            f"setting up its SYNC signals took too long: {_TRIES} times, their start had passed"
+        )
 
     def _system_time(self, slave: Slave) -> int:
         data = self._master.register_read(slave.position, SYSTEM_TIME, slave.dc_bits // 8)

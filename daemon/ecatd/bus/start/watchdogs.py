@@ -2,7 +2,8 @@
 
 A slave leaves OP if it gets no outputs for longer than its process data watchdog allows: sync
 manager control bit 6 switches it on for a sync manager, and register 0x0420 holds the time. In a
-slow domain that would happen always. Without it, outputs keep their values if the master dies.
+domain slower than its watchdog, a slave would leave OP every time. Without a watchdog, outputs keep
+their values if the master dies.
 """
 
 from __future__ import annotations

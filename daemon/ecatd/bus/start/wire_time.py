@@ -99,8 +99,8 @@ class WireTime:
         remedy = f"set cycle_time_us to {self.shortest_cycle_us()} or more, or assign fewer PDOs"
         if self.crowd:
             remedy += (
-                f", or let domains {', '.join(map(str, self.crowd))}, which are due in the same "
-                f"cycle, take turns by phases of their own"
+                f", or give domains {', '.join(map(str, self.crowd))}, which share a cycle, "
+                f"different phases"
             )
         cycle, round_trip = self.cycle_us, self.round_trip_us
         if self.frames_us > cycle:

@@ -86,7 +86,10 @@ def _damages(file: _File) -> Iterator[tuple[str, str]]:
     found = os.fstat(file.fd)
     if found.st_size < file.size:
         os.posix_fallocate(file.fd, 0, file.size)
-        yield "cut short", "it is whole again; clients that own outputs may have died of it"
+        yield (
+            "cut short",
+            "ecatd has restored its size; programs that own outputs may have crashed (SIGBUS)",
+        )
     if os.pread(file.fd, len(file.head), 0) != file.head:
         os.pwrite(file.fd, file.head, 0)
         yield "written over", "its header is right again"

@@ -102,7 +102,7 @@ class LinkWatch:
             except BlockingIOError:
                 return
             except OSError as error:
-                if error.errno == errno.ENOBUFS:  # messages were lost, so their sum is asked for
+                if error.errno == errno.ENOBUFS:  # messages were lost: ask for the present state
                     self._ask()
                 return
             if sender == 0:  # the kernel

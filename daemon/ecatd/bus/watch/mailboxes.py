@@ -68,7 +68,7 @@ class MailboxWatch:
         ]
         ways = [(slave, way) for slave, way in ways if not len(way.line)]
         if ways:
-            # Slaves that fail are told of by those who need them.
+            # Errors are ignored here: whoever sends a request to the slave reports them.
             yield from talk_all(self._master.registers, [way.collect() for _, way in ways])
         return [(slave, *found) for slave, way in ways for found in way.emergencies]
 

@@ -36,9 +36,12 @@ _WRONG = (EventType.REFUSED, EventType.MALFORMED)
 _REASONS = {
     shm.Reason.RELEASED: "{} released them",
     shm.Reason.LAPSED: "{} gave no sign of life for its lease",
-    shm.Reason.GONE: "{} is gone: another client has its place, or something has written over it",
+    shm.Reason.GONE: "{} lost its slot: another client took it, or a program has overwritten it",
     shm.Reason.STOPPING: "the daemon stops; {} owned them",
-    shm.Reason.WKC: "slaves of their domain did not take part in the exchange; {} owned them",
+    shm.Reason.WKC: (
+        "one of the domains of {} had too many wrong working counters in a row, so it lost all its "
+        "outputs"
+    ),
 }
 _EXPECTED = (shm.Reason.RELEASED, shm.Reason.STOPPING)
 
@@ -178,8 +181,8 @@ class OutputWatch:
             case EventType.MALFORMED:
                 others = self._others(who)
                 self._log.warning(
-                    f"slot {first.slot}{others and f', of {who},'} holds what no client library "
-                    f"writes, which is not taken over: "
+                    f"slot {first.slot}{others and f', of {who},'} contains data that no client "
+                    f"library writes; ecatd ignores it: "
                     + (f"{others}: see what they do" if others else f"see what {who} does"),
                     event,
                 )

@@ -39,8 +39,8 @@ def describe_presence(
         each, where = ("its", "address") if len(twice) == 1 else ("their", "addresses")
         return (
             f"two devices answer at the {where} of {name_slaves(bus, twice)}, and both get {each} "
-            f"outputs: one has taken {each} place while the other was cut off and kept its power; "
-            f"remove one of them, or switch one off and on"
+            f"outputs: one was cut off but kept its power, and the other has replaced it; remove "
+            f"one of them, or switch one off and on"
         )
     count = len(bus.slaves) - absent
     if found > count + absent:  # up to that, they may be optional slaves that are coming
@@ -60,8 +60,8 @@ def describe_presence(
                 f"off and on, or exchanged{restart}"
             )
         return (
-            f"no slave answers: check the cable to {bus.slaves[0].label}, and its power; the bus "
-            f"goes on by itself when they are back"
+            f"no slave answers: check the cable to {bus.slaves[0].label} and the power; the bus "
+            f"goes on by itself when the slaves answer again"
         )
     if found == count:
         return (

@@ -195,7 +195,7 @@ class Recovery:
             slave = self._slaves[item.position]
             self._note(plan, slave, item, now, foreign)
             if changed and not item.al_state:
-                slave.not_before = 0.0  # also while somebody is at work, who has looked before
+                slave.not_before = 0.0  # a repair that runs looked before that
             if slave.down_since is None or slave.busy or foreign or slave.is_odd(now):
                 continue
             steps = self._choose(slave, item, strangers)

@@ -130,7 +130,7 @@ class Repair:
             self._recovery.want([position], before[position])
 
     def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
-        """Sets up on the way what has begun anew; on the worker."""
+        """Takes slaves to a state. Sets up those that have restarted. Runs on the worker."""
         running, timeout = self._running, self._state_timeout_s
         yield from self._leave(positions, state)
         seen = {item.position: item.al_state & 0x0F for item in running.master.states()}

@@ -27,7 +27,8 @@ _SLOW_PERIOD = 2.0
 """Seconds between looks while all slaves are in OP. The engine notices every change then; looks
 are only a safety net."""
 _PERIOD = 0.25
-"""The same while a slave is not in OP: in the ORed states, it may hide the change of another."""
+"""The same while a slave is not in OP. The engine sees only the ORed states, so this slave can hide
+the change of another one."""
 _PAUSE, _LONGEST_PAUSE = 0.02, 1.0
 """Shortest time between two looks, which grows while each of them finds something to tell."""
 _STATION_ADDRESS = 0x0010
@@ -115,7 +116,7 @@ class SlaveWatch:
         for _ in range(_TRIES):
             self.states = self._master.states()
             self._found = int(self._health.slaves_found)
-            # If the engine sees more slaves, it was perhaps only the answer that got lost.
+            # The engine counts more slaves than answered here: an answer may be lost.
             if sum(bool(item.al_state) for item in self.states) >= min(
                 self._found, len(self.states)
             ):
