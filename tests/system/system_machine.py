@@ -24,7 +24,7 @@ HERE = Path(__file__).parent
 PATIENCE_S = 300.0
 PACKAGES = (
     *("systemd", "systemd-sysv", "dbus", "udev", "kmod", "linux-image-rt-amd64", "libpam-systemd"),
-    *("iproute2", "ethtool", "procps", "python3", "strace"),
+    *("iproute2", "ethtool", "procps", "python3", "strace", "network-manager"),
 )
 MACS = ("52:54:00:ec:a7:01", "52:54:00:ec:a7:02")
 """Addresses of the cards."""

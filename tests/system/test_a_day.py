@@ -119,8 +119,11 @@ def test_the_package_is_installed_without_a_network(machine: Machine) -> None:
 
 
 def test_others_leave_the_interface_alone(machine: Machine) -> None:
-    """systemd-networkd would configure every card of this machine."""
+    """systemd-networkd and NetworkManager would configure every card of this machine."""
     name = interface(machine, 0)
+    managed = "nmcli --terse --get-values GENERAL.STATE device show"
+    machine("systemctl enable --now NetworkManager")
+    machine.until(f"! {managed} {name} | grep unmanaged")
     machine.write(
         "/etc/systemd/network/80-all.network",
         "[Match]\nName=e*\n[Network]\nAddress=10.9.8.7/24\n",
@@ -136,6 +139,8 @@ def test_others_leave_the_interface_alone(machine: Machine) -> None:
     assert "ID_ECATD" not in other
     machine("systemctl restart systemd-networkd")
     machine.until(f"networkctl --no-pager list {name} | grep unmanaged")
+    machine.until(f"{managed} {name} | grep unmanaged")
+    machine("systemctl disable --now NetworkManager")
     machine(f"ip addr flush dev {name}")
     assert machine.text("stat -c %G:%a /dev/cpu_dma_latency") == "ecat:660"
 
