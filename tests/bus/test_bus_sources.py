@@ -100,6 +100,61 @@ def test_devices_of_esi_files(start_daemon: Callable[..., Daemon], tmp_path: Pat
     assert contents(tmp_path / "esi") == live
 
 
+AXIS = "vendor = 0xFFFF\nproduct = 0x1234\n"
+EXPECTED = f"""{CONFIG}
+[[slave]]
+position = 0
+name = "lift"
+{AXIS}revision_min = 0x00010000
+[[slave]]
+alias = 7
+name = "ends"
+vendor = 0xFFFF
+product = 0x5678
+[[slave]]
+position = 1
+{AXIS}revision = 0x00020001
+"""
+
+
+def test_slaves_of_a_configuration(tmp_path: Path) -> None:
+    """A configuration and ESI files are enough: no bus, no rig and no list."""
+    esi, rig, config = (tmp_path / name for name in ("sample.xml", "rig.toml", "ecat.toml"))
+    esi.write_text(ESI, "utf-8")
+    rig.write_text(RIG + "alias = 7\n")
+    config.write_text(EXPECTED)
+    given = ("--bus", "desk", "--config", str(config))
+    alone("generate", "Axes", str(tmp_path / "rig"), "--from", str(rig), *given)
+    alone("generate", "Axes", str(tmp_path / "esi"), "--from", str(esi), *given)
+    found = contents(tmp_path / "esi")
+    assert {"Axes/Lift.mo", "Axes/Ends.mo"} <= set(found)
+    assert found == contents(tmp_path / "rig")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("position = 1", "position = 2", "no [[slave]] has position 1 | has 2 | --devices"),
+        (EXPECTED, CONFIG, "no [[slave]] table | --devices"),
+        (AXIS + "revision = 0x00020001", 'name = "turn"', "turn | vendor and product"),
+        ("0x00010000", "0x00030000", "'0x00001234' | revision 0x00030000 or newer | ESI files"),
+        ("0x5678", "0x5679", "'0x00005679' | ESI files"),
+        ("product = 0x5678", "product = bad", "{config}:"),
+    ],
+)
+def test_configurations_that_do_not_say_it_all(
+    old: str, new: str, message: str, tmp_path: Path
+) -> None:
+    esi, config = tmp_path / "sample.xml", tmp_path / "ecat.toml"
+    esi.write_text(ESI, "utf-8")
+    assert old in EXPECTED
+    config.write_text(EXPECTED.replace(old, new))
+    refused = run_module("ecatd.cli", "scan", "--from", str(esi), "--config", str(config))
+    assert refused.returncode == 2
+    wanted = [word.format(config=config) for word in message.split(" | ")]
+    names(one_line_error(refused.stderr, "ecatctl"), config, *wanted)
+
+
 def test_a_rig_is_read_beside_a_daemon_that_serves_the_name(troll: Daemon) -> None:
     before = troll.ctl_json("stats")["cycles"]
     scan = json.loads(troll.ctl("scan", "--from", "line:3").stdout)

@@ -42,7 +42,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
         metavar="LIST",
         help="with ESI files: the slaves in the order of the wire, as EK1100,EL1018,3*EL2008 or "
         "EL1018:0x00110000 with its revision, modules in brackets as Island[DI8,-,AI2], or a file "
-        "with one of these in each line",
+        "with one of these in each line; default: the [[slave]] tables of --config",
     )
     command.add_argument(
         "--config",
@@ -72,16 +72,20 @@ def get_bus(options: argparse.Namespace) -> Bus:
         return bus
     if kinds[0] == "rig":
         return _described(sources[0], options)
-    from . import esi_devices
+    from . import esi_rig
 
-    text = esi_devices.rig(sources, options.devices)
+    if options.devices:
+        source, wanted = "--devices", esi_rig.listed(options.devices)
+    else:
+        source, wanted = str(options.config), esi_rig.expected(options.config)
+    text = esi_rig.rig(sources, wanted)
     with tempfile.TemporaryDirectory(prefix="ecatctl-") as folder:
         rig = Path(folder) / "rig.toml"
         rig.write_text(text, "utf-8")
         try:
             return _described(str(rig), options)
         except EcatError as error:  # about a temporary file that the user does not know
-            text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", "--devices", str(error))
+            text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", source, str(error))
             raise type(error)(text) from None
 
 
@@ -129,10 +133,10 @@ def _check(options: argparse.Namespace, kinds: list[Kind]) -> None:
     if options.config is not None and kind not in ("rig", "esi"):
         what = "a saved scan" if kind == "scan" else "a bus that runs"
         raise UsageError(f"--config goes with a rig or ESI files: {what} has been configured")
-    if kind == "esi" and not options.devices:
+    if kind == "esi" and not options.devices and options.config is None:
         raise UsageError(
             "an ESI file describes devices, but not which of them are on the bus: add --devices, "
-            "as in --devices EK1100,EL1018,3*EL2008"
+            "as in --devices EK1100,EL1018,3*EL2008, or --config FILE with the expected slaves"
         )
     if options.devices and kind != "esi":
         raise UsageError("--devices goes with ESI files: add --from FILE.xml")
