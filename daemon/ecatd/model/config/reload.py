@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from .origins import flatten
 from .tables import Config
 
-_AT_ONCE = ("gateway.", "log_level", "recovery.", "outputs.lease_")
+_AT_ONCE = ("gateway.", "log.", "recovery.", "outputs.lease_")
 """Beginnings of the keys, as `flatten` makes them, that can change while the bus runs."""
 
 
@@ -38,7 +38,7 @@ def reload(before: Config, wanted: Config) -> Reload:
     used = [key for key in changed if key.startswith(_AT_ONCE)]
     config = replace(
         before,
-        log_level=wanted.log_level,
+        log=wanted.log,
         gateway=wanted.gateway,
         recovery=wanted.recovery,
         outputs=replace(
