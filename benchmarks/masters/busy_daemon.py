@@ -18,7 +18,7 @@ from ecatd.model.config import load_config
 from ecatd.service.child import Child
 from ecatd.service.supervisor import Supervisor
 
-_LEVEL = "warning"
+_LEVELS = {"level": "warning"}
 _working = threading.Event()
 _thread: list[threading.Thread] = []
 
@@ -47,8 +47,8 @@ def main() -> int:
     """Runs the service or the bus server; returns its exit status."""
     if sys.argv[1:]:
         config = load_config(Path(sys.argv[1]))
-        log = Log("ecatd", _LEVEL)
-        config.log_level = _LEVEL
+        log = Log("ecatd", _LEVELS)
+        config.log = _LEVELS
         service = _Service(config, {}, None, log, lambda: (config, {}))
         return asyncio.run(service.run())
     signal.signal(signal.SIGUSR1, _begin)

@@ -10,7 +10,7 @@
  * again later. */
 static uint32_t room_for(uint32_t type) {
   return type == CYCLIC_EVENT_REQUEST || type == CYCLIC_EVENT_REFUSED ||
-                 type == CYCLIC_EVENT_MALFORMED
+                 type == CYCLIC_EVENT_MALFORMED || type == CYCLIC_EVENT_CONFLICT
              ? EVENTS / 2
              : EVENTS;
 }

@@ -37,7 +37,8 @@ enum cyclic_event_type {
   CYCLIC_EVENT_OVERRUN = 9, /* value: deadlines missed since the last such event */
   CYCLIC_EVENT_REFUSED = 10, /* a value of slot is out of the declared range; value: signal */
   CYCLIC_EVENT_MALFORMED = 11, /* content of slot is malformed; value: generation */
-  CYCLIC_EVENT_STOPPED = 12 /* stop of a drive of slave is over; value 1: it stands, 0: out of time */
+  CYCLIC_EVENT_STOPPED = 12, /* stop of a drive of slave is over; value 1: it stands, 0: out of time */
+  CYCLIC_EVENT_CONFLICT = 13 /* slot is refused outputs of slave; value: signal with another owner */
 };
 
 typedef struct cyclic_event {

@@ -44,6 +44,7 @@ static void read_claims(cyclic_t *c, uint32_t number) {
   size_t size = (c->header->signal_count + 63) / 64 * sizeof *c->wanted;
   off_t at = slot_at(c, number);
   ecat_out_slot want;
+  int32_t conflict;
   if (pread(c->out_fd, &want, sizeof want, at) != (ssize_t)sizeof want ||
       pread(c->out_fd, c->wanted, size, at + (off_t)c->out.claims_offset) != (ssize_t)size)
     return;
@@ -51,7 +52,11 @@ static void read_claims(cyclic_t *c, uint32_t number) {
   if (slot->lease_ns < c->header->lease_ns) slot->lease_ns = c->header->lease_ns;
   if (slot->lease_ns > c->header->lease_max_ns) slot->lease_ns = c->header->lease_max_ns;
   __atomic_store_n(&status->lease_ns, slot->lease_ns, __ATOMIC_RELAXED);
-  __atomic_store_n(&status->claim_conflict, cyclic_outputs_claim(c, number), __ATOMIC_RELAXED);
+  conflict = cyclic_outputs_claim(c, number);
+  __atomic_store_n(&status->claim_conflict, conflict, __ATOMIC_RELAXED);
+  if (conflict >= 0)
+    cyclic_emit(c, CYCLIC_EVENT_CONFLICT, c->signals[conflict].slave, (int32_t)number,
+                (uint32_t)conflict);
 }
 
 /* Reads commit `seq` of a slot into `slot_image`, and which commit is the newest afterwards. The client

@@ -1,8 +1,8 @@
 """Writes one line per event: to the journal with fields, else to stderr with the name of the level.
 
-The fields of the journal are ECAT_BUS, ECAT_EVENT (the name of the event as over Zenoh), ECAT_SLAVE
-(the position, once for each slave concerned), and MESSAGE_ID, by which `journalctl -x` finds the
-explanation in `systemd/ecatd.catalog`.
+The fields of the journal are ECAT_BUS, ECAT_PART (see `ecatd.model.log_levels`), ECAT_EVENT (the
+name of the event as over Zenoh), ECAT_SLAVE (the position, once for each slave concerned), and
+MESSAGE_ID, by which `journalctl -x` finds the explanation in `systemd/ecatd.catalog`.
 """
 
 from __future__ import annotations
@@ -10,13 +10,21 @@ from __future__ import annotations
 import os
 import socket
 import sys
+import threading
+import time
 import uuid
 from collections.abc import Iterable
 from pathlib import Path
 
-_PRIORITIES = {"error": 3, "warning": 4, "info": 6, "debug": 7}
+from ecatd.model.log_levels import DEFAULTS, PARTS, Levels, level_of
+
+_PRIORITIES = {"error": 3, "warning": 4, "notice": 5, "info": 6, "debug": 7}
 _JOURNAL = Path("/run/systemd/journal/socket")
 _NAMESPACE = uuid.UUID("6f0a7f6e-2c0c-4c6e-9a51-3d6a1e5f7b10")
+
+DEBUG_MAX, DEBUG_S = 1000, 5.0
+"""Debug messages of one part in so many seconds; more are counted. The journal takes 10000 messages
+in 30 s of a service by default, and then drops errors as well."""
 
 
 def message_id(event: str) -> str:
@@ -29,68 +37,52 @@ def _stderr_is_journal() -> bool:
 
     $JOURNAL_STREAM alone does not say so: processes whose stderr was redirected inherit it as well.
     """
-    status = os.fstat(2)
+    try:
+        status = os.fstat(2)
+    except OSError:  # closed: `2>&-`
+        return False
     return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"
 
 
 class Log:
-    """Writes events of one process.
+    """Writes events of one part of one process; `of` gives the log of another part.
 
     Args:
         name: Name in front of each line.
-        level: Least important kind of event that is written.
+        levels: Least important kind of event that is written, by part.
         bus: Name of the bus.
         journal: Socket of the journal; by default it is used if stderr goes there.
-
-    Attributes:
-        level: As above.
-        bus: As above.
     """
 
     def __init__(
-        self, name: str, level: str = "info", bus: str = "", journal: Path | None = None
+        self,
+        name: str,
+        levels: Levels = DEFAULTS,
+        bus: str = "",
+        journal: Path | None = None,
     ) -> None:
-        self.level = level
-        self.bus = bus
-        self._name = name
-        self._left_out = 0  # messages that the journal did not take
-        self._journal = journal or (_JOURNAL if _stderr_is_journal() else None)
+        self._part = "service"
+        self._writer = _Writer(name, levels, bus, journal)
 
-    def _write(self, level: str, text: str, event: str, slaves: Iterable[int]) -> None:
-        if _PRIORITIES[level] > _PRIORITIES[self.level]:
-            return
-        if self._journal is not None:
-            try:
-                self._send(self._journal, level, text, event, slaves)
-            except BlockingIOError:
-                self._left_out += 1  # a journal that hangs must not hang those who control a bus
-                return
-            except OSError:
-                line = f"<{_PRIORITIES[level]}>{text}\n"
-            else:
-                return
-        else:
-            line = f"{self._name}: {'' if level == 'info' else level + ': '}{text}\n"
-        sys.stderr.write(line)
-        sys.stderr.flush()
+    def of(self, part: str) -> Log:
+        """The log of another part. Levels and bus are those of all parts."""
+        assert part in PARTS, part
+        log = Log.__new__(Log)
+        log._part, log._writer = part, self._writer
+        return log
 
-    def _send(
-        self, journal: Path, level: str, text: str, event: str, slaves: Iterable[int]
-    ) -> None:
-        fields = [
-            ("MESSAGE", text),
-            ("PRIORITY", str(_PRIORITIES[level])),
-            ("SYSLOG_IDENTIFIER", self._name),
-            *((("ECAT_BUS", self.bus),) if self.bus else ()),
-            *((("ECAT_EVENT", event), ("MESSAGE_ID", message_id(event))) if event else ()),
-            *(("ECAT_SLAVE", str(slave)) for slave in slaves),
-        ]
-        if self._left_out:
-            fields.append(("ECAT_LEFT_OUT", str(self._left_out)))  # messages before this one
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-            sender.setblocking(False)
-            sender.sendto(b"".join(_encode(*field) for field in fields), str(journal))
-        self._left_out = 0
+    @property
+    def levels(self) -> Levels:
+        """Least important kind of event that is written, by part."""
+        return self._writer.levels
+
+    @levels.setter
+    def levels(self, levels: Levels) -> None:
+        self._writer.levels = levels
+
+    def set_bus(self, bus: str) -> None:
+        """Gives the name of the bus, once it is known."""
+        self._writer.bus = bus
 
     def error(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
         """Something that ends or cripples the service.
@@ -106,13 +98,100 @@ class Log:
         """Something that the user should know; arguments as of `error`."""
         self._write("warning", text, event, slaves)
 
+    def notice(self, text: str) -> None:
+        """What somebody has changed in the log itself: it is written whatever the level is."""
+        self._writer.write("notice", self._part, text)
+
     def info(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
         """A normal step; arguments as of `error`."""
         self._write("info", text, event, slaves)
 
     def debug(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
-        """A detail; arguments as of `error`."""
+        """A detail, behind the name of its part; arguments as of `error`.
+
+        If too many come in a short time, they are counted, and the number is told.
+        """
         self._write("debug", text, event, slaves)
+
+    def _write(self, level: str, text: str, event: str, slaves: Iterable[int]) -> None:
+        writer = self._writer
+        if _PRIORITIES[level] <= _PRIORITIES[level_of(writer.levels, self._part)]:
+            if level == "debug":
+                writer.write_debug(self._part, text, event, slaves)
+            else:
+                writer.write(level, self._part, text, event, slaves)
+
+
+class _Writer:
+    """What the logs of all parts of a process share; for all threads. See `Log`."""
+
+    def __init__(self, name: str, levels: Levels, bus: str, journal: Path | None) -> None:
+        self.levels = levels
+        self.bus = bus
+        self._name = name
+        self._left_out = 0  # messages that the journal did not take
+        self._journal = journal or (_JOURNAL if _stderr_is_journal() else None)
+        self._lock = threading.Lock()
+        self._since: dict[str, tuple[float, int]] = {}  # by part: from when on, how many debug ones
+
+    def write_debug(self, part: str, text: str, event: str, slaves: Iterable[int]) -> None:
+        """Writes a debug message, unless there are too many of them."""
+        now = time.monotonic()
+        with self._lock:
+            begin, count = self._since.get(part, (now, 0))
+            if count <= DEBUG_MAX and now - begin > DEBUG_S:
+                begin, count = now, 0
+            self._since[part] = begin, count + 1
+        if count == DEBUG_MAX:
+            timer = threading.Timer(max(begin + DEBUG_S - now, 0), self._tell_left_out, (part,))
+            timer.daemon = True
+            timer.start()
+        if count < DEBUG_MAX:
+            self.write("debug", part, f"{part}: {text}", event, slaves)
+
+    def _tell_left_out(self, part: str) -> None:
+        with self._lock:
+            _, count = self._since.pop(part)
+        text = f"{part}: {count - DEBUG_MAX} more debug messages within {DEBUG_S:g} s are left out"
+        self.write("debug", part, text)
+
+    def write(
+        self, level: str, part: str, text: str, event: str = "", slaves: Iterable[int] = ()
+    ) -> None:
+        """Writes a message, whatever the level of its part is."""
+        if self._journal is not None:
+            try:
+                self._send(self._journal, level, part, text, event, slaves)
+            except BlockingIOError:
+                self._left_out += 1  # a journal that hangs must not hang those who control a bus
+                return
+            except OSError:
+                line = f"<{_PRIORITIES[level]}>{text}\n"
+            else:
+                return
+        else:
+            line = f"{self._name}: {'' if level == 'info' else level + ': '}{text}\n"
+        sys.stderr.write(line)
+        sys.stderr.flush()
+
+    def _send(
+        self, journal: Path, level: str, part: str, text: str, event: str, slaves: Iterable[int]
+    ) -> None:
+        fields = [
+            ("MESSAGE", text),
+            ("PRIORITY", str(_PRIORITIES[level])),
+            ("SYSLOG_IDENTIFIER", self._name),
+            *((("ECAT_BUS", self.bus),) if self.bus else ()),
+            ("ECAT_PART", part),
+            *((("ECAT_EVENT", event), ("MESSAGE_ID", message_id(event))) if event else ()),
+            *(("ECAT_SLAVE", str(slave)) for slave in slaves),
+        ]
+        if self._left_out:
+            fields.append(("ECAT_LEFT_OUT", str(self._left_out)))  # messages before this one
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.setblocking(False)
+            sender.sendto(b"".join(_encode(*field) for field in fields), str(journal))
+        self._left_out = 0
 
 
 def _encode(name: str, value: str) -> bytes:

@@ -2,7 +2,8 @@
 
 The service writes lines of JSON to the child's stdin: the settings first, later `{"ping": 1}`, or
 settings that have changed. The child writes lines of a word and a text to its stdout: `ready` once
-it serves, `failed` and why, and `alive` with a JSON document as the answer to a ping.
+it serves, `failed` and why, `alive` with a JSON document as the answer to a ping, and `log` with
+the levels of the log when a request has changed them.
 `ecatd.service.child` is the other side.
 """
 

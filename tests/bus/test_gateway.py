@@ -72,7 +72,7 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     (mine / daemon.bus / path.name).symlink_to(path)
     settings = {
         "parent": os.getpid(),
-        "log_level": "info",
+        "log": {"level": "info"},
         "config": {"bus": daemon.bus, "gateway": {"listen": []}},
         "origins": {},
         "runtime_dir": str(mine),

@@ -61,10 +61,10 @@ def test_the_log_level_changes_without_a_restart_of_anything(
 ) -> None:
     daemon = start_daemon("troll", config=CONFIG)
     pids = [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")]
-    reload(daemon, 'log_level = "debug"\n' + CONFIG, "changed: log_level")
-    assert in_force(daemon)["log_level"] == "debug"
+    reload(daemon, CONFIG + '[log]\nslaves = "debug"\n', "changed: log.slaves")
+    assert in_force(daemon)["log.slaves"] == "debug"
     daemon.ctl("state", "SAFEOP", "-p", "3")
-    wait_for(lambda: "ecatd: debug: " in daemon.log, daemon)
+    wait_for(lambda: "ecatd: debug: slaves: " in daemon.log, daemon)
     assert [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")] == pids
 
 

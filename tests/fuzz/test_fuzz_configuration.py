@@ -33,10 +33,10 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "interface": ['"eth1"', '""'],
         "second_interface": ['"eth2"'],
         "cycle_time_us": ["1000", "0x3E8"],
-        "log_level": ['"error"', '"debug"'],
         "state_timeout_s": ["0.1", "300", "3.5"],
         "profiles": ["[]", '["/here", "there"]'],
     },
+    "[log]": {"level": ['"error"', '"debug"'], "mailbox": ['"debug"']},
     "[expected]": {
         "policy": ['"strict"', '"tolerant"'],
         "unlisted": ["true", "false"],

@@ -17,7 +17,7 @@ from mutations import inputs, mutants
 from conftest import Daemon
 from ecatd.encoding import LENGTH, frame, pack, unpack
 from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.messages import SdoRead, SdoWrite, SetState, parse_request, to_map
+from ecatd.model.messages import SdoRead, SdoWrite, SetLogLevel, SetState, parse_request, to_map
 from ecatd.paths import control_socket
 from ecatd.zenoh_keys import bus_key, session_config
 
@@ -29,6 +29,7 @@ REQUESTS = [
     to_map(SdoWrite(0, 0x6060, value="-3")),
     to_map(SetState("OP")),
     to_map(SetState("PREOP", 2)),
+    to_map(SetLogLevel("debug", "mailbox", "'ecatctl' (pid 7, uid 0)")),
     {"op": "describe"},
     {"op": "states"},
     {"id": "a", "data": b"\x01"},
@@ -40,6 +41,7 @@ KEYS = [
     "ro/sdo/0/0x1018/0",
     "rw/sdo/0/0x6060/0",
     "rw/state/all",
+    "rw/log/mailbox",
     "ro/info",
     "ro/states",
     "rw/x",

@@ -122,8 +122,9 @@ def test_others_leave_the_interface_alone(machine: Machine) -> None:
     """systemd-networkd and NetworkManager would configure every card of this machine."""
     name = interface(machine, 0)
     managed = "nmcli --terse --get-values GENERAL.STATE device show"
-    machine("systemctl enable --now NetworkManager")
+    machine("systemctl start NetworkManager")
     machine.until(f"! {managed} {name} | grep unmanaged")
+    machine("systemctl stop NetworkManager")  # the two would work on the interface together
     machine.write(
         "/etc/systemd/network/80-all.network",
         "[Match]\nName=e*\n[Network]\nAddress=10.9.8.7/24\n",
@@ -139,6 +140,7 @@ def test_others_leave_the_interface_alone(machine: Machine) -> None:
     assert "ID_ECATD" not in other
     machine("systemctl restart systemd-networkd")
     machine.until(f"networkctl --no-pager list {name} | grep unmanaged")
+    machine("systemctl start NetworkManager")
     machine.until(f"{managed} {name} | grep unmanaged")
     machine("systemctl disable --now NetworkManager")
     machine(f"ip addr flush dev {name}")

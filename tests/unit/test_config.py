@@ -51,7 +51,9 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         second_interface = "eth2"
         cycle_time_us = 250
         state_timeout_s = 3
-        log_level = "debug"
+        [log]
+        level = "debug"
+        mailbox = "error"
         [expected]
         policy = "tolerant"
         unlisted = false

@@ -5,12 +5,14 @@ import re
 import shutil
 import socket
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from time import sleep
 
 import pytest
 
-from ecatd.log import Log, message_id
-from ecatd.model.config.tables import LOG_LEVELS
+from ecatd.log import DEBUG_MAX, Log, message_id
+from ecatd.model.log_levels import LEVELS, PARTS
 
 ROOT = Path(__file__).parents[2]
 CATALOG = ROOT / "systemd" / "ecatd.catalog"
@@ -26,7 +28,7 @@ def journal(tmp_path: Path) -> socket.socket:
 
 def test_fields_of_the_journal(journal: socket.socket) -> None:
     with journal:
-        Log("ecatd", bus="press", journal=Path(journal.getsockname())).warning(
+        Log("ecatd", bus="press", journal=Path(journal.getsockname())).of("slaves").warning(
             "slaves 3 and 4: no answer", "slaves", [3, 4]
         )
         assert journal.recv(4096).decode().splitlines() == [
@@ -34,6 +36,7 @@ def test_fields_of_the_journal(journal: socket.socket) -> None:
             "PRIORITY=4",
             "SYSLOG_IDENTIFIER=ecatd",
             "ECAT_BUS=press",
+            "ECAT_PART=slaves",
             "ECAT_EVENT=slaves",
             f"MESSAGE_ID={message_id('slaves')}",
             "ECAT_SLAVE=3",
@@ -55,11 +58,59 @@ def test_without_the_journal_nothing_is_lost(
 
 
 def test_a_level_leaves_out_what_is_less_important(capsys: pytest.CaptureFixture[str]) -> None:
-    log = Log("ecatd", "warning")
+    log = Log("ecatd", {"level": "warning"})
     log.info("not this")
-    log.level = "info"
+    log.levels = {"level": "info"}
     log.info("but this")
     assert capsys.readouterr().err == "ecatd: but this\n"
+
+
+def test_each_part_has_its_level(capsys: pytest.CaptureFixture[str]) -> None:
+    log = Log("ecatd", {"level": "warning", "mailbox": "debug", "gateway": "error"})
+    logs = {part: log.of(part) for part in PARTS}
+    for part, each in logs.items():
+        each.debug(f"detail of {part}")
+        each.warning(f"warning of {part}")
+        each.notice(f"notice of {part}")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if "detail" in line] == [
+        "ecatd: debug: mailbox: detail of mailbox"
+    ]
+    warned = {line.rpartition(" ")[2] for line in lines if "warning of" in line}
+    assert warned == set(PARTS) - {"gateway"}
+    assert sum("notice of" in line for line in lines) == len(PARTS)
+    log.levels = {"level": "debug", "mailbox": "info"}
+    logs["mailbox"].debug("not this")
+    logs["dc"].debug("but this")
+    assert capsys.readouterr().err == "ecatd: debug: dc: but this\n"
+
+
+@pytest.mark.parametrize("more", [1, 500])
+def test_a_storm_of_details_is_counted(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: int
+) -> None:
+    """However fast they come: each is either written or counted. Other parts are not concerned."""
+    monkeypatch.setattr("ecatd.log.DEBUG_S", 0.05)
+    monkeypatch.setattr("ecatd.log.time.monotonic", lambda: 7.0)  # all come at the same time
+    log = Log("ecatd", {"level": "debug"})
+    storm = log.of("mailbox")
+    with ThreadPoolExecutor(4) as threads:
+        for number in range(DEBUG_MAX + more):
+            threads.submit(storm.debug, f"detail {number}")
+    log.of("gateway").debug("a detail")
+    lines: list[str] = []
+
+    def told() -> int:
+        lines.extend(capsys.readouterr().err.splitlines())
+        counted = [int(n) for line in lines for n in re.findall(r"(\d+) more debug", line)]
+        return sum("detail " in line for line in lines) + sum(counted)
+
+    while told() < DEBUG_MAX + more:
+        sleep(0.01)
+    assert any("more debug messages" in line for line in lines)
+    assert "ecatd: debug: gateway: a detail" in lines
+    storm.debug("again")
+    assert "mailbox: again" in capsys.readouterr().err
 
 
 def explained() -> set[str]:
@@ -73,9 +124,7 @@ def logged() -> set[str]:
     return {
         call.args[1].value
         for call in calls
-        if isinstance(call.func, ast.Attribute)
-        and call.func.attr in LOG_LEVELS
-        and len(call.args) > 1
+        if isinstance(call.func, ast.Attribute) and call.func.attr in LEVELS and len(call.args) > 1
         if isinstance(call.args[1], ast.Constant) and isinstance(call.args[1].value, str)
     }
 

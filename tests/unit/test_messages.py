@@ -13,9 +13,11 @@ from ecatd.model.errors import EcatError, SdoAbortError, UsageError
 from ecatd.model.messages import (
     Describe,
     ReadInfo,
+    ReadLogLevels,
     ReadStates,
     SdoRead,
     SdoWrite,
+    SetLogLevel,
     SetState,
     parse_request,
     to_map,
@@ -36,6 +38,9 @@ from ecatd.model.queries import from_query, to_query
         SdoWrite(0, 0x6060, value="-3"),
         SetState("OP"),
         SetState("PREOP", 2),
+        ReadLogLevels(),
+        SetLogLevel("debug", "mailbox", "'ecatctl' (pid 7, uid 0)"),
+        SetLogLevel("info"),
     ],
 )
 def test_requests_survive(request_: Any) -> None:
@@ -68,6 +73,10 @@ def test_requests_survive(request_: Any) -> None:
         ),
         ({"op": "set_state", "state": "RUN"}, "'RUN' | AL state"),
         ({"op": "set_state", "state": "OP", "slave": -1}, "'slave' | -1 | 0"),
+        ({"op": "set_log_level", "level": "loud"}, "'loud' | error | debug"),
+        ({"op": "set_log_level", "level": "info", "part": "sdo"}, "'sdo' | service | mailbox"),
+        ({"op": "set_log_level", "level": "info", "by": "me\nerror: x"}, "'by' | printable"),
+        ({"op": "set_log_level", "level": "info", "by": "x" * 101}, "'by' | 100"),
         ({"op": "describe", "x": 1}, "'x' | describe"),
         ({"op": "sdo_read", "op2": 1}, "'op2' | slave | index | subindex | complete"),
     ],

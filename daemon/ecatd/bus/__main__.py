@@ -3,7 +3,7 @@
 Its settings (see `ecatd.service_link`) are `config`, `origins` (where each key of it is written,
 for messages), `interface` and `second_interface` (which may be those of a simulator instead of
 those of the configuration), `runtime_dir`, `namespace_of` (process number of a simulator whose
-network namespace to enter, or 0), `parent` and `log_level`.
+network namespace to enter, or 0), `parent` and `log`, the levels of the log in force.
 It tells that it is ready when the bus is in OP, with a line about the bus, which the service logs
 once the gateway answers, too. With `describe` it writes the bus description to stdout instead
 (`ecatd.model.bus_file`), and ends.
@@ -12,6 +12,7 @@ once the gateway answers, too. With `describe` it writes the bus description to 
 from __future__ import annotations
 
 import asyncio
+import json
 import signal
 import sys
 import traceback
@@ -38,7 +39,13 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     config = read_config(settings["config"], origins=settings["origins"])
     config.second_interface = settings["second_interface"]
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
-    server = BusServer(config, settings["interface"], log, control.publish)
+    server = BusServer(
+        config,
+        settings["interface"],
+        log,
+        control.publish,
+        lambda levels: tell("log", json.dumps(dict(levels))),
+    )
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGQUIT):
@@ -78,7 +85,7 @@ async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, Non
 
 async def _answer_service(server: BusServer, log: Log) -> None:
     def change(settings: dict[str, Any]) -> None:
-        log.level = settings["log_level"]
+        log.levels = settings["log"]
         server.reconfigure(read_config(settings["config"]))
 
     await answer_pings(server.report, change)
@@ -98,7 +105,7 @@ def main() -> int:
     """Runs the bus server; the exit code says why it ended."""
     leave_signals_to_the_service()
     settings = read_settings()
-    log = Log("ecatd", settings["log_level"], settings["config"]["bus"])
+    log = Log("ecatd", settings["log"], settings["config"]["bus"])
     try:
         if settings["namespace_of"]:
             from ecatd.network_namespace import join

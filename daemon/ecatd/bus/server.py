@@ -20,14 +20,17 @@ from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.health import look_at
+from ecatd.model.log_levels import Levels, level_of, level_of_each, levels_text, with_level
 from ecatd.model.messages import (
     Describe,
     ReadFrames,
     ReadInfo,
+    ReadLogLevels,
     ReadStates,
     Request,
     SdoRead,
     SdoWrite,
+    SetLogLevel,
     SetState,
 )
 from ecatd.service_link import HANG_S
@@ -70,15 +73,23 @@ class BusServer:
         interface: The interface, which may come from the simulator instead of the configuration.
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
+        set_levels: Called with levels of the log that are asked for; the log has them already.
     """
 
     def __init__(
-        self, config: Config, interface: str, log: Log, publish: Callable[[dict[str, Any]], None]
+        self,
+        config: Config,
+        interface: str,
+        log: Log,
+        publish: Callable[[dict[str, Any]], None],
+        set_levels: Callable[[Levels], None],
     ) -> None:
         self._config = config
         self._interface = interface
         self._log = log
         self._publish = publish
+        self._set_levels = set_levels
+        self._configured = config.log
         self._worker = Worker()
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._up = BringUp(config, interface, log, self._aborted.is_set)
@@ -140,6 +151,7 @@ class BusServer:
         self._up.shared.set_leases(*leases(config))
         if self._fault_files is not None:
             self._fault_files.config = config.capture
+        self._configured = config.log
 
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""
@@ -199,6 +211,10 @@ class BusServer:
                 return self._state_rows()
             case SetState():
                 return await self._set_state(request)
+            case ReadLogLevels():
+                return self._log_levels()
+            case SetLogLevel():
+                return self._set_log_level(request)
             case SdoRead():
                 return await self._objects.read(request)
             case SdoWrite():
@@ -247,6 +263,23 @@ class BusServer:
             chosen = [self.bus.find(request.slave).position]
         await self._running.change(chosen, AlState.parse(request.state))
         return self._state_rows()
+
+    def _log_levels(self) -> dict[str, Any]:
+        return {
+            "levels": level_of_each(self._log.levels),
+            "configured": level_of_each(self._configured),
+        }
+
+    def _set_log_level(self, request: SetLogLevel) -> dict[str, Any]:
+        before, part = self._log.levels, request.part
+        after = self._log.levels = with_level(before, part, request.level)
+        self._set_levels(after)
+        was = levels_text(before) if part is None else level_of(before, part)
+        self._log.notice(
+            f"log level of {part or 'all parts'} changed from {was} to {request.level} by "
+            f"{request.by or 'a request over Zenoh'}, until the configuration is read again"
+        )
+        return self._log_levels()
 
     async def stop(self) -> None:
         """Takes the bus down in order, also after a start that failed half-way."""

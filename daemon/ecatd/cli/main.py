@@ -40,6 +40,7 @@ _COMMANDS = (
     ("info", "info", "Show what the daemon is, and which real time it was granted."),
     ("sdo-read", "sdo", "Read an object of a slave."),
     ("sdo-write", "sdo", "Write an object of a slave."),
+    ("log-level", "log_level", "Show the levels of the log, or change one while the bus runs."),
     ("config", "config", "Write, check, compare or show the configuration."),
     ("startup", "startup", "Compare start-up parameters with the slaves, or capture them."),
     ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -22,10 +23,12 @@ from ecatd.model.errors import (
 from ecatd.model.messages import (
     ReadFrames,
     ReadInfo,
+    ReadLogLevels,
     ReadStates,
     Request,
     SdoRead,
     SdoWrite,
+    SetLogLevel,
     SetState,
 )
 from ecatd.model.queries import to_query
@@ -269,6 +272,28 @@ class Remote:
     def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""
         return list(self.request(SetState(state, slave))["slaves"])
+
+    def log_levels(self) -> dict[str, dict[str, str]]:
+        """By part, the `levels` of the log in force, and those that are `configured`."""
+        return _levels(self.request(ReadLogLevels()))
+
+    def set_log_level(self, level: str, part: str | None = None) -> dict[str, dict[str, str]]:
+        """Changes the level of one part of the log, or of all; returns as `log_levels`.
+
+        It lasts until the daemon reads its configuration again.
+        """
+        return _levels(self.request(SetLogLevel(level, part, _who())))
+
+
+def _levels(answer: dict[str, Any]) -> dict[str, dict[str, str]]:
+    return {name: dict(answer[name]) for name in ("levels", "configured")}
+
+
+def _who() -> str:
+    """This process, for the log of the daemon."""
+    program = Path("/proc/self/comm").read_text(errors="replace").strip()
+    name = "".join(letter if letter.isprintable() else "?" for letter in program)
+    return f"'{name}' (pid {os.getpid()}, uid {os.getuid()})"
 
 
 def _sdo_value(answer: dict[str, Any]) -> SdoValue:

@@ -44,7 +44,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         tell("ready")
 
         def change(settings: dict[str, Any]) -> None:
-            log.level = settings["log_level"]
+            log.levels = settings["log"]
             gateway.reconfigure(read_config(settings["config"]), settings["origins"])
 
         answering = asyncio.create_task(answer_pings(gateway.report, change))
@@ -74,7 +74,7 @@ def main() -> int:
 
     settings = read_settings()
     die_with_parent(settings["parent"])
-    log = Log("ecatd", settings["log_level"], settings["config"]["bus"])
+    log = Log("ecatd", settings["log"], settings["config"]["bus"]).of("gateway")
     # It has no threads yet. Whoever gets it under control can make sockets in its folder: no more.
     if not restrict(_folders(settings)):
         log.debug("this kernel has no Landlock: the gateway may write what its user may")

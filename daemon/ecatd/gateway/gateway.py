@@ -175,18 +175,22 @@ class Gateway:
 
     def _receive(self, query: zenoh.Query) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
+        begin = time.monotonic()
         try:
             answer = self._carry_out(query)
         except Exception as error:
             answer = asyncio.get_running_loop().create_future()
             answer.set_exception(error)
-        answer.add_done_callback(partial(self._reply, query))
+        answer.add_done_callback(partial(self._reply, query, begin))
 
-    def _reply(self, query: zenoh.Query, answer: Answer) -> None:
+    def _reply(self, query: zenoh.Query, begin: float, answer: Answer) -> None:
         with query:
             if self._session is None:  # it is being closed, and with it the way back
                 answer.exception()  # else asyncio complains that nobody has looked
                 return
+            how = answer.exception() or "answered"
+            took_ms = 1e3 * (time.monotonic() - begin)
+            self._log.debug(f"{str(query.selector)!r}: {how} after {took_ms:.1f} ms")
             try:
                 query.reply(query.key_expr, pack({"schema": SCHEMA, **answer.result()}))
             except EcatError as error:

@@ -15,6 +15,9 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 from .al import AlState
 from .errors import UsageError
+from .log_levels import LEVELS, PARTS
+
+_BY_MAX = 100
 
 KINDS: dict[str, type[Request]] = {}
 """The kinds of requests, by `op`."""
@@ -108,6 +111,37 @@ class SetState(Request):
     key = "rw/state/{slave}"
     state: str
     slave: int | str | None = None
+
+
+class ReadLogLevels(Request):
+    """Asks for the levels of the log in force, and for those of the configuration."""
+
+    op = "log_levels"
+    key = "ro/log"
+
+
+class SetLogLevel(Request):
+    """Asks for another level of the log, until the configuration is read again.
+
+    Attributes:
+        level: One of `LEVELS`.
+        part: One of `PARTS`, or None for all of them.
+        by: Who asks, as he says himself, for the log.
+    """
+
+    op = "set_log_level"
+    key = "rw/log/{part}"
+    level: str
+    part: str | None = None
+    by: str = ""
+
+    def _check(self) -> None:
+        if self.level not in LEVELS:
+            raise UsageError(f"{self.level!r} is no level: use {', '.join(LEVELS)}")
+        if self.part is not None and self.part not in PARTS:
+            raise UsageError(f"{self.part!r} is no part of the log: use {', '.join(PARTS)}")
+        if len(self.by) > _BY_MAX or not self.by.isprintable():
+            raise UsageError(f"'by' of {self.op} must be up to {_BY_MAX} printable characters")
 
 
 class SdoRead(Request):

@@ -6,7 +6,7 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -28,12 +28,14 @@ class Child:
         name: As above.
         end: Done when the process has ended; its result is the return code.
         report: What it has answered last.
+        on_levels: Called with other levels of the log that it has been asked for.
     """
 
     def __init__(self, name: str, process: asyncio.subprocess.Process) -> None:
         self.name = name
         self.end = asyncio.ensure_future(process.wait())
         self.report: dict[str, Any] = {}
+        self.on_levels: Callable[[dict[str, str]], None] = lambda levels: None
         self._process = process
         self._asked_at: float | None = None
         self._first: bytes | None = None
@@ -86,6 +88,8 @@ class Child:
             word, _, text = line.decode(errors="replace").partition(" ")
             if word == "alive":
                 self._asked_at, self.report = None, json.loads(text)
+            elif word == "log":
+                self.on_levels(json.loads(text))
 
     @property
     def _stdout(self) -> asyncio.StreamReader:

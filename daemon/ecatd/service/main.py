@@ -12,6 +12,7 @@ from ecatd.log import Log
 from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.config.origins import COMMAND_LINE, find_origins
 from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.log_levels import OTHERS
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
 from ecatd.version import VERSION
@@ -79,8 +80,8 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
             values[key] = getattr(options, option)
             origins[key] = COMMAND_LINE
     if options.verbose or options.quiet:
-        values["log_level"] = "debug" if options.verbose else "warning"
-        origins["log_level"] = COMMAND_LINE
+        values["log"] = {OTHERS: "debug" if options.verbose else "warning"}
+        origins[f"log.{OTHERS}"] = COMMAND_LINE
     config = read_config(values, COMMAND_LINE, origins)
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
@@ -104,7 +105,8 @@ def _main() -> int:
     log = Log("ecatd")
     try:
         config, origins = _configuration(options)
-        log.bus, log.level = config.bus, config.log_level
+        log.set_bus(config.bus)
+        log.levels = config.log
         if options.check_config:
             load_profiles(map(Path, config.profiles), profile_folders())
             print(f"{options.config or 'the default configuration'} is valid")

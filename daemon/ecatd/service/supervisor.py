@@ -125,7 +125,7 @@ class Supervisor:
             "runtime_dir": "" if self._describe else str(make_dir(self._config.bus)),
             "namespace_of": 0,
             "parent": os.getpid(),
-            "log_level": self._config.log_level,
+            "log": self._config.log,
         }
         fatal = []
         if self._rig:
@@ -145,6 +145,7 @@ class Supervisor:
         if self._describe:
             await self._print_description(server)
             return
+        server.on_levels = self._take_levels
         fatal.append(server)
         # It loads while the bus comes up, and is told to begin when the bus is there.
         self._gateway = gateway = await self._start("the gateway", "ecatd.gateway")
@@ -163,6 +164,7 @@ class Supervisor:
     async def _start(self, name: str, *command: str, fd: int | None = None) -> Child:
         child = await Child.start(name, *command, pass_fds=() if fd is None else (fd,))
         self._children.append(child)
+        self._log.debug(f"{child} has been started")
         return child
 
     async def _print_description(self, server: Child) -> None:
@@ -196,6 +198,7 @@ class Supervisor:
             status = _status(await child.end)
             notify(f"STATUS=bus '{self._config.bus}' has not started: {text or 'see the log'}")
             raise _EndedError(status)
+        self._log.debug(f"{child} is ready")
         return text
 
     async def _gets_ready(self, gateway: Child) -> bool:
@@ -327,8 +330,9 @@ class Supervisor:
         """Reads the configuration anew at each SIGHUP, and uses what can change."""
         while await self._reload.wait():
             self._reload.clear()
+            levels = self._settings["log"]
             used = self._use_anew()
-            if not used:
+            if not used and self._settings["log"] == levels:
                 continue
             server.give(self._settings)
             if any(key.startswith("gateway.") for key in used) or not self._gateway.is_ready:
@@ -344,26 +348,31 @@ class Supervisor:
             self._log.error(f"the configuration stays as it was: {error}", "configuration")
             return []
         found = reload(self._config, wanted)
+        if self._settings["log"] != self._config.log:
+            self._log.notice("the levels of the log are those of the configuration again")
+        self._settings["log"] = self._log.levels = wanted.log
         if found.later:
             self._log.warning(f"used after a restart of ecatd: {_keys(found.later)}")
         if not found.used:
             self._log.info("configuration read again: nothing can change without a restart")
             return []
         self._config, self._origins = found.config, origins
-        self._log.level = found.config.log_level
-        self._settings |= {
-            "config": found.config.to_dict(),
-            "origins": origins,
-            "log_level": found.config.log_level,
-        }
+        self._settings |= {"config": found.config.to_dict(), "origins": origins}
         self._log.info(f"configuration read again; changed: {_keys(found.used)}", "configuration")
         return found.used
+
+    def _take_levels(self, levels: dict[str, str]) -> None:
+        """Takes the levels of the log that a request has set, until the next SIGHUP."""
+        self._settings["log"] = self._log.levels = levels
+        if self._gateway.is_ready:
+            self._gateway.give(self._settings)
 
     async def _end(self) -> None:
         """Ends the children, the last one first, each given time to clean up."""
         mailboxes = max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0)
         patience = _STOP_PATIENCE + self._config.outputs.stop_patience + mailboxes / 1e3
         for child in reversed(self._children):
+            self._log.debug(f"{child} is asked to end")
             if not await child.stop(patience):
                 self._log.error(f"{child} did not end within {patience:g} s and was killed")
         if folder := self._settings.get("runtime_dir"):

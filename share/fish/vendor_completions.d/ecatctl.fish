@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdo-read upload sdo-write download config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdo-read upload sdo-write download log-level config startup scan generate library capture doctor service client-flags
 set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
@@ -178,6 +178,14 @@ complete -c ecatctl -n '_shtab_ecatctl_using download' -l json -d 'print JSON fo
 complete -c ecatctl -n '_shtab_ecatctl_using download' -l type -x -d 'data type, where it is not known: bool, int8, sint, int16, int, int32, dint, int64, lint, uint8, usint, uint16, uint, uint32, udint, uint64, ulint, float, real, double, lreal, string, octet_string, unicode_string'
 complete -c ecatctl -n '_shtab_ecatctl_using download' -l complete -d 'complete access'
 complete -c ecatctl -n '_shtab_ecatctl_using download' -s v -l verbose -d 'print name and type too'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a log-level -d 'Show the levels of the log, or change one while the bus runs.'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 0' -ka "service start slaves recovery mailbox outputs dc interfaces gateway all" -d 'see below; or all'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 1' -ka "error warning info debug" -d 'error, warning, info, debug'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a config -d 'Write, check, compare or show the configuration.'
 complete -c ecatctl -n '_shtab_ecatctl_using config' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using config' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -33,6 +33,7 @@ class EventType(IntEnum):
     REFUSED = 10
     MALFORMED = 11
     STOPPED = 12
+    CONFLICT = 13
 
 
 class Event(ctypes.Structure):

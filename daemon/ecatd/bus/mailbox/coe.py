@@ -30,6 +30,9 @@ _DOWNLOAD_S = 5.0
 _MOST = 1 << 16
 """Most bytes of an object; a slave that announces more is broken."""
 
+_SHOWN = 16
+"""Bytes of an object in a message of the log."""
+
 _MAILBOX_LEAST = 16  # mailbox header, CoE header, SDO
 _COE_HEADER = 2
 _IDENTITY = 0x1018  # nobody asks for its subindices from 0x80 on, except `_synchronize`
@@ -166,7 +169,7 @@ class Coe:
             StateError: Its answer was malformed.
         """
         where = self._object(index, subindex)
-        return self._insist(where, tries, lambda: self._upload(index, subindex, complete))
+        return self._insist(where, tries, lambda: self._told_upload(index, subindex, complete))
 
     def download(
         self, index: int, subindex: int, data: bytes, *, complete: bool = False
@@ -182,6 +185,7 @@ class Coe:
             complete: Whether to write the whole object (complete access).
         """
         where = self._object(index, subindex)
+        self._tell(f"{where}: download of {_bytes(data)}")
         return self._insist(where, 1, lambda: self._download(index, subindex, data, complete))
 
     def _object(self, index: int, subindex: int) -> str:
@@ -194,7 +198,7 @@ class Coe:
         """
         problem: NoAnswerError | StateError | None = None
         self._patience_s = None
-        for _ in range(tries):
+        for number in range(1, tries + 1):
             try:
                 yield from self._synchronize()
             except (NoAnswerError, StateError) as error:
@@ -206,9 +210,11 @@ class Coe:
                 return result
             except SdoAbortError as abort:
                 self.line.unanswered = False
+                self._tell(f"{where}: refused: {abort}")
                 raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
                 problem = error
+                self._tell(f"{where}: try {number} of {tries}: {error}")
                 self._patience_s = _SYNCHRONIZE_S  # the slave may only be slow
         assert problem is not None
         raise type(problem)(f"{where}: {problem}") from problem
@@ -222,6 +228,7 @@ class Coe:
         """
         if not self.line.unanswered:
             return
+        self._tell(f"slave {self._position}: waits until no late answer can come any more")
         request = _SDO.pack(_UPLOAD, _IDENTITY, next(self.line.marks))
 
         def take(service: int, sdo: bytes) -> bool | None:
@@ -230,6 +237,14 @@ class Coe:
 
         yield from self._ask(_SDO_REQUEST, request, take, _SYNCHRONIZE_S)
         self.line.unanswered = False
+
+    def _told_upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
+        data = yield from self._upload(index, subindex, complete)
+        self._tell(f"{self._object(index, subindex)}: upload of {_bytes(data)}")
+        return data
+
+    def _tell(self, text: str) -> None:
+        self.line.log.debug(text, slaves=[self._position])
 
     def _upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
         head = _SDO.pack(_UPLOAD | (_COMPLETE if complete else 0), index, subindex)
@@ -440,3 +455,9 @@ class Coe:
 
 def _text(name: bytes) -> str:
     return name.split(b"\0", 1)[0].decode("latin-1")
+
+
+def _bytes(data: bytes) -> str:
+    """Data of an object, for the log: as many as fit into a line."""
+    more = " ..." if len(data) > _SHOWN else ""
+    return f"{len(data)} bytes: {data[:_SHOWN].hex(' ')}{more}"

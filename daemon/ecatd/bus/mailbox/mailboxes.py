@@ -23,6 +23,7 @@ from types import TracebackType
 from typing import NamedTuple, Self, TypeAlias, TypeVar
 
 from ecatd.coroutine_steps import Steps, finish
+from ecatd.log import Log
 from ecatd.model.errors import EcatError, NoAnswerError, StateError
 
 from ..engine.framing import DATAGRAM_MAX
@@ -47,6 +48,9 @@ _REPEAT_S = 0.1
 
 _PAUSE_S = 0.0002
 """Seconds between two rounds while all conversations wait."""
+
+_SHOWN = 16
+"""Bytes of a message in the log."""
 
 _NAMED = 5
 """How many slaves an error names one by one."""
@@ -118,9 +122,11 @@ class Line:
             `Coe._synchronize`.
         last: The last message that the slave has sent.
         answer_s: Seconds that the slave has to take a message and answer it.
+        log: Where details are told.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, log: Log | None = None) -> None:
+        self.log = log or Log("ecatd").of("mailbox")
         self.last = b""
         self.answer_s = _ANSWER_S
         self.counter = itertools.cycle(range(1, 8))
@@ -312,6 +318,8 @@ class Mailbox:
             if taken is not None:
                 return taken
             self.skipped += 1
+            begin = mail[: HEADER_BYTES + min(length, _SHOWN)].hex(" ")
+            self._tell(f"a message of protocol {kind & 0x0F} that is not the answer: {begin}")
             self._check_time("it sends other messages")
 
     # --- the mailbox ---------------------------------------------------------------------------
@@ -334,6 +342,7 @@ class Mailbox:
                 yield from self._look()
             if not self._is_free:
                 return  # the message has arrived; only the answer to the datagram got lost
+            self._tell("a message may have got lost, so it is sent again")
             # Either the message has not arrived, or the slave has already taken it. So it is sent
             # again: in the second case the slave drops it, since its counter is the same.
             self._check_time("it does not take messages")
@@ -343,6 +352,7 @@ class Mailbox:
         while True:
             mail = yield from self._fetch()
             if mail is None:
+                self._tell("a message of the slave got lost, so it is asked to repeat it")
                 yield from self._ask_again()
                 asked_again = True
             # If the lost frame never reached the slave, the slave repeats the message before.
@@ -409,6 +419,9 @@ class Mailbox:
         self._managers = managers
         self._is_free = not managers[_STATUS] & _FULL
         self._has_mail = bool(managers[_SM1 + _STATUS] & _FULL)
+
+    def _tell(self, text: str) -> None:
+        self._line.log.debug(f"slave with station address 0x{self._station:04X}: {text}")
 
     def _check_time(self, reason: str) -> None:
         if time.monotonic() > self._deadline:

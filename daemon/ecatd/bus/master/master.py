@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from ecatd import shm
 from ecatd.coroutine_steps import Steps, finish
+from ecatd.log import Log
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.bus import positions_text
 from ecatd.model.errors import StateError, UnreachableError
@@ -68,6 +69,7 @@ class Master:
         share: Share of the cycle's free time that the master's frames may take; see `Relay`.
         priority: SCHED_FIFO priority of the relay, below that of the engine; 0 for none.
         frame_ring: Takes the frames of the relay.
+        log: Where details are told.
 
     Attributes:
         relay: The relay that carries all frames of the master; set by `scan`.
@@ -93,6 +95,7 @@ class Master:
         share: float = 1.0,
         priority: int = 0,
         frame_ring: FrameRing | None = None,
+        log: Log | None = None,
     ) -> None:
         self._interfaces = list(interfaces)
         self._cancelled = cancelled
@@ -100,6 +103,8 @@ class Master:
         self._share = share
         self._priority = priority
         self._frame_ring = frame_ring
+        log = log or Log("ecatd")
+        self._log, self._mailbox_log = log.of("slaves"), log.of("mailbox")
         self.stations: list[int] = []
         self.wire: list[int] = []
         self._names: list[str] = []
@@ -164,7 +169,7 @@ class Master:
             self._names = []
         self.stations = [*stations(count)]
         self.wire = [*range(count)]
-        self._lines = [Line() for _ in self.stations]
+        self._lines = [Line(self._mailbox_log) for _ in self.stations]
         self.wait_for_state(AlState.INIT, timeout)
         self._set_mailboxes_up()
         return why
@@ -187,7 +192,7 @@ class Master:
         spare = iter(stations(len(places))[len(self.stations) :])
         self.stations = [next(spare) if at is None else self.stations[at] for at in places]
         self._names = ["" if at is None else self.name(at) for at in places]
-        self._lines = [Line() if at is None else self._lines[at] for at in places]
+        self._lines = [Line(self._mailbox_log) if at is None else self._lines[at] for at in places]
         there = {at: position for position, at in enumerate(places) if at is not None}
         self.wire = [there[at] for at in sorted(there)]
 
@@ -362,6 +367,10 @@ class Master:
             if not flagged:
                 break
             for state, who in flagged.items():
+                self._log.debug(
+                    f"{_slaves(who)}: the error is acknowledged with AL control 0x{state:02X}",
+                    slaves=who,
+                )
                 self._request(state, who)
             yield
         return wrong
@@ -396,12 +405,17 @@ class Master:
         waiting = set(range(len(self.stations)) if positions is None else positions)
         yield from self.acknowledge(waiting)
         whom = None if positions is None else waiting
-        deadline = time.monotonic() + timeout
+        begin = time.monotonic()
+        deadline = begin + timeout
         ask_again = 0.0
-        refused = []
+        refused: list[SlaveState] = []
+        asked = sorted(waiting)
         while True:
             now = time.monotonic()
             if now >= ask_again:  # the frame with the request may have been lost
+                self._log.debug(
+                    f"{_slaves(sorted(waiting))}: {state.name} is asked for", slaves=waiting
+                )
                 self._request(state, whom)
                 ask_again = now + _ASK_AGAIN
             wrong = [
@@ -413,11 +427,25 @@ class Master:
             wrong = [item for item in wrong if item not in refused]
             waiting = {item.position for item in wrong}
             if not waiting or now > deadline:
+                self._tell_reached(state, asked, refused + wrong, now - begin)
                 return refused + wrong
             if self._cancelled():
                 raise StateError(f"stopped while slaves were going to {state.name}")
             whom = waiting
             yield
+
+    def _tell_reached(
+        self, state: AlState, asked: list[int], missed: list[SlaveState], seconds: float
+    ) -> None:
+        late = {item.position for item in missed}
+        if there := [position for position in asked if position not in late]:
+            text = f"{_slaves(there)}: {state.name} is reached after {1e3 * seconds:.0f} ms"
+            self._log.debug(text, slaves=there)
+        for item in missed:
+            self._log.debug(
+                f"{self._label(item.position)}: {state.name} is not reached: {item.describe()}",
+                slaves=[item.position],
+            )
 
     def wait_for_state(
         self,
@@ -475,3 +503,8 @@ class Master:
     def close(self) -> None:
         """Closes all sockets, and restores and releases the interfaces."""
         self._opened.close()
+
+
+def _slaves(positions: Collection[int]) -> str:
+    one = len(positions) == 1
+    return f"slave{'' if one else 's'} {positions_text(positions) or 'none'}"

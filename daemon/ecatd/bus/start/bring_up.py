@@ -141,7 +141,7 @@ class BringUp:
     ) -> None:
         self.config = config
         self._interface = interface
-        self._log = log
+        self._log = log.of("start")
         self._cancelled = cancelled
         self._begin = time.monotonic()
         self._profiles = Profiles()
@@ -237,6 +237,7 @@ class BringUp:
             share=self.config.mailbox.share,
             priority=max(self.config.realtime.priority - 1, 0),
             frame_ring=self.frame_rings.get("control"),
+            log=self._log,
         )
         self._scan(master)
         self._read(master)
@@ -256,6 +257,14 @@ class BringUp:
     def _read(self, master: Master) -> None:
         """Reads SII and PDOs of every slave into the bus description."""
         found = identify_slaves(master)
+        for item in found:
+            slave = item.slave
+            self._log.debug(
+                f"{slave.label}: vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X}, "
+                f"revision 0x{slave.revision:08X}, serial number 0x{slave.serial:08X}, alias "
+                f"{slave.alias}",
+                slaves=[slave.position],
+            )
         identify(master.registers, found, self.config)
         read_modules(master, found, self._cancelled)
         self._scanned = arrange(master, found, self.config, self._log.warning)
@@ -263,10 +272,11 @@ class BringUp:
         check_slaves(self.config, replace(self.bus, slaves=[item.slave for item in self._scanned]))
         self._make_raw()
         configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
+        mailbox_log = self._log.of("mailbox")
         for item in self._scanned:
             for text in item.refused:
                 self._log.warning(text)
-            tell_emergencies(self._log, [(item.slave, *found) for found in item.emergencies])
+            tell_emergencies(mailbox_log, [(item.slave, *found) for found in item.emergencies])
         self._doubtful = settle(
             master,
             self._scanned,
@@ -480,7 +490,7 @@ class BringUp:
             return
         seconds = self.clocks.wait_for_lock(shared, self._cancelled)
         count = len(self.clocks.followers)
-        self._log.info(
+        self._log.of("dc").info(
             f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{self.clocks.reference.label} (after {seconds:.1f} s)"
         )

@@ -51,6 +51,7 @@ class SlaveConfiguration:
         self._coe = coe
         self._settings = settings
         self._assignment = Assignment(slave, sii, coe)
+        self._log = coe.line.log.of("start")
 
     def tell(self) -> Talk[list[str]]:
         """Tells the slave, which is in PREOP, all that it is told there.
@@ -86,12 +87,16 @@ class SlaveConfiguration:
         """Writes the parameters of one transition; returns and raises as `tell`."""
         return self._coe.talk(lambda: self._parameters(transition))
 
+    def _tell_detail(self, what: str) -> None:
+        self._log.debug(f"{self._slave.label} is told {what}", slaves=[self._slave.position])
+
     # --- start-up parameters -------------------------------------------------------------------
 
     def _parameters(self, transition: str) -> Talk[list[str]]:
         refused = []
         for parameter in self._settings.parameters(transition):
             index, subindex = parameter.address
+            self._tell_detail(f"start-up parameter {_text(parameter)} ({transition})")
             try:
                 yield from self._coe.download(
                     index, subindex, parameter.data, complete=parameter.complete
@@ -193,6 +198,7 @@ class SlaveConfiguration:
         yield from self._write(index, 0, "B", len(mapping), f"{pdo} with {len(mapping)} entries")
 
     def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
+        self._tell_detail(what)
         return write(self._slave, self._coe, (index, subindex), form, value, what)
 
     def _offer(self, index: int) -> str:

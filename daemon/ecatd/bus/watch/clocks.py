@@ -85,9 +85,21 @@ class ClockWatch:
         """
         await asyncio.sleep(_PERIOD)
         differences = await self._worker.run(self._read)
+        self._tell_differences(differences)
         for slave in self._clocks.followers:
             if slave.position in differences:
                 self._judge(slave, differences[slave.position])
+
+    def _tell_differences(self, differences: dict[int, int]) -> None:
+        health = self._shared.health
+        worst = max(differences, key=lambda position: abs(differences[position]), default=None)
+        most = (
+            "" if worst is None else f"; slave {worst} is {differences[worst] / 1000:+.1f} µs off"
+        )
+        self._log.debug(
+            f"the cycle is {health.dc_offset_ns / 1000:+.1f} µs from the reference clock (drift "
+            f"{health.dc_drift_ppb} ppb){most}"
+        )
 
     def _read(self) -> dict[int, int]:
         """Reads differences in ns by position, without slaves that are gone. Runs on the worker."""

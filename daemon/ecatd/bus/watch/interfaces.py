@@ -192,6 +192,7 @@ class InterfaceWatch:
     def on_ring(self, event: Event) -> None:
         """The ring has opened, closed, or is open at another place."""
         self._ring = event
+        self._log.debug(f"ring: {shm.Ring(event.value).name}, {event.slave} slaves before a break")
         if event.value == shm.Ring.OPEN:
             self._untold_break = event
         if self._ring_timer is None:
@@ -231,6 +232,10 @@ class InterfaceWatch:
 
     def _on_link(self, number: int, before: LinkState, now: LinkState) -> None:
         self._publish_links()
+        self._log.debug(
+            f"{self._interfaces[number]}: link {before.link.name} (index {before.index}), now "
+            f"{now.link.name} (index {now.index})"
+        )
         if now.index not in (0, self._indices[number]):
             self._take_new(number, now)
             if now.link == shm.Link.DOWN:

@@ -67,25 +67,26 @@ class Monitor:
         self._bus = running.bus
         self._shared = running.shared
         self._engine = running.engine
-        self._log = log
+        self._log = log.of("slaves")
         self._publish = publish
         self._fault_files = fault_files
         self._requests = SlotRequests(
-            running.shared, running.engine, answer, self._on_wrong_request, log
+            running.shared, running.engine, answer, self._on_wrong_request, log.of("mailbox")
         )
-        self._outputs = OutputWatch(running.bus, running.shared, outputs, log, self._tell)
-        self._interfaces = InterfaceWatch(running, log, self._tell)
+        outputs_log = log.of("outputs")
+        self._outputs = OutputWatch(running.bus, running.shared, outputs, outputs_log, self._tell)
+        self._interfaces = InterfaceWatch(running, log.of("interfaces"), self._tell)
         self._slaves = SlaveWatch(running, worker, log, self._tell, self._interfaces.is_foreign)
         self._clocks = (
             None
             if running.clocks is None
-            else ClockWatch(running.clocks, running.shared, worker, log, self._tell)
+            else ClockWatch(running.clocks, running.shared, worker, log.of("dc"), self._tell)
         )
         self._working_counters = [
             Throttle(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
         ]
-        self._mailboxes = MailboxWatch(running, worker, log, self._tell)
-        self._files = FileWatch(running.shared, log, self._tell)
+        self._mailboxes = MailboxWatch(running, worker, log.of("mailbox"), self._tell)
+        self._files = FileWatch(running.shared, outputs_log, self._tell)
         self._room = threading.Semaphore(_EVENTS_WAITING)
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -187,6 +188,7 @@ class Monitor:
                 | EventType.SAFE
                 | EventType.REFUSED
                 | EventType.MALFORMED
+                | EventType.CONFLICT
                 | EventType.STOPPED
             ):
                 self._outputs.handle(event)

@@ -93,11 +93,22 @@ class OutputWatch:
         """Takes an event of the engine about a client, or about the drive of a slave."""
         if event.type in (EventType.CLAIMED, EventType.MALFORMED):
             self._look_at(event.slot, event.value)
+        if event.type == EventType.CONFLICT:  # the client knows: nobody else needs to
+            self._tell_conflict(event)
+            return
         about = (event.slot, event.slave if event.slot < 0 else -1)
         if about not in self._gathered:
             self._gathered[about] = Batch(partial(self._tell_all, event.slot))
         client = self._clients.get(event.slot, _Client(event.slot))
         self._gathered[about].note((event, client))
+
+    def _tell_conflict(self, event: Event) -> None:
+        client = self._clients.get(event.slot, _Client(event.slot))
+        self._log.debug(
+            f"{client} is refused outputs of {self._bus.slaves[event.slave].label}: "
+            f"{self._entry(event.value).address} has another owner",
+            slaves=[event.slave],
+        )
 
     def close(self) -> None:
         """Tells what is left."""

@@ -252,6 +252,9 @@ class Repair:
         news: dict[int, Failure] = {}
         for position in positions:
             failure = failures.get(position)
+            if failure is not None:
+                text = failure.text or "nobody is there"
+                self._log.debug(f"slave {position}: this try failed ({failure.condition}): {text}")
             if self._recovery.done(position, failure) and failure is not None and failure.text:
                 news[position] = failure
                 self._tell_one(position, failure.condition, text=failure.text)

@@ -64,9 +64,9 @@ class SlaveWatch:
         self._health = running.shared.health
         self._rows = running.shared.slave_status
         self._worker = worker
-        self._log = log
+        self._log = log.of("slaves")
         self._tell = tell
-        self._repair = Repair(running, worker, log, tell, self._look_again)
+        self._repair = Repair(running, worker, log.of("recovery"), tell, self._look_again)
         self._by_hand = running.recovery.slaves != "all"
         self._foreign = foreign
         self._changed = asyncio.Event()
@@ -79,6 +79,7 @@ class SlaveWatch:
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
         """Brings slaves to a state because somebody wants it; see `Repair.change`."""
+        self._log.debug(f"{name_slaves(self._bus, positions)}: a client wants {state.name}")
         try:
             await self._repair.change(positions, state)
         finally:

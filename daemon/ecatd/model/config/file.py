@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..bus_name import check_bus_name
+from ..log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml, show
 from .copies import read_copies
 from .outputs import read_outputs
@@ -15,7 +16,6 @@ from .signals import read_signals
 from .slave_settings import check_physical, read_expected, read_slaves
 from .slaves import check_clocks, read_clocks, read_domains
 from .tables import (
-    LOG_LEVELS,
     RECOVERY_MODES,
     CaptureConfig,
     Config,
@@ -129,6 +129,7 @@ _REALTIME: Rules = {
     "poll_us": integer(0, 1000),
     "dma_latency_us": integer(-1, 1_000_000),
 }
+_LOG: Rules = {key: choice({level: level for level in LEVELS}) for key in (OTHERS, *PARTS)}
 _MAILBOX: Rules = {"share": number(0.01, 1)}
 _RECOVERY: Rules = {
     "slaves": choice({mode: mode for mode in RECOVERY_MODES}),
@@ -150,7 +151,7 @@ _TOP: Rules = {
     "second_interface": _interface,
     "cycle_time_us": integer(100, 1_000_000),
     "state_timeout_s": number(0.1, 300),
-    "log_level": choice({level: level for level in LOG_LEVELS}),
+    "log": lambda top, key: {**DEFAULTS, **top.table(key).read(_LOG)},
     "profiles": array(_folder),
     "expected": read_expected,
     "slave": read_slaves,  # before all that name slaves

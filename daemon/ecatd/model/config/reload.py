@@ -11,7 +11,7 @@ _AT_ONCE = (
     "capture.folder",
     "capture.keep",
     "gateway.",
-    "log_level",
+    "log.",
     "recovery.",
     "outputs.lease_",
 )
@@ -45,7 +45,7 @@ def reload(before: Config, wanted: Config) -> Reload:
     used = [key for key in changed if key.startswith(_AT_ONCE)]
     config = replace(
         before,
-        log_level=wanted.log_level,
+        log=wanted.log,
         capture=replace(wanted.capture, memory_mb=before.capture.memory_mb),
         gateway=wanted.gateway,
         recovery=wanted.recovery,

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..bus import Module
 from ..datatypes import DataType, bit_length, encode, parse_type
+from ..log_levels import DEFAULTS
 from ..pdo import Entry, parse_address
 from ..physical import to_raw
 from .placed import Placed
@@ -374,7 +375,6 @@ class DcConfig(Placed):
     slave: list[DcSlaveConfig] = field(default_factory=list)
 
 
-LOG_LEVELS = ("error", "warning", "info", "debug")
 RECOVERY_MODES = ("all", "watchdog", "none")
 
 
@@ -562,7 +562,7 @@ class Config(Placed):
             for none.
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
         state_timeout_s: Time in which the slaves must reach a state, in seconds.
-        log_level: Least important kind of message that is logged, one of `LOG_LEVELS`.
+        log: Least important kind of message that is logged, by part; see `model.log_levels`.
         profiles: Folders with device profiles; these win over those of machine and user, and ours.
         expected: What happens if the bus is not the expected one.
         slave: Which slaves are expected, and what they are told when they start or come back.
@@ -583,7 +583,7 @@ class Config(Placed):
     second_interface: str = ""
     cycle_time_us: int = 1000
     state_timeout_s: float = 10.0
-    log_level: str = "info"
+    log: dict[str, str] = field(default_factory=lambda: {**DEFAULTS})
     profiles: list[str] = field(default_factory=list)
     expected: ExpectedConfig = field(default_factory=ExpectedConfig)
     slave: list[SlaveConfig] = field(default_factory=list)

@@ -10,6 +10,7 @@ from textwrap import wrap
 from typing import Any
 
 from ..bus import Bus, Slave
+from ..log_levels import DEFAULTS
 from ..pdo import Entry
 from .signals import NAME_BYTES
 from .slave_settings import INPUT_PDOS, OUTPUT_PDOS
@@ -27,7 +28,7 @@ _COPY_EXAMPLE = [
     '# from_slave = "switches"',
     '# from_entry = "0x6000:01"',
 ]
-_TABLES = ("dc", "mailbox", "recovery", "realtime", "outputs", "capture", "gateway")
+_TABLES = ("log", "dc", "mailbox", "recovery", "realtime", "outputs", "capture", "gateway")
 
 
 @dataclass(slots=True)
@@ -71,7 +72,7 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         f"# Install it as /etc/ecatd/{bus.name}.toml. docs/configuration.md describes every key.",
         *_comment(notes.top),
         "",
-        *_scalars(config, always=("bus", "cycle_time_us")),
+        *_scalars(config, always=("bus", "cycle_time_us"), without=("log",)),
     ]
     lines += ['# interface = "eth1"  # with the slaves'] * (not config.interface)
     lines += ["", "[expected]", *_scalars(expected, always=("policy", "unlisted"))]
@@ -211,6 +212,11 @@ def _modules(slave: Slave) -> Iterator[ModuleConfig]:
 
 def _table(config: Config, name: str, names: dict[int, str], notes: Notes) -> Iterator[str]:
     table = getattr(config, name)
+    if name == "log":
+        for key, level in table.items():
+            line = f"{key} = {value_text(key, level)}"
+            yield line if level != DEFAULTS.get(key) else f"# {line}"
+        return
     yield from _scalars(table, without=("reference",))
     if name == "dc" and table.reference >= 0:
         yield f"reference = {value_text('', names.get(table.reference, table.reference))}"

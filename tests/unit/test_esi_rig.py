@@ -8,7 +8,7 @@ import pytest
 from esi_sample import SAMPLE
 
 from conftest import names, naming
-from ecatd.cli.esi_devices import rig
+from ecatd.cli.esi_rig import listed, rig
 from ecatd.model.errors import UsageError
 
 
@@ -20,7 +20,7 @@ def sample(tmp_path: Path) -> Path:
 
 
 def slaves(devices: str, *files: Path) -> list[dict[str, Any]]:
-    made = tomllib.loads(rig([str(file) for file in files], devices))
+    made = tomllib.loads(rig([str(file) for file in files], listed(devices)))
     assert set(made) == {"name", "slave"}
     return list(made["slave"])
 

@@ -1,0 +1,128 @@
+"""The levels of the log: one part of a running daemon tells details, and the others do not."""
+
+import os
+import signal
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import pytest
+
+from conftest import Daemon, names, wait_for
+from ecatd.model.errors import EcatError
+from ecatd.model.log_levels import PARTS
+
+pytestmark = pytest.mark.bus
+
+CONFIG = """
+[gateway]
+listen = []
+[outputs]
+lease_max_ms = 60000
+[log]
+level = "warning"
+outputs = "info"
+"""
+STARTUP = """
+[[slave]]
+position = 0
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 1234
+"""
+
+
+@pytest.fixture
+def daemon(start_daemon: Callable[..., Daemon]) -> Daemon:
+    return start_daemon("troll", config=CONFIG)
+
+
+def set_level(daemon: Daemon, part: str, level: str) -> dict[str, str]:
+    """Changes a level; returns all that are in force then."""
+    found: dict[str, str] = daemon.ctl_json("log-level", part, level)["levels"]
+    return found
+
+
+def in_order(text: str, tokens: Sequence[str]) -> None:
+    at = [text.find(token) for token in tokens]
+    assert min(at) >= 0, text
+    assert all(first < second for first, second in pairwise(at)), text
+
+
+def details(log: str) -> list[str]:
+    """The parts whose details are in the log."""
+    begin = "ecatd: debug: "
+    lines = [line for line in log.splitlines() if line.startswith(begin)]
+    return sorted({line.removeprefix(begin).partition(":")[0] for line in lines})
+
+
+def test_one_part_tells_details_until_the_configuration_is_read_again(daemon: Daemon) -> None:
+    configured = {**dict.fromkeys(PARTS, "warning"), "outputs": "info"}
+    shown = daemon.ctl_json("log-level")
+    assert shown["levels"] == shown["configured"] == configured
+    assert set_level(daemon, "mailbox", "debug") == {**configured, "mailbox": "debug"}
+    uid = os.getuid()
+    (line,) = [text for text in daemon.log.splitlines() if "log level" in text]
+    assert line.startswith("ecatd: notice: ")
+    names(line, "mailbox", "warning", "debug", "pid", f"uid {uid}")
+    daemon.ctl("sdo-read", "0", "0x1018", "1")
+    wait_for(lambda: "debug: mailbox: slave 0, 0x1018:01: upload of 4 bytes" in daemon.log, daemon)
+    assert details(daemon.log) == ["mailbox"]
+    daemon.process.send_signal(signal.SIGHUP)
+    wait_for(lambda: daemon.ctl_json("log-level")["levels"] == configured, daemon)
+    assert daemon.ctl_json("config", "show")["keys"]
+    before = len(daemon.log)
+    daemon.ctl("sdo-read", "0", "0x1018", "1")
+    assert details(daemon.log[before:]) == []
+
+
+def test_all_parts_of_all_processes_change(daemon: Daemon) -> None:
+    set_level(daemon, "dc", "error")
+    assert set_level(daemon, "all", "debug") == dict.fromkeys(PARTS, "debug")
+    names(daemon.log.splitlines()[-1], "all parts", "warning (outputs info, dc error)", "debug")
+
+    def gateway_tells(before: int) -> bool:
+        answered = daemon.ctl("info", check=False).returncode == 0
+        return answered and "gateway" in details(daemon.log[before:])
+
+    wait_for(lambda: gateway_tells(0), daemon)
+    # The service has the level as well, and a gateway that starts anew.
+    os.kill(daemon.child_pid("ecatd.gateway"), signal.SIGKILL)
+    wait_for(lambda: "debug: service: the gateway (process " in daemon.log, daemon)
+    before = len(daemon.log)
+    wait_for(lambda: gateway_tells(before), daemon)
+
+
+def test_what_slaves_are_told_and_answer(start_daemon: Callable[..., Daemon]) -> None:
+    config = CONFIG + 'start = "debug"\nslaves = "debug"\n' + STARTUP
+    daemon = start_daemon("troll", config=config)
+    in_order(
+        daemon.log, ["INIT is asked for", "0x6065:00 = 1234 (PS)", "slaves 0-7: OP is reached"]
+    )
+    assert details(daemon.log) == ["slaves", "start"]
+    before = len(daemon.log)
+    daemon.ctl("state", "SAFEOP", "-p", "3")
+    wanted = ["slave 3 (EL2008): a client wants SAFEOP", "slave 3: SAFEOP is asked for"]
+    wait_for(lambda: "slave 3: SAFEOP is reached" in daemon.log, daemon)
+    in_order(daemon.log[before:], [*wanted, "slave 3: SAFEOP is reached"])
+
+
+def test_a_refused_claim(daemon: Daemon) -> None:
+    set_level(daemon, "outputs", "debug")
+    with daemon.client() as first, daemon.client() as second:
+        with first.claim(3, lease=30.0), pytest.raises(EcatError):
+            second.claim(3, lease=30.0)
+        wait_for(lambda: "is refused outputs of slave 3 (EL2008)" in daemon.log, daemon)
+    assert details(daemon.log) == ["outputs"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [(("sdo", "debug"), ("sdo", "mailbox")), (("mailbox", "loud"), ("loud", "warning"))],
+)
+def test_wrong_words_are_refused(
+    troll: Daemon, wrong: tuple[str, str], named: tuple[str, ...]
+) -> None:
+    found = troll.ctl("log-level", *wrong, check=False)
+    assert found.returncode == 2
+    names(found.stderr, *named)
