@@ -207,6 +207,45 @@ def test_all_that_does_not_fit_the_bus_is_listed(
     assert text.split(": ", 1)[1].replace(refused.bus, daemon.bus) in "\n".join(said)
 
 
+STARTS_WRONG = {
+    "expected.description": "[expected]\ndescription = 'nowhere.json'\n",
+    "slave[0].startup[0]": "[[slave]]\nposition = 1\n[[slave.startup]]\nobject = '0x2000:00'\n"
+    "hex = '00'\n",
+    "domain[1].divider": "[[domain]]\n[[domain]]\ndivider = 200\nslaves = [2]\n",
+}
+"""What once only a start found, by the key in its message."""
+
+
+def test_the_check_finds_what_the_start_finds(
+    machine: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    kinds = ["EK1100", "EL1008", "EL2008"]
+    gateway = "[gateway]\nlisten = []\n"
+    daemon = machine(kinds, gateway)
+    file = tmp_path / "machine.toml"
+    file.write_text("".join(STARTS_WRONG.values()) + gateway)
+    found = daemon.ctl("config", "check", str(file), check=False)
+    assert found.returncode == 2, found.stderr
+    said = {line.split(": ")[1]: line.split(": ", 2)[2] for line in found.stdout.splitlines()}
+    assert said.keys() == STARTS_WRONG.keys()
+    file.write_text(f"profiles = ['nowhere']\n{gateway}")
+    found = daemon.ctl("config", "check", str(file), check=False)
+    assert found.returncode == 2
+    assert found.stdout.startswith(f"{file}:1: profiles[0]: ")
+    alone = run_module("ecatd.service", "--check-config", "--config", str(file))
+    assert alone.returncode == 2
+    names(one_line_error(alone.stderr, "ecatd"), f"{file}:1: profiles[0]")
+    assert daemon.stop() == 0
+    for key, text in STARTS_WRONG.items():
+        refused = machine(kinds, f"{text}{gateway}", ready=False)
+        status, log = refused.wait_end()
+        assert status == 2, log
+        place, named, words = one_line_error(log, "ecatd").removeprefix("error: ").split(": ", 2)
+        assert place.startswith(f"{refused.config_file}:")
+        assert named == key
+        assert words.replace(f"{refused.config_file.parent}", f"{file.parent}") == said[key]
+
+
 def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon]) -> None:
     daemon = machine(["EK1100", "EL1008", "CiA402", "EL3008"], KNOWN)
     lines = daemon.ctl("config", "show").stdout.splitlines()

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from ecatd.log import Log
+from ecatd.model.applied import load_description
 from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.config.origins import COMMAND_LINE, find_origins
 from ecatd.model.errors import EcatError, UsageError
@@ -106,7 +107,8 @@ def _main() -> int:
         config, origins = _configuration(options)
         log.bus, log.level = config.bus, config.log_level
         if options.check_config:
-            load_profiles(map(Path, config.profiles), profile_folders())
+            load_profiles(config, profile_folders())
+            load_description(config)
             print(f"{options.config or 'the default configuration'} is valid")
             return 0
         supervisor = Supervisor(

@@ -13,12 +13,11 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.applied import Applied, apply, check_slaves
+from ecatd.model.applied import Applied, apply, check_slaves, load_description
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, Mark, RecoveryConfig
 from ecatd.model.errors import StateError
@@ -139,6 +138,7 @@ class BringUp:
         self._cancelled = cancelled
         self._begin = time.monotonic()
         self._profiles = Profiles()
+        self._description: Bus | None = None
         self._scanned: list[Scanned] = []
         self._doubtful: dict[int, Doubt] = {}
         self._mailboxes: list[bytes] = []
@@ -162,7 +162,7 @@ class BringUp:
         Raises:
             EcatError: A step failed. What the steps before it have made stays in the attributes.
         """
-        self._load_profiles()
+        self._read_files()
         # Reserving comes next: nothing must be done to a bus that another daemon runs.
         self.shared = shared = SharedMemory(self.config.bus)
         master, image = self._describe()
@@ -205,7 +205,7 @@ class BringUp:
         Raises:
             EcatError: As `run`.
         """
-        self._load_profiles()
+        self._read_files()
         self._describe()
         return self.bus
 
@@ -216,9 +216,10 @@ class BringUp:
             for text in finish(steps, _MAILBOX_PAUSE):
                 self._log.warning(text)
 
-    def _load_profiles(self) -> None:
-        """Loads the device profiles first: their mistakes show before anything is sent."""
-        self._profiles = load_profiles(map(Path, self.config.profiles), profile_folders())
+    def _read_files(self) -> None:
+        """Reads what the configuration names: mistakes show before anything is sent."""
+        self._profiles = load_profiles(self.config, profile_folders())
+        self._description = load_description(self.config)
 
     def _describe(self) -> tuple[Master, Image]:
         self.master = master = Master(
@@ -248,7 +249,7 @@ class BringUp:
         found = identify_slaves(master)
         identify(master.registers, found, self.config)
         read_modules(master, found, self._cancelled)
-        self._scanned = arrange(master, found, self.config, self._log.warning)
+        self._scanned = arrange(master, found, self.config, self._description, self._log.warning)
         unexpected = self._compare()
         check_slaves(self.config, replace(self.bus, slaves=[item.slave for item in self._scanned]))
         self._make_raw()
