@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from ..bus_name import check_bus_name
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml, show
 from .copies import read_copies
+from .gateway import read_gateway
 from .outputs import read_outputs
 from .signals import read_signals
 from .slave_settings import check_physical, read_expected, read_slaves
@@ -18,7 +18,6 @@ from .tables import (
     LOG_LEVELS,
     RECOVERY_MODES,
     Config,
-    GatewayConfig,
     MailboxConfig,
     RealTimeConfig,
     RecoveryConfig,
@@ -76,43 +75,6 @@ def _folder(table: Table, key: Key) -> str:
     return folder
 
 
-_SOCKET_PATH_MAX = len("unix:") + 107  # of a Unix socket in Linux
-
-
-def _endpoint(table: Table, key: Key) -> str:
-    endpoint = table.text(key)
-    if "/" not in endpoint:
-        table.fail(key, f'{show(endpoint)} is no Zenoh endpoint: write one as "tcp/127.0.0.1:7447"')
-    return endpoint
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _metrics_address(table: Table, key: Key) -> str:
-    text = table.text(key)
-    if not text or (text.startswith("unix:/") and len(text) <= _SOCKET_PATH_MAX):
-        return text
-    host, _, port = text.rpartition(":")
-    if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-        table.fail(
-            key,
-            f'{show(text)} is no address: write "127.0.0.1:9754", or '
-            f'"unix:/run/ecatd/ecat0/metrics"',
-        )
-    if not _is_loopback(host.strip("[]")):
-        table.fail(
-            key,
-            f"{show(text)} can be reached from other machines, and everybody may read metrics: use "
-            f"127.0.0.1, and a proxy that knows users where others are to read them",
-        )
-    return text
-
-
 _REALTIME: Rules = {
     "priority": integer(0, 98),
     "cpu": integer(-1, 1023),
@@ -125,11 +87,6 @@ _MAILBOX: Rules = {"share": number(0.01, 1)}
 _RECOVERY: Rules = {
     "slaves": choice({mode: mode for mode in RECOVERY_MODES}),
     "retry_s": number(0.1, 3600),
-}
-_GATEWAY: Rules = {
-    "listen": array(_endpoint),
-    "publish_hz": number(0, 1000),
-    "metrics": _metrics_address,
 }
 _TOP: Rules = {
     "bus": _bus,
@@ -149,7 +106,7 @@ _TOP: Rules = {
     "outputs": read_outputs,
     "signal": read_signals,
     "copy": read_copies,
-    "gateway": lambda top, key: GatewayConfig(**top.table(key).read(_GATEWAY)),
+    "gateway": read_gateway,
 }
 
 
