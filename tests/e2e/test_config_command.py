@@ -95,7 +95,8 @@ def test_from_an_unknown_bus_to_a_checked_configuration(
     names(daemon.ctl("config", "check", str(file)).stdout, "5 slaves", str(file))
     changed = daemon.ctl("config", "diff", str(file), check=False)
     assert changed.returncode == 1
-    names(changed.stdout, "expected.unlisted", "slave[4].name", '"EL3008_2"', "0x0BC03052")
+    names(changed.stdout, "expected.unlisted", "slave[EL3008_2]", "(no table)", "0x0BC03052")
+    names(changed.stdout, "slave[axis].product", "(not set)")
     assert "cycle_time_us" not in changed.stdout
     assert daemon.stop() == 0
     first = daemon.bus
@@ -106,6 +107,15 @@ def test_from_an_unknown_bus_to_a_checked_configuration(
         daemon.ctl("config", "init").stdout.partition("\n")[2]
         == (text.replace(first, daemon.bus).partition("\n")[2])
     )
+    first_table = text[text.index("[[slave]]") :].partition("\n\n")[0]
+    assert 'name = "EK1100"' in first_table
+    file.write_text(text.replace(first_table, "").replace(first, daemon.bus))
+    removed = daemon.ctl("config", "diff", str(file), check=False)
+    heads = [line.split()[0] for line in removed.stdout.splitlines()]
+    assert heads == ["KEY", "slave[EK1100]", "restart"]
+    document = daemon.ctl("config", "diff", str(file), "--json", check=False)
+    (row,) = json.loads(document.stdout)["differences"]
+    assert (row["used"]["product"], row["file"]) == (0x044C2C52, None)
     only = daemon.ctl("config", "diff", str(daemon.config_file), check=False)
     assert [line.split()[0] for line in only.stdout.splitlines()] == ["KEY", "bus", "restart"]
 
