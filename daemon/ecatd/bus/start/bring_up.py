@@ -379,6 +379,9 @@ class BringUp:
         )
         for warning in unused_profiles(self.bus, self._profiles):
             self._log.warning(warning)
+        for copy in applied.copies:
+            if copy.missing:
+                self._log.warning(copy.missing)
         self.image = image = lay_out(self.bus, without_lrw(master, self._present))
         self.wire = wire_time(
             image,
@@ -456,7 +459,7 @@ class BringUp:
             )
         for copy in self.applied.copies:
             engine.set_copy(
-                numbers[*copy.source, 0],
+                None if copy.source is None else numbers[*copy.source, 0],
                 numbers[*copy.target, 1],
                 copy.factor,
                 copy.offset,
