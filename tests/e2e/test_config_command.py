@@ -256,6 +256,21 @@ def test_the_check_finds_what_the_start_finds(
         assert words.replace(f"{refused.config_file.parent}", f"{file.parent}") == said[key]
 
 
+def test_slaves_that_nothing_tells_apart_are_a_warning(machine: Callable[..., Daemon]) -> None:
+    row = "[[slave]]\nposition = {}\nvendor = 2\nproduct = 0x03F03052\noptional = true\n"
+    config = f"[gateway]\nlisten = []\n{row.format(1)}{row.format(2)}"
+    daemon = machine(["EK1100", "EL1008", "EL1008"], config)
+    file = str(daemon.config_file)
+    (warned,) = (line for line in daemon.log.splitlines() if "side by side" in line)
+    names(warned, "warning", "slave 1", "slave 2", "alias", "slave[1].position")
+    text = warned.partition("warning: ")[2]
+    checked = daemon.ctl("config", "check", file)
+    assert checked.stdout == f"warning: {text}\n"
+    assert daemon.ctl_json("config", "check", file)["warnings"] == [text]
+    alone = run_module("ecatd.service", "--check-config", "--config", file)
+    assert (alone.returncode, text in alone.stderr) == (0, True)
+
+
 def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon]) -> None:
     daemon = machine(["EK1100", "EL1008", "CiA402", "EL3008"], KNOWN)
     lines = daemon.ctl("config", "show").stdout.splitlines()

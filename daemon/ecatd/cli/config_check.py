@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.model.applied import load_description, misfits
+from ecatd.model.applied import alike_slaves, load_description, misfits
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, load_config
 from ecatd.model.errors import ConfigError, StateError
@@ -35,6 +35,7 @@ def check(options: argparse.Namespace) -> int:
     unexpected = found.unexpected
     places = {n: at for n, at in found.places.items() if at not in unexpected}
     wrong = _wrong(wanted, places, bus, others)
+    warnings = alike_slaves(wanted)
     if options.esi is not None:
         differences += _forbidden(moved, bus, described(bus, options.esi))
     if options.json:
@@ -48,13 +49,12 @@ def check(options: argparse.Namespace) -> int:
             }
             for item in differences
         ]
-        print_json(
-            {"bus": bus.name, "file": str(options.file), "differences": rows, "wrong": wrong}
-        )
-    elif differences or wrong:
+        document = {"bus": bus.name, "file": str(options.file), "differences": rows}
+        print_json({**document, "wrong": wrong, "warnings": warnings})
+    elif differences or wrong or warnings:
         for item in differences:
             print(f"{item.kind}: {item.text}")
-        for text in wrong:
+        for text in (*wrong, *(f"warning: {text}" for text in warnings)):
             print(text)
     else:
         count = len(bus.slaves)

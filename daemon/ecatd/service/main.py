@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from ecatd.log import Log
-from ecatd.model.applied import load_description
+from ecatd.model.applied import alike_slaves, load_description
 from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.config.origins import COMMAND_LINE, find_origins
 from ecatd.model.errors import EcatError, UsageError
@@ -109,6 +109,8 @@ def _main() -> int:
         if options.check_config:
             load_profiles(config, profile_folders())
             load_description(config)
+            for warning in alike_slaves(config):
+                log.warning(warning)
             print(f"{options.config or 'the default configuration'} is valid")
             return 0
         supervisor = Supervisor(

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.applied import Applied, apply, check_slaves, load_description
+from ecatd.model.applied import Applied, alike_slaves, apply, check_slaves, load_description
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, Mark, RecoveryConfig
 from ecatd.model.errors import StateError
@@ -220,6 +220,8 @@ class BringUp:
         """Reads what the configuration names: mistakes show before anything is sent."""
         self._profiles = load_profiles(self.config, profile_folders())
         self._description = load_description(self.config)
+        for warning in alike_slaves(self.config):
+            self._log.warning(warning)
 
     def _describe(self) -> tuple[Master, Image]:
         self.master = master = Master(

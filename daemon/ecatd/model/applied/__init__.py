@@ -1,5 +1,6 @@
 """What the configuration says about a bus. Nothing here talks to it."""
 
+from .alike import alike_slaves
 from .apply import Applied, apply
 from .description import load_description
 from .misfits import misfits
@@ -8,6 +9,7 @@ from .watchdogs import check_watchdog
 
 __all__ = [
     "Applied",
+    "alike_slaves",
     "apply",
     "check_slaves",
     "check_watchdog",
