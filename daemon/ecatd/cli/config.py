@@ -31,8 +31,8 @@ actions:
   init            write a commented configuration that expects the slaves of the bus as they are
   from-eni FILE   write one from an ENI file, which TwinCAT, EC-Engineer and others write; needs no
                   daemon
-  check FILE      compare the slaves that a file expects with those of the bus, and list all that
-                  does not fit it
+  check FILE      compare the slaves that a file expects with those of the bus, and list all for
+                  which a start would refuse it
   diff FILE       compare a file with the configuration that the daemon uses
   show            print all that the daemon uses, and where it comes from
 
