@@ -79,6 +79,12 @@ static int refused_copy(ecat_t *bus, int number) {
   uint32_t source = bus->outputs[number].source;
   const ecat_shm_signal *entry = &bus->signals[number];
   const ecat_shm_signal *from = &bus->signals[source < bus->header->signal_count ? source : 0];
+  if (source >= bus->header->signal_count)
+    return ecat_fail(bus, ECAT_EOWNED,
+                     "output 0x%04X:%02X of slave %d (%s) of bus '%s' cannot be claimed: the daemon copies "
+                     "an input to it that is not on the bus ([[copy]] in its configuration)",
+                     entry->index, entry->subindex, entry->slave,
+                     ecat_shown(bus->slaves[entry->slave].name), bus->name);
   return ecat_fail(bus, ECAT_EOWNED,
                    "output 0x%04X:%02X of slave %d (%s) of bus '%s' cannot be claimed: the daemon copies "
                    "input 0x%04X:%02X of slave %d (%s) to it ([[copy]] in its configuration)",

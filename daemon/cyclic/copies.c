@@ -46,7 +46,7 @@ static struct value converted_value(const struct copy *copy, uint64_t bits) {
 static int read_source(const cyclic_t *c, const struct copy *copy, uint64_t *bits) {
   const struct domain *domain = &c->domain[copy->domain];
   struct value value;
-  if (domain->wkc_state != ECAT_WKC_COMPLETE || (domain->absent & copy->group) != 0 ||
+  if (copy->al_state == NULL || domain->wkc_state != ECAT_WKC_COMPLETE || (domain->absent & copy->group) != 0 ||
       __atomic_load_n(copy->al_state, __ATOMIC_RELAXED) != OP)
     return 0;
   *bits = bits_get(domain->image, copy->source_bit, copy->source_bits);
@@ -87,41 +87,49 @@ static int32_t find_stop(const cyclic_t *c, int32_t controlword) {
   return i;
 }
 
-int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor, double offset,
-                    int32_t controlword) {
+/* Where an input is, and what it is. */
+static void set_source(const cyclic_t *c, struct copy *copy, const ecat_shm_signal *from) {
   const ecat_shm_slave_status *status =
       (const void *)((const uint8_t *)c->header + c->header->slave_status_offset);
-  const ecat_shm_signal *from, *to;
+  int32_t group = c->slaves[from->slave].group;
+  copy->domain = from->domain;
+  copy->group = group < 0 ? 0 : (uint64_t)1 << group;
+  copy->al_state = &status[from->slave].al_state;
+  copy->source_bit = from->bit_offset;
+  copy->source_bits = (uint8_t)from->bit_length;
+  copy->source_sign = (uint8_t)type_is_signed(from->type);
+  copy->source_real = (uint8_t)type_is_real(from->type, from->bit_length);
+}
+
+int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor, double offset,
+                    int32_t controlword) {
+  const ecat_shm_signal *from = NULL, *to;
   struct copy *grown, *copy;
-  int32_t group;
-  if (source >= c->header->signal_count || target >= c->header->signal_count ||
-      c->signals[source].output || !c->signals[target].output || set_has(c->copied, target) ||
-      c->started)
+  if (source != UINT32_MAX) {
+    if (source >= c->header->signal_count || c->signals[source].output) return -EINVAL;
+    from = &c->signals[source];
+  }
+  if (target >= c->header->signal_count || !c->signals[target].output ||
+      set_has(c->copied, target) || c->started)
     return -EINVAL;
   grown = realloc(c->copy, (c->copies + 1) * sizeof *grown);
   if (grown == NULL) return -ENOMEM;
   c->copy = grown;
-  from = &c->signals[source];
   to = &c->signals[target];
-  group = c->slaves[from->slave].group;
   copy = &c->copy[c->copies++];
   *copy = (struct copy){.target = target,
                         .target_bit = bit_of(c, target),
-                        .domain = from->domain,
-                        .group = group < 0 ? 0 : (uint64_t)1 << group,
-                        .al_state = &status[from->slave].al_state,
                         .stop = find_stop(c, controlword),
-                        .source_bit = from->bit_offset,
-                        .source_bits = (uint8_t)from->bit_length,
-                        .source_sign = (uint8_t)type_is_signed(from->type),
-                        .source_real = (uint8_t)type_is_real(from->type, from->bit_length),
                         .factor = factor,
                         .offset = offset,
                         .rule = value_rule(to->type, to->bit_length, to->minimum, to->maximum)};
-  copy->whole = factor == 1 && offset == 0 && !copy->source_real && !copy->rule.real;
-  copy->plain = copy->whole && from->bit_length == to->bit_length &&
-                copy->source_sign == copy->rule.sign && to->minimum == -HUGE_VAL &&
-                to->maximum == HUGE_VAL;
+  if (from != NULL) {
+    set_source(c, copy, from);
+    copy->whole = factor == 1 && offset == 0 && !copy->source_real && !copy->rule.real;
+    copy->plain = copy->whole && from->bit_length == to->bit_length &&
+                  copy->source_sign == copy->rule.sign && to->minimum == -HUGE_VAL &&
+                  to->maximum == HUGE_VAL;
+  }
   set_drop(c->claimable, target);
   set_add(c->copied, target);
   c->output[target].source = source;

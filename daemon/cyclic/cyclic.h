@@ -103,7 +103,7 @@ CYCLIC_API int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statu
 /* Copies an input to an output in every cycle: raw output = raw input * factor + offset, rounded to the
  * nearest number and held at the limits of the output. While the input is not valid, the output has its
  * safe value; also while the drive with `controlword` (-1: none) is brought to a stop. Nobody can claim the
- * output. Call it after cyclic_set_stop() of that drive, and before cyclic_start(). */
+ * output, also if the input is not on the bus (`source` UINT32_MAX). Call it after cyclic_set_stop() of that drive, and before cyclic_start(). */
 CYCLIC_API int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor,
                                double offset, int32_t controlword);
 /* Number of drives that are being stopped; valid from two cycles after cyclic_make_safe() on. */

@@ -126,7 +126,7 @@ struct copy {
   uint32_t target, target_bit; /* signal, and bit of the output image */
   uint32_t domain, source_bit; /* of the input: its domain, and bit of its image */
   uint64_t group;              /* bit of its group of optional slaves, 0: none */
-  const uint32_t *al_state;    /* of its slave, in the shared memory */
+  const uint32_t *al_state;    /* of its slave, in the shared memory; NULL: it is not on the bus */
   int32_t stop;                /* of the drive that the output belongs to; -1: none */
   uint8_t source_bits, source_sign, source_real;
   uint8_t whole;               /* an integer becomes an integer without conversion */

@@ -363,6 +363,62 @@ def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:
     names(init, 'from_slave = "switches"')
 
 
+WITHOUT_SOURCE = """
+[gateway]
+listen = []
+[expected]
+policy = "tolerant"
+[[slave]]
+position = 0
+name = "switches"
+vendor = 0x2
+product = 0x03F03052
+OPTIONAL
+[[slave]]
+position = 1
+name = "lamps"
+vendor = 0x2
+product = 0x07D83052
+[[outputs.safe]]
+slave = "lamps"
+entry = "0x7000:01"
+value = 1
+[[copy]]
+slave = "lamps"
+entry = "0x7000:01"
+from_slave = "switches"
+from_entry = "0x6000:01"
+"""
+
+
+@pytest.mark.parametrize("optional", ["", "optional = true"], ids=["missing", "optional"])
+def test_the_output_stays_its_own_without_the_slave_of_its_input(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, optional: str
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('name = "m"\n[[slave]]\ndevice = "EL2008"\n')
+    daemon = start_daemon(str(rig), config=WITHOUT_SOURCE.replace("OPTIONAL", optional))
+    (told,) = (line for line in daemon.log.splitlines() if "copy[0]" in line)
+    names(
+        told, "warning", f"{daemon.config_file}:", "copy[0].from_slave", "slave 0 (lamps, EL2008)"
+    )
+    names(told, "0x7000:01", "safe value")
+    names(daemon.ctl("claims").stdout, "copied", "not valid")
+    with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        lamp = client.signal("lamps/0x7000:01", "output")
+        assert client.output(lamp).state == shm.Outputs.COPIED
+        assert client.output(lamp).reason == shm.Reason.SOURCE
+        with pytest.raises(StateError, match=r"copies") as refused:
+            client.claim(lamp)
+        names(refused.value, "0x7000:01", "slave 0 (lamps)", "[[copy]]")
+        client.claim(0, lease=30)
+        client.signal("lamps/0x7010:01", "output").raw = 1
+        client.commit()
+        wait_for(lambda: simulator.get(0, 0x7010, 1) == 1, daemon)
+        assert simulator.get(0, 0x7000, 1) == 1
+    assert "[[copy]]" not in daemon.ctl("config", "init").stdout.partition("# [[copy]]")[0]
+
+
 @pytest.mark.parametrize(
     ("wrong", "tokens"),
     [

@@ -294,14 +294,17 @@ def test_a_wrong_description_is_named(start: Start, tmp_path: Path) -> None:
 def test_clocks_of_a_group_follow_when_it_comes(start: Start) -> None:
     clocks = "[dc]\nenabled = true\nlock_us = 400.0\ntimeout_s = 30.0\n"
     daemon = start(GROUP + clocks)
-    delay = clock(daemon, 4)["dc_delay_ns"]
+    delay, behind = clock(daemon, 4)["dc_delay_ns"], clock(daemon, 7)["dc_delay_ns"]
     assert daemon.stop() == 0
-    assert delay > 0
+    assert 0 < delay < behind
     daemon = start(GROUP + clocks, RIG + AWAY)
     assert clock(daemon, 4)["dc_delay_ns"] == 0  # nobody knows it yet
+    assert clock(daemon, 7)["dc_delay_ns"] < behind - 200
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.heal_link(4)
         wait_for_states(daemon, ["OP"] * 9)
+        assert rig.clocks()[7].delay_ns == clock(daemon, 7)["dc_delay_ns"]
     assert clock(daemon, 4)["dc_delay_ns"] == pytest.approx(delay, abs=100)
+    assert clock(daemon, 7)["dc_delay_ns"] == pytest.approx(behind, abs=100)
     wait_for(lambda: clock(daemon, 4)["dc_difference_ns"] is not None, daemon)
     assert abs(clock(daemon, 4)["dc_difference_ns"]) < 100_000

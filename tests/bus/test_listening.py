@@ -21,8 +21,8 @@ LATE = "192.0.2.7"  # for documentation (RFC 5737)
 NEW_NETWORK = 0x40000000  # CLONE_NEWNET
 CONFIG = f"""
 [gateway]
-listen = ["tcp/{LATE}:{PORT}", "tcp/127.0.0.1:{PORT}", "tcp/nowhere.invalid:1", "tcp/127.0.0.1:x",
-  "tcp/a..b:1", "tcp/127.0.0.1:70000"]
+listen = ["tcp/{LATE}:{PORT}", "tcp/127.0.0.1:{PORT}", "tcp/nowhere.invalid:1",
+  "tcp/a..b:1"]
 """
 
 
@@ -50,8 +50,7 @@ def test_an_address_that_comes_later_costs_nothing(tmp_path: Path) -> None:
     try:
         (told,) = (line for line in daemon.log.splitlines() if LATE in line)
         names(told, "not listening", "does not have the address", "tried again")
-        names(daemon.log, "'nowhere.invalid:1' is no address", "'127.0.0.1:x' is no address")
-        names(daemon.log, "'a..b:1' is no address", "there is no port 70000")
+        names(daemon.log, "'nowhere.invalid:1' is no address", "'a..b:1' is no address")
         assert len(daemon.slave_rows()) == 1
         assert slaves(daemon, "127.0.0.1") == 1
         inside(daemon, "ip", "address", "add", f"{LATE}/32", "dev", "lo")

@@ -38,6 +38,18 @@ def test_a_bus_that_fits_goes_to_op(start_daemon: Callable[..., Daemon], states:
         ("[[outputs.safe]]\nslave = 2\nvalue = 'disable'\n", ["slave 2 (EL2008)", "controlword"]),
         ("[[domain]]\n[[domain]]\nslaves = [5]\n", ["slave 5", "3 slaves"]),
         ("[dc]\nenabled = true\nreference = 8\n", ["slave 8"]),
+        (
+            "[[slave]]\nposition = 1\n[[slave.startup]]\nobject = '0x2000:00'\nhex = '00'\n",
+            ["ecat.toml:3", "slave[0].startup[0]", "slave 1 (EL1008)", "CoE", "remove"],
+        ),
+        (
+            "[[slave]]\nposition = 2\npdos = ['0x16FF']\n",
+            ["ecat.toml:3", "slave[0].pdos", "slave 2 (EL2008)", "0x16FF", "0x1600"],
+        ),
+        (
+            "[[domain]]\nslaves = [1]\n[[domain]]\ndivider = 200\nslaves = [2]\n",
+            ["ecat.toml:4", "domain[1].divider", "slave 2 (EL2008)", "100 ms", "watchdog_ms"],
+        ),
     ],
 )
 def test_no_slave_leaves_preop(

@@ -33,6 +33,18 @@ def test_a_page_begins_as_whatis_wants_it_and_names_every_command(name: str) -> 
             assert line.split()[0].replace("-", "\\-") in text, line
 
 
+def test_the_page_says_what_each_action_does() -> None:
+    text = (SHARE / "man/man1/ecatctl.1").read_text().replace("\\-", "-")
+    for command, actions in {
+        "service": ("install", "upgrade", "uninstall"),
+        "config": ("init", "from-eni", "check", "diff", "show"),
+        "startup": ("verify", "capture"),
+    }.items():
+        notes = text.partition(f".SH NOTES \\fI\\,'ecatctl {command}'")[2].partition("\n.SH ")[0]
+        said = [line.split()[0] for line in notes.splitlines() if line.startswith("  ")]
+        assert set(actions) <= set(said), notes
+
+
 def complete(text: str) -> set[str]:
     """What bash offers for a line that has been typed so far."""
     script = f"""

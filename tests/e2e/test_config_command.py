@@ -95,7 +95,8 @@ def test_from_an_unknown_bus_to_a_checked_configuration(
     names(daemon.ctl("config", "check", str(file)).stdout, "5 slaves", str(file))
     changed = daemon.ctl("config", "diff", str(file), check=False)
     assert changed.returncode == 1
-    names(changed.stdout, "expected.unlisted", "slave[4].name", '"EL3008_2"', "0x0BC03052")
+    names(changed.stdout, "expected.unlisted", "slave[EL3008_2]", "(no table)", "0x0BC03052")
+    names(changed.stdout, "slave[axis].product", "(not set)")
     assert "cycle_time_us" not in changed.stdout
     assert daemon.stop() == 0
     first = daemon.bus
@@ -106,6 +107,15 @@ def test_from_an_unknown_bus_to_a_checked_configuration(
         daemon.ctl("config", "init").stdout.partition("\n")[2]
         == (text.replace(first, daemon.bus).partition("\n")[2])
     )
+    first_table = text[text.index("[[slave]]") :].partition("\n\n")[0]
+    assert 'name = "EK1100"' in first_table
+    file.write_text(text.replace(first_table, "").replace(first, daemon.bus))
+    removed = daemon.ctl("config", "diff", str(file), check=False)
+    heads = [line.split()[0] for line in removed.stdout.splitlines()]
+    assert heads == ["KEY", "slave[EK1100]", "restart"]
+    document = daemon.ctl("config", "diff", str(file), "--json", check=False)
+    (row,) = json.loads(document.stdout)["differences"]
+    assert (row["used"]["product"], row["file"]) == (0x044C2C52, None)
     only = daemon.ctl("config", "diff", str(daemon.config_file), check=False)
     assert [line.split()[0] for line in only.stdout.splitlines()] == ["KEY", "bus", "restart"]
 
@@ -205,6 +215,60 @@ def test_all_that_does_not_fit_the_bus_is_listed(
     assert status == 2
     text = one_line_error(log, "ecatd").removeprefix("error: ")
     assert text.split(": ", 1)[1].replace(refused.bus, daemon.bus) in "\n".join(said)
+
+
+STARTS_WRONG = {
+    "expected.description": "[expected]\ndescription = 'nowhere.json'\n",
+    "slave[0].startup[0]": "[[slave]]\nposition = 1\n[[slave.startup]]\nobject = '0x2000:00'\n"
+    "hex = '00'\n",
+    "domain[1].divider": "[[domain]]\n[[domain]]\ndivider = 200\nslaves = [2]\n",
+}
+"""What once only a start found, by the key in its message."""
+
+
+def test_the_check_finds_what_the_start_finds(
+    machine: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    kinds = ["EK1100", "EL1008", "EL2008"]
+    gateway = "[gateway]\nlisten = []\n"
+    daemon = machine(kinds, gateway)
+    file = tmp_path / "machine.toml"
+    file.write_text("".join(STARTS_WRONG.values()) + gateway)
+    found = daemon.ctl("config", "check", str(file), check=False)
+    assert found.returncode == 2, found.stderr
+    said = {line.split(": ")[1]: line.split(": ", 2)[2] for line in found.stdout.splitlines()}
+    assert said.keys() == STARTS_WRONG.keys()
+    file.write_text(f"profiles = ['nowhere']\n{gateway}")
+    found = daemon.ctl("config", "check", str(file), check=False)
+    assert found.returncode == 2
+    assert found.stdout.startswith(f"{file}:1: profiles[0]: ")
+    alone = run_module("ecatd.service", "--check-config", "--config", str(file))
+    assert alone.returncode == 2
+    names(one_line_error(alone.stderr, "ecatd"), f"{file}:1: profiles[0]")
+    assert daemon.stop() == 0
+    for key, text in STARTS_WRONG.items():
+        refused = machine(kinds, f"{text}{gateway}", ready=False)
+        status, log = refused.wait_end()
+        assert status == 2, log
+        place, named, words = one_line_error(log, "ecatd").removeprefix("error: ").split(": ", 2)
+        assert place.startswith(f"{refused.config_file}:")
+        assert named == key
+        assert words.replace(f"{refused.config_file.parent}", f"{file.parent}") == said[key]
+
+
+def test_slaves_that_nothing_tells_apart_are_a_warning(machine: Callable[..., Daemon]) -> None:
+    row = "[[slave]]\nposition = {}\nvendor = 2\nproduct = 0x03F03052\noptional = true\n"
+    config = f"[gateway]\nlisten = []\n{row.format(1)}{row.format(2)}"
+    daemon = machine(["EK1100", "EL1008", "EL1008"], config)
+    file = str(daemon.config_file)
+    (warned,) = (line for line in daemon.log.splitlines() if "side by side" in line)
+    names(warned, "warning", "slave 1", "slave 2", "alias", "slave[1].position")
+    text = warned.partition("warning: ")[2]
+    checked = daemon.ctl("config", "check", file)
+    assert checked.stdout == f"warning: {text}\n"
+    assert daemon.ctl_json("config", "check", file)["warnings"] == [text]
+    alone = run_module("ecatd.service", "--check-config", "--config", file)
+    assert (alone.returncode, text in alone.stderr) == (0, True)
 
 
 def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon]) -> None:

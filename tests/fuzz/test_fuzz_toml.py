@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mutations import inputs, mutants
 
 from ecatd.model import profiles
-from ecatd.model.config import load_config
+from ecatd.model.config import Config, load_config
 from ecatd.model.errors import ConfigError
 from ecatd.model.profiles import load_profiles
 from ecatd.model.toml_places import find_places
@@ -118,7 +118,7 @@ def load_profile(file: Path) -> None:
     folder.mkdir(exist_ok=True)
     shutil.copy(file, folder / "x.toml")
     try:
-        load_profiles([folder])
+        load_profiles(Config(profiles=[str(folder)]))
     except ConfigError as error:
         raise ConfigError(str(error).replace(f"{folder / 'x.toml'}", str(file))) from None
 

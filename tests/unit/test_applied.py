@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import names
+from conftest import names, names_at
 from ecatd.model.applied import check_slaves, misfits
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import load_config, read_config
@@ -25,7 +25,7 @@ def pdo(index: int, manager: int, *objects: int, bits: int = 16) -> Pdo:
 
 def made_bus() -> Bus:
     """A drive, a sensor without a clock, an optional slave, and a coupler."""
-    drive = Slave(0, "D", 1, 2, 3, dc_bits=64)
+    drive = Slave(0, "D", 1, 2, 3, dc_bits=64, coe=True, watchdog_ms=100)
     drive.outputs = [pdo(0x1600, 2, 0x6040, 0x6060, 0x60FF), pdo(0x1601, 2, 0x2000, bits=128)]
     drive.inputs = [pdo(0x1A00, 3, 0x6041, 0x606C)]
     sensor = Slave(1, "S", 1, 3, 3, inputs=[pdo(0x1A00, 3, 0x6000), pdo(0x1A01, 3, 0x6010, bits=4)])
@@ -45,7 +45,23 @@ UNITS = (
     "[[signal]]\nslave = 1\nentry = '0x6000:00'\nunit = 'V'\n"
 )
 
+LATE = "[[domain]]\nslaves = [1, 2]\n[[domain]]\ndivider = 100\nslaves = ['press']\n"
+TOLD = "[[slave]]\nposition = 1\n[[slave.{}]]\n"
+
 MISFITS = [
+    (LATE, "7: domain[1].divider: domain 1 | 100 ms | slave 0 (press, D) | watchdog_ms"),
+    (
+        TOLD.format("startup") + "object = '0x2000:00'\ntype = 'uint8'\nvalue = 1\n",
+        "6: slave[1].startup[0]: slave 1 (S) | CoE | remove",
+    ),
+    (
+        TOLD.format("pdo") + "index = 0x1A00\nentries = []\n",
+        "6: slave[1].pdo[0]: slave 1 (S) | CoE | remove",
+    ),
+    (
+        TOLD.format("module") + "slot = 1\nident = 8\n",
+        "6: slave[1].module[0]: slave 1 (S) | CoE | remove",
+    ),
     ("[[slave]]\nposition = 4\n", "5: slave[1].position: no slave 4 | 'b' | 4 slaves | 0 to 3"),
     (
         "[[domain]]\n[[domain]]\ndivider = 2\nslaves = [1, '5-7']\n",
@@ -141,8 +157,25 @@ def test_a_mistake_is_named_with_its_place(tmp_path: Path, text: str, message: s
         assert "\n" not in said
 
 
+def test_an_exchange_within_the_watchdog_fits(tmp_path: Path) -> None:
+    file = tmp_path / "ecat0.toml"
+    file.write_text(f"{HEAD}watchdog_ms = 100.1\n{LATE}")
+    assert not misfits(load_config(file), made_bus(), load_profiles())
+    file.write_text(f"{HEAD}watchdog_ms = 0\n{LATE}")
+    assert not misfits(load_config(file), made_bus(), load_profiles())
+    file.write_text(f"cycle_time_us = 2000\n{HEAD}watchdog_ms = 2")
+    (short,) = misfits(load_config(file), made_bus(), load_profiles())
+    names_at(short, f"{file}:1: cycle_time_us: every 2 ms | waits 2 ms | slave 0 (press, D)")
+    file.write_text(f"{HEAD}vendor = 1\nproduct = 2\n")
+    bus = made_bus()
+    bus.slaves[0].watchdog_ms = 0
+    (off,) = misfits(load_config(file), bus, load_profiles())
+    names_at(off, f"{file}:1: slave[0].watchdog_ms: watchdog_ms = 100 | watchdog_ms = 0")
+
+
 def test_all_mistakes_are_listed(tmp_path: Path) -> None:
-    texts = [UNITS, *(text for text, _ in MISFITS if "domain" not in text and "[dc]" not in text)]
+    apart = ("domain", "[dc]", "position = 1")
+    texts = [UNITS, *(text for text, _ in MISFITS if not any(word in text for word in apart))]
     chosen = [text for text in texts if text.startswith(("[[outputs", "[[slave.s", "[[slave]"))]
     file = tmp_path / "ecat0.toml"
     file.write_text(HEAD + "".join(sorted(chosen, key=lambda text: "startup" not in text)))

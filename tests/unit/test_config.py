@@ -379,6 +379,19 @@ INT8 = "type = 'int8'\n"
         ("cycle_time_us = {}", ":1: cycle_time_us:", "whole number | table"),
         ("[[domain]]\nslaves = [true]", ":2: domain[0].slaves[0]:", "true | position"),
         ("[gateway]\nlisten = ['nonsense']", ":2: gateway.listen[0]:", "Zenoh"),
+        (
+            "[gateway]\nlisten = [\n'tcpp/[::]:80']",
+            ":3: gateway.listen[0]:",
+            "'tcpp/[::]:80' | tcp",
+        ),
+        ("[gateway]\nlisten = ['tcp/127.0.0.1']", ":2: gateway.listen[0]:", "tcp/127.0.0.1:7447"),
+        ("[gateway]\nlisten = ['tcp/a:99999']", ":2: gateway.listen[0]:", "'99999' | 1 | 65535"),
+        ("[gateway]\nlisten = ['udp/a:x#b=c']", ":2: gateway.listen[0]:", "'x' | 1 | 65535"),
+        (
+            "[gateway]\nlisten = ['tcp/a:1', 'tcp/b:1', 'tcp/a:1']",
+            ":2: gateway.listen[2]:",
+            "'tcp/a:1' | twice | remove",
+        ),
         ("[[outputs.safe]]\nvalue = 'hold'", ":1: outputs.safe[0].slave:", "missing"),
         ("[[outputs.safe]]\nslave = 1\nvalue = 'keep'", ":3: outputs.safe[0].value:", "'keep'"),
         ("[[outputs.safe]]\nslave = 1\nvalue = 3", ":3: outputs.safe[0].value:", "number | entry"),
@@ -530,8 +543,9 @@ INT8 = "type = 'int8'\n"
         ("\nrealtime . cpu = -2", ":2: realtime.cpu:", "-2 | -1 | 1023"),
         ("[ realtime ]\n'cpu' = -2", ":2: realtime.cpu:", "-2 | -1 | 1023"),
         (
-            '[gateway]\nlisten = ["""\n[dc]\nreference = 1/"""]\n[dc]\nreference = -2',
-            ":6: dc.reference:",
+            "[[slave]]\nposition = 0\n[[slave.startup]]\nobject = '0x2000:00'\ntype = 'string'\n"
+            'value = """\n[dc]\nreference = 1"""\n[dc]\nreference = -2',
+            ":10: dc.reference:",
             "-2 | -1 | 65535",
         ),
         (

@@ -5,11 +5,11 @@ import tomllib
 
 import pytest
 
-from conftest import naming
+from conftest import names, naming
 from ecatd.model.applied.copies import Copy, find_copies
 from ecatd.model.applied.safe import safe_outputs
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, CopyConfig, SafeConfig, read_config
+from ecatd.model.config import ABSENT, Config, CopyConfig, SafeConfig, read_config
 from ecatd.model.config.writer import write_config
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
@@ -95,7 +95,7 @@ def test_the_physical_value_stays_the_same(
     [
         (0x20, 1, {}, "slave 0 | no input 0x6000:20 | ecatctl pdos -p 0"),
         (1, 0x20, {}, "slave 1 | no output 0x7000:20 | ecatctl pdos -p 1"),
-        (7, 7, {}, "0x6000:07 | slave 0 | 256 bits | at most 64 | remove"),
+        (7, 7, {}, "0x7000:07 | slave 1 (D) | 256 bits | at most 64 | remove"),
         (4, 2, {}, "0x6000:04 of slave 0 | 0x7000:02 of slave 1 | BIT4 | 4 bits | correct"),
         (1, 6, {}, "0x7000:06 | OCTET_STRING | no number"),
         (5, 1, {}, "WORD | without sign"),
@@ -142,7 +142,14 @@ def test_a_stop_wins_on_its_own_axis_only() -> None:
 def test_a_slave_in_doubt_does_not_keep_the_bus_from_its_start() -> None:
     bus = made_bus()
     here, gone = CopyConfig(1, "0x7000:01", 0, "0x6000:01"), CopyConfig(1, "0x7000:02", 0, "0x1:1")
-    assert [copy.target for copy in find_copies(bus, [here, gone], [], [0])] == [(1, 0x7000, 1)]
+    absent, lost = CopyConfig(1, "0x7000:03", ABSENT, "0x1:1"), CopyConfig(1, "0x1:1", 0, "0x1:1")
+    copies = find_copies(bus, [here, gone, absent], [], [0])
+    assert [copy.target for copy in copies] == [(1, 0x7000, 1), (1, 0x7000, 2), (1, 0x7000, 3)]
+    assert [copy.source for copy in copies] == [(0, 0x6000, 1), None, None]
+    names(copies[1].missing, "0x1:1", "slave 0 (S)", "0x7000:02", "slave 1 (D)", "[[copy]]")
+    names(copies[2].missing, "0x7000:03", "slave 1 (D)", "[[copy]]")
+    assert not copies[0].missing
+    assert not find_copies(bus, [lost], [], [0, 1])
 
 
 def test_a_written_configuration_has_the_same_copies() -> None:

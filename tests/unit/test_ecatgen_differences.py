@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import ecatgen.build
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Domain, Slave
+from ecatd.model.config import Config
 from ecatd.model.datatypes import DataType
 from ecatd.model.meanings import give_meanings
 from ecatd.model.pdo import Entry, Pdo
@@ -264,7 +265,7 @@ def troll_with(folder: Path, profile: str) -> Bus:
     """The reference plant, with one more device profile."""
     folder.mkdir(exist_ok=True)
     (folder / "level.toml").write_text(profile)
-    return give_meanings(sample_buses.troll(), load_profiles([folder]))
+    return give_meanings(sample_buses.troll(), load_profiles(Config(profiles=[str(folder)])))
 
 
 @pytest.mark.parametrize("fmu", [False, True])

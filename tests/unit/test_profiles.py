@@ -8,7 +8,7 @@ import pytest
 
 from conftest import names_at, naming
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import SignalConfig
+from ecatd.model.config import Config, SignalConfig, load_config
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
 from ecatd.model.meanings import give_meanings
@@ -40,7 +40,7 @@ def entry(index: int = 0x6000, subindex: int = 1, **more: object) -> Entry:
 
 def of(tmp_path: Path, text: str) -> Profiles:
     (tmp_path / "a.toml").write_text(text)
-    return load_profiles([tmp_path])
+    return load_profiles(Config(profiles=[str(tmp_path)]))
 
 
 def connector(profiles: Profiles, made: Slave) -> Connector:
@@ -320,9 +320,13 @@ def test_a_wrong_file_is_told_with_its_line(tmp_path: Path, text: str, message: 
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=naming(tmp_path / "nowhere", "folder")):
-        load_profiles([tmp_path / "nowhere"])
-    assert load_profiles((), [tmp_path / "nowhere"]) == load_profiles()
+    file = tmp_path / "ecat0.toml"
+    (tmp_path / "ours").mkdir()
+    file.write_text('bus = "b"\nprofiles = [\n  "ours",\n  "nowhere",\n]\n')
+    with pytest.raises(ConfigError) as told:
+        load_profiles(load_config(file))
+    names_at(str(told.value), f"{file}:4: profiles[1]: {tmp_path / 'nowhere'} | folder")
+    assert load_profiles(None, [tmp_path / "nowhere"]) == load_profiles()
 
 
 def test_our_own_profiles_are_about_every_device_once() -> None:

@@ -48,11 +48,37 @@ def _man_page(parser: argparse.ArgumentParser) -> str:
         "project_name": "ecatd",
         "description": (parser.description or "").split(".")[0],
     }
-    text = str(Manpage(parser, _data=data, format="pretty"))
+    text = _with_epilogs(str(Manpage(parser, _data=data, format="pretty")), parser)
     # No date: the page would be another one each day.
     header = f'.TH {parser.prog.upper()} "1" "" "ecatd" "User Commands"'
     text = text.replace(".SH COMMENTS\n", ".SH NOTES\n")
     return "\n".join(header if line.startswith(".TH ") else line for line in text.splitlines())
+
+
+def _with_epilogs(text: str, parser: argparse.ArgumentParser) -> str:
+    """Adds what stands below the options of commands, such as their actions: Manpage leaves it out.
+
+    Raises:
+        ValueError: A command with such a text is not in the page.
+    """
+    commands = {one.prog: one.epilog for one in _with_commands(parser) if one is not parser}
+    for prog, epilog in commands.items():
+        if not epilog:
+            continue
+        name = f"\\fI\\,'{_escaped(prog)}'\\/\\fR"
+        end = text.index("\n.SH ", text.index(f".SH OPTIONS {name}"))
+        notes = _escaped(epilog.rstrip())
+        notes = f".nf\n{notes}\n.fi" if "\n" in notes else notes  # lists keep their lines
+        text = f"{text[:end]}\n.SH NOTES {name}\n{notes}\n{text[end:]}"
+    return text
+
+
+def _escaped(text: str) -> str:
+    """A text for roff."""
+    escaped = text.replace("\\", "\\e").replace("-", "\\-")
+    return "\n".join(
+        f"\\&{line}" if line.startswith((".", "'")) else line for line in escaped.split("\n")
+    )
 
 
 def _declared(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:

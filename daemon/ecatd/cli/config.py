@@ -10,6 +10,7 @@ from typing import Any
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import Config, load_config
+from ecatd.model.config.differences import Difference, Moved, differences
 from ecatd.model.config.origins import DEFAULT, flatten
 from ecatd.model.config.writer import value_text, write_config
 from ecatd.model.errors import StateError, UsageError
@@ -18,18 +19,20 @@ from ecatd.version import VERSION
 
 from .bus_source import add_options, get_bus
 from .config_check import check, described
-from .output import print_json, print_table
+from .output import print_json, print_table, shortened
 from .scan import save
 
 _DIFFERENT = 1
+_TABLE_WIDTH = 100
+_TOLD = 4  # slaves in one message
 
 _ACTIONS = """\
 actions:
   init            write a commented configuration that expects the slaves of the bus as they are
   from-eni FILE   write one from an ENI file, which TwinCAT, EC-Engineer and others write; needs no
                   daemon
-  check FILE      compare the slaves that a file expects with those of the bus, and list all that
-                  does not fit it
+  check FILE      compare the slaves that a file expects with those of the bus, and list all for
+                  which a start would refuse it
   diff FILE       compare a file with the configuration that the daemon uses
   show            print all that the daemon uses, and where it comes from
 
@@ -167,23 +170,55 @@ def _from_eni(options: argparse.Namespace) -> int:
 
 
 def _diff(options: argparse.Namespace) -> int:
-    wanted = flatten(load_config(options.file).to_dict())
+    wanted = load_config(options.file)
     bus, used, _ = _remote(options)
-    now = flatten(used.to_dict())
-    keys = [key for key in {**now, **wanted} if now.get(key) != wanted.get(key)]
+    result = differences(used, wanted)
     if options.json:
-        rows = [{"key": key, "used": now.get(key), "file": wanted.get(key)} for key in keys]
-        print_json({"bus": bus.name, "file": str(options.file), "differences": rows})
-    elif keys:
+        rows = [{"key": item.key, "used": item.before, "file": item.after} for item in result.found]
+        moved = [
+            {"slave": item.slave, "used": item.before, "file": item.after} for item in result.moved
+        ]
+        document = {"bus": bus.name, "file": str(options.file), "differences": rows}
+        print_json({**document, "moved": moved})
+    elif result.found:
         print_table(
             ("KEY", "IN USE", "FILE"),
-            ((key, _shown(key, now.get(key)), _shown(key, wanted.get(key))) for key in keys),
+            ((item.key, *_sides(item)) for item in result.found),
             "",
         )
+        if result.moved:
+            print(_moved(result.moved))
         print(f"restart ecatd with {options.file} to use it")
     else:
         print(f"bus {bus.name} uses what is in {options.file}")
-    return _DIFFERENT if keys else 0
+    return _DIFFERENT if result.found else 0
+
+
+def _sides(item: Difference) -> tuple[str, str]:
+    """A difference in two cells: what is in use, and what is in the file."""
+    if not item.table:
+        before, after = (_shown(item.key, value) for value in (item.before, item.after))
+        return before, after
+    before, after = (
+        "(no table)" if row is None else shortened(_table(row), _TABLE_WIDTH)
+        for row in (item.before, item.after)
+    )
+    return before, after
+
+
+def _table(row: dict[str, Any]) -> str:
+    """A table on one line."""
+    parts = []
+    for key, value in row.items():
+        rows = isinstance(value, list) and isinstance(value[0], dict)
+        parts.append(f"{len(value)} [[{key}]]" if rows else f"{key} = {value_text(key, value)}")
+    return ", ".join(parts)
+
+
+def _moved(moved: list[Moved]) -> str:
+    shown = ", ".join(f"{item.slave}: {item.before} to {item.after}" for item in moved[:_TOLD])
+    more = f" and {len(moved) - _TOLD} more" if len(moved) > _TOLD else ""
+    return f"so slaves behind have other positions ({shown}{more})"
 
 
 def _show(options: argparse.Namespace) -> int:

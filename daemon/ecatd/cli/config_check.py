@@ -7,11 +7,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.model.applied import misfits
+from ecatd.model.applied import alike_slaves, load_description, misfits
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, load_config
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.expected_bus import Difference, compare
+from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
-    profiles = load_profiles(map(Path, wanted.profiles), profile_folders())
     bus = get_bus(options)
     found = compare(wanted, bus.slaves)
     moved = wanted.moved(found.places)
@@ -34,7 +34,8 @@ def check(options: argparse.Namespace) -> int:
     others = {position for item in differences for position in item.found}
     unexpected = found.unexpected
     places = {n: at for n, at in found.places.items() if at not in unexpected}
-    wrong = misfits(wanted.moved(places), bus, profiles, others)
+    wrong = _wrong(wanted, places, bus, others)
+    warnings = alike_slaves(wanted)
     if options.esi is not None:
         differences += _forbidden(moved, bus, described(bus, options.esi))
     if options.json:
@@ -48,13 +49,12 @@ def check(options: argparse.Namespace) -> int:
             }
             for item in differences
         ]
-        print_json(
-            {"bus": bus.name, "file": str(options.file), "differences": rows, "wrong": wrong}
-        )
-    elif differences or wrong:
+        document = {"bus": bus.name, "file": str(options.file), "differences": rows}
+        print_json({**document, "wrong": wrong, "warnings": warnings})
+    elif differences or wrong or warnings:
         for item in differences:
             print(f"{item.kind}: {item.text}")
-        for text in wrong:
+        for text in (*wrong, *(f"warning: {text}" for text in warnings)):
             print(text)
     else:
         count = len(bus.slaves)
@@ -66,6 +66,17 @@ def check(options: argparse.Namespace) -> int:
     if wrong:
         return ConfigError.exit_code
     return StateError.exit_code if differences else 0
+
+
+def _wrong(wanted: Config, places: dict[int, int], bus: Bus, others: set[int]) -> list[str]:
+    """All for which a start would refuse the configuration."""
+    problems = Collected()
+    with problems:
+        load_description(wanted)
+    with problems:  # without its profiles, nobody knows what the values of the file mean
+        profiles = load_profiles(wanted, profile_folders())
+        problems.texts += misfits(wanted.moved(places), bus, profiles, others)
+    return problems.texts
 
 
 def described(bus: Bus, source: str) -> dict[int, EsiDevice]:

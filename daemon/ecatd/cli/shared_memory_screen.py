@@ -244,7 +244,8 @@ def _outputs(document: Document) -> list[str]:
         if row["owner"] is not None:
             return f"slot {row['owner']} {shortened(programs.get(row['owner'], '?'), 12)}"
         if row["state"] == "copied" and row["reason"] in ("start", "source"):
-            return f"from {row['source']}{', not valid' * (row['reason'] == 'source')}"
+            source = row["source"] or "an input that is not there"
+            return f"from {source}{', not valid' * (row['reason'] == 'source')}"
         return str(_REASONS.get(row["reason"], row["reason"]))
 
     def table(room: int) -> list[str]:

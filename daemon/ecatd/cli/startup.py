@@ -157,8 +157,8 @@ class _Meanings:
 
     def __init__(self, used: Config) -> None:
         self._rules = used.signal
-        named = [folder for folder in map(Path, used.profiles) if folder.is_dir()]
-        self._profiles = load_profiles(named, profile_folders())
+        here = [folder for folder in used.profiles if Path(folder).is_dir()]
+        self._profiles = load_profiles(replace(used, profiles=here), profile_folders())
 
     def of(self, slave: Slave, entry: Entry) -> Entry:
         """An object with its meaning."""

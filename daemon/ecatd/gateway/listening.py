@@ -15,16 +15,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from ecatd.log import Log
+from ecatd.model.config.gateway import PROTOCOLS
 
 _PERIOD = 2.0
-_TYPES = {
-    "tcp": socket.SOCK_STREAM,
-    "tls": socket.SOCK_STREAM,
-    "ws": socket.SOCK_STREAM,
-    "udp": socket.SOCK_DGRAM,
-    "quic": socket.SOCK_DGRAM,
-}
-_PORT_MAX = (1 << 16) - 1
+_DATAGRAMS = ("udp", "quic")
 _PATIENCE = 2.0
 """Seconds for the look-up of a name: the gateway does not wait for a name server that is away."""
 _IN_USE = "the address is in use"
@@ -92,13 +86,12 @@ def find_problem(endpoint: str) -> str:
     """Why nobody can listen on an endpoint now; empty if it is possible, or not known."""
     protocol, _, rest = endpoint.partition("/")
     host, _, port = rest.partition("#")[0].partition("?")[0].rpartition(":")
-    if protocol not in _TYPES:
+    if protocol not in PROTOCOLS:
         return ""
-    if port.isdecimal() and int(port) > _PORT_MAX:
-        return f"there is no port {port}"
+    kind = socket.SOCK_DGRAM if protocol in _DATAGRAMS else socket.SOCK_STREAM
     try:
         family, kind, _, _, address = socket.getaddrinfo(
-            host.strip("[]"), port, type=_TYPES[protocol], flags=socket.AI_PASSIVE
+            host.strip("[]"), port, type=kind, flags=socket.AI_PASSIVE
         )[0]
         with socket.socket(family, kind) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from ecatd.log import Log
+from ecatd.model.applied import alike_slaves, load_description
 from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.config.origins import COMMAND_LINE, find_origins
 from ecatd.model.errors import EcatError, UsageError
@@ -108,7 +109,10 @@ def _main() -> int:
         log.set_bus(config.bus)
         log.levels = config.log
         if options.check_config:
-            load_profiles(map(Path, config.profiles), profile_folders())
+            load_profiles(config, profile_folders())
+            load_description(config)
+            for warning in alike_slaves(config):
+                log.warning(warning)
             print(f"{options.config or 'the default configuration'} is valid")
             return 0
         supervisor = Supervisor(

@@ -17,6 +17,8 @@ from ecatd.shm import Setting
 
 from .layout import DomainImage
 
+_NO_SIGNAL = 0xFFFFFFFF
+
 
 class EventType(IntEnum):
     """`cyclic_event_type`."""
@@ -285,21 +287,23 @@ class Engine:
             raise EcatError(f"stop of signal {controlword} refused: {os.strerror(-code)}")
 
     def set_copy(
-        self, source: int, target: int, factor: float, offset: float, controlword: int = -1
+        self, source: int | None, target: int, factor: float, offset: float, controlword: int = -1
     ) -> None:
         """Makes the engine copy an input to an output in every cycle.
 
         Call it after `set_stop` of the drive, and before `start`.
 
         Args:
-            source: Signal of the input.
+            source: Signal of the input; None if it is not on the bus. The output is then safe, and
+                nobody can claim it.
             target: Signal of the output.
             factor: Raw output = raw input * factor + offset.
             offset: See `factor`.
             controlword: Signal of the controlword of the drive with the output: while it is brought
                 to a stop, the output has its safe value. -1: none.
         """
-        code = _LIB.cyclic_set_copy(self._engine, source, target, factor, offset, controlword)
+        number = _NO_SIGNAL if source is None else source
+        code = _LIB.cyclic_set_copy(self._engine, number, target, factor, offset, controlword)
         if code != 0:
             raise EcatError(f"copy of signal {source} to {target} refused: {os.strerror(-code)}")
 

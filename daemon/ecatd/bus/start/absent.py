@@ -11,12 +11,9 @@ import math
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from pathlib import Path
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.bus_file import load
 from ecatd.model.config import POSITION_MAX, Config, SlaveConfig
-from ecatd.model.errors import UsageError
 from ecatd.model.expected_bus import Comparison, compare
 from ecatd.model.sii import Sii
 
@@ -25,7 +22,11 @@ from .mapping import Scanned
 
 
 def arrange(
-    master: Master, scanned: Sequence[Scanned], config: Config, tell: Callable[[str], None]
+    master: Master,
+    scanned: Sequence[Scanned],
+    config: Config,
+    description: Bus | None,
+    tell: Callable[[str], None],
 ) -> list[Scanned]:
     """Numbers the slaves as the configuration expects them, with optional ones that are absent.
 
@@ -36,19 +37,19 @@ def arrange(
         master: The master; its slaves get the new positions.
         scanned: The slaves that were found.
         config: The configuration.
+        description: The complete bus; None if it is not known.
         tell: Called with a warning about each absent slave of which too little is known.
 
     Returns:
         All slaves by position.
 
     Raises:
-        ConfigError: The description of the bus cannot be read.
         StateError: There are too many slaves.
     """
     if not any(wanted.optional for wanted in config.slave):
         return list(scanned)
     comparison = compare(config, [item.slave for item in scanned])
-    known = _described(config)
+    known = _described(config, description)
     rows: list[tuple[tuple[float, int], int | None, Scanned]] = []
     elsewhere = {
         comparison.places[wanted.position]: wanted.position
@@ -83,17 +84,10 @@ def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:
     return max(before, default=-1) + 0.5
 
 
-def _described(config: Config) -> dict[int, Slave]:
+def _described(config: Config, bus: Bus | None) -> dict[int, Slave]:
     """The slaves of the description, by their position in the configuration."""
-    if not config.expected.description:
+    if bus is None:
         return {}
-    try:
-        bus: Bus = load(Path(config.expected.description))
-    except UsageError as error:
-        config.expected.table.fail(
-            "description",
-            f"{error} (write it with `ecatctl scan -o` while all slaves are there)",
-        )
     found = compare(config, bus.slaves)
     return {
         expected: bus.slaves[place]

@@ -13,12 +13,11 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.applied import Applied, apply, check_slaves
+from ecatd.model.applied import Applied, alike_slaves, apply, check_slaves, load_description
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, Mark, RecoveryConfig
 from ecatd.model.errors import StateError
@@ -145,6 +144,7 @@ class BringUp:
         self._cancelled = cancelled
         self._begin = time.monotonic()
         self._profiles = Profiles()
+        self._description: Bus | None = None
         self._scanned: list[Scanned] = []
         self._doubtful: dict[int, Doubt] = {}
         self._mailboxes: list[bytes] = []
@@ -169,7 +169,7 @@ class BringUp:
         Raises:
             EcatError: A step failed. What the steps before it have made stays in the attributes.
         """
-        self._load_profiles()
+        self._read_files()
         # Reserving comes next: nothing must be done to a bus that another daemon runs.
         self.shared = shared = SharedMemory(self.config.bus)
         if size := self.config.capture.memory_mb * _MIB:
@@ -214,7 +214,7 @@ class BringUp:
         Raises:
             EcatError: As `run`.
         """
-        self._load_profiles()
+        self._read_files()
         self._describe()
         return self.bus
 
@@ -225,9 +225,12 @@ class BringUp:
             for text in finish(steps, _MAILBOX_PAUSE):
                 self._log.warning(text)
 
-    def _load_profiles(self) -> None:
-        """Loads the device profiles first: their mistakes show before anything is sent."""
-        self._profiles = load_profiles(map(Path, self.config.profiles), profile_folders())
+    def _read_files(self) -> None:
+        """Reads what the configuration names: mistakes show before anything is sent."""
+        self._profiles = load_profiles(self.config, profile_folders())
+        self._description = load_description(self.config)
+        for warning in alike_slaves(self.config):
+            self._log.warning(warning)
 
     def _describe(self) -> tuple[Master, Image]:
         self.master = master = Master(
@@ -267,7 +270,7 @@ class BringUp:
             )
         identify(master.registers, found, self.config)
         read_modules(master, found, self._cancelled)
-        self._scanned = arrange(master, found, self.config, self._log.warning)
+        self._scanned = arrange(master, found, self.config, self._description, self._log.warning)
         unexpected = self._compare()
         check_slaves(self.config, replace(self.bus, slaves=[item.slave for item in self._scanned]))
         self._make_raw()
@@ -398,6 +401,9 @@ class BringUp:
         )
         for warning in unused_profiles(self.bus, self._profiles):
             self._log.warning(warning)
+        for copy in applied.copies:
+            if copy.missing:
+                self._log.warning(copy.missing)
         self.image = image = lay_out(self.bus, without_lrw(master, self._present))
         self.wire = wire_time(
             image,
@@ -477,7 +483,7 @@ class BringUp:
             )
         for copy in self.applied.copies:
             engine.set_copy(
-                numbers[*copy.source, 0],
+                None if copy.source is None else numbers[*copy.source, 0],
                 numbers[*copy.target, 1],
                 copy.factor,
                 copy.offset,

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ecatd.coroutine_steps import Steps
@@ -142,25 +142,31 @@ class Clocks:
         for slave, delay in zip(here, delays, strict=True):
             slave.dc_delay_ns = delay
 
-    def _measure_new(self, slaves: Iterable[Slave]) -> None:
-        """Measures the delays of slaves that were absent at the start.
+    def _measure_again(self, slaves: Collection[Slave], shared: SharedMemory) -> None:
+        """Measures the delays again if optional slaves are among those that have come back.
 
-        With a second interface nothing is measured, because the ring would have to be opened for
-        that. A new slave then gets the largest delay of the slaves before it.
+        They lie on the way to the slaves behind them, so the delays of all slaves that are there
+        are measured. With a second interface nothing is measured, because the ring would have to be
+        opened for that. Known delays then stay, and a new slave gets the largest delay of the
+        slaves before it.
         """
         new = [slave for slave in slaves if slave.position not in self._measured]
-        if not new:
-            return
-        times: dict[int, float | None] = {}
-        if not self._config.second_interface:
+        self._measured.update(slave.position for slave in new)
+        if self._config.second_interface:
+            for slave in new:
+                before = [s.dc_delay_ns for s in self._clocks if s.position < slave.position]
+                slave.dc_delay_ns = max(before, default=0)
+        elif any(slave.group for slave in slaves):
             times, _ = self._latch()
-        origin = times.get(self.reference.position) or 0.0
-        for slave in new:
-            before = [s.dc_delay_ns for s in self._clocks if s.position < slave.position]
-            arrival = times.get(slave.position)
-            estimate = max(before, default=0)
-            slave.dc_delay_ns = estimate if arrival is None else max(0, round(arrival - origin))
-            self._measured.add(slave.position)
+            origin = times.get(self.reference.position) or 0.0
+            writes = []
+            for slave in self._clocks:
+                if (arrival := times.get(slave.position)) is not None:
+                    slave.dc_delay_ns = max(0, round(arrival - origin))
+                    writes.append((slave.position, DELAY, struct.pack("<I", slave.dc_delay_ns)))
+            self._master.write_registers(writes)
+        for slave in self._clocks:
+            shared.slaves[slave.position].dc_delay_ns = slave.dc_delay_ns
 
     @contextmanager
     def _ring_open(self) -> Iterator[None]:
@@ -373,17 +379,15 @@ class Clocks:
     def rejoin(self, positions: Iterable[int], shared: SharedMemory) -> Steps[dict[int, str]]:
         """Brings restarted clocks in step again, and starts their SYNC signals.
 
-        The slaves are at their old places, so the delays measured at the start still hold. Those of
-        slaves that are there for the first time are measured now.
+        Slaves that must be there are at their old places, so the delays measured at the start still
+        hold. With optional ones, they are measured again.
 
         Returns:
             By position, why the clock of a slave does not come in step.
         """
         chosen = [slave for slave in self._clocks if slave.position in set(positions)]
         failed: dict[int, str] = {}
-        self._measure_new(chosen)
-        for slave in chosen:
-            shared.slaves[slave.position].dc_delay_ns = slave.dc_delay_ns
+        self._measure_again(chosen, shared)
         for slave in chosen:
             if slave is not self.reference and not self._set_time(slave):
                 failed[slave.position] = (

@@ -28,7 +28,6 @@ from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
 from .doubtful import Doubt
 from .mapping import Scanned, configure, take_pdos_from_sii
-from .refused import RefusedError
 from .slave_configuration import SlaveConfiguration
 from .telling import Missed, leave, tell, write_parameters
 from .watchdogs import check_watchdogs
@@ -144,7 +143,7 @@ class SetUp:
             if not item.slave.coe:
                 try:
                     take_pdos_from_sii(item)
-                except RefusedError as error:
+                except ConfigError as error:
                     missed[position] = Missed(str(error), changed=True)
                 text = _difference(was, item.slave.outputs, item.slave.inputs, described=True)
                 item.slave.outputs, item.slave.inputs = was.outputs, was.inputs

@@ -232,23 +232,18 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     """Sets the PDOs of a slave without CoE to those of its SII that the configuration names.
 
     Raises:
-        RefusedError: The SII does not have them, or the slave is told what needs CoE.
+        ConfigError: The SII does not have them.
     """
-    key = "startup" if settings.startup else "pdo" if settings.pdo else "module"
-    if settings.startup or settings.pdo or settings.module:
-        raise RefusedError(
-            f"{settings.table.where(key)}: {slave.label} has no CoE, so it cannot be told its "
-            f"[[slave.{key}]]: remove the table"
-        )
     if settings.pdos is None:
         return
     found: dict[int, Pdo] = {pdo.index: pdo for pdo in (*sii.outputs, *sii.inputs)}
     for index in settings.pdos:
         if index not in found:
             offered = _indices(list(found)) or "none"
-            raise RefusedError(
-                f"{settings.table.where('pdos')}: {slave.label} has no PDO 0x{index:04X}: its "
-                f"EEPROM offers {offered}"
+            settings.table.fail(
+                "pdos",
+                f"{slave.label} has no PDO 0x{index:04X}: its EEPROM offers {offered}; choose "
+                "among them, or leave pdos out",
             )
     chosen = [found[index] for index in settings.pdos]
     for pdo in chosen:

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, SlaveConfig
+from ecatd.model.applied import check_watchdog
+from ecatd.model.bus import Bus
+from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 
 from ..master.master import Master
@@ -46,10 +47,7 @@ def check_watchdogs(
             continue
         patience_ns = (divider + 2) * _TICK_NS * time if _is_watched(item) else 0
         item.slave.watchdog_ms = patience_ns / 1e6
-        if patience_ns:
-            text = _check_cycle(bus, item.slave, patience_ns, config)
-        else:
-            text = _check_off(item.slave, item.settings)
+        text = check_watchdog(config, bus, item.slave)
         warnings += [text] if text else []
     return warnings
 
@@ -64,43 +62,6 @@ def _check_taken(item: Scanned, pdi: int, time: int) -> None:
                 f"{where}: {item.slave.label} does not take {wanted:g} ms: its register "
                 f"0x{register:04X} is {now} after {ticks(wanted)} was written; remove the key"
             )
-
-
-def _check_off(slave: Slave, settings: SlaveConfig) -> str:
-    if settings.watchdog_ms == 0:
-        return ""
-    text = (
-        f"{slave.label}: its watchdog is off, so its outputs keep their values if ecatd dies or a "
-        f"cable breaks: write watchdog_ms = 100 into its [[slave]] table, or watchdog_ms = 0 if "
-        "that is meant"
-    )
-    if settings.product is not None:
-        settings.table.fail("watchdog_ms", text)
-    return text
-
-
-def _check_cycle(bus: Bus, slave: Slave, patience_ns: int, config: Config) -> str:
-    """Compares the cycle of a slave's domain with its watchdog; returns a warning or nothing."""
-    cycle_ns = bus.cycle_time_us * 1000 * bus.domains[slave.domain].divider
-    if patience_ns > 2 * cycle_ns:
-        return ""
-    facts = (
-        f"{bus.domain_label(slave.domain)} is exchanged every {cycle_ns / 1e6:g} ms, but the "
-        f"watchdog of {slave.label} waits {patience_ns / 1e6:g} ms for outputs"
-    )
-    remedy = (
-        "choose a smaller divider or cycle_time_us, another domain for this slave, or a longer "
-        "watchdog_ms in its [[slave]] table"
-    )
-    if patience_ns <= cycle_ns:
-        slow = bus.domains[slave.domain].divider > 1
-        table, key = (
-            (config.domain[slave.domain].table, "divider")
-            if slow
-            else (config.table, "cycle_time_us")
-        )
-        table.fail(key, f"{facts}, so it would not stay in OP: {remedy}")
-    return f"{facts}: one lost exchange takes it out of OP; {remedy}"
 
 
 def _is_watched(item: Scanned) -> bool:

@@ -1,7 +1,18 @@
 """What the configuration says about a bus. Nothing here talks to it."""
 
+from .alike import alike_slaves
 from .apply import Applied, apply
+from .description import load_description
 from .misfits import misfits
 from .slaves import check_slaves
+from .watchdogs import check_watchdog
 
-__all__ = ["Applied", "apply", "check_slaves", "misfits"]
+__all__ = [
+    "Applied",
+    "alike_slaves",
+    "apply",
+    "check_slaves",
+    "check_watchdog",
+    "load_description",
+    "misfits",
+]

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from ..bus import Bus, Slave
-from ..config import CopyConfig
+from ..config import ABSENT, CopyConfig
 from ..datatypes import DataType, bit_length, is_real, is_signed, type_name
 from ..pdo import Entry
 from ..problems import AT_ONCE, Problems
@@ -28,19 +28,21 @@ class Copy:
     """An output that an input decides.
 
     Attributes:
-        source: Position, index and subindex of the input.
+        source: Position, index and subindex of the input; None if it is not on the bus.
         target: The same of the output.
         factor: Raw output = raw input * factor + offset.
         offset: See `factor`.
         stop: How the axis with the output is brought to a stop, which wins over the copy; None: it
             is not.
+        missing: What it means that there is no source; else empty.
     """
 
-    source: tuple[int, int, int]
+    source: tuple[int, int, int] | None
     target: tuple[int, int, int]
     factor: float
     offset: float
     stop: Stop | None = None
+    missing: str = ""
 
 
 def find_copies(
@@ -56,9 +58,12 @@ def find_copies(
         bus: The bus, with meanings.
         rules: The configuration.
         stops: Axes that are stopped, which wins over copies; their controlwords cannot be copies.
-        doubtful: Positions of slaves whose process data are in doubt. Rules about entries that they
+        doubtful: Positions of slaves whose process data are in doubt. Rules about outputs that they
             do not have do nothing.
         problems: Takes what is wrong with a rule.
+
+    Returns:
+        The copies. One without a source keeps its output: nobody can claim it.
 
     Raises:
         ConfigError: A rule does not fit this bus.
@@ -75,20 +80,28 @@ def _find_copy(
     bus: Bus, rule: CopyConfig, stops: Sequence[Stop], doubtful: Collection[int]
 ) -> Copy | None:
     """As `find_copies`, for one rule; None if it does nothing."""
-    source, target = bus.slaves[rule.from_slave], bus.slaves[rule.slave]
-    ends = ((source, rule.from_address, False), (target, rule.address, True))
-    if any(s.position in doubtful and not _find(s, at, output=out) for s, at, out in ends):
+    target = bus.slaves[rule.slave]
+    if target.position in doubtful and not _find(target, rule.address, output=True):
         return None
-    value = _entry(source, rule.from_address, rule.table, "from_entry")
     copied = _entry(target, rule.address, rule.table, "entry")
-    what = f"{value.address} of {source.label} to {copied.address} of {target.label}"
+    to = f"{copied.address} of {target.label}"
     stop = next((s for s in stops if s.slave == target.position and s.covers(copied.index)), None)
     if stop is not None and (copied.index, copied.subindex) == (stop.controlword, 0):
         rule.table.fail(
             "entry",
-            f"{what}: this is the controlword of a drive that [[outputs.safe]] brings to a stop, "
-            "so it cannot be a copy: remove one of them",
+            f"{rule.from_entry} to {to}: this is the controlword of a drive that [[outputs.safe]] "
+            "brings to a stop, so it cannot be a copy: remove one of them",
         )
+    if why := _why_missing(bus, rule, doubtful):
+        missing = (
+            f"{rule.table.where('from_slave')}: {why}, so {to} keeps its safe value; nobody can "
+            "claim it while the configuration has this [[copy]]"
+        )
+        there = (target.position, copied.index, copied.subindex)
+        return Copy(None, there, 1, 0, stop, missing)
+    source = bus.slaves[rule.from_slave]
+    value = _entry(source, rule.from_address, rule.table, "from_entry")
+    what = f"{value.address} of {source.label} to {to}"
     factor, offset = _conversion(rule, value, copied, what)
     return Copy(
         (source.position, value.index, value.subindex),
@@ -97,6 +110,16 @@ def _find_copy(
         offset,
         stop,
     )
+
+
+def _why_missing(bus: Bus, rule: CopyConfig, doubtful: Collection[int]) -> str:
+    """Why an input is not on the bus; empty if it is, or if the rule is wrong."""
+    if rule.from_slave == ABSENT:
+        return "its slave takes no part"
+    source = bus.slaves[rule.from_slave]
+    if source.position in doubtful and not _find(source, rule.from_address, output=False):
+        return f"{source.label} has no {rule.from_entry} yet, since its process data are in doubt"
+    return ""
 
 
 def _conversion(rule: CopyConfig, value: Entry, copied: Entry, what: str) -> tuple[float, float]:

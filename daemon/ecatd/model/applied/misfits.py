@@ -12,6 +12,7 @@ from ..problems import Collected
 from ..profiles import Profiles
 from .apply import apply
 from .slaves import check_slaves
+from .watchdogs import check_watchdog
 
 
 def misfits(
@@ -30,6 +31,7 @@ def misfits(
     """
     problems = Collected()
     bus = without_meanings(deepcopy(described))
+    bus.cycle_time_us = config.cycle_time_us
     check_slaves(config, bus, problems)
     config = config.moved({slave.position: slave.position for slave in bus.slaves})
     for slave in bus.slaves:
@@ -39,4 +41,11 @@ def misfits(
             raw_parameters(settings, slave, profiles, config.signal, problems)
     wire = [slave.position for slave in bus.slaves]
     apply(config, bus, profiles, wire, doubtful, doubtful, problems)
+    for slave in bus.slaves:
+        wanted = config.settings_of(slave.position).watchdog_ms
+        if wanted is not None and any(pdo.bit_length for pdo in slave.outputs):
+            slave.watchdog_ms = wanted
+        if slave.position not in doubtful:
+            with problems:
+                check_watchdog(config, bus, slave)
     return problems.texts

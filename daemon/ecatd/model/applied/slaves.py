@@ -1,25 +1,25 @@
-"""Checks that a bus has the slaves that the configuration names, before any of them is told."""
+"""Checks that a bus has the slaves that the configuration is about, before any of them is told."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..bus import Bus
-from ..config import Config
+from ..bus import Bus, Slave
+from ..config import Config, SlaveConfig
 from ..problems import AT_ONCE, Problems
 from ..toml_file import Table
 
 
 def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None:
-    """Checks that the bus has all slaves that the configuration names.
+    """Checks that the bus has all slaves that the configuration names, and that they can be told.
 
     Args:
         config: The configuration, about the slaves where they were found.
         bus: The bus.
-        problems: Takes each slave that is not there.
+        problems: Takes each slave that is not there, or cannot be told its tables.
 
     Raises:
-        ConfigError: A slave is not there.
+        ConfigError: A slave is not there, or has no CoE for what it is to be told.
     """
     count = len(bus.slaves)
     for table, key, position in _named(config):
@@ -31,6 +31,21 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
                 key,
                 f"there is no slave {position}: bus '{bus.name}' has {here}; correct the table, or "
                 "check the cable and the power of the slaves",
+            )
+    for settings in config.slave:
+        if settings.position < count and not bus.slaves[settings.position].coe:
+            with problems:
+                _check_without_coe(settings, bus.slaves[settings.position])
+
+
+def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:
+    tables = (("startup", settings.startup), ("pdo", settings.pdo), ("module", settings.module))
+    for key, told in tables:
+        if told:
+            told[0].table.fail(
+                None,
+                f"{slave.label} has no CoE, so it cannot be told its [[slave.{key}]]: remove "
+                f"{'the table' if len(told) == 1 else f'the {len(told)} tables'}",
             )
 
 

@@ -7,6 +7,7 @@ file and line.
 from .file import load_config, read_config
 from .slaves import DOMAINS_MAX
 from .tables import (
+    ABSENT,
     POSITION_MAX,
     STOPS,
     STRICT,
@@ -36,6 +37,7 @@ from .tables import (
 )
 
 __all__ = [
+    "ABSENT",
     "DOMAINS_MAX",
     "POSITION_MAX",
     "STOPS",

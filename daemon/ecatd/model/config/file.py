@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from ..bus_name import check_bus_name
 from ..log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml, show
 from .copies import read_copies
+from .gateway import read_gateway
 from .outputs import read_outputs
 from .signals import read_signals
 from .slave_settings import check_physical, read_expected, read_slaves
@@ -19,7 +19,6 @@ from .tables import (
     RECOVERY_MODES,
     CaptureConfig,
     Config,
-    GatewayConfig,
     MailboxConfig,
     RealTimeConfig,
     RecoveryConfig,
@@ -84,43 +83,6 @@ def _capture_folder(table: Table, key: Key) -> str:
     return folder
 
 
-_SOCKET_PATH_MAX = len("unix:") + 107  # of a Unix socket in Linux
-
-
-def _endpoint(table: Table, key: Key) -> str:
-    endpoint = table.text(key)
-    if "/" not in endpoint:
-        table.fail(key, f'{show(endpoint)} is no Zenoh endpoint: write one as "tcp/127.0.0.1:7447"')
-    return endpoint
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _metrics_address(table: Table, key: Key) -> str:
-    text = table.text(key)
-    if not text or (text.startswith("unix:/") and len(text) <= _SOCKET_PATH_MAX):
-        return text
-    host, _, port = text.rpartition(":")
-    if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-        table.fail(
-            key,
-            f'{show(text)} is no address: write "127.0.0.1:9754", or '
-            f'"unix:/run/ecatd/ecat0/metrics"',
-        )
-    if not _is_loopback(host.strip("[]")):
-        table.fail(
-            key,
-            f"{show(text)} can be reached from other machines, and everybody may read metrics: use "
-            f"127.0.0.1, and a proxy that knows users where others are to read them",
-        )
-    return text
-
-
 _REALTIME: Rules = {
     "priority": integer(0, 98),
     "cpu": integer(-1, 1023),
@@ -139,11 +101,6 @@ _CAPTURE: Rules = {
     "memory_mb": integer(0, 1024),
     "folder": _capture_folder,
     "keep": integer(1, 1000),
-}
-_GATEWAY: Rules = {
-    "listen": array(_endpoint),
-    "publish_hz": number(0, 1000),
-    "metrics": _metrics_address,
 }
 _TOP: Rules = {
     "bus": _bus,
@@ -164,7 +121,7 @@ _TOP: Rules = {
     "signal": read_signals,
     "copy": read_copies,
     "capture": lambda top, key: CaptureConfig(**top.table(key).read(_CAPTURE)),
-    "gateway": lambda top, key: GatewayConfig(**top.table(key).read(_GATEWAY)),
+    "gateway": read_gateway,
 }
 
 

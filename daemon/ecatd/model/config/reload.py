@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from .origins import flatten
+from .differences import differences
 from .tables import Config
 
 _AT_ONCE = (
@@ -15,7 +15,7 @@ _AT_ONCE = (
     "recovery.",
     "outputs.lease_",
 )
-"""Beginnings of the keys, as `flatten` makes them, that can change while the bus runs."""
+"""Beginnings of the keys that can change while the bus runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +40,7 @@ def reload(before: Config, wanted: Config) -> Reload:
         before: The configuration in force.
         wanted: The new one.
     """
-    old, new = flatten(before.to_dict()), flatten(wanted.to_dict())
-    changed = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+    changed = [item.key for item in differences(before, wanted).found]
     used = [key for key in changed if key.startswith(_AT_ONCE)]
     config = replace(
         before,

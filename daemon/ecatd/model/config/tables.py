@@ -260,6 +260,9 @@ class SlaveConfig(Placed):
         return [item for item in self.startup if item.transition == transition]
 
 
+ABSENT = -1
+
+
 @dataclass(slots=True)
 class CopyConfig(Placed):
     """`[[copy]]`: an output that an input decides.
@@ -267,7 +270,7 @@ class CopyConfig(Placed):
     Attributes:
         slave: Position of the slave with the output.
         entry: Address of the output, such as "0x7000:01".
-        from_slave: Position of the slave with the input.
+        from_slave: Position of the slave with the input; `ABSENT` if it is not on the bus.
         from_entry: Address of the input.
         factor: Physical output = physical input * factor + offset. None: 1, if the units are equal.
         offset: See `factor`.
@@ -636,7 +639,8 @@ class Config(Placed):
         yield from (rule.slave for rule in self.outputs.safe)
         yield from (rule.slave for rule in self.signal)
         for copy in self.copy:
-            yield from (copy.slave, copy.from_slave)
+            yield copy.slave
+            yield from () if copy.from_slave == ABSENT else (copy.from_slave,)
         if self.dc.reference >= 0:
             yield self.dc.reference
 
@@ -653,7 +657,7 @@ class Config(Placed):
 
         Args:
             places: The new position for each of `positions`. What is about a position that is not
-                in it is left out.
+                in it is left out. A copy whose input is missing stays: its output is its own.
         """
 
         def there(rules: list[_R]) -> list[_R]:
@@ -681,9 +685,13 @@ class Config(Placed):
             outputs=replace(self.outputs, safe=there(self.outputs.safe)),
             signal=there(self.signal),
             copy=[
-                replace(copy, slave=places[copy.slave], from_slave=places[copy.from_slave])
+                replace(
+                    copy,
+                    slave=places[copy.slave],
+                    from_slave=places.get(copy.from_slave, ABSENT),
+                )
                 for copy in self.copy
-                if copy.slave in places and copy.from_slave in places
+                if copy.slave in places
             ],
         )
 

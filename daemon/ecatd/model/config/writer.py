@@ -14,7 +14,7 @@ from ..log_levels import DEFAULTS
 from ..pdo import Entry
 from .signals import NAME_BYTES
 from .slave_settings import INPUT_PDOS, OUTPUT_PDOS
-from .tables import Config, ModuleConfig, SlaveConfig
+from .tables import ABSENT, Config, ModuleConfig, SlaveConfig
 
 _WIDTH = 100
 _HEX32 = ("vendor", "product", "revision", "revision_min", "ident")
@@ -90,9 +90,10 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         lines += ["", f"[{name}]", *_table(config, name, names, notes)]
     for signal in config.signal:
         lines += ["", "[[signal]]", *_rule(signal, names)]
-    for copy in config.copy:
+    copies = [copy for copy in config.copy if copy.from_slave != ABSENT]
+    for copy in copies:
         lines += ["", "[[copy]]", *_rule(copy, names)]
-    lines += _COPY_EXAMPLE * (not config.copy)
+    lines += _COPY_EXAMPLE * (not copies)
     return "\n".join(lines) + "\n"
 
 

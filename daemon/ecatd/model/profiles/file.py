@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from ..config import Config
 from ..config.signals import MEANING, UNIT_BYTES, check_limits
-from ..errors import ConfigError
 from ..toml_file import Key, Rules, Table, array, integer, number, printable, read_toml
 from ..units import QUANTITIES, is_unit
 from .profile import DeviceProfile, EntryProfile, Meaning, Profiles
@@ -18,22 +18,24 @@ _OURS = Path(__file__).parent
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 
 
-def load_profiles(named: Iterable[Path] = (), standard: Iterable[Path] = ()) -> Profiles:
+def load_profiles(config: Config | None = None, standard: Iterable[Path] = ()) -> Profiles:
     """Reads the profiles in the `*.toml` files of some folders, and after them ours.
 
     Args:
-        named: Folders that must exist; an earlier one takes precedence over a later one.
-        standard: Folders that may be missing; `named` takes precedence over them.
+        config: Names folders that must exist; an earlier one takes precedence over a later one.
+        standard: Folders that may be missing; those of `config` take precedence over them.
 
     Raises:
         ConfigError: A folder or a file cannot be read, or has a wrong key or value.
     """
     first: list[DeviceProfile] = []
-    for folder in named:
+    config = config or Config()
+    for at, folder in enumerate(map(Path, config.profiles)):
         if not folder.is_dir():
-            raise ConfigError(
-                f"'profiles' in the configuration names folders with device profiles (*.toml), and "
-                f"'{folder}' is no folder"
+            config.table.elements("profiles").fail(
+                at,
+                f"'{folder}' is no folder: write one with device profiles (*.toml), or leave it "
+                "out",
             )
         first += _folder(folder)
     others = [device for folder in (*standard, _OURS) for device in _folder(folder)]
