@@ -15,6 +15,15 @@ def has_shared_memory(bus: str) -> bool:
     return (shm.FOLDER / f"ecat.{bus}").exists()
 
 
+def awaits_gateway(bus: str) -> bool:
+    """Whether a bus runs on this machine, so that its gateway is started if it does not run."""
+    try:
+        with opened(bus) as shared:
+            return shared.alive and shared.header().state == shm.BusState.RUNNING
+    except EcatError:
+        return False
+
+
 def unserved(bus: str) -> EcatError:
     """Why no gateway of this machine answers for a bus."""
     if has_shared_memory(bus):
