@@ -50,7 +50,7 @@ def network(daemon: Daemon) -> Iterator[zenoh.Session]:
 
 
 def local(daemon: Daemon) -> zenoh.Session:
-    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/zenoh"
+    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/gateway/zenoh"
     return zenoh.open(session_config("client", {"connect/endpoints": [f"unixsock-stream/{path}"]}))
 
 
@@ -70,25 +70,21 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     mine.mkdir()
     (mine / daemon.bus).mkdir()
     (mine / daemon.bus / path.name).symlink_to(path)
-    settings = {
-        "parent": os.getpid(),
-        "log_level": "info",
-        "config": {"bus": daemon.bus, "gateway": {"listen": []}},
-        "origins": {},
-        "runtime_dir": str(mine),
-    }
     nobody, gone = os.pipe()
     os.close(nobody)  # whom it would tell that it is ready
     with subprocess.Popen(
-        [sys.executable, "-m", "ecatd.gateway"],
+        [sys.executable, "-m", "ecatd.gateway", daemon.bus],
         stdin=subprocess.PIPE,
         stdout=gone,
         text=True,
-        env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
+        env={
+            **{name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
+            "ECATD_RUNTIME_DIR": str(mine),
+        },
     ) as gateway:
         os.close(gone)
         try:
-            gateway.communicate(json.dumps(settings))
+            gateway.communicate(json.dumps({"parent": os.getpid()}))
         finally:
             gateway.kill()
     assert gateway.returncode == 0

@@ -38,7 +38,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     config = read_config(settings["config"], origins=settings["origins"])
     config.second_interface = settings["second_interface"]
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
-    server = BusServer(config, settings["interface"], log, control.publish)
+    server = BusServer(config, _in_force(settings), settings["interface"], log, control.publish)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGQUIT):
@@ -79,9 +79,13 @@ async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, Non
 async def _answer_service(server: BusServer, log: Log) -> None:
     def change(settings: dict[str, Any]) -> None:
         log.level = settings["log_level"]
-        server.reconfigure(read_config(settings["config"]))
+        server.reconfigure(read_config(settings["config"]), _in_force(settings))
 
     await answer_pings(server.report, change)
+
+
+def _in_force(settings: dict[str, Any]) -> dict[str, Any]:
+    return {key: settings[key] for key in ("config", "origins")}
 
 
 def _describe(settings: dict[str, Any], log: Log) -> None:

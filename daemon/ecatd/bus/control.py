@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import grp
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,8 @@ from ecatd.paths import make_dir
 from .server import BusServer
 
 _PENDING_MAX = 256
+_GATEWAY_GROUP = "ecatd-gateway"
+"""The group of a gateway that has a user of its own (`systemd/ecatd-gateway@.service`)."""
 
 
 class ControlSocket:
@@ -30,7 +34,7 @@ class ControlSocket:
         self._socket: asyncio.Server | None = None
 
     async def open(self, server: BusServer) -> None:
-        """Starts to listen; only this user (and root) may connect.
+        """Starts to listen; only this user, root, and the user of the gateway may connect.
 
         Raises:
             UnreachableError: The folder of the bus was removed, for example.
@@ -48,6 +52,9 @@ class ControlSocket:
             raise UnreachableError(f"cannot listen on {self._path}: {error.strerror}") from error
         finally:
             os.umask(old)
+        with suppress(KeyError, OSError):  # there is no such group, or this user is not in it
+            os.chown(self._path, -1, grp.getgrnam(_GATEWAY_GROUP).gr_gid)
+            self._path.chmod(0o660)
 
     def publish(self, event: dict[str, Any]) -> None:
         """Sends an event to every client; one that does not read loses its connection."""

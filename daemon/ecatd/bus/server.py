@@ -22,6 +22,7 @@ from ecatd.model.errors import StateError, UsageError
 from ecatd.model.health import look_at
 from ecatd.model.messages import (
     Describe,
+    ReadConfig,
     ReadInfo,
     ReadStates,
     Request,
@@ -64,15 +65,23 @@ class BusServer:
 
     Args:
         config: The configuration.
+        in_force: The same as the user has given it, with the origins of its values; what
+            `ReadConfig` answers.
         interface: The interface, which may come from the simulator instead of the configuration.
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
     """
 
     def __init__(
-        self, config: Config, interface: str, log: Log, publish: Callable[[dict[str, Any]], None]
+        self,
+        config: Config,
+        in_force: dict[str, Any],
+        interface: str,
+        log: Log,
+        publish: Callable[[dict[str, Any]], None],
     ) -> None:
         self._config = config
+        self._in_force = in_force
         self._interface = interface
         self._log = log
         self._publish = publish
@@ -119,11 +128,13 @@ class BusServer:
         self._started = time.time()
         return monitor
 
-    def reconfigure(self, config: Config) -> None:
+    def reconfigure(self, config: Config, in_force: dict[str, Any]) -> None:
         """Takes over what can change while the bus runs; see `model.config.reload`."""
         assert self._up.shared is not None, "asked before the bus was brought up"
+        self._in_force = in_force
         self._running.set_recovery(config.recovery)
         self._up.shared.set_leases(*leases(config))
+        self._publish({"event": "configuration", "time_ns": time.time_ns()})
 
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""
@@ -176,6 +187,8 @@ class BusServer:
         match request:
             case Describe():
                 return self.bus.to_dict()
+            case ReadConfig():
+                return self._in_force
             case ReadInfo():
                 return self._info()
             case ReadStates():

@@ -6,7 +6,7 @@ import os
 
 from ecatd import shm
 from ecatd.model.errors import START, EcatError, UnreachableError
-from ecatd.paths import search_dirs
+from ecatd.paths import search_dirs, served_buses
 from ecatd.shared_memory.reader import opened
 
 
@@ -52,5 +52,5 @@ def _running() -> list[str]:
     found: list[str] = []
     for folder in search_dirs():
         if os.access(folder, os.R_OK | os.X_OK):
-            found += sorted(path.parent.name for path in folder.glob("*/zenoh"))
+            found += served_buses(folder)
     return found
