@@ -19,6 +19,7 @@ from ecatd.paths import make_dir
 from .server import BusServer
 
 _PENDING_MAX = 256
+_CLIENTS_MAX = 8
 _GATEWAY_GROUP = "ecatd-gateway"
 """The group of a gateway that has a user of its own (`systemd/ecatd-gateway@.service`)."""
 
@@ -99,11 +100,15 @@ class _Client(Connection):
         self._tasks = tasks
         self._log = log
         self._pending = 0
+        self._is_read = True
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See `asyncio.Protocol`."""
         super().connection_made(transport)
-        self._clients.add(self)
+        if len(self._clients) >= _CLIENTS_MAX:
+            self.abort()
+        else:
+            self._clients.add(self)
 
     def ended(self, problem: UsageError | None) -> None:
         """See `Connection`."""
@@ -123,7 +128,20 @@ class _Client(Connection):
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         self._pending -= 1
-        if self._pending == _PENDING_MAX - 1:
+        self._go_on()
+
+    def pause_writing(self) -> None:
+        """See `asyncio.Protocol`: who does not read the answers gets no more of them."""
+        self._is_read = False
+        self.hold()
+
+    def resume_writing(self) -> None:
+        """See `asyncio.Protocol`."""
+        self._is_read = True
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self.is_held and self._is_read and self._pending < _PENDING_MAX:
             self.go_on()
 
     async def _answer(self, message: dict[str, Any]) -> None:
