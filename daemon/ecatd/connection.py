@@ -54,6 +54,11 @@ class Connection(asyncio.Protocol):
             self._transport.get_write_buffer_size() > _UNSENT_MAX
         )
 
+    @property
+    def is_held(self) -> bool:
+        """Whether `hold` was called, and `go_on` not yet."""
+        return self._held
+
     def send(self, message: dict[str, Any]) -> None:
         """Sends a message; drops it if the connection has ended."""
         if self._transport is not None and not self._transport.is_closing():

@@ -1,6 +1,7 @@
 """Paths of the sockets of a bus, and of the configuration of machine and user.
 
-Each bus has a folder of its own for its sockets. A daemon that runs as root has it in `/run/ecatd`,
+Each bus has a folder of its own for the socket of its bus server, and in it one for the sockets of
+its gateway, which may have another user. A daemon that runs as root has it in `/run/ecatd`,
 one of an ordinary user in `$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` if that variable is not
 set. `$ECATD_RUNTIME_DIR` overrides all of them; the unit of systemd sets it to `/run/ecatd`.
 """
@@ -65,7 +66,9 @@ def make_dir(bus: str) -> Path:
 
 
 def remove_dir(folder: Path, bus: str) -> None:
-    """Removes what `make_dir` has made for a bus, if it is empty."""
+    """Removes the folders of a bus that are empty."""
+    with suppress(OSError):
+        gateway_dir(folder, bus).rmdir()
     with suppress(OSError):
         (folder / bus).rmdir()
 
@@ -91,6 +94,16 @@ def control_socket(folder: Path, bus: str) -> Path:
     return folder / bus / "control"
 
 
+def gateway_dir(folder: Path, bus: str) -> Path:
+    """The folder of the gateway's sockets: the gateway makes it, or systemd for it."""
+    return folder / bus / "gateway"
+
+
 def zenoh_socket(folder: Path, bus: str) -> Path:
     """Path of the socket on which the gateway serves Zenoh clients of this machine."""
-    return folder / bus / "zenoh"
+    return gateway_dir(folder, bus) / "zenoh"
+
+
+def served_buses(folder: Path) -> list[str]:
+    """The buses whose gateways serve Zenoh clients of this machine."""
+    return sorted(path.parents[1].name for path in folder.glob(str(zenoh_socket(Path(), "*"))))

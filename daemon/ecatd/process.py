@@ -42,6 +42,17 @@ def leave_signals_to_the_service() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
+def leave_processor(cpu: int) -> None:
+    """Leaves the processor of the engine to it: this process and its children use the others.
+
+    A program that computes there between two cycles takes the engine's data out of the caches, and
+    a system call of it that takes long makes the engine wait.
+    """
+    others = os.sched_getaffinity(0) - {cpu}
+    if others:
+        os.sched_setaffinity(0, others)
+
+
 def offer_to_oom_killer(score: int) -> None:
     """Has the kernel choose this process before others if there is no memory left.
 

@@ -106,7 +106,7 @@ def health(daemon: Daemon) -> Any:
 @contextlib.contextmanager
 def events(daemon: Daemon) -> Iterator[list[dict[str, Any]]]:
     """What the daemon publishes meanwhile."""
-    endpoint = f"unixsock-stream/{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/zenoh"
+    endpoint = f"unixsock-stream/{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/gateway/zenoh"
     heard: list[dict[str, Any]] = []
     with zenoh.open(session_config("client", {"connect/endpoints": [endpoint]})) as session:
         session.declare_subscriber(
@@ -422,7 +422,7 @@ def test_ecatctl_dc(start: Callable[..., Daemon], tmp_path: Path) -> None:
     )
     wait_until(lambda: daemon.ctl_json("dc")["phase"]["count"] > 0)
     here = daemon.ctl_json("dc")
-    endpoint = f"unixsock-stream/{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/zenoh"
+    endpoint = f"unixsock-stream/{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/gateway/zenoh"
     there = daemon.ctl_json("dc", "--connect", endpoint)
     for document in (here, there):
         assert (document["bus"], document["reference"]) == (daemon.bus, 1)

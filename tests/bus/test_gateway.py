@@ -1,5 +1,6 @@
 """The gateway over Zenoh: what others hear, and what they may not do."""
 
+import contextlib
 import json
 import os
 import signal
@@ -50,7 +51,7 @@ def network(daemon: Daemon) -> Iterator[zenoh.Session]:
 
 
 def local(daemon: Daemon) -> zenoh.Session:
-    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/zenoh"
+    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/gateway/zenoh"
     return zenoh.open(session_config("client", {"connect/endpoints": [f"unixsock-stream/{path}"]}))
 
 
@@ -70,25 +71,21 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     mine.mkdir()
     (mine / daemon.bus).mkdir()
     (mine / daemon.bus / path.name).symlink_to(path)
-    settings = {
-        "parent": os.getpid(),
-        "log": {"level": "info"},
-        "config": {"bus": daemon.bus, "gateway": {"listen": []}},
-        "origins": {},
-        "runtime_dir": str(mine),
-    }
     nobody, gone = os.pipe()
     os.close(nobody)  # whom it would tell that it is ready
     with subprocess.Popen(
-        [sys.executable, "-m", "ecatd.gateway"],
+        [sys.executable, "-m", "ecatd.gateway", daemon.bus],
         stdin=subprocess.PIPE,
         stdout=gone,
         text=True,
-        env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
+        env={
+            **{name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
+            "ECATD_RUNTIME_DIR": str(mine),
+        },
     ) as gateway:
         os.close(gone)
         try:
-            gateway.communicate(json.dumps(settings))
+            gateway.communicate(json.dumps({"parent": os.getpid()}))
         finally:
             gateway.kill()
     assert gateway.returncode == 0
@@ -161,6 +158,44 @@ def test_a_gateway_that_ends_before_it_has_its_answers(start_daemon: Callable[..
     assert daemon.slave_rows("state")
     assert daemon.stop() == 0
     assert "Traceback" not in daemon.log
+
+
+def memory(pid: int) -> int:
+    """Resident memory of a process in bytes."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_a_gateway_that_asks_and_does_not_read(daemon: Daemon) -> None:
+    """It gets no more answers, the bus server does not grow, and others are served."""
+    path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    server = daemon.child_pid("ecatd.bus")
+    before, asked, request = memory(server), 0, frame({"id": 1, "op": "describe"})
+    with socket.socket(socket.AF_UNIX) as gateway:
+        gateway.connect(str(path))
+        gateway.settimeout(3)
+        with pytest.raises(TimeoutError):
+            while asked < 100_000:  # some gigabytes of answers
+                asked += 1
+                gateway.sendall(request)
+        assert memory(server) - before < 64 << 20
+        assert daemon.slave_rows("state")
+        gateway.settimeout(None)
+        gateway.shutdown(socket.SHUT_WR)
+        answers = 0
+        while data := gateway.recv(1 << 20):
+            answers += len(data)
+        assert answers > 100 * len(request)  # it is served again when it reads
+
+
+def test_too_many_gateways(daemon: Daemon) -> None:
+    path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    with contextlib.ExitStack() as stack:
+        there = [stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(20)]
+        for gateway in there:
+            gateway.connect(str(path))
+        assert there[-1].recv(1) == b""
+        assert daemon.slave_rows("state")
 
 
 def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session) -> None:

@@ -461,7 +461,7 @@ def test_setpriv_and_unshare_are_there() -> None:
 def test_a_service_manager_that_is_gone_ends_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ecatd.service.notify import notify
+    from ecatd.notify import notify
 
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
     notify("STOPPING=1")

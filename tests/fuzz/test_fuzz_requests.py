@@ -112,7 +112,7 @@ def test_the_control_socket_survives_anything(daemon: Daemon) -> None:
 
 @pytest.mark.bus
 def test_each_request_over_zenoh_gets_an_answer(daemon: Daemon) -> None:
-    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/zenoh"
+    path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/gateway/zenoh"
     pids = [daemon.child_pid(name) for name in ("ecatd.bus", "ecatd.gateway")]
     before: list[int] = []
     count = inputs(2_000)

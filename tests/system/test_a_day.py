@@ -21,6 +21,7 @@ PACKAGES = ROOT / "build/deb"
 
 VELOCITY = 0x606C
 SPEED = 200_000  # of spin.py
+PROCESSES = ("main", "ecatd.bus", "ecatd.gateway")
 FIGURES: list[tuple[str, str]] = []
 """What was measured, printed at the end."""
 
@@ -71,8 +72,13 @@ def wait_until_well(machine: Machine, bus: str = "ecat0") -> None:
 
 def process(machine: Machine, module: str) -> str:
     """The number of a process of ecatd: `main`, `ecatd.bus` or `ecatd.gateway`."""
-    main = machine.text("systemctl show --property MainPID --value ecatd")
-    return main if module == "main" else machine.text(f"pgrep -P {main} -f 'm {module}$'")
+    service = "ecatd-gateway" if module == "ecatd.gateway" else "ecatd"
+    main = machine.text(f"systemctl show --property MainPID --value {service}")
+    return (
+        main
+        if module in ("main", "ecatd.gateway")
+        else machine.text(f"pgrep -P {main} -f 'm {module}$'")
+    )
 
 
 def turn(machine: Machine, simulator: Simulator) -> None:
@@ -155,7 +161,10 @@ def test_the_bus_starts(machine: Machine, drive: str) -> None:
     note("start of the service", f"{began.seconds:.1f} s")
     wait_until_well(machine)
     assert "is in OP: 8 slaves" in machine.text("systemctl show --property StatusText ecatd")
-    assert machine.text("systemctl show --property User --value ecatd") == "ecatd"
+    users = {
+        name: machine.text(f"ps -o user:32= -p {process(machine, name)}") for name in PROCESSES
+    }
+    assert users == {"main": "ecatd", "ecatd.bus": "ecatd", "ecatd.gateway": "ecatd-gateway"}
     with Simulator(drive) as simulator:
         assert {slave.state for slave in simulator.status().slaves} == {"OP"}
 
@@ -181,10 +190,7 @@ def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:
 
 @pytest.mark.parametrize(
     "module",
-    [
-        "main",
-        *(pytest.param(name, marks=whole_day) for name in ("ecatd.bus", "ecatd.gateway", "client")),
-    ],
+    ["main", *(pytest.param(name, marks=whole_day) for name in (*PROCESSES[1:], "client"))],
 )
 def test_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
     with Simulator(drive) as simulator:
@@ -213,7 +219,7 @@ def test_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
 
 
 @whole_day
-@pytest.mark.parametrize("module", ["main", "ecatd.bus", "ecatd.gateway"])
+@pytest.mark.parametrize("module", PROCESSES)
 def test_a_process_hangs(machine: Machine, drive: str, module: str) -> None:
     with Simulator(drive) as simulator:
         turn(machine, simulator)
@@ -374,6 +380,7 @@ def test_nothing_stays(machine: Machine, drive: str) -> None:
     assert not left
     machine("test ! -e /run/ecatd")
     assert machine("id ecatd", status=1)
+    assert machine("id ecatd-gateway", status=1)
     assert machine("getent group ecat", status=2)
     assert "ecatd" not in machine.text("systemctl list-units --all --no-pager | grep ecat; true")
     print("\n".join(f"| {what} | {figure} |" for what, figure in FIGURES))

@@ -1,36 +1,91 @@
-"""The units of systemd: what they protect, and that the one for a single bus is like the other."""
+"""The units of systemd: what they protect, and that those for a single bus are like the others."""
 
 import re
+import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from ecatd.service.main import make_parser
+
 UNITS = Path(__file__).parents[2] / "systemd"
-EXPOSURE = 2.3
+ALL = ("ecatd.service", "ecatd@.service", "ecatd-gateway.service", "ecatd-gateway@.service")
+EXPOSURE = {"ecatd.service": 2.3, "ecatd-gateway.service": 1.4}
 OF_ONE_BUS = ("# ", "Conflicts=", "After=ecatd@", "DefaultInstance=")
+
+needs_systemd = pytest.mark.skipif(
+    shutil.which("systemd-analyze") is None, reason="there is no systemd"
+)
+
+
+def lines(unit: str) -> list[str]:
+    """What a unit says."""
+    return [line for line in (UNITS / unit).read_text().splitlines() if line]
 
 
 def settings(unit: str) -> list[str]:
     """The lines of a unit that are the same for a single bus and for several."""
-    lines = (UNITS / unit).read_text().replace("%i", "ecat0").splitlines()
-    return [line for line in lines if line and not line.startswith(OF_ONE_BUS)]
+    text = "\n".join(lines(unit)).replace("@%i.service", ".service").replace("%i", "ecat0")
+    return [line for line in text.splitlines() if not line.startswith(OF_ONE_BUS)]
 
 
-def test_a_single_bus_is_a_bus_as_any_other() -> None:
-    assert settings("ecatd.service") == settings("ecatd@.service")
+@pytest.mark.parametrize("name", ["ecatd", "ecatd-gateway"])
+def test_a_single_bus_is_a_bus_as_any_other(name: str) -> None:
+    assert settings(f"{name}.service") == settings(f"{name}@.service")
 
 
 def test_only_one_of_both_runs_the_bus() -> None:
-    lines = (UNITS / "ecatd.service").read_text().splitlines()
-    assert {"Conflicts=ecatd@ecat0.service", "After=ecatd@ecat0.service"} <= set(lines)
+    assert {"Conflicts=ecatd@ecat0.service", "After=ecatd@ecat0.service"} <= set(
+        lines("ecatd.service")
+    )
 
 
-@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd")
-def test_exposure(tmp_path: Path) -> None:
-    unit = shutil.copy(UNITS / "ecatd.service", tmp_path)
-    command = ["systemd-analyze", "security", "--offline=yes", "--no-pager", unit]
+def test_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:
+    bus, gateway = set(lines("ecatd@.service")), set(lines("ecatd-gateway@.service"))
+    (user,) = (line for line in gateway if line.startswith("User="))
+    assert user not in bus
+    users = (UNITS / "ecatd.sysusers.conf").read_text()
+    assert f"u {user.removeprefix('User=')} " in users
+    assert "CapabilityBoundingSet=" in gateway
+    assert not [line for line in gateway if line.startswith("AmbientCapabilities=")]
+
+
+def test_the_gateway_begins_and_ends_with_the_bus_and_never_ends_it() -> None:
+    assert "Wants=ecatd-gateway@%i.service" in lines("ecatd@.service")
+    assert {"BindsTo=ecatd@%i.service", "After=ecatd@%i.service"} <= set(
+        lines("ecatd-gateway@.service")
+    )
+
+
+@pytest.mark.parametrize("unit", ALL)
+def test_the_program_knows_the_options(unit: str) -> None:
+    (command,) = (line for line in lines(unit) if line.startswith("ExecStart="))
+    options = make_parser().parse_args(shlex.split(command)[1:])
+    assert options.bus in ("%i", "ecat0")
+    assert options.only_gateway == ("gateway" in unit)
+    assert options.no_gateway != options.only_gateway
+
+
+@needs_systemd
+def test_systemd_understands_every_line(tmp_path: Path) -> None:
+    files = []
+    for unit in ALL:
+        file = tmp_path / unit.replace("@.", "@press.")
+        file.write_text((UNITS / unit).read_text().replace("/usr/local/bin/ecatd", sys.executable))
+        files.append(str(file))
+    command = ["systemd-analyze", "verify", "--man=no", *files]
+    told = subprocess.run(command, capture_output=True, text=True, check=False).stderr
+    assert not [line for line in told.splitlines() if "ecatd" in line], told
+
+
+@needs_systemd
+@pytest.mark.parametrize("unit", list(EXPOSURE))
+def test_exposure(tmp_path: Path, unit: str) -> None:
+    copy = shutil.copy(UNITS / unit, tmp_path)
+    command = ["systemd-analyze", "security", "--offline=yes", "--no-pager", copy]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     (found,) = re.findall(r"Overall exposure level .*: ([0-9.]+)", told)
-    assert float(found) <= EXPOSURE, told
+    assert float(found) <= EXPOSURE[unit], told

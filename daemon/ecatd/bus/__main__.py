@@ -41,6 +41,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
     server = BusServer(
         config,
+        _in_force(settings),
         settings["interface"],
         log,
         control.publish,
@@ -86,9 +87,13 @@ async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, Non
 async def _answer_service(server: BusServer, log: Log) -> None:
     def change(settings: dict[str, Any]) -> None:
         log.levels = settings["log"]
-        server.reconfigure(read_config(settings["config"]))
+        server.reconfigure(read_config(settings["config"]), _in_force(settings))
 
     await answer_pings(server.report, change)
+
+
+def _in_force(settings: dict[str, Any]) -> dict[str, Any]:
+    return {key: settings[key] for key in ("config", "origins")}
 
 
 def _describe(settings: dict[str, Any], log: Log) -> None:

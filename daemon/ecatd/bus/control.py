@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import grp
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,9 @@ from ecatd.paths import make_dir
 from .server import BusServer
 
 _PENDING_MAX = 256
+_CLIENTS_MAX = 8
+_GATEWAY_GROUP = "ecatd-gateway"
+"""The group of a gateway that has a user of its own (`systemd/ecatd-gateway@.service`)."""
 
 
 class ControlSocket:
@@ -30,7 +35,7 @@ class ControlSocket:
         self._socket: asyncio.Server | None = None
 
     async def open(self, server: BusServer) -> None:
-        """Starts to listen; only this user (and root) may connect.
+        """Starts to listen; only this user, root, and the user of the gateway may connect.
 
         Raises:
             UnreachableError: The folder of the bus was removed, for example.
@@ -48,6 +53,9 @@ class ControlSocket:
             raise UnreachableError(f"cannot listen on {self._path}: {error.strerror}") from error
         finally:
             os.umask(old)
+        with suppress(KeyError, OSError):  # there is no such group, or this user is not in it
+            os.chown(self._path, -1, grp.getgrnam(_GATEWAY_GROUP).gr_gid)
+            self._path.chmod(0o660)
 
     def publish(self, event: dict[str, Any]) -> None:
         """Sends an event to every client; one that does not read loses its connection."""
@@ -92,11 +100,15 @@ class _Client(Connection):
         self._tasks = tasks
         self._log = log
         self._pending = 0
+        self._is_read = True
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See `asyncio.Protocol`."""
         super().connection_made(transport)
-        self._clients.add(self)
+        if len(self._clients) >= _CLIENTS_MAX:
+            self.abort()
+        else:
+            self._clients.add(self)
 
     def ended(self, problem: UsageError | None) -> None:
         """See `Connection`."""
@@ -116,7 +128,20 @@ class _Client(Connection):
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         self._pending -= 1
-        if self._pending == _PENDING_MAX - 1:
+        self._go_on()
+
+    def pause_writing(self) -> None:
+        """See `asyncio.Protocol`: who does not read the answers gets no more of them."""
+        self._is_read = False
+        self.hold()
+
+    def resume_writing(self) -> None:
+        """See `asyncio.Protocol`."""
+        self._is_read = True
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self.is_held and self._is_read and self._pending < _PENDING_MAX:
             self.go_on()
 
     async def _answer(self, message: dict[str, Any]) -> None:

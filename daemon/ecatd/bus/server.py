@@ -23,6 +23,7 @@ from ecatd.model.health import look_at
 from ecatd.model.log_levels import Levels, level_of, level_of_each, levels_text, with_level
 from ecatd.model.messages import (
     Describe,
+    ReadConfig,
     ReadFrames,
     ReadInfo,
     ReadLogLevels,
@@ -70,6 +71,8 @@ class BusServer:
 
     Args:
         config: The configuration.
+        in_force: The same as the user has given it, with the origins of its values; what
+            `ReadConfig` answers.
         interface: The interface, which may come from the simulator instead of the configuration.
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
@@ -79,12 +82,14 @@ class BusServer:
     def __init__(
         self,
         config: Config,
+        in_force: dict[str, Any],
         interface: str,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
         set_levels: Callable[[Levels], None],
     ) -> None:
         self._config = config
+        self._in_force = in_force
         self._interface = interface
         self._log = log
         self._publish = publish
@@ -144,14 +149,16 @@ class BusServer:
         self._started = time.time()
         return monitor
 
-    def reconfigure(self, config: Config) -> None:
+    def reconfigure(self, config: Config, in_force: dict[str, Any]) -> None:
         """Takes over what can change while the bus runs; see `model.config.reload`."""
         assert self._up.shared is not None, "asked before the bus was brought up"
+        self._in_force = in_force
         self._running.set_recovery(config.recovery)
         self._up.shared.set_leases(*leases(config))
         if self._fault_files is not None:
             self._fault_files.config = config.capture
         self._configured = config.log
+        self._publish({"event": "configuration", "time_ns": time.time_ns()})
 
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""
@@ -204,6 +211,8 @@ class BusServer:
         match request:
             case Describe():
                 return self.bus.to_dict()
+            case ReadConfig():
+                return self._in_force
             case ReadInfo():
                 return self._info()
             case ReadStates():
@@ -274,6 +283,7 @@ class BusServer:
         before, part = self._log.levels, request.part
         after = self._log.levels = with_level(before, part, request.level)
         self._set_levels(after)
+        self._publish({"event": "log_levels", "time_ns": time.time_ns()})
         was = levels_text(before) if part is None else level_of(before, part)
         self._log.notice(
             f"log level of {part or 'all parts'} changed from {was} to {request.level} by "

@@ -6,13 +6,22 @@ import os
 
 from ecatd import shm
 from ecatd.model.errors import START, EcatError, UnreachableError
-from ecatd.paths import search_dirs
+from ecatd.paths import search_dirs, served_buses
 from ecatd.shared_memory.reader import opened
 
 
 def has_shared_memory(bus: str) -> bool:
     """Whether shared memory of a bus exists, even if a daemon that is gone has left it."""
     return (shm.FOLDER / f"ecat.{bus}").exists()
+
+
+def awaits_gateway(bus: str) -> bool:
+    """Whether a bus runs on this machine, so that its gateway is started if it does not run."""
+    try:
+        with opened(bus) as shared:
+            return shared.alive and shared.header().state == shm.BusState.RUNNING
+    except EcatError:
+        return False
 
 
 def unserved(bus: str) -> EcatError:
@@ -43,5 +52,5 @@ def _running() -> list[str]:
     found: list[str] = []
     for folder in search_dirs():
         if os.access(folder, os.R_OK | os.X_OK):
-            found += sorted(path.parent.name for path in folder.glob("*/zenoh"))
+            found += served_buses(folder)
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -40,6 +41,10 @@ if TYPE_CHECKING:
     from ecatd.model.bus import Bus
     from ecatd.model.config import Config
     from ecatd.stats import Snapshot
+
+
+_GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
+"""Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
 
 
 class SdoValue(NamedTuple):
@@ -84,6 +89,12 @@ def _local_endpoint(bus: str) -> str:
     raise _unserved(bus)
 
 
+def _is_coming(bus: str) -> bool:
+    from .absent import awaits_gateway
+
+    return awaits_gateway(bus)
+
+
 def _unserved(bus: str) -> EcatError:
     from .absent import unserved
 
@@ -109,11 +120,21 @@ class Remote:
         self.bus = check_bus_name(bus)
         self._timeout = timeout
         self._is_local = connect is None or connect.startswith("unixsock-stream/")
-        endpoint = connect or _local_endpoint(bus)
         zenoh.init_log_from_env_or("off")
+        deadline = time.monotonic() + min(timeout, _GATEWAY_PATIENCE)
+        while True:
+            try:
+                self._session = self._open(connect or _local_endpoint(bus), connect is None)
+                return
+            except UnreachableError:
+                if connect or time.monotonic() > deadline or not _is_coming(bus):
+                    raise
+            time.sleep(_GATEWAY_PAUSE)
+
+    def _open(self, endpoint: str, found: bool) -> zenoh.Session:
         settings = {
             "connect/endpoints": [endpoint],
-            "connect/timeout_ms": int(min(timeout, 2.0) * 1000),
+            "connect/timeout_ms": int(min(self._timeout, 2.0) * 1000),
             "connect/exit_on_failure": True,
         }
         try:
@@ -121,12 +142,12 @@ class Remote:
         except zenoh.ZError as error:
             raise UsageError(f"'{endpoint}' is no Zenoh endpoint such as tcp/host:7447") from error
         try:
-            self._session = zenoh.open(config)
+            return zenoh.open(config)
         except zenoh.ZError as error:
-            if connect is None:
-                raise _unserved(bus) from error
+            if found:
+                raise _unserved(self.bus) from error
             raise UnreachableError(
-                f"no ecatd answers for bus '{bus}' at {endpoint}; is it running, and does it "
+                f"no ecatd answers for bus '{self.bus}' at {endpoint}; is it running, and does it "
                 f"listen there?"
             ) from error
 

@@ -1,8 +1,10 @@
-"""The process of the gateway: `python -m ecatd.gateway`, started by the service.
+"""The process of the gateway, with the name of its bus as argument.
 
-Its settings, those of `ecatd.bus.__main__` and the origins of the configuration, come when the bus
-is in OP (see `ecatd.service_link`); it is ready when it answers. It has no capabilities, may
-write only into the folder of its bus, and the bus does not depend on it.
+It has no capabilities, may write only into the folder of its sockets, and the bus does not depend
+on it. The bus server tells it its settings.
+
+It is a child of `ecatd`, which tells it when the bus is in OP and asks whether it works (see
+`ecatd.service_link`), or with `--alone` a service of its own, and tells the service manager.
 """
 
 from __future__ import annotations
@@ -13,73 +15,89 @@ import signal
 import sys
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ecatd.landlock import restrict
 from ecatd.log import Log
-from ecatd.model.config import read_config
+from ecatd.model.config import GatewayConfig
 from ecatd.model.errors import EcatError
+from ecatd.notify import notify
+from ecatd.paths import gateway_dir, user_dir
 from ecatd.process import (
     die_with_parent,
     drop_rights,
+    leave_processor,
     leave_signals_to_the_service,
     offer_to_oom_killer,
 )
 from ecatd.service_link import answer_pings, read_settings, tell
 
+if TYPE_CHECKING:
+    from .gateway import Gateway
+
 _OOM_SCORE = 500
 """The bus does not need the gateway, so it is the first to go if there is no memory left."""
+_PERIOD = 1.0
+"""Seconds between two messages to the service manager that this process works."""
 
 
-async def _serve(settings: dict[str, Any], log: Log) -> None:
+async def _serve(bus: str, log: Log, *, alone: bool) -> None:
     from .gateway import Gateway  # loaded already
 
     stop = asyncio.Event()
-    for number in (signal.SIGTERM, signal.SIGQUIT):
+    for number in (signal.SIGTERM, signal.SIGQUIT, *((signal.SIGINT,) if alone else ())):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    config, runtime_dir = read_config(settings["config"]), Path(settings["runtime_dir"])
-    gateway = Gateway(config, settings["origins"], runtime_dir, log, stop.set)
+    gateway = Gateway(bus, user_dir(), log, stop.set)
     try:
+        config = await gateway.connect()
+        # It has no threads yet, which would keep what it had.
+        leave_processor(config.realtime.cpu)
+        # Whoever gets it under control can make sockets there: no more.
+        if not restrict(_folders(bus, config.gateway)):
+            log.debug("this kernel has no Landlock: the gateway may write what its user may")
         await gateway.start()
-        tell("ready")
-
-        def change(settings: dict[str, Any]) -> None:
-            log.levels = settings["log"]
-            gateway.reconfigure(read_config(settings["config"]), settings["origins"])
-
-        answering = asyncio.create_task(answer_pings(gateway.report, change))
-        answering.add_done_callback(lambda _: stop.set())  # the service was killed
+        working = asyncio.create_task(_tell_manager(bus) if alone else _answer_service(gateway))
+        working.add_done_callback(lambda _: stop.set())  # the service was killed
         await stop.wait()
-        answering.cancel()
+        working.cancel()
     finally:
         await gateway.stop()
 
 
-def _folders(settings: dict[str, Any]) -> list[Path]:
+async def _answer_service(gateway: Gateway) -> None:
+    tell("ready")
+    await answer_pings(gateway.report)
+
+
+async def _tell_manager(bus: str) -> None:
+    notify("READY=1", f"STATUS=serves bus '{bus}'")
+    while True:
+        notify("WATCHDOG=1", wait=False)
+        await asyncio.sleep(_PERIOD)
+
+
+def _folders(bus: str, config: GatewayConfig) -> list[Path]:
     """The folders of its Unix sockets."""
-    config = read_config(settings["config"])
-    addresses = [config.gateway.metrics, *config.gateway.listen]
+    addresses = [config.metrics, *config.listen]
     paths = [Path(address.partition(":")[2]) for address in addresses if address[:5] == "unix:"]
     paths += [Path(text[16:]) for text in addresses if text.startswith("unixsock-stream/")]
-    folders = [Path(settings["runtime_dir"]) / config.bus, *(path.parent for path in paths)]
+    folders = [gateway_dir(user_dir(), bus), *(path.parent for path in paths)]
     return [folder for folder in folders if folder.is_dir()]
 
 
 def main() -> int:
     """Runs the gateway; the exit code says why it ended."""
+    bus, alone = sys.argv[1], "--alone" in sys.argv[2:]
     leave_signals_to_the_service()
     offer_to_oom_killer(_OOM_SCORE)
     drop_rights()  # before any thread, of which each has rights of its own
     from . import gateway  # noqa: F401  it loads while the bus comes up
 
-    settings = read_settings()
-    die_with_parent(settings["parent"])
-    log = Log("ecatd", settings["log"], settings["config"]["bus"]).of("gateway")
-    # It has no threads yet. Whoever gets it under control can make sockets in its folder: no more.
-    if not restrict(_folders(settings)):
-        log.debug("this kernel has no Landlock: the gateway may write what its user may")
+    if not alone:
+        die_with_parent(read_settings()["parent"])
+    log = Log("ecatd", bus=bus).of("gateway")
     try:
-        asyncio.run(_serve(settings, log))
+        asyncio.run(_serve(bus, log, alone=alone))
     except EcatError as error:
         log.error(f"gateway: {error}")
         return error.exit_code

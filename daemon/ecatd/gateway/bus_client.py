@@ -48,7 +48,10 @@ class BusClient(Connection):
             loop = asyncio.get_running_loop()
             await loop.create_unix_connection(lambda: self, str(self._path))
         except OSError as error:
-            raise UnreachableError(f"the bus server does not listen on {self._path}") from error
+            raise UnreachableError(
+                f"no bus server answers at {self._path}: {error.strerror}; an ecatd of this user, "
+                f"or the service, has to run the bus first"
+            ) from error
 
     def message_received(self, message: dict[str, Any]) -> None:
         """See `Connection`."""

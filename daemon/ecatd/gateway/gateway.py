@@ -8,6 +8,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,10 @@ import zenoh
 
 from ecatd.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.log import Log
-from ecatd.model.config import Config
-from ecatd.model.errors import EcatError, UnreachableError, UsageError
-from ecatd.model.messages import Describe, ReadStates, Request
+from ecatd.model.config import Config, GatewayConfig, read_config
+from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, UsageError
+from ecatd.model.log_levels import DEFAULTS
+from ecatd.model.messages import Describe, ReadConfig, ReadLogLevels, ReadStates, Request
 from ecatd.model.queries import changes, from_query, read_flag, read_parameters
 from ecatd.paths import control_socket, zenoh_socket
 from ecatd.stats import read, to_map
@@ -54,26 +56,20 @@ class Gateway:
     """Answers queries and publishes events of one bus.
 
     Args:
-        config: The configuration.
-        origins: Where its values come from, by key.
+        name: Name of the bus.
         runtime_dir: Where the sockets are.
         log: Where failures are told.
-        on_end: Called when the bus server has gone.
+        on_end: Called when the bus server has gone, or the settings have changed: another gateway
+            is to be started.
     """
 
-    def __init__(
-        self,
-        config: Config,
-        origins: dict[str, str],
-        runtime_dir: Path,
-        log: Log,
-        on_end: Callable[[], None],
-    ) -> None:
-        self._config = config
-        self._origins = origins
+    def __init__(self, name: str, runtime_dir: Path, log: Log, on_end: Callable[[], None]) -> None:
+        self._name = name
         self._log = log
-        self._socket = zenoh_socket(runtime_dir, config.bus)
-        self._bus = BusClient(control_socket(runtime_dir, config.bus), self._publish_event, on_end)
+        self._on_end = on_end
+        self._socket = zenoh_socket(runtime_dir, name)
+        self._bus = BusClient(control_socket(runtime_dir, name), self._on_event, on_end)
+        self._config = GatewayConfig()
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._metrics: MetricsServer | None = None
@@ -81,16 +77,40 @@ class Gateway:
         self._answers: OrderedDict[str, Answer] = OrderedDict()
         self._bus_description: dict[str, Any] = {}  # which stays as it is
 
-    async def start(self) -> None:
-        """Connects to the bus server and opens the Zenoh session.
+    async def connect(self) -> Config:
+        """Connects to the bus server, which tells the settings, and makes the folder for sockets.
 
         Raises:
             EcatError: One of both does not work.
         """
         await self._bus.open()
+        config = await self._settings()
+        self._config = config.gateway
+        old = os.umask(0)
+        try:
+            self._socket.parent.mkdir(mode=0o750, exist_ok=True)
+        except OSError as error:
+            text = f"cannot make {self._socket.parent}: {error.strerror}"
+            raise NotPermittedError(text) from error
+        finally:
+            os.umask(old)
+        return config
+
+    async def _settings(self) -> Config:
+        config = read_config((await self._bus.ask(ReadConfig()))["config"])
+        levels = (await self._bus.ask(ReadLogLevels()))["levels"]
+        self._log.levels = {**DEFAULTS, **levels}
+        return config
+
+    async def start(self) -> None:
+        """Opens the Zenoh session; `connect` comes before.
+
+        Raises:
+            EcatError: That does not work.
+        """
         self._bus_description = await self._bus.ask(Describe())
         zenoh.init_log_from_env_or("off")
-        listening = Listening(self._config.gateway.listen, self._log)
+        listening = Listening(self._config.listen, self._log)
         await listening.look()
         self._session = session = await self._open_session()
         self._keep(asyncio.create_task(listening.watch()))
@@ -99,16 +119,16 @@ class Gateway:
         def receive(query: zenoh.Query) -> None:
             loop.call_soon_threadsafe(self._receive, query)
 
-        name = self._config.bus
+        name = self._name
         for part in ("ro", "rw"):
             self._declared.append(session.declare_queryable(bus_key(name, part, "**"), receive))
         self._declared.append(session.liveliness().declare_token(bus_key(name, "alive")))
-        if address := self._config.gateway.metrics:
+        if address := self._config.metrics:
             self._metrics = MetricsServer(
                 address, name, lambda: self._bus.ask(ReadStates()), self._log
             )
             await self._metrics.start()
-        publisher = Publisher(session, name, self._config.gateway.publish_hz, self._log)
+        publisher = Publisher(session, name, self._config.publish_hz, self._log)
         self._keep(asyncio.create_task(publisher.run()))
 
     def _keep(self, task: asyncio.Task[Any]) -> None:
@@ -122,7 +142,7 @@ class Gateway:
             UnreachableError: Zenoh does not open it, or does not listen on the local socket.
         """
         self._socket.unlink(missing_ok=True)
-        endpoints = [f"unixsock-stream/{self._socket}", *self._config.gateway.listen]
+        endpoints = [f"unixsock-stream/{self._socket}", *self._config.listen]
         old = os.umask(0o117)
         try:
             session = zenoh.open(self._session_config(endpoints))
@@ -138,7 +158,7 @@ class Gateway:
         return session
 
     def _session_config(self, endpoints: list[str]) -> zenoh.Config:
-        name = self._config.bus
+        name = self._name
         rule = {"messages": _ALL_MESSAGES, "flows": ["ingress", "egress"], "permission": "allow"}
         return session_config(
             "peer",
@@ -210,20 +230,17 @@ class Gateway:
         match parts:
             case ["ro", "slaves"]:
                 return _known(parameters, lambda: self._bus_description)
-            case ["ro", "config"]:
-                shown = {"config": self._config.to_dict(), "origins": self._origins}
-                return _known(parameters, lambda: shown)
             case ["ro", "stats"]:
                 return _known(parameters, self._stats, "buckets")
             case ["ro", "dc"]:
-                return _known(parameters, lambda: read_clocks(self._config.bus))
+                return _known(parameters, lambda: read_clocks(self._name))
         values = unpack(payload) if payload else {}
         identity = values.pop("id", None)
         request = from_query(parts, parameters, values)
         return self._once(identity, request) if changes(type(request)) else self._bus.ask(request)
 
     def _stats(self, *, buckets: bool) -> dict[str, Any]:
-        return to_map(read(self._config.bus), buckets=buckets)
+        return to_map(read(self._name), buckets=buckets)
 
     def _once(self, identity: Any, request: Request) -> Answer:
         """Carries a change out; if its id has come before, returns the answer to the first one."""
@@ -235,15 +252,18 @@ class Gateway:
                 self._answers.popitem(last=False)
         return self._answers[identity]
 
-    def _publish_event(self, event: dict[str, Any]) -> None:
+    def _on_event(self, event: dict[str, Any]) -> None:
+        if event["event"] in ("configuration", "log_levels"):
+            self._keep(asyncio.create_task(self._reconfigure()))
         if self._session is not None:
-            self._session.put(
-                bus_key(self._config.bus, "ro", "event"), pack({"schema": SCHEMA, **event})
-            )
+            key = bus_key(self._name, "ro", "event")
+            self._session.put(key, pack({"schema": SCHEMA, **event}))
 
-    def reconfigure(self, config: Config, origins: dict[str, str]) -> None:
-        """Takes what `ecatctl config show` shows from now on; `[gateway]` itself is as it was."""
-        self._config, self._origins = config, origins
+    async def _reconfigure(self) -> None:
+        """Has another gateway started if settings have changed that this one has used."""
+        with suppress(UnreachableError):  # the bus server has ended
+            if (await self._settings()).gateway != self._config:
+                self._on_end()
 
     async def report(self) -> dict[str, Any]:
         """What the service asks every second: that it answers is all there is to know."""

@@ -12,6 +12,8 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 
+UNITS = tuple(f"{name}{at}.service" for name in ("ecatd", "ecatd-gateway") for at in ("", "@"))
+"""The services of a single bus and of several; a bus has one, and its gateway another one."""
 _PROGRAM = b"/usr/local/bin/ecatd"
 """The path of ecatd in the units as they are in the repository."""
 
@@ -68,7 +70,7 @@ def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:
     systemd = _folder() / "systemd"
     placed = {}
     for folder, names in (
-        (layout.units, ("ecatd.service", "ecatd@.service")),
+        (layout.units, UNITS),
         (layout.networks, ("10-ecatd.network",)),
         (layout.rules, ("85-ecatd.rules",)),
         (layout.catalog, ("ecatd.catalog",)),

@@ -19,7 +19,7 @@ from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.version import VERSION
 
 from .places import LOCAL, example, files
-from .steps import Link, Remove, RemoveTree, Run, Step, Write, run
+from .steps import Link, Remove, RemoveTree, Step, Write, run
 
 PACKAGED = Path("/usr/lib/ecatd/bin")
 """Where the Debian package has the programs."""
@@ -290,7 +290,7 @@ def _tell_system(place: Place, *, users: bool = True) -> Iterator[Step]:
         yield Step("skip", "commands of the system", f"{place.root} is not the running system")
         return
     if users and shutil.which("systemd-sysusers"):
-        yield run("systemd-sysusers", why="user ecatd and group ecat")
+        yield run("systemd-sysusers", why="users ecatd, ecatd-gateway, group ecat")
     if not place.is_running:
         yield Step("skip", "systemctl, udevadm", "systemd does not run here")
         return
@@ -306,8 +306,10 @@ def _purge(place: Place) -> Iterator[Step]:
     if folder.exists() or folder.is_symlink():
         yield RemoveTree("remove", str(CONFIGURATION), "", folder)
     if place.root == Path("/"):
-        yield Run("run", "userdel ecatd", "", ("userdel", "ecatd"), may_fail=True)
-        yield Run("run", "groupdel ecat", "", ("groupdel", "ecat"), may_fail=True)
+        for user in ("ecatd", "ecatd-gateway"):
+            yield run("userdel", user, may_fail=True)
+        for group in ("ecat", "ecatd-gateway"):
+            yield run("groupdel", group, may_fail=True)
 
 
 def _installed(place: Place) -> dict[str, str]:

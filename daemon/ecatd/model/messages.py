@@ -92,6 +92,13 @@ class ReadInfo(Request):
     key = "ro/info"
 
 
+class ReadConfig(Request):
+    """Asks for the configuration in force, and for the origins of its values."""
+
+    op = "config"
+    key = "ro/config"
+
+
 class ReadStates(Request):
     """Asks for the AL states of all slaves, which are read for this request."""
 

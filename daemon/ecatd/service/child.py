@@ -12,8 +12,8 @@ from typing import Any
 
 from ecatd.service_link import HANG_S
 
-_PYTHON = (sys.executable, "-P", "-m")
-"""-P: Python does not look for modules in the current directory."""
+PYTHON = (sys.executable, "-P", "-m")
+"""Runs a module. -P: Python does not look for modules in the current directory."""
 _KILL_PATIENCE = 5.0
 
 
@@ -53,7 +53,7 @@ class Child:
         way = asyncio.subprocess.DEVNULL if pass_fds else asyncio.subprocess.PIPE
         # A session of its own: Ctrl-C reaches only the service, which ends the others in order.
         process = await asyncio.create_subprocess_exec(
-            *_PYTHON, *command, stdin=way, stdout=way, pass_fds=pass_fds, start_new_session=True
+            *PYTHON, *command, stdin=way, stdout=way, pass_fds=pass_fds, start_new_session=True
         )
         return cls(name, process)
 

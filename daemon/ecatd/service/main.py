@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
 import signal
 import sys
 from pathlib import Path
 
 from ecatd.log import Log
 from ecatd.model.applied import alike_slaves, load_description
+from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.config.origins import COMMAND_LINE, find_origins
 from ecatd.model.errors import EcatError, UsageError
@@ -18,6 +20,7 @@ from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
 from ecatd.version import VERSION
 
+from .child import PYTHON
 from .supervisor import Supervisor
 
 _EPILOG = """\
@@ -47,6 +50,14 @@ def make_parser() -> argparse.ArgumentParser:
     source.add_argument("--interface", metavar="IF", help="network interface with the slaves")
     source.add_argument(
         "--simulate", metavar="RIG", help="run a simulated rig instead of hardware (see ecatsim)"
+    )
+    source.add_argument(
+        "--only-gateway",
+        action="store_true",
+        help="only the gateway of a bus that another ecatd runs with --no-gateway",
+    )
+    parser.add_argument(
+        "--no-gateway", action="store_true", help="no gateway: it is a service of its own"
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration in TOML")
     parser.add_argument(
@@ -101,10 +112,24 @@ def main() -> int:
         return 0
 
 
+def _become_gateway(options: argparse.Namespace) -> None:
+    others = {name for name, value in vars(options).items() if value not in (None, False)}
+    if wrong := sorted(others - {"only_gateway", "bus"}):
+        option = wrong[0].replace("_", "-")
+        raise UsageError(
+            f"--{option} does nothing with --only-gateway, which takes --bus and nothing else: the "
+            f"ecatd that runs the bus tells its gateway the rest"
+        )
+    bus = check_bus_name(options.bus or Config().bus)
+    os.execv(PYTHON[0], (*PYTHON, "ecatd.gateway", bus, "--alone"))
+
+
 def _main() -> int:
     options = make_parser().parse_args()
     log = Log("ecatd")
     try:
+        if options.only_gateway:
+            _become_gateway(options)
         config, origins = _configuration(options)
         log.set_bus(config.bus)
         log.levels = config.log
@@ -122,6 +147,7 @@ def _main() -> int:
             log,
             lambda: _configuration(options),
             describe=options.describe,
+            gateway=not options.no_gateway,
         )
         return asyncio.run(supervisor.run())
     except EcatError as error:

@@ -3,6 +3,7 @@
 Simulator (if any), bus server and gateway start in this order, and stop in the reverse order. The
 daemon is ready when the bus is in OP and the gateway answers. If the bus server or the simulator
 ends, the daemon ends. If the gateway ends, it is started again, and the bus is not affected.
+As a service of systemd, the gateway has a unit of its own, and is not started here.
 
 A process that does not answer for ten seconds is hung, and is killed. If it is the bus server, its
 engine has brought the drives to a stop before (`BusServer.attend`). If this process itself hangs,
@@ -25,12 +26,12 @@ from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.config.reload import reload
 from ecatd.model.errors import EcatError, StateError
+from ecatd.notify import notify
 from ecatd.paths import make_dir, remove_dir
-from ecatd.process import offer_to_oom_killer
+from ecatd.process import leave_processor, offer_to_oom_killer
 from ecatd.service_link import HANG_S
 
 from .child import Child
-from .notify import notify
 
 T = TypeVar("T")
 
@@ -72,6 +73,7 @@ class Supervisor:
         log: Where events are told.
         read: Reads the configuration and its origins anew, for SIGHUP.
         describe: Only print what bus it is.
+        gateway: Start a gateway, too.
     """
 
     def __init__(
@@ -83,23 +85,23 @@ class Supervisor:
         read: Callable[[], tuple[Config, dict[str, str]]],
         *,
         describe: bool = False,
+        gateway: bool = True,
     ) -> None:
         self._config = config
         self._origins = origins
         self._rig = rig
         self._log = log
         self._describe = describe
+        self._with_gateway = gateway
         self._read = read
         self._stop = asyncio.Event()
         self._reload = asyncio.Event()
-        self._renew = asyncio.Event()  # the gateway is to be started anew
         self._settings: dict[str, Any] = {}
         self._children: list[Child] = []
-        self._gateway: Child
 
     async def run(self) -> int:
         """Runs until SIGTERM, SIGINT or SIGQUIT; returns the exit status."""
-        _leave(self._config.realtime.cpu)
+        leave_processor(self._config.realtime.cpu)
         offer_to_oom_killer(_OOM_SCORE)
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT):
@@ -148,14 +150,13 @@ class Supervisor:
         server.on_levels = self._take_levels
         fatal.append(server)
         # It loads while the bus comes up, and is told to begin when the bus is there.
-        self._gateway = gateway = await self._start("the gateway", "ecatd.gateway")
+        gateway = await self._start_gateway() if self._with_gateway else None
         in_op = await self._ready(server)
-        gateway.give(settings)
-        while not await self._gets_ready(gateway):
-            await self._kill_gateway(gateway)
-            self._children.remove(gateway)
-            self._gateway = gateway = await self._start_gateway()
+        if gateway is not None:
             gateway.give(settings)
+            while not await self._gets_ready(gateway):
+                await self._kill_gateway(gateway)
+                gateway = await self._replace(gateway)
         # Not before: whoever reads that the bus is in OP may ask for it.
         self._log.info(in_op, "in_op")
         notify("READY=1", f"STATUS={in_op}")
@@ -220,14 +221,15 @@ class Supervisor:
         stop.cancel()
         return result.result()
 
-    async def _watch(self, fatal: list[Child], gateway: Child, in_op: str) -> None:
+    async def _watch(self, fatal: list[Child], gateway: Child | None, in_op: str) -> None:
         server = fatal[-1]
         stop = asyncio.create_task(self._stop.wait())
-        tasks = (
+        tasks = [
             asyncio.create_task(self._watch_server(server, in_op)),
-            asyncio.create_task(self._keep_gateway(gateway)),
             asyncio.create_task(self._reload_on_request(server)),
-        )
+        ]
+        if gateway is not None:
+            tasks.append(asyncio.create_task(self._keep_gateway(gateway)))
         ends = {child.end: child for child in fatal}
         await asyncio.wait((stop, *tasks, *ends), return_when=asyncio.FIRST_COMPLETED)
         stop.cancel()
@@ -281,43 +283,38 @@ class Supervisor:
     async def _keep_gateway(self, gateway: Child) -> None:
         """Has a gateway at work: starts another one when it ends or hangs."""
         while True:
-            await self._run_gateway(gateway)
-            self._children.remove(gateway)
-            self._gateway = gateway = await self._start_gateway()
-            gateway.give(self._settings)
+            hung = asyncio.create_task(_until_hung(gateway))
+            try:
+                await asyncio.wait((gateway.end, hung), return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                hung.cancel()
+            if not gateway.end.done():
+                await self._kill_gateway(gateway)
+            elif status := gateway.end.result():  # with 0 it ends to use other settings
+                text = f"the gateway has ended ({_cause(status)}); starting it again"
+                self._log.warning(text, "gateway")
+            gateway = await self._replace(gateway)
 
     async def _start_gateway(self) -> Child:
-        """Starts the gateway again; tries until the system has the memory for it."""
+        return await self._start("the gateway", "ecatd.gateway", self._config.bus)
+
+    async def _replace(self, gateway: Child) -> Child:
+        """Starts another gateway; tries until the system has the memory for it."""
+        self._children.remove(gateway)
         told = False
         while True:
             # It also ends with the bus server, whose end is seen meanwhile.
             await asyncio.sleep(_GATEWAY_PAUSE)
             try:
-                return await self._start("the gateway", "ecatd.gateway")
+                gateway = await self._start_gateway()
             except OSError as error:
                 if not told:
                     text = f"the gateway cannot be started: {error.strerror}; it is tried again"
                     self._log.error(text, "gateway")
                 told = True
-
-    async def _run_gateway(self, gateway: Child) -> None:
-        """Returns when it has ended, or was ended since it hangs or its settings have changed."""
-        hung = asyncio.create_task(_until_hung(gateway))
-        renew = asyncio.create_task(self._renew.wait())
-        try:
-            await asyncio.wait((gateway.end, hung, renew), return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            hung.cancel()
-            renew.cancel()
-        if gateway.end.done():
-            if status := gateway.end.result():
-                text = f"the gateway has ended ({_cause(status)}); starting it again"
-                self._log.warning(text, "gateway")
-        elif renew.done():
-            self._renew.clear()
-            await gateway.stop(_STOP_PATIENCE)
-        else:
-            await self._kill_gateway(gateway)
+            else:
+                gateway.give(self._settings)
+                return gateway
 
     async def _kill_gateway(self, gateway: Child) -> None:
         hung = f"has not answered for {HANG_S:g} s"
@@ -331,22 +328,16 @@ class Supervisor:
         while await self._reload.wait():
             self._reload.clear()
             levels = self._settings["log"]
-            used = self._use_anew()
-            if not used and self._settings["log"] == levels:
-                continue
-            server.give(self._settings)
-            if any(key.startswith("gateway.") for key in used) or not self._gateway.is_ready:
-                self._renew.set()
-            else:
-                self._gateway.give(self._settings)
+            if self._use_anew() or self._settings["log"] != levels:
+                server.give(self._settings)
 
-    def _use_anew(self) -> list[str]:
-        """Reads the configuration anew; returns the keys that have changed and are used."""
+    def _use_anew(self) -> bool:
+        """Reads the configuration anew; returns whether something has changed that is used."""
         try:
             wanted, origins = self._read()
         except EcatError as error:
             self._log.error(f"the configuration stays as it was: {error}", "configuration")
-            return []
+            return False
         found = reload(self._config, wanted)
         if self._settings["log"] != self._config.log:
             self._log.notice("the levels of the log are those of the configuration again")
@@ -355,17 +346,15 @@ class Supervisor:
             self._log.warning(f"used after a restart of ecatd: {_keys(found.later)}")
         if not found.used:
             self._log.info("configuration read again: nothing can change without a restart")
-            return []
+            return False
         self._config, self._origins = found.config, origins
         self._settings |= {"config": found.config.to_dict(), "origins": origins}
         self._log.info(f"configuration read again; changed: {_keys(found.used)}", "configuration")
-        return found.used
+        return True
 
     def _take_levels(self, levels: dict[str, str]) -> None:
         """Takes the levels of the log that a request has set, until the next SIGHUP."""
         self._settings["log"] = self._log.levels = levels
-        if self._gateway.is_ready:
-            self._gateway.give(self._settings)
 
     async def _end(self) -> None:
         """Ends the children, the last one first, each given time to clean up."""
@@ -406,17 +395,6 @@ def _feed(status: str) -> None:
 def _keys(keys: list[str]) -> str:
     more = len(keys) - _KEYS_MAX
     return ", ".join(keys[:_KEYS_MAX]) + (f" and {more} more" if more > 0 else "")
-
-
-def _leave(cpu: int) -> None:
-    """Leaves the processor of the engine to it: this process and its children use the others.
-
-    A program that computes there between two cycles takes the engine's data out of the caches, and
-    a system call of it that takes long makes the engine wait.
-    """
-    others = os.sched_getaffinity(0) - {cpu}
-    if others:
-        os.sched_setaffinity(0, others)
 
 
 def _status(returncode: int) -> int:

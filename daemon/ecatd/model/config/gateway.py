@@ -66,7 +66,7 @@ def _metrics_address(table: Table, key: Key) -> str:
         table.fail(
             key,
             f'{show(text)} is no address: write "127.0.0.1:9754", or '
-            f'"unix:/run/ecatd/ecat0/metrics"',
+            f'"unix:/run/ecatd/ecat0/gateway/metrics"',
         )
     if not _is_loopback(host.strip("[]")):
         table.fail(

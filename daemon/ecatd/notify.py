@@ -1,4 +1,4 @@
-"""sd_notify(3): tells systemd how the service is."""
+"""sd_notify(3): tells systemd how a service is."""
 
 from __future__ import annotations
 
