@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from ecatd.service.failed_starts import RESTART_S
+
 UNITS = Path(__file__).parents[2] / "systemd"
 EXPOSURE = 2.3
 OF_ONE_BUS = ("# ", "Conflicts=", "After=ecatd@", "DefaultInstance=")
@@ -25,6 +27,10 @@ def test_a_single_bus_is_a_bus_as_any_other() -> None:
 def test_only_one_of_both_runs_the_bus() -> None:
     lines = (UNITS / "ecatd.service").read_text().splitlines()
     assert {"Conflicts=ecatd@ecat0.service", "After=ecatd@ecat0.service"} <= set(lines)
+
+
+def test_the_pause_after_a_failed_start_is_that_of_the_unit() -> None:
+    assert f"RestartSec={RESTART_S}" in settings("ecatd@.service")
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd")
