@@ -10,6 +10,11 @@ _PATIENCE = 2.0
 """Seconds that the service manager has to read: this process has better things to do than wait."""
 
 
+def is_managed() -> bool:
+    """Whether a service manager has started this process."""
+    return bool(os.environ.get("NOTIFY_SOCKET"))
+
+
 def notify(*lines: str, wait: bool = True) -> None:
     """Sends assignments such as `READY=1` to the service manager, if there is one.
 

@@ -146,13 +146,24 @@ def test_it_leaves_the_processor_of_the_engine(
         assert all(os.sched_getaffinity(task) == every - {cpu} for task in tasks)
 
 
+def test_it_takes_levels_of_the_log_that_change(daemon: Daemon, tmp_path: Path) -> None:
+    with gateway_of(daemon, tmp_path) as gateway:
+        daemon.ctl("log-level", "gateway", "debug")
+        daemon.slave_rows("state")
+        daemon.ctl("log-level", "gateway", "info")
+        gateway.process.terminate()
+        status, said = gateway.wait_end()
+    assert status == 0
+    names(said, "ro/state", "answered")
+
+
 def test_it_ends_to_take_other_settings(daemon: Daemon, tmp_path: Path) -> None:
     with gateway_of(daemon, tmp_path) as gateway:
-        daemon.config_file.write_text('log_level = "debug"\n' + CONFIG)
+        daemon.config_file.write_text('[log]\nmailbox = "debug"\n' + CONFIG)
         daemon.process.send_signal(signal.SIGHUP)
-        wait_for(lambda: "changed: log_level" in daemon.log, daemon)
+        wait_for(lambda: "changed: log.mailbox" in daemon.log, daemon)
         shown = {row["key"]: row["value"] for row in daemon.ctl_json("config", "show")["keys"]}
-        assert (shown["log_level"], shown["gateway.publish_hz"]) == ("debug", 5)
+        assert (shown["log.mailbox"], shown["gateway.publish_hz"]) == ("debug", 5)
         assert gateway.process.poll() is None
         daemon.config_file.write_text(CONFIG.replace("5", "7"))
         daemon.process.send_signal(signal.SIGHUP)

@@ -40,7 +40,7 @@ def test_every_feature_of_the_simulator_is_shown(feature: str, tests: str) -> No
 
 def test_all_cases_have_a_row() -> None:
     numbers = [row[0] for row in rows("reliability.md", "Cases")]
-    assert numbers == [f"R{number:02}" for number in range(1, 46)]
+    assert numbers == [f"R{number:02}" for number in range(1, 48)]
 
 
 @pytest.mark.parametrize("row", rows("reliability.md", "Cases"))

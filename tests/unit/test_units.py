@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from ecatd.service.failed_starts import RESTART_S
 from ecatd.service.main import make_parser
 
 UNITS = Path(__file__).parents[2] / "systemd"
@@ -41,6 +42,10 @@ def test_only_one_of_both_runs_the_bus() -> None:
     assert {"Conflicts=ecatd@ecat0.service", "After=ecatd@ecat0.service"} <= set(
         lines("ecatd.service")
     )
+
+
+def test_the_pause_after_a_failed_start_is_that_of_the_unit() -> None:
+    assert f"RestartSec={RESTART_S}" in settings("ecatd@.service")
 
 
 def test_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:

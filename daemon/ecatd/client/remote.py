@@ -82,7 +82,7 @@ def _local_endpoint(bus: str) -> str:
                     raise NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
                 return f"unixsock-stream/{path}"
         except PermissionError as error:
-            from .absent import has_shared_memory
+            from .unserved import has_shared_memory
 
             if has_shared_memory(bus):  # else none of these serves it
                 raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
@@ -90,13 +90,13 @@ def _local_endpoint(bus: str) -> str:
 
 
 def _is_coming(bus: str) -> bool:
-    from .absent import awaits_gateway
+    from .unserved import awaits_gateway
 
     return awaits_gateway(bus)
 
 
 def _unserved(bus: str) -> EcatError:
-    from .absent import unserved
+    from .unserved import unserved
 
     return unserved(bus)
 

@@ -7,7 +7,8 @@ As a service of systemd, the gateway has a unit of its own, and is not started h
 
 A process that does not answer for ten seconds is hung, and is killed. If it is the bus server, its
 engine has brought the drives to a stop before (`BusServer.attend`). If this process itself hangs,
-the service manager notices it (`WatchdogSec=` of the unit).
+the service manager notices it (`WatchdogSec=` of the unit). If a start fails, this process waits
+longer and longer before it ends and the service manager tries again (`failed_starts.py`).
 """
 
 from __future__ import annotations
@@ -25,13 +26,14 @@ from typing import Any, TypeVar
 from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.config.reload import reload
-from ecatd.model.errors import EcatError, StateError
-from ecatd.notify import notify
-from ecatd.paths import make_dir, remove_dir
+from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.notify import is_managed, notify
+from ecatd.paths import make_dir, remove_dir, user_dir
 from ecatd.process import leave_processor, offer_to_oom_killer
 from ecatd.service_link import HANG_S
 
 from .child import Child
+from .failed_starts import FailedStarts
 
 T = TypeVar("T")
 
@@ -98,6 +100,9 @@ class Supervisor:
         self._reload = asyncio.Event()
         self._settings: dict[str, Any] = {}
         self._children: list[Child] = []
+        self._failed_starts = FailedStarts(user_dir() / config.bus, log)
+        self._failure = f"bus '{config.bus}' has not started: see the log"
+        self._is_ready = False
 
     async def run(self) -> int:
         """Runs until SIGTERM, SIGINT or SIGQUIT; returns the exit status."""
@@ -107,15 +112,26 @@ class Supervisor:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT):
             loop.add_signal_handler(number, self._stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._reload.set)
-        status = 0
+        status = wait_s = 0
         try:
             await self._run()
         except _EndedError as ended:
             status = ended.status
+            wait_s = self._wait_s(status)
         finally:
-            notify("STOPPING=1")
+            if not wait_s:
+                notify("STOPPING=1")
             await self._end()
-        return status
+        stopped = wait_s and await self._failed_starts.wait(wait_s, self._stop, self._reload)
+        return 0 if stopped else status
+
+    def _wait_s(self, status: int) -> int:
+        """Seconds to wait before this process ends, for a service manager that starts it again."""
+        never_again = (0, UsageError.exit_code)
+        if self._is_ready or self._describe or status in never_again or not is_managed():
+            return 0
+        self._reload.clear()
+        return self._failed_starts.announce(self._failure)
 
     async def _run(self) -> None:
         settings = self._settings = {
@@ -158,6 +174,8 @@ class Supervisor:
                 await self._kill_gateway(gateway)
                 gateway = await self._replace(gateway)
         # Not before: whoever reads that the bus is in OP may ask for it.
+        self._is_ready = True
+        self._failed_starts.forget()
         self._log.info(in_op, "in_op")
         notify("READY=1", f"STATUS={in_op}")
         await self._watch(fatal, gateway, in_op)
@@ -197,7 +215,8 @@ class Supervisor:
         word, text = await self._or_stop(child.first_line())
         if word != "ready":
             status = _status(await child.end)
-            notify(f"STATUS=bus '{self._config.bus}' has not started: {text or 'see the log'}")
+            self._failure = f"bus '{self._config.bus}' has not started: {text or 'see the log'}"
+            notify(f"STATUS={self._failure}")
             raise _EndedError(status)
         self._log.debug(f"{child} is ready")
         return text

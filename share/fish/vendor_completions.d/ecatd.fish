@@ -59,6 +59,8 @@ complete -c ecatd -f
 complete -c ecatd -n _shtab_ecatd_using -s h -l help -d 'show this help message and exit'
 complete -c ecatd -n _shtab_ecatd_using -l interface -x -d 'network interface with the slaves'
 complete -c ecatd -n _shtab_ecatd_using -l simulate -x -d 'run a simulated rig instead of hardware (see ecatsim)'
+complete -c ecatd -n _shtab_ecatd_using -l only-gateway -d 'only the gateway of a bus that another ecatd runs with --no-gateway'
+complete -c ecatd -n _shtab_ecatd_using -l no-gateway -d 'no gateway: it is a service of its own'
 complete -c ecatd -n _shtab_ecatd_using -l config -xka "(__fish_complete_path (commandline -ct))" -d 'configuration in TOML'
 complete -c ecatd -n _shtab_ecatd_using -l check-config -d 'check the configuration and end'
 complete -c ecatd -n _shtab_ecatd_using -l describe -d 'print what bus it is, as `ecatctl scan` does, and end without running it'

@@ -1,0 +1,90 @@
+"""How long to wait after a start that has failed: longer and longer, until one succeeds.
+
+systemd starts a service that has failed again, `RestartSec=` later, for ever. From version 254 on
+it can make that pause grow (`RestartSteps=`), but Debian 12 has 252. So ecatd counts failed starts,
+and waits by itself before it ends. It does not try again in the same process: `systemctl start`
+shall return with an error when the first start has failed, and each try shall begin anew. The count
+is in the folder of the bus, which systemd keeps while it restarts the service, and no longer
+(`RuntimeDirectoryPreserve=restart`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from pathlib import Path
+
+from ecatd.log import Log
+from ecatd.notify import notify
+
+RESTART_S = 2
+"""`RestartSec=` of the units."""
+_NEXT_S = (RESTART_S, 4, 8, 16, 30)
+"""Seconds from each failed start to the next start."""
+_MARGIN_S = 30
+"""Seconds that the service manager gives a start that has failed to end, beside the pause."""
+
+
+class FailedStarts:
+    """The failed starts of a bus in a row.
+
+    Args:
+        folder: The folder of the bus.
+        log: Where it is told when the next try is.
+    """
+
+    def __init__(self, folder: Path, log: Log) -> None:
+        self._file = folder / "failed_starts"
+        self._log = log
+
+    def note(self) -> int:
+        """Counts one more; returns the seconds until the next start."""
+        count = 0
+        with suppress(OSError, ValueError):
+            count = int(self._file.read_text())
+        count = min(max(count, 0) + 1, len(_NEXT_S))
+        with suppress(OSError):  # the memory is full: then the pause does not grow
+            self._file.write_text(f"{count}\n")
+        return _NEXT_S[count - 1]
+
+    def forget(self) -> None:
+        """Begins to count anew."""
+        with suppress(OSError):
+            self._file.unlink()
+
+    def announce(self, failure: str) -> int:
+        """Counts one more, and says when the next try is, unless it is soon.
+
+        Args:
+            failure: What has failed.
+
+        Returns:
+            Seconds to wait before this process ends; 0 after the first failure.
+        """
+        next_s = self.note()
+        wait_s = next_s - RESTART_S
+        if wait_s:
+            text = f"{failure}; next try in {next_s} s"
+            self._log.info(f"{text}, or at once after SIGHUP")
+            more_us = (wait_s + _MARGIN_S) * 1_000_000
+            notify(f"STATUS={text}", f"EXTEND_TIMEOUT_USEC={more_us}")
+        return wait_s
+
+    async def wait(self, seconds: float, stop: asyncio.Event, again: asyncio.Event) -> bool:
+        """Waits for the next try; forgets the failures if somebody ends the service meanwhile.
+
+        Args:
+            seconds: For how long.
+            stop: Set when somebody ends the service.
+            again: Set when somebody wants the next try at once.
+
+        Returns:
+            Whether somebody has ended the service.
+        """
+        waits = [asyncio.ensure_future(event.wait()) for event in (stop, again)]
+        await asyncio.wait(waits, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+        for item in waits:
+            item.cancel()
+        if stop.is_set():
+            self.forget()
+        return stop.is_set()
