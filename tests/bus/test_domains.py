@@ -369,7 +369,7 @@ def test_sixteen_domains(start_daemon: Callable[..., Daemon]) -> None:
         (
             "line:2",
             "[[domain]]\n[[domain]]\nname = 'slow'\nslaves = [1, 2]\n",
-            2,
+            7,
             "ecat.toml:4: domain[1].slaves: | slave 2 | 2 slaves",
         ),
         (

@@ -173,7 +173,7 @@ def test_a_slave_without_slots_is_told_no_modules(
 ) -> None:
     config = STRICT.replace("position = 1", "position = 0").replace(ISLAND, "")
     status, log = start_daemon("line:1", config=config, ready=False).wait_end()
-    assert status == 7
+    assert status == 2
     names(one_line_error(log, "ecatd"), "slave 0", "[[slave.module]]")
     rig = tmp_path / "rig.toml"
     rig.write_text('[[slave]]\ndevice = "EL3008"\n')

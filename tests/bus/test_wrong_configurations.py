@@ -56,6 +56,7 @@ def test_no_slave_leaves_preop(
     start_daemon: Callable[..., Daemon], states: Path, config: str, tokens: list[str]
 ) -> None:
     status, log = start_daemon(RIG, config=config, ready=False).wait_end()
-    assert status == 2, log
+    # A slave that is not there may come later.
+    assert status == (7 if "there is no slave" in log else 2), log
     names(one_line_error(log, "ecatd"), *tokens)
     assert set(states.read_text().split()) <= {"INIT", "PREOP"}

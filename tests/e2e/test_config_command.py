@@ -212,7 +212,7 @@ def test_all_that_does_not_fit_the_bus_is_listed(
     # A start ends with one of them, and the same words, apart from names of file and bus.
     refused = machine(kinds, config, ready=False)
     status, log = refused.wait_end()
-    assert status == 2
+    assert status == 7, "a slave is not there, and may come later"
     text = one_line_error(log, "ecatd").removeprefix("error: ")
     assert text.split(": ", 1)[1].replace(refused.bus, daemon.bus) in "\n".join(said)
 

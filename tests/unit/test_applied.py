@@ -10,7 +10,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import load_config, read_config
 from ecatd.model.config.origins import find_origins
 from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError
+from ecatd.model.errors import StateError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import load_profiles
 
@@ -187,6 +187,6 @@ def test_all_mistakes_are_listed(tmp_path: Path) -> None:
 def test_the_first_mistake_is_raised(tmp_path: Path) -> None:
     file = tmp_path / "ecat0.toml"
     file.write_text(f"{HEAD}[[signal]]\nslave = 7\nentry = '0x6000:00'\n{copy(source='0x1:0')}")
-    with pytest.raises(ConfigError) as refused:
+    with pytest.raises(StateError) as refused:
         check_slaves(load_config(file), made_bus())
     assert str(refused.value).startswith(f"{file}:5: signal[0].slave: ")

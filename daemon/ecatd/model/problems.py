@@ -2,7 +2,7 @@
 
     for rule in rules:
         with problems:
-            apply(rule)  # raises ConfigError
+            apply(rule)  # raises ConfigError, or StateError if the bus may change
 
 The daemon ends with the first mistake. `ecatctl config check` wants all of them, from the same
 functions.
@@ -13,7 +13,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
 
-from .errors import ConfigError
+from .errors import ConfigError, StateError
 
 Problems = AbstractContextManager[object, bool | None]
 
@@ -37,7 +37,8 @@ class Collected(AbstractContextManager["Collected", bool]):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> bool:
-        """Takes a `ConfigError`; all other errors go on."""
-        if isinstance(error, ConfigError) and str(error) not in self.texts:
+        """Takes a `ConfigError` or a `StateError`; all other errors go on."""
+        wanted = isinstance(error, ConfigError | StateError)
+        if wanted and str(error) not in self.texts:
             self.texts.append(str(error))
-        return isinstance(error, ConfigError)
+        return wanted

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from ..bus import Bus, Slave
 from ..config import Config, SlaveConfig
+from ..errors import StateError
 from ..problems import AT_ONCE, Problems
 from ..toml_file import Table
 
@@ -19,7 +20,8 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
         problems: Takes each slave that is not there, or cannot be told its tables.
 
     Raises:
-        ConfigError: A slave is not there, or has no CoE for what it is to be told.
+        ConfigError: A slave has no CoE for what it is to be told.
+        StateError: A slave is not there. It may come later.
     """
     count = len(bus.slaves)
     for table, key, position in _named(config):
@@ -27,10 +29,9 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
             continue
         here = f"{count} slave{'s' * (count != 1)}" + (f", 0 to {count - 1}" if count > 1 else "")
         with problems:
-            table.fail(
-                key,
-                f"there is no slave {position}: bus '{bus.name}' has {here}; correct the table, or "
-                "check the cable and the power of the slaves",
+            raise StateError(
+                f"{table.where(key)}: there is no slave {position}: bus '{bus.name}' has {here}; "
+                f"correct the table, or check the cable and the power of the slaves"
             )
     for settings in config.slave:
         if settings.position < count and not bus.slaves[settings.position].coe:
