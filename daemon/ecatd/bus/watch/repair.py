@@ -64,6 +64,7 @@ class Repair:
         self._recovery.want(running.idle, AlState.PREOP)
         self._settled(running.idle)
         self._jobs: dict[asyncio.Task[None], set[int]] = {}
+        self._steps: dict[int, str] = {}  # what was told last about the tries with a slave
 
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that is not as it should be."""
@@ -263,11 +264,12 @@ class Repair:
 
     def _tell_plan(self, plan: Plan) -> None:
         for position in plan.fallen:
+            self._steps.pop(position, None)
             self._tell_one(position, "fallen")
         for position in plan.ask:
-            self._tell_one(position, "asked")
+            self._tell_step(position, "asked")
         for position in plan.set_up:
-            self._tell_one(position, "set_up")
+            self._tell_step(position, "set_up")
         if plan.ask:
             self._log.debug(f"{name_slaves(self._bus, plan.ask)}: asked for OP again")
         if plan.set_up:
@@ -286,6 +288,12 @@ class Repair:
             line = f"{self._bus.slaves[position].label} stays out of OP: {text}"
             self._log.error(line, "recovery", [position])
             self._tell_one(position, Condition.REFUSED, text=text)
+
+    def _tell_step(self, position: int, step: str) -> None:
+        """Tells what is tried with a slave, unless the last try was the same."""
+        if self._steps.get(position) != step:
+            self._steps[position] = step
+            self._tell_one(position, step)
 
     def _tell_recovered(self, recovered: dict[int, float]) -> None:
         joined = [position for position, seconds in recovered.items() if math.isinf(seconds)]
