@@ -22,6 +22,7 @@ class LazyCommand(argparse.ArgumentParser):
         self._command = command
         self._module = module
         self._is_declared = False
+        self._is_parsing = False
 
     def declare(self) -> None:
         """Loads the module, which declares the arguments; once."""
@@ -32,6 +33,19 @@ class LazyCommand(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
-        """Parses the arguments, after they have been declared."""
+        """Parses the arguments, after they have been declared.
+
+        argparse gives up an optional argument, such as the FILE of `config check --json FILE`, when
+        an option stands in front of it. So options are parsed first, and then the others.
+        """
         self.declare()
-        return super().parse_known_args(args, namespace)
+        optional = any(
+            not item.option_strings and item.nargs in ("?", "*") for item in self._actions
+        )
+        if not optional or self._is_parsing:
+            return super().parse_known_args(args, namespace)
+        self._is_parsing = True
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._is_parsing = False

@@ -75,6 +75,10 @@ def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemo
     )
     names(log, "outputs.lease_max_ms", "-1")
     assert in_force(daemon)["outputs.lease_max_ms"] == 60000
+    other = CONFIG.replace("60000", "50000")
+    log = reload(daemon, f"profiles = ['nowhere']\n{other}", "stays as it was")
+    names(log, "profiles", "nowhere", "no folder")
+    assert in_force(daemon)["outputs.lease_max_ms"] == 60000
     names(reload(daemon, CONFIG, "configuration read again"), "nothing can change")
     daemon.config_file.unlink()
     reload(daemon_without_file(daemon), CONFIG, "configuration read again")

@@ -178,6 +178,14 @@ def test_options_may_stand_before_the_command(troll: Daemon) -> None:
     assert json.loads(troll.ctl("--bus", troll.bus, "--json", "info").stdout)["bus"] == troll.bus
 
 
+@pytest.mark.parametrize("arguments", ["check {} --json", "check --json {}", "--json check {}"])
+def test_options_may_stand_anywhere(tmp_path: Path, arguments: str) -> None:
+    missing = str(tmp_path / "nothing.toml")
+    told = run_module("ecatd.cli", "config", *arguments.format(missing).split())
+    assert told.returncode == 2
+    names(json.loads(told.stdout)["error"]["message"], missing)
+
+
 @pytest.mark.parametrize("program", ["ecatd.service", "ecatd.cli", "ecatsim"])
 def test_help_and_version(program: str) -> None:
     assert "usage:" in run_module(program, "--help").stdout

@@ -65,7 +65,7 @@ MISFITS = [
     ("[[slave]]\nposition = 4\n", "5: slave[1].position: no slave 4 | 'b' | 4 slaves | 0 to 3"),
     (
         "[[domain]]\n[[domain]]\ndivider = 2\nslaves = [1, '5-7']\n",
-        "7: domain[1].slaves: no slave 5 | 0 to 3",
+        "7: domain[1].slaves: no slaves 5-7 | 0 to 3",
     ),
     (
         "[[domain]]\n[[domain]]\nname = 'slow'\nslaves = [3]\n",

@@ -76,7 +76,7 @@ def copied(source: int, target: int, bus: Bus | None = None, **more: float) -> C
         (4, 4, {}, 300),
         (5, 2, {}, 300),  # bits of the same number
         (0x10, 0x10, {}, 300),
-        (0x10, 1, {}, 8),  # 300 * 0.01 + 5 V, and no meaning: the number of volts
+        (0x10, 1, {"factor": 1.0}, 8),  # 300 * 0.01 + 5 V, and no meaning: the number of volts
         (0x10, 0x11, {"factor": 1000.0}, (8000 - 100) / 2),
         (0x10, 0x11, {"factor": 1000.0, "offset": 50.0}, (8050 - 100) / 2),
         (0x10, 0x10, {"offset": -1.0}, 200),
@@ -101,6 +101,7 @@ def test_the_physical_value_stays_the_same(
         (5, 1, {}, "WORD | without sign"),
         (5, 5, {"factor": 2.0}, "WORD | no factor"),
         (0x10, 0x11, {}, "the input is in V, the output in mV | factor ="),
+        (0x10, 1, {}, "the input is in V, the output a number without a unit | factor ="),
         (0x10, 0x11, {"offset": 1.0}, "factor ="),
         (0x10, 0x10, {"factor": 1e308, "offset": 1.0}, "inf"),
     ],

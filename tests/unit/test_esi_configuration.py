@@ -1,5 +1,6 @@
 """What ESI files add to a configuration, and which PDOs they forbid."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -67,9 +68,11 @@ def added(found: EsiDevice, config: Config, on: Bus) -> tuple[Config, str]:
     return read_config(tomllib.loads(text)), text
 
 
-def test_what_a_file_knows_is_taken_over(tmp_path: Path) -> None:
+@pytest.mark.parametrize("wrapped", [True, False])
+def test_what_a_file_knows_is_taken_over(tmp_path: Path, *, wrapped: bool) -> None:
+    commands = COMMANDS if wrapped else re.sub("</?InitCmds>", "", COMMANDS)  # as in ETG.2000
     text = SAMPLE.replace(
-        '<CoE SdoInfo="true" PdoAssign="1" PdoConfig="1" CompleteAccess="0"/>', COMMANDS
+        '<CoE SdoInfo="true" PdoAssign="1" PdoConfig="1" CompleteAccess="0"/>', commands
     )
     found = device(tmp_path, text.replace("<Objects>", OBJECTS))
     outputs = [entry(0x2100), entry(0x2101, 8), entry(0x2102), entry(0x2103), entry(0x6040)]

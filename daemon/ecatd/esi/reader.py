@@ -310,9 +310,14 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
 
 
 def read_commands(coe: Element, shift: Shift = UNMOVED) -> list[EsiCommand]:
-    """Reads the start-up commands in a `<CoE>`; arguments and errors as `read_pdos`."""
-    commands = coe.find("InitCmds")
-    return [_command(item, shift) for item in commands.all("InitCmd")] if commands else []
+    """Reads the start-up commands in a `<CoE>`; arguments and errors as `read_pdos`.
+
+    The schema of ETG.2000 has them there one by one. Some files have them in an `<InitCmds>`, as
+    ENI files do.
+    """
+    together = coe.find("InitCmds")
+    elements = [*coe.all("InitCmd"), *(together.all("InitCmd") if together else ())]
+    return [_command(element, shift) for element in elements]
 
 
 def _command(element: Element, shift: Shift) -> EsiCommand:

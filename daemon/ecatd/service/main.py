@@ -103,6 +103,18 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
     return config, origins
 
 
+def _checked(options: argparse.Namespace) -> tuple[Config, dict[str, str]]:
+    """The configuration, of which a start would take all files."""
+    config, origins = _configuration(options)
+    _check_files(config)
+    return config, origins
+
+
+def _check_files(config: Config) -> None:
+    load_profiles(config, profile_folders())
+    load_description(config)
+
+
 def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # too early to read the configuration again
@@ -134,8 +146,7 @@ def _main() -> int:
         log.set_bus(config.bus)
         log.levels = config.log
         if options.check_config:
-            load_profiles(config, profile_folders())
-            load_description(config)
+            _check_files(config)
             for warning in alike_slaves(config):
                 log.warning(warning)
             print(f"{options.config or 'the default configuration'} is valid")
@@ -145,7 +156,7 @@ def _main() -> int:
             origins,
             options.simulate,
             log,
-            lambda: _configuration(options),
+            lambda: _checked(options),
             describe=options.describe,
             gateway=not options.no_gateway,
         )

@@ -141,11 +141,15 @@ def _conversion(rule: CopyConfig, value: Entry, copied: Entry, what: str) -> tup
             f"the other entry must have {bits[0].bit_length} bits without sign or meaning, and the "
             "copy no factor or offset: correct the table, or leave it out",
         )
-    if value.unit and copied.unit and value.unit != copied.unit and rule.factor is None:
+    if value.unit != copied.unit and rule.factor is None:
+        given, made = (
+            f"in {unit}" if unit else "a number without a unit"
+            for unit in (value.unit, copied.unit)
+        )
         rule.table.fail(
             "factor",
-            f"{what}: the input is in {value.unit}, the output in {copied.unit}: write how many "
-            f"{copied.unit} one {value.unit} makes, such as factor = 1.0",
+            f"{what}: the input is {given}, the output {made}: write what an input of 1 makes of "
+            "the output, such as factor = 1.0",
         )
     factor = 1.0 if rule.factor is None else rule.factor
     offset = value.offset * factor + rule.offset - copied.offset

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..bus import Bus, Slave
+from ..bus import Bus, Slave, positions_text
 from ..config import Config, SlaveConfig
 from ..errors import StateError
 from ..problems import AT_ONCE, Problems
@@ -24,15 +24,15 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
         StateError: A slave is not there. It may come later.
     """
     count = len(bus.slaves)
-    for table, key, position in _named(config):
-        if position < count:
-            continue
-        here = f"{count} slave{'s' * (count != 1)}" + (f", 0 to {count - 1}" if count > 1 else "")
-        with problems:
-            raise StateError(
-                f"{table.where(key)}: there is no slave {position}: bus '{bus.name}' has {here}; "
-                f"correct the table, or check the cable and the power of the slaves"
-            )
+    here = f"{count} slave{'s' * (count != 1)}" + (f", 0 to {count - 1}" if count > 1 else "")
+    for table, key, positions in _named(config):
+        if missing := [position for position in positions if position >= count]:
+            what = f"slave{'s' * (len(missing) > 1)} {positions_text(missing)}"
+            with problems:
+                raise StateError(
+                    f"{table.where(key)}: there is no {what}: bus '{bus.name}' has {here}; correct "
+                    f"the table, or check the cable and the power of the slaves"
+                )
     for settings in config.slave:
         if settings.position < count and not bus.slaves[settings.position].coe:
             with problems:
@@ -50,17 +50,17 @@ def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:
             )
 
 
-def _named(config: Config) -> Iterator[tuple[Table, str, int]]:
-    """Each table and key that names a slave, and the position of the slave."""
+def _named(config: Config) -> Iterator[tuple[Table, str, list[int]]]:
+    """Each table and key that names slaves, and their positions."""
     for slave in config.slave:
-        yield slave.table, "position", slave.position
+        yield slave.table, "position", [slave.position]
     for domain in config.domain:
-        yield from ((domain.table, "slaves", position) for position in domain.slaves)
+        yield domain.table, "slaves", sorted(domain.slaves)
     if config.dc.enabled:
-        yield config.dc.table, "reference", config.dc.reference
-        yield from ((rule.table, "slave", rule.slave) for rule in config.dc.slave)
-    yield from ((rule.table, "slave", rule.slave) for rule in config.outputs.safe)
-    yield from ((rule.table, "slave", rule.slave) for rule in config.signal)
+        yield config.dc.table, "reference", [config.dc.reference]
+        yield from ((rule.table, "slave", [rule.slave]) for rule in config.dc.slave)
+    yield from ((rule.table, "slave", [rule.slave]) for rule in config.outputs.safe)
+    yield from ((rule.table, "slave", [rule.slave]) for rule in config.signal)
     for copy in config.copy:
-        yield copy.table, "slave", copy.slave
-        yield copy.table, "from_slave", copy.from_slave
+        yield copy.table, "slave", [copy.slave]
+        yield copy.table, "from_slave", [copy.from_slave]
