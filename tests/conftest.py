@@ -73,8 +73,8 @@ class Daemon:
         config: str | None = None,
         preexec: Callable[[], None] | None = None,
     ) -> None:
-        self.bus = f"t{uuid.uuid4().hex[:10]}"
-        self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": self.bus}
+        self.bus = f"t{uuid.uuid4().hex[:8]}"
+        self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "r"), "ECATD_BUS": self.bus}
         self.config_file = file = folder / "ecat.toml"
         file.write_text(_with_long_leases("[gateway]\nlisten = []\n" if config is None else config))
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

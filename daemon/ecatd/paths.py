@@ -13,11 +13,12 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from .model.errors import NotPermittedError
+from .model.errors import NotPermittedError, UsageError
 
 SYSTEM = Path("/run/ecatd")
 MACHINE = Path("/etc/ecatd")
 
+_SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
 _OWN = "set ECATD_RUNTIME_DIR to a directory of your own"
 
 
@@ -50,8 +51,15 @@ def make_dir(bus: str) -> Path:
 
     Raises:
         NotPermittedError: A folder cannot be made, or belongs to another user.
+        UsageError: Its path is too long for the sockets in it.
     """
     folder = user_dir()
+    longest = zenoh_socket(folder, bus)
+    if (length := len(os.fsencode(longest))) > _SOCKET_PATH_MAX:
+        raise UsageError(
+            f"{longest} has {length} characters, and Linux allows {_SOCKET_PATH_MAX} for a socket: "
+            f"choose a shorter path ($ECATD_RUNTIME_DIR), or a shorter name for the bus"
+        )
     for path in (folder, folder / bus):
         try:
             path.mkdir(mode=0o750, exist_ok=True, parents=True)

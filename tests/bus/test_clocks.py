@@ -529,7 +529,8 @@ def test_refused(start: Callable[..., Daemon], tmp_path: Path, config: str, reas
     rig = line(tmp_path, "", "dc = false", "", "dc_bits = 32", drifts=(0.0, 0.0, 0.0, 0.0))
     daemon = start(rig, f"[dc]\n{enabled}{config}\n", ready=False)
     status, log = daemon.wait_end()
-    assert status == 2
+    # A slave that is not there may come later.
+    assert status == (7 if "there is no slave" in log else 2)
     names(one_line_error(log, "ecatd"), *reason.split(" | "))
 
 

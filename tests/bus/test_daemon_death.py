@@ -73,13 +73,17 @@ def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon])
     assert daemon.stop() == 0
 
 
-@pytest.mark.parametrize("module", ["ecatd.bus", "ecatd.gateway"])
+@pytest.mark.parametrize("command", ["ecatd.bus", "ecatd.gateway tnobody"])
 @pytest.mark.parametrize("said", ["", '{"config": {"bus'])
 def test_a_child_whose_service_is_killed_at_once_ends_without_a_word(
-    module: str, said: str
+    command: str, said: str
 ) -> None:
     child = subprocess.run(
-        [sys.executable, "-m", module], input=said, capture_output=True, text=True, check=False
+        [sys.executable, "-m", *command.split()],
+        input=said,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (child.returncode, child.stdout, child.stderr) == (0, "", "")
 
@@ -251,4 +255,4 @@ def test_clients_survive_a_daemon_that_is_killed_at_any_point(tmp_path: Path) ->
     print(f"{early} starts were killed before all clients were there again")
     print(f"told after {max(told):.3f} s at most, {statistics.median(told):.3f} s as a rule")
     assert not list(SHM.glob(f"*{bus}*"))
-    assert not list((tmp_path / "run").iterdir())
+    assert not list((tmp_path / "r").iterdir())

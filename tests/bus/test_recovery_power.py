@@ -67,14 +67,13 @@ def in_op(bench: Bench) -> None:
 
 ASSIGNMENT = (
     "self[0x1C12, 0], self[0x1C12, 1] = 1, 0x1601",
-    "its outputs are other PDOs than at the start (0x1601 with 48 bits, not 0x1600 with 112 bits): "
-    "assign them as they were (0x1C12), then ask for OP (`ecatctl state OP -p 2`)",
+    "its outputs are other PDOs than at the start (0x1601 with 48 bits, not 0x1600 with 112 bits)",
     [("0x1C12", "0", "0"), ("0x1C12", "1", "0x1600"), ("0x1C12", "0", "1")],
 )
 MAPPING = (
     "self[0x1A00, 4], self[0x1A00, 5] = 0x606C0020, 0x60640020",
     "its PDO 0x1A00 carries other entries than at the start (entry 4 is 0x606C:00 with 32 bits, "
-    "not 0x6064:00 with 32 bits): write its mapping as it was, then ask for OP",
+    "not 0x6064:00 with 32 bits)",
     [
         ("0x1A00", "0", "0"),
         ("0x1A00", "4", "0x60640020"),
@@ -84,7 +83,7 @@ MAPPING = (
 )
 SHORTER = (
     "self[0x1600, 0] = 5",
-    "its PDO 0x1600 carries other entries than at the start (5 entries, not 6): write its mapping",
+    "its PDO 0x1600 carries other entries than at the start (5 entries, not 6)",
     [("0x1600", "0", "6")],
 )
 

@@ -136,6 +136,13 @@ def test_a_start_waits_for_the_carrier(
     assert ("no carrier on 'ecat-master'" in result.stderr) == (not plugged)
 
 
+def test_a_folder_whose_path_is_too_long_for_a_socket(tmp_path: Path) -> None:
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path / ("x" * 100))}
+    told = run_module("ecatd.service", "--simulate", "line:1", env=env)
+    assert told.returncode == 2
+    names(one_line_error(told.stderr, "ecatd"), "107", "ECATD_RUNTIME_DIR")
+
+
 def test_the_interface_is_left_as_it_was(tmp_path: Path) -> None:
     """SOEM makes it promiscuous; that and the link go back with the daemon."""
     code = (
@@ -449,7 +456,7 @@ def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: P
     assert daemon.process.wait() == 0
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
     assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
-    assert not list((tmp_path / "d0" / "run").iterdir())
+    assert not list((tmp_path / "d0" / "r").iterdir())
 
 
 def test_setpriv_and_unshare_are_there() -> None:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from ecatd.model.config import load_config
 from ecatd.model.errors import ConfigError
+from ecatd.model.log_levels import PARTS
 
 pytestmark = pytest.mark.long
 
@@ -36,7 +37,8 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "state_timeout_s": ["0.1", "300", "3.5"],
         "profiles": ["[]", '["/here", "there"]'],
     },
-    "[log]": {"level": ['"error"', '"debug"'], "mailbox": ['"debug"']},
+    "[log]": {"level": ['"error"', '"debug"'], **{part: ['"debug"'] for part in PARTS}},
+    "[capture]": {"memory_mb": ["0", "1024"], "folder": ['""', '"/var/lib/x"'], "keep": ["1"]},
     "[expected]": {
         "policy": ['"strict"', '"tolerant"'],
         "unlisted": ["true", "false"],
@@ -382,7 +384,9 @@ def unknown_key(dice: Random, parts: list[Part]) -> Changed:
 def key_of_another_table(dice: Random, parts: list[Part]) -> Changed:
     part = dice.choice(parts)
     other = VALUES[dice.choice([header for header in VALUES if header != part.header])]
-    strange = [key for key in other if key not in VALUES[part.header] and key not in INNER]
+    tables = {header.strip("[]") for header in VALUES} if not part.header else set()
+    known = {*VALUES[part.header], *INNER, *tables}
+    strange = [key for key in other if key not in known]
     if not strange:
         return unknown_key(dice, parts)
     key = dice.choice(strange)
