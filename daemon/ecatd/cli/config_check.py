@@ -16,7 +16,7 @@ from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
 
-from .bus_source import get_bus
+from .bus_source import get_bus, warn_of_silent
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
     bus = get_bus(options)
+    silent = warn_of_silent(options, bus)
     found = compare(wanted, bus.slaves)
     moved = wanted.moved(found.places)
     differences = found.differences + _other_pdos(moved, bus)
@@ -50,7 +51,7 @@ def check(options: argparse.Namespace) -> int:
             for item in differences
         ]
         document = {"bus": bus.name, "file": str(options.file), "differences": rows}
-        print_json({**document, "wrong": wrong, "warnings": warnings})
+        print_json({**document, "wrong": wrong, "warnings": warnings, "silent": silent})
     elif differences or wrong or warnings:
         for item in differences:
             print(f"{item.kind}: {item.text}")

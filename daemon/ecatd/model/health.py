@@ -60,6 +60,13 @@ def look_at(rows: Iterable[Mapping[str, Any]]) -> Health:
     return Health(len(expected), len(in_op), len(rows) - len(expected), problems)
 
 
+def silent_slaves(rows: Iterable[Mapping[str, Any]]) -> list[int]:
+    """Positions of the slaves that do not answer, without optional ones that are absent."""
+    return [
+        row["position"] for row in rows if not row["al_state"] and row.get("recovery") != _ABSENT
+    ]
+
+
 def _told(row: Mapping[str, Any]) -> str:
     """A slave that is not well, and what is known about its recovery."""
     name = display_name(row.get("given_name", ""), row["name"])
