@@ -136,6 +136,10 @@ def test_a_file_is_checked_against_the_bus(machine: Callable[..., Daemon], tmp_p
         device, pdos = found.stdout.splitlines()
         names(device, "other device", "slave 1 (EL1008)", "0x03F13052", "0x03F03052")
         names(pdos, "other PDOs", "slave 2", "CiA402", "0x1600", "0x1601")
+        names(pdos, "fails", "--esi")
+    file.write_text("[[slave]]\nposition = 1\npdos = [0x1A55]\n")
+    (terminal,) = daemon.ctl("config", "check", str(file), check=False).stdout.splitlines()
+    names(terminal, "slave 1 (EL1008)", "no CoE", "EEPROM", "0x1A55")
     offline = daemon.ctl("config", "init", "--from", str(scan)).stdout
     assert offline.partition("[dc]")[0] == text.partition("[dc]")[0]
 

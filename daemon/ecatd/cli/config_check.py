@@ -100,10 +100,28 @@ def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
         slave = bus.slaves[settings.position]
         text = _pdo_difference(settings, slave)
         if text:
-            text = f"{slave.label} exchanges {text}: restart ecatd with this file, or correct it"
+            text = f"{slave.label} exchanges {text}: {_advice(settings, slave)}"
             place = (settings.position,)
             differences.append(Difference("other PDOs", place, place, text, strict=False))
     return differences
+
+
+def _advice(settings: SlaveConfig, slave: Slave) -> str:
+    """What to do about other PDOs, with what a start with them would come to."""
+    now = {pdo.index for pdo in (*slave.outputs, *slave.inputs)}
+    new = [index for index in settings.pdos or () if index not in now]
+    if not new:
+        return "restart ecatd with this file, or correct it"
+    which = f"PDO{'s' * (len(new) > 1)} {_indices(new)}"
+    if not slave.coe:
+        return (
+            f"it has no CoE, so it has only the PDOs of its EEPROM, and ecatd does not start with "
+            f"others: correct the file, or restart ecatd with it if its manual has {which}"
+        )
+    return (
+        f"correct the file, or restart ecatd with it; that start fails if the slave does not have "
+        f"{which}, which --esi with its ESI file finds out"
+    )
 
 
 def _pdo_difference(settings: SlaveConfig, slave: Slave) -> str:
