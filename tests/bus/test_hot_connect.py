@@ -159,6 +159,7 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
             wait_for(always.arrives, daemon)
             assert [slave.absent for slave in client.slaves()] == [n in TOOL for n in range(9)]
             assert tool.input.validity != Validity.VALID
+            wait_for(lambda: daemon.ctl("check", check=False).returncode == 0, daemon)
             if coming == 1:  # it also loses its power, and so its addresses
                 for fault in (rig.faults.power_off, rig.faults.power_on):
                     for position in TOOL:
@@ -166,6 +167,19 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
     assert daemon.log.count("there for the first time, and in OP") >= 1
     assert "slave count changed" not in daemon.log, "that optional slaves leave is no fault"
     assert daemon.stop() == 0
+
+
+def test_a_group_of_which_a_slave_is_missing_is_not_well(start: Start) -> None:
+    daemon = start(GROUP)
+    assert daemon.ctl("check").returncode == 0
+    with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
+        rig.faults.break_link(5)
+        wait_for_states(daemon, ["OP"] * 5 + ["no answer"] * 2 + ["OP"] * 2)
+        wait_for(lambda: daemon.ctl("check", check=False).returncode == 1, daemon)
+        found = daemon.ctl("check", check=False)
+        names(found.stdout, "degraded", "7 of 7", "group tool", "slave 5", "slave 6")
+        rig.faults.heal_link(5)
+        wait_for(lambda: daemon.ctl("check", check=False).returncode == 0, daemon)
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ import pytest
 
 from conftest import Daemon, names, one_line_error
 from ecatd.model.config import read_config
+from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
 
@@ -54,7 +55,28 @@ def test_parameters_are_verified(machine: Callable[[str], Daemon]) -> None:
     daemon.ctl("state", "OP", "-p", "axis")  # it is told again
     rows = daemon.ctl_json("startup", "verify")["parameters"]
     assert [row["result"] for row in rows[:2]] == 2 * ["as configured"]
-    assert "no start-up parameters" in daemon.ctl("startup", "verify", "EK1100").stdout
+    names(daemon.ctl("startup", "verify", "EK1100").stdout, "no", "slave 0 (EK1100)")
+
+
+def test_what_cannot_be_verified_is_no_success(
+    machine: Callable[[str], Daemon], tmp_path: Path
+) -> None:
+    daemon = machine(TABLES)
+    file = tmp_path / "more.toml"
+    more = '[[slave]]\nposition = 2\nname = "gone"\nvendor = 2\nproduct = 3\n'
+    file.write_text(daemon.config_file.read_text() + more + TABLES)
+    missing = daemon.ctl("startup", "verify", "--config", str(file), check=False)
+    assert missing.returncode == 7
+    names(one_line_error(missing.stderr, "ecatctl"), "3 of gone")
+    assert daemon.ctl("startup", "verify", "axis", "--config", str(file)).returncode == 0
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(1)
+        for arguments in ((), ("axis",), ("--json",)):
+            silent = daemon.ctl("startup", "verify", *arguments, check=False)
+            assert silent.returncode == 7
+            names(one_line_error(silent.stderr, "ecatctl"), "3 of slave 1 (axis, AX2)")
+            assert silent.stdout.count("not verified") == 3
+    assert daemon.ctl("startup", "verify", "EK1100").returncode == 0
 
 
 def test_only_what_a_slave_in_op_has_is_compared(machine: Callable[[str], Daemon]) -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names, one_line_error, run_module
+from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd.model import bus_file
 from ecatd.model.config import load_config, read_config
+from ecatsim.control import Simulator
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
@@ -135,8 +136,27 @@ def test_a_file_is_checked_against_the_bus(machine: Callable[..., Daemon], tmp_p
         device, pdos = found.stdout.splitlines()
         names(device, "other device", "slave 1 (EL1008)", "0x03F13052", "0x03F03052")
         names(pdos, "other PDOs", "slave 2", "CiA402", "0x1600", "0x1601")
+        names(pdos, "fails", "--esi")
+    file.write_text("[[slave]]\nposition = 1\npdos = [0x1A55]\n")
+    (terminal,) = daemon.ctl("config", "check", str(file), check=False).stdout.splitlines()
+    names(terminal, "slave 1 (EL1008)", "no CoE", "EEPROM", "0x1A55")
     offline = daemon.ctl("config", "init", "--from", str(scan)).stdout
     assert offline.partition("[dc]")[0] == text.partition("[dc]")[0]
+
+
+def test_slaves_that_do_not_answer_are_told(machine: Callable[..., Daemon], tmp_path: Path) -> None:
+    daemon = machine(["EK1100", "EL1008", "EL2008"], "[gateway]\nlisten = []\n")
+    file, again = str(tmp_path / "machine.toml"), str(tmp_path / "again.toml")
+    assert not daemon.ctl("config", "init", "-o", file).stderr
+    assert not daemon.ctl("config", "check", file).stderr
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.break_link(1)
+        wait_for(lambda: daemon.slave_rows("state")[2]["al_state"] == 0, daemon)
+        for arguments in (("check", file), ("init", "-o", again)):
+            told = one_line_error(daemon.ctl("config", *arguments).stderr, "ecatctl")
+            names(told, "slave 1 (EL1008)", "slave 2 (EL2008)", "start of ecatd")
+        assert daemon.ctl_json("config", "check", file)["silent"] == [1, 2]
+        assert daemon.ctl_json("config", "init")["silent"] == [1, 2]
 
 
 WRONG = """

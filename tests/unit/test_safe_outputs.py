@@ -145,12 +145,33 @@ def test_one_axis_of_a_drive_is_meant_by_its_controlword() -> None:
     assert (shown(made)[0x607A], shown(made)[0x687A]) == (0, "hold")
 
 
-def test_a_later_rule_overrides_a_stop() -> None:
+@pytest.mark.parametrize(
+    "rule",
+    [
+        SafeConfig(0, 6, "0x6040:00"),
+        SafeConfig(0, "hold", "0x6040:00"),
+        SafeConfig(0, "zero"),
+    ],
+)
+def test_no_later_rule_takes_a_stop_away(rule: SafeConfig) -> None:
+    """Else the drive would run on, though the configuration says that it is stopped."""
+    with pytest.raises(ConfigError, match=naming("slave 0 (D)", '"disable"', "0x6040:00")):
+        safe_outputs(bus(drive()), [SafeConfig(0, "disable"), rule])
+
+
+def test_what_is_no_controlword_can_differ_from_a_stop() -> None:
     made = bus(drive())
-    rules = [SafeConfig(0, "quick_stop"), SafeConfig(0, 6, "0x6040:00")]
-    assert safe_outputs(made, rules).stops == []
-    assert (shown(made)[0x6040], shown(made)[0x607A]) == (6, "hold")
-    assert safe_outputs(bus(drive()), [SafeConfig(0, "disable"), SafeConfig(0, "zero")]).stops == []
+    rules = [
+        SafeConfig(0, "hold"),
+        SafeConfig(0, "quick_stop"),
+        SafeConfig(0, 9, "0x6072:00"),
+        SafeConfig(0, "disable", "0x6040:00"),
+        SafeConfig(0, 7, "0x6083:00"),
+    ]
+    assert [stop.how for stop in safe_outputs(made, rules).stops] == ["disable"]
+    found = shown(made)
+    assert (found[0x6040], found[0x6083], found[0x2000]) == ("disable", 7, "hold")
+    assert found[0x6072] == "hold", "the later stop has overridden it"
 
 
 @pytest.mark.parametrize(

@@ -255,6 +255,7 @@ class BusServer:
             "position": item.position,
             "name": self.bus.slaves[item.position].name,
             "given_name": self.bus.slaves[item.position].given_name,
+            "group": self.bus.slaves[item.position].group,
             "al_state": item.al_state,
             "al_code": item.al_code,
             "text": item.describe(),

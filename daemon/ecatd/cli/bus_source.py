@@ -18,11 +18,13 @@ from ecatd.model import bus_file
 from ecatd.model.bus import Bus
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import EcatError, UsageError, error_class
+from ecatd.model.health import silent_slaves
 
 Kind = Literal["scan", "rig", "esi"]
 
 _FILES = (".json", ".toml", ".py", ".xml")
 _PEEK = 4096
+_TOLD = 8  # slaves in one message
 _BOMS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
 
@@ -87,6 +89,33 @@ def get_bus(options: argparse.Namespace) -> Bus:
         except EcatError as error:  # about a temporary file that the user does not know
             text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", source, str(error))
             raise type(error)(text) from None
+
+
+def warn_of_silent(options: argparse.Namespace, bus: Bus) -> list[int]:
+    """Warns about slaves of a running bus that do not answer; returns their positions.
+
+    What its description says of them is as at the start. Optional slaves that are absent do not
+    count.
+
+    Raises:
+        EcatError: The daemon cannot be asked.
+    """
+    if options.sources:
+        return []
+    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
+    with Remote(options.bus, options.connect, options.timeout) as remote:
+        silent = silent_slaves(remote.states())
+    if silent:
+        labels = [bus.slaves[position].label for position in silent]
+        more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
+        who = "it" if len(labels) == 1 else "them"
+        print(
+            f"ecatctl: warning: no answer at the moment from {', '.join(labels[:_TOLD])}{more}: "
+            f"what is said about {who} is as at the start of ecatd",
+            file=sys.stderr,
+        )
+    return silent
 
 
 def _kind(source: str) -> Kind:

@@ -17,7 +17,7 @@ from ecatd.model.errors import StateError, UsageError
 from ecatd.model.expected_bus import compare
 from ecatd.version import VERSION
 
-from .bus_source import add_options, get_bus
+from .bus_source import add_options, get_bus, warn_of_silent
 from .config_check import check, described
 from .output import print_json, print_table, shortened
 from .scan import save
@@ -106,13 +106,13 @@ def _init(options: argparse.Namespace) -> int:
     else:
         bus, known, _ = _remote(options)
     known = known.moved(compare(known, bus.slaves).places)
-    notes, more = None, {}
+    notes, more = None, {"silent": warn_of_silent(options, bus)}
     if options.esi is not None:
         from ecatd.esi.configure import add_esi
 
         devices = described(bus, options.esi)
         notes = add_esi(known, bus, devices)
-        more = {"described": sorted(devices)}
+        more["described"] = sorted(devices)
     _write(options, bus, write_config(known, bus, VERSION, notes), "give them names, then", more)
     return 0
 

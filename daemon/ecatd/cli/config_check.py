@@ -16,7 +16,7 @@ from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
 
-from .bus_source import get_bus
+from .bus_source import get_bus, warn_of_silent
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
     bus = get_bus(options)
+    silent = warn_of_silent(options, bus)
     found = compare(wanted, bus.slaves)
     moved = wanted.moved(found.places)
     differences = found.differences + _other_pdos(moved, bus)
@@ -50,7 +51,7 @@ def check(options: argparse.Namespace) -> int:
             for item in differences
         ]
         document = {"bus": bus.name, "file": str(options.file), "differences": rows}
-        print_json({**document, "wrong": wrong, "warnings": warnings})
+        print_json({**document, "wrong": wrong, "warnings": warnings, "silent": silent})
     elif differences or wrong or warnings:
         for item in differences:
             print(f"{item.kind}: {item.text}")
@@ -99,10 +100,28 @@ def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
         slave = bus.slaves[settings.position]
         text = _pdo_difference(settings, slave)
         if text:
-            text = f"{slave.label} exchanges {text}: restart ecatd with this file, or correct it"
+            text = f"{slave.label} exchanges {text}: {_advice(settings, slave)}"
             place = (settings.position,)
             differences.append(Difference("other PDOs", place, place, text, strict=False))
     return differences
+
+
+def _advice(settings: SlaveConfig, slave: Slave) -> str:
+    """What to do about other PDOs, with what a start with them would come to."""
+    now = {pdo.index for pdo in (*slave.outputs, *slave.inputs)}
+    new = [index for index in settings.pdos or () if index not in now]
+    if not new:
+        return "restart ecatd with this file, or correct it"
+    which = f"PDO{'s' * (len(new) > 1)} {_indices(new)}"
+    if not slave.coe:
+        return (
+            f"it has no CoE, so it has only the PDOs of its EEPROM, and ecatd does not start with "
+            f"others: correct the file, or restart ecatd with it if its manual has {which}"
+        )
+    return (
+        f"correct the file, or restart ecatd with it; that start fails if the slave does not have "
+        f"{which}, which --esi with its ESI file finds out"
+    )
 
 
 def _pdo_difference(settings: SlaveConfig, slave: Slave) -> str:

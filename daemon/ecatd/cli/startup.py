@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ecatd.model.abort_codes import WRITE_ONLY
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import (
     TRANSITIONS,
@@ -41,6 +43,9 @@ if TYPE_CHECKING:
 _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""
 
+_DIFFERENT, _UNKNOWN, _SECRET = "different", "not verified", "cannot be read"
+"""Beginnings of the results of a comparison. Only the first two are worth an exit status."""
+
 _ACTIONS = """\
 actions:
   verify [SLAVE]             compare the start-up parameters of the configuration with the slaves
@@ -48,7 +53,7 @@ actions:
                              are not the defaults of the ESI file
 
 exit status:
-  0 done, no difference   7 verify: a slave has another value
+  0 done, no difference   7 verify: a slave has another value, or cannot be asked for it
 """
 
 
@@ -93,7 +98,9 @@ def startup(options: argparse.Namespace) -> int:
 def _verify(remote: Remote, options: argparse.Namespace) -> int:
     bus = remote.describe()
     used = load_config(options.config) if options.config else remote.configuration()[0]
-    rows = list(_compared(remote, bus, used, options.slave))
+    places = compare(used, bus.slaves).places
+    chosen = None if options.slave is None else bus.find(options.slave)
+    rows = list(_compared(remote, bus, used.moved(places), chosen))
     if options.json:
         print_json({"bus": bus.name, "parameters": rows})
     elif rows:
@@ -111,20 +118,33 @@ def _verify(remote: Remote, options: argparse.Namespace) -> int:
             ),
             "",
         )
+    elif chosen is not None:
+        print(f"the configuration has no start-up parameters for {chosen.label}")
     else:
         print("the configuration has no start-up parameters for this bus")
-    return StateError.exit_code if any(row["result"] == "different" for row in rows) else 0
+    unknown = Counter(
+        bus.slaves[row["slave"]].label for row in rows if row["result"].startswith(_UNKNOWN)
+    )
+    if chosen is None:
+        gone = [item for item in used.slave if item.startup and item.position not in places]
+        for item in gone:
+            name = item.name or f"slave {item.position}"
+            unknown[f"{name}, which is not on the bus"] += len(item.startup)
+    if unknown:
+        told = "; ".join(f"{count} of {label}" for label, count in unknown.items())
+        print(f"ecatctl: parameters that could not be verified: {told}", file=sys.stderr)
+    differs = any(row["result"] == _DIFFERENT for row in rows)
+    return StateError.exit_code if differs or unknown else 0
 
 
 def _compared(
-    remote: Remote, bus: Bus, used: Config, chosen: int | str | None
+    remote: Remote, bus: Bus, here: Config, chosen: Slave | None
 ) -> Iterator[dict[str, Any]]:
-    places = compare(used, bus.slaves).places
-    position = None if chosen is None else bus.find(chosen).position
-    here = used.moved(places)
     meanings = _Meanings(here)
     for settings in here.slave:
-        if position not in (None, settings.position) or settings.position >= len(bus.slaves):
+        if chosen is not None and chosen.position != settings.position:
+            continue
+        if settings.position >= len(bus.slaves):
             continue
         in_op = _in_force(settings)
         for parameter in settings.startup:
@@ -134,7 +154,8 @@ def _compared(
                 raw = parameter.raw(known)
             except UsageError as error:
                 configured = f"{parameter.value} {parameter.unit}"
-                yield {**row, "configured": configured, "has": None, "result": str(error)}
+                result = f"{_UNKNOWN}: {error}"
+                yield {**row, "configured": configured, "has": None, "result": result}
                 continue
             found = _value_of(remote, settings.position, raw, known)
             if in_op.get(parameter.address) is not parameter and found["has"] is not None:
@@ -178,9 +199,10 @@ def _value_of(
     try:
         data = remote.sdo_read(position, index, subindex, complete=parameter.complete).data
     except (SdoAbortError, NoAnswerError, StateError) as error:
-        return {"has": None, "result": f"cannot be read: {error}"}
+        secret = isinstance(error, SdoAbortError) and error.code == WRITE_ONLY
+        return {"has": None, "result": f"{_SECRET if secret else _UNKNOWN}: {error}"}
     same = data[: len(parameter.data)] == parameter.data
-    result = "as configured" if same else "different"
+    result = "as configured" if same else _DIFFERENT
     return {"has": _shown(parameter, known, data), "result": result}
 
 

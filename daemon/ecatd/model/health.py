@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,8 @@ class Health:
         expected: Number of slaves that should be there: all but optional ones that are absent.
         in_op: Number of those that are in OP.
         absent: Number of optional slaves that are absent.
-        problems: A text for each slave that is not as it should be.
+        problems: A text for each slave that is not as it should be, and for each group of optional
+            slaves of which only some are there.
     """
 
     expected: int
@@ -57,14 +58,34 @@ def look_at(rows: Iterable[Mapping[str, Any]]) -> Health:
     expected = [row for row in rows if row.get("recovery") != _ABSENT]
     in_op = [row for row in expected if row["al_state"] == AlState.OP]
     problems = [_told(row) for row in expected if row not in in_op or row.get("recovery")]
+    problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
     return Health(len(expected), len(in_op), len(rows) - len(expected), problems)
+
+
+def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]:
+    """Groups of which slaves are there, while others are absent."""
+    for group in sorted(there):
+        absent = [row for row in rows if row.get("group") == group and row["recovery"] == _ABSENT]
+        if absent:
+            names = ", ".join(map(_name, absent))
+            yield f"group {group} is incomplete, as these slaves are absent: {names}"
+
+
+def silent_slaves(rows: Iterable[Mapping[str, Any]]) -> list[int]:
+    """Positions of the slaves that do not answer, without optional ones that are absent."""
+    return [
+        row["position"] for row in rows if not row["al_state"] and row.get("recovery") != _ABSENT
+    ]
 
 
 def _told(row: Mapping[str, Any]) -> str:
     """A slave that is not well, and what is known about its recovery."""
-    name = display_name(row.get("given_name", ""), row["name"])
     known = (row["text"], row.get("recovery"), row.get("recovery_text"), _since(row.get("since")))
-    return f"slave {row['position']} ({name}): {', '.join(text for text in known if text)}"
+    return f"{_name(row)}: {', '.join(text for text in known if text)}"
+
+
+def _name(row: Mapping[str, Any]) -> str:
+    return f"slave {row['position']} ({display_name(row.get('given_name', ''), row['name'])})"
 
 
 def _since(moment: float | None) -> str:

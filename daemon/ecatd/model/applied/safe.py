@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 from ..bus import Bus, Slave
 from ..config import STOPS, SafeConfig, SignalConfig
@@ -119,11 +120,23 @@ class _SlaveOutputs:
         if rule.value in STOPS:
             self._stop(rule)
         elif rule.address is None:
-            self.stops.clear()
+            for word in self.stops:
+                self._refuse_without_stop(rule, word)
             self._note(rule, (entry for entry, _ in self._entries()))
             self._set(0, 8 * self._slave.output_bytes, 0, hold=rule.value == "hold")
         else:
             self._set_entry(rule, rule.address)
+
+    def _refuse_without_stop(self, rule: SafeConfig, controlword: int) -> NoReturn:
+        """Refuses a table that takes back the stop of an earlier one: the drive would run on."""
+        before = self._rules[controlword, 0]
+        rule.table.fail(
+            "entry" if rule.entry else "value",
+            f'{self._slave.label} is brought to a stop by value = "{before.value}" of an earlier '
+            f"table ({before.table.where()}), and this table would take its controlword "
+            f"0x{controlword:04X}:00 away from that: remove one of the two tables"
+            + ("" if rule.entry else ", or write this one in front"),
+        )
 
     def _note(self, rule: SafeConfig, entries: Iterable[Entry]) -> None:
         self._rules |= {(entry.index, entry.subindex): rule for entry in entries}
@@ -134,6 +147,8 @@ class _SlaveOutputs:
         self._hold = self._hold & ~mask | (mask if hold else 0)
 
     def _set_entry(self, rule: SafeConfig, address: tuple[int, int]) -> None:
+        if address[1] == 0 and address[0] in self.stops:
+            self._refuse_without_stop(rule, address[0])
         found = False
         for entry, bit in self._entries():
             if (entry.index, entry.subindex) != address:
@@ -148,8 +163,6 @@ class _SlaveOutputs:
                 f"{self._slave.label} has no output {rule.entry}: `ecatctl pdos -p "
                 f"{self._slave.position}` lists what it has",
             )
-        if address[1] == 0:
-            self.stops.pop(address[0], None)
 
     def _entries(self) -> Iterator[tuple[Entry, int]]:
         for _pdo, entry, bit in self._slave.entries(outputs=True):
