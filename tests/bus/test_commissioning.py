@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
+from ecatd.model.config import load_config
 from ecatd.model.errors import StateError
 from ecatsim.control import Simulator
 
@@ -157,6 +159,60 @@ def test_a_tolerant_daemon_runs_the_others_with_their_own_tables(start: Start) -
         wait_for(without_owner, daemon)
         client.wait(5)
         assert simulator.registers(2, 0x0F00, 1)[0] == 1  # to hold it is its safe value
+
+
+def test_a_new_configuration_keeps_the_tables_of_slaves_that_take_no_part(
+    start: Start, tmp_path: Path
+) -> None:
+    drive = "vendor = 0xFFFF\nproduct = 0x402\n"
+    config = f"""
+[gateway]
+listen = []
+[expected]
+unlisted = false
+policy = "tolerant"
+[[slave]]
+position = 0
+{COUPLER}
+[[slave]]
+position = 1
+name = "axis"
+{drive}
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 4321
+[[slave]]
+position = 2
+name = "island"
+vendor = 0xFFFF
+product = 0xE10
+[[slave.module]]
+slot = 1
+ident = 0x208
+[[slave]]
+position = 3
+name = "stop"
+{INPUTS}
+[[outputs.safe]]
+slave = "axis"
+value = "quick_stop"
+"""
+    kinds = ["EK1100", "ModularIO", "EL1008", "CiA402"]
+    modules = 'parameters = { modules = "DI8, -, AI2" }'
+    daemon = start(kinds, config=config, n1=modules)
+    rows = daemon.slave_rows("slaves")
+    assert [row["state"] for row in rows] == ["OP", "PREOP", "OP", "PREOP"]
+    file = tmp_path / "new.toml"
+    daemon.ctl("config", "init", "-o", str(file))
+    known, written = load_config(daemon.config_file), load_config(file)
+    assert [slave.name for slave in written.slave] == ["EK1100", "island", "stop", "axis"]
+    assert written.slave[3].startup == known.slave[1].startup
+    assert written.outputs.safe == [replace(known.outputs.safe[0], slave=3)]
+    assert [(item.slot, item.ident) for item in written.slave[1].module] == [(1, 0x108), (3, 0x302)]
+    names(daemon.ctl("config", "check", str(file)).stdout, "slave 3 (CiA402)", "takes no part now")
+    assert daemon.stop() == 0
+    assert "not as expected" not in start(kinds, config=file.read_text(), n1=modules).log
 
 
 def test_a_slave_with_another_revision_takes_no_part(start: Start) -> None:

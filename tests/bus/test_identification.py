@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from test_bad_conditions import Bench
 
-from conftest import Daemon, names
+from conftest import Daemon, names, one_line_error
 
 pytestmark = pytest.mark.bus
 
@@ -105,6 +105,21 @@ def test_who_is_meant_must_be_clear(start: Start, slaves: list[str], tokens: lis
     assert status == 7, log
     (line,) = [line for line in log.splitlines() if "error: bus not as expected" in line]
     names(line, *tokens)
+
+
+def test_differences_count_the_slaves_of_the_wire(start: Start) -> None:
+    """Positions may be others: optional slaves that tell their identification come last."""
+    wanted = CONFIG.replace('name = "spindle"', 'name = "spindle"\noptional = true')
+    coupler = "[[slave]]\nposition = 0\nvendor = 2\nproduct = 0x044C2C52\n"
+    expected = "[expected]\nunlisted = false\n"
+    slaves = (COUPLER, drive(42), drive(7))
+    _, log = start(*slaves, config=expected + coupler + wanted, ready=False).wait_end()
+    names(one_line_error(log, "ecatd"), "slave 2 (CiA402)", "extra")
+    daemon = start(*slaves, config=f'{expected}policy = "tolerant"\n{coupler}{wanted}')
+    names(daemon.log, "not as expected: slave 2 (CiA402) is extra")
+    rows = daemon.slave_rows("slaves")
+    assert [row["state"] for row in rows] == ["OP", "PREOP", "OP"]
+    assert [row["given_name"] for row in rows] == ["", "", "spindle"]
 
 
 @pytest.mark.long

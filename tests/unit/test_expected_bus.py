@@ -54,12 +54,27 @@ def kinds(found: Comparison) -> list[tuple[str, tuple[int, ...], tuple[int, ...]
         ([1, 2], [("missing", (2, 3, 4), ())], [0, 1, None, None, None]),
         ([], [("missing", (0, 1, 2, 3, 4), ())], [None] * 5),
         ([1, 2, 9, 3, 4], [("other device", (2,), (2,))], [0, 1, 2, 3, 4]),
-        ([4, 2, 3, 3, 1], [("wrong place", (0, 4), (0, 4))], [0, 1, 2, 3, 4]),
+        ([4, 2, 3, 3, 1], [("wrong place", (0, 4), (0, 4))], [4, 1, 2, 3, 0]),
         ([1, 3, 3, 4, 2], [("wrong place", (1,), (4,))], [0, 4, 1, 2, 3]),
         (
             [1, 9, 2, 3, 4],
             [("extra", (), (1,)), ("missing", (3,), ())],
             [0, 2, 3, None, 4],
+        ),
+        (
+            [2, 1, 3, 4, 3],
+            [("wrong place", (0,), (1,)), ("wrong place", (2,), (4,))],
+            [1, 0, 4, 2, 3],
+        ),
+        (
+            [2, 1, 3, 9, 4],
+            [("wrong place", (0,), (1,)), ("other device", (3,), (3,))],
+            [1, 0, 2, 3, 4],
+        ),
+        (
+            [4, 2, 3, 3, 1, 9],
+            [("wrong place", (0, 4), (0, 4)), ("extra", (), (5,))],
+            [4, 1, 2, 3, 0],
         ),
     ],
 )
@@ -141,7 +156,10 @@ def test_an_alias_finds_a_slave_wherever_it_stands() -> None:
         moved = config.moved(comparison.places)
         assert moved.outputs.safe[0].slave == at
         assert moved.settings_of(at).name == "spindle"
-    assert [kind for kind, _, _ in kinds(compare(config, bus(1, 5, 2)))] == ["extra", "missing"]
+    without = compare(config, bus(1, 5, 2))
+    assert [kind for kind, _, _ in kinds(without)] == ["other station alias"]
+    names(without.differences[0].text, "slave 1 (P5)", "no station alias", "spindle", "7")
+    assert [kind for kind, _, _ in kinds(compare(config, bus(1, 2)))] == ["missing"]
     twice = compare(config, bus(1, 5, 2, aliases={0: 7, 1: 7}))
     (clash,) = [item for item in twice.differences if len(item.found) == 2]
     names(clash.text, "slaves 0, 1", "station alias", "7", "spindle")
@@ -189,6 +207,47 @@ def test_a_group_stands_behind_its_first_slave() -> None:
     other = compare(wanted, bus(1, 3, 2, 4, aliases={2: 7}))
     assert kinds(other) == [("other device", (b,), (3,))]
     assert read_config(wanted.to_dict()) == wanted
+
+
+def test_a_slave_that_tells_another_identification_is_no_extra_one() -> None:
+    tool = {"group": "tool", "vendor": VENDOR}
+    rows = [
+        {"position": 0, "vendor": VENDOR, "product": 1},
+        {"name": "head", "identification": 42, "product": 2, **tool},
+        {"name": "jaw", "product": 3, **tool},
+        {"position": 1, "vendor": VENDOR, "product": 4},
+    ]
+    wanted = read_config({"slave": rows, "expected": {"unlisted": False}})
+    head, jaw = (slave.position for slave in wanted.slave[1:3])
+    slaves = bus(1, 4, 2, 3)
+    for told, tokens in ((41, ["41", "selector"]), (0, ["no identification", "selector"])):
+        slaves[2].identification = told
+        found = compare(wanted, slaves)
+        assert kinds(found) == [("other identification", (head, jaw), (2, 3))]
+        names(found.differences[0].text, "slave 2 (P2)", "head", "42", *tokens)
+        assert [slave.name for slave in found.absent] == ["head", "jaw"]
+    del rows[1]["group"], rows[2]
+    alone = read_config({"slave": rows, "expected": {"unlisted": False}})
+    assert kinds(compare(alone, slaves[:3])) == [("other identification", (head,), (2,))]
+
+
+def test_groups_that_lack_a_slave_leave_those_of_others() -> None:
+    rows = [{"position": 0, "vendor": VENDOR, "product": 1}]
+    for number in (1, 2):
+        tool = {"group": f"t{number}", "vendor": VENDOR}
+        rows.append({"name": f"head{number}", "identification": number, "product": 2, **tool})
+        rows.append({"name": f"jaw{number}", "product": 3, **tool})
+    wanted = read_config({"slave": rows, "expected": {"unlisted": False}})
+    _, head1, jaw1, head2, jaw2 = (slave.position for slave in wanted.slave)
+    slaves = bus(1, 2, 2, 3, 3)
+    slaves[1].identification, slaves[2].identification = 1, 2
+    found = compare(wanted, slaves)
+    assert kinds(found) == [("wrong place", (jaw1,), (4,))]
+    names(found.differences[0].text, "jaw1", "behind head1", "t1", "slave 4")
+    assert found.places == {0: 0, head1: 1, head2: 2, jaw2: 3, jaw1: 4}
+    assert found.absent == []
+    away = compare(wanted, slaves[:4])
+    assert (kinds(away), [slave.name for slave in away.absent]) == ([], ["jaw1"])
 
 
 def test_the_tables_follow_their_slaves() -> None:
@@ -246,6 +305,7 @@ def test_a_few_changes_are_a_few_differences(
     assert missing == set(range(len(products))) - set(places)
     extra = {n for item in comparison.differences if not item.expected for n in item.found}
     assert extra == set(range(len(found))) - set(places.values())
+    assert not {products[n] for n in missing} & {found[n] for n in extra}
 
 
 @pytest.mark.long

@@ -61,8 +61,7 @@ def get_bus(options: argparse.Namespace) -> Bus:
         EcatError: The description cannot be had, or the options or files are wrong.
     """
     sources: list[str] = options.sources
-    kinds = [_kind(source) for source in sources]
-    _check(options, kinds)
+    kinds = check_options(options)
     if not sources:
         from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
@@ -148,12 +147,13 @@ def _kind(source: str) -> Kind:
     )
 
 
-def _check(options: argparse.Namespace, kinds: list[Kind]) -> None:
-    """Checks that the options fit together.
+def check_options(options: argparse.Namespace) -> list[Kind]:
+    """Checks that the options fit together; returns the kinds of the sources.
 
     Raises:
         UsageError: They do not.
     """
+    kinds = [_kind(source) for source in options.sources]
     kind = kinds[0] if kinds else "live"
     if len(kinds) > 1 and set(kinds) != {"esi"}:
         raise UsageError("only ESI files can be several: give one --from otherwise")
@@ -169,6 +169,7 @@ def _check(options: argparse.Namespace, kinds: list[Kind]) -> None:
         )
     if options.devices and kind != "esi":
         raise UsageError("--devices goes with ESI files: add --from FILE.xml")
+    return kinds
 
 
 def _described(rig: str, options: argparse.Namespace) -> Bus:

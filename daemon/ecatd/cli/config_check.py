@@ -16,7 +16,7 @@ from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
 
-from .bus_source import get_bus, warn_of_silent
+from .bus_source import check_options, get_bus, warn_of_silent
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -26,17 +26,21 @@ if TYPE_CHECKING:
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
-    bus = get_bus(options)
+    bus, idle = _bus(options)
     silent = warn_of_silent(options, bus)
     found = compare(wanted, bus.slaves)
     moved = wanted.moved(found.places)
     differences = found.differences + _other_pdos(moved, bus)
     # As at a start: what is about slaves that are others, or will have other PDOs, is not known.
-    others = {position for item in differences for position in item.found}
+    others = {position for item in differences for position in item.found} | idle
     unexpected = found.unexpected
     places = {n: at for n, at in found.places.items() if at not in unexpected}
     wrong = _wrong(wanted, places, bus, others)
-    warnings = alike_slaves(wanted)
+    warnings = alike_slaves(wanted) + [
+        f"{bus.slaves[n].label} takes no part now, so the file is not checked against its process "
+        "data: the next start does that"
+        for n in sorted(idle & {*places.values()})
+    ]
     if options.esi is not None:
         differences += _forbidden(moved, bus, described(bus, options.esi))
     if options.json:
@@ -67,6 +71,19 @@ def check(options: argparse.Namespace) -> int:
     if wrong:
         return ConfigError.exit_code
     return StateError.exit_code if differences else 0
+
+
+def _bus(options: argparse.Namespace) -> tuple[Bus, set[int]]:
+    """The bus, and the positions of slaves whose process data a daemon that runs does not know."""
+    if options.sources:
+        return get_bus(options), set()
+    check_options(options)
+    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
+    with Remote(options.bus, options.connect, options.timeout) as remote:
+        bus = remote.describe()
+        unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
+    return bus, {n for n in unexpected if not (bus.slaves[n].outputs or bus.slaves[n].inputs)}
 
 
 def _wrong(wanted: Config, places: dict[int, int], bus: Bus, others: set[int]) -> list[str]:

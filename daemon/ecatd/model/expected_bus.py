@@ -6,18 +6,19 @@ each slave behind it.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from .alignment import Alignment, Pair
 from .bus import Slave
 from .config import POSITION_MAX, STRICT, Config, Mark, SlaveConfig
-from .modules import module_differences
+from .expected_slave import device, difference, has_mark, label
 
 _TOLD = 4  # slaves in one message
-_OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY, _ABSENT = 4, 8, 7, 6, 2, 1
-"""Costs of differences. An exchanged device costs less than one that is missing and another one
-that is extra; two slaves that have changed places cost as much as either."""
+_SET_SELECTOR = (
+    "set its selector, write identification_register if it has its identification in a register, "
+    "or find it by position"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,7 @@ class Difference:
 
     Attributes:
         kind: "missing", "extra", "other device", "other revision", "other serial number",
-            "other modules" or "wrong place".
+            "other modules", "other identification", "other station alias" or "wrong place".
         expected: Positions of the slaves in the configuration, none for an extra slave.
         found: Positions of the slaves that were found, none for missing ones.
         text: What is different, and what to do about it.
@@ -81,37 +82,68 @@ class _Comparer:
         # Any slave may stand in a position without a table.
         self._expected = [by_position.get(n, SlaveConfig(n)) for n in range(last + 1)]
         self._found = Comparison()
+        self._settled: set[int] = set()
+        """Positions in the configuration of slaves that are found in a wrong place."""
+        self._taken: set[int] = set()
+        """Places of slaves that are not where they are expected, or not clear."""
+        self._marked: list[Pair] = []
+        """The slaves that are found by a mark, with those of their groups."""
+        self._unmarked: list[SlaveConfig] = []
+        """Expected slaves whose mark no slave has."""
 
     def compare(self) -> Comparison:
+        self._find_marked()
+        pairs = self._pairs()
+        while self._find_elsewhere(pairs) or self._find_other_marks(pairs):
+            pairs = self._pairs()
         places = self._found.places
-        taken = self._find_marked()
-        missing: list[SlaveConfig] = []
-        extra: list[Slave] = []
-        behind = 0  # the first place behind all expected slaves
-        for wanted, slave in self._align(taken):
-            if wanted is None:
-                assert slave is not None
-                extra.append(slave)
-                continue
-            behind = slave.position + 1 if slave is not None else behind
-            if slave is None:
-                missing.append(wanted)
-            else:
+        for wanted, slave in pairs:
+            if wanted is not None and slave is not None:
                 places[wanted.position] = slave.position
                 self._compare_pair(wanted, slave)
-        count = len(self._expected)
-        for position in self._config.positions:
-            if count <= position <= POSITION_MAX:
-                places[position] = position + behind - count
-        self._tell_exchanged()
-        self._tell_moved(missing, extra)
+        self._place_unlisted(pairs)
+        missing = [item for item, slave in pairs if item is not None and slave is None]
+        missing += [n for n in self._unmarked if n.optional or n.position not in self._settled]
         self._found.absent += [item for item in missing if item.optional]
         for alike in self._rows([item for item in missing if not item.optional]):
             self._add("missing", alike, (), self._missing(alike))
-        for slave in extra:
-            self._add("extra", [], (slave.position,), _extra(slave))
+        for wanted, slave in pairs:
+            if wanted is None and slave is not None:
+                self._add("extra", [], (slave.position,), _extra(slave))
         self._found.differences.sort(key=self._order)
         return self._found
+
+    def _pairs(self) -> list[Pair]:
+        """All slaves, except those that are known to stand in a wrong place."""
+        marked: list[Pair] = []
+        for wanted, slave in self._marked:
+            if wanted is not None and wanted.position not in self._settled:
+                gone = slave is not None and slave.position in self._taken
+                marked.append((wanted, None if gone else slave))
+        taken = self._taken | {slave.position for _, slave in marked if slave is not None}
+        aligned = Alignment(self._slaves, taken, unlisted=self._config.expected.unlisted)
+        rest = [item for item in self._expected if item.position not in self._settled]
+        return [*marked, *aligned.pairs(rest)]
+
+    def _place_unlisted(self, pairs: Sequence[Pair]) -> None:
+        """Gives positions behind all expected slaves their places."""
+        count = len(self._expected)
+        behind = max(
+            (
+                slave.position + 1
+                for wanted, slave in pairs
+                if wanted is not None and slave is not None and wanted.position < count
+            ),
+            default=0,
+        )
+        # Optional slaves that a mark finds come after all others, see `bus.start.absent`.
+        elsewhere = {s.position for w, s in self._marked if w is not None and w.optional and s}
+        rest = [n for n in range(behind, len(self._slaves)) if n not in elsewhere]
+        for position in self._config.positions:
+            if count <= position <= POSITION_MAX:
+                at = position - count
+                beyond = len(self._slaves) + at - len(rest)
+                self._found.places[position] = rest[at] if at < len(rest) else beyond
 
     def _order(self, item: Difference) -> tuple[int, bool]:
         """Differences stand in the order of the bus; a missing slave before what is there now."""
@@ -135,7 +167,11 @@ class _Comparer:
         rows: list[list[SlaveConfig]] = []
         for item in missing:
             last = rows[-1][-1] if rows else None
-            together = last is not None and last.position == item.position - 1
+            together = (
+                last is not None
+                and last.position == item.position - 1
+                and item.position <= POSITION_MAX
+            )
             if last is not None and together and self._policy(last) == self._policy(item):
                 rows[-1].append(item)
             else:
@@ -144,32 +180,127 @@ class _Comparer:
 
     # --- which slave is meant --------------------------------------------------------------------
 
-    def _find_marked(self) -> set[int]:
-        """Finds the slaves that the configuration finds by a mark; returns their positions."""
-        taken = set()
+    def _find_marked(self) -> None:
+        """Finds the slaves that the configuration finds by a mark."""
+        by_mark = {
+            wanted.position: [slave for slave in self._slaves if has_mark(slave, wanted.mark)]
+            for wanted in self._config.slave
+            if wanted.mark is not None
+        }
+        marked = {slave.position for with_it in by_mark.values() for slave in with_it}
         for wanted in self._config.slave:
-            mark = wanted.mark
+            mark, with_it = wanted.mark, by_mark.get(wanted.position, [])
             if mark is None:
                 continue
-            with_it = [slave for slave in self._slaves if _has(slave, mark)]
-            label = _label(wanted)
+            if not with_it:
+                self._unmarked += [wanted, *self._config.followers(wanted)]
+                continue
             if len(with_it) == 1:
-                taken |= self._take(wanted, with_it[0])
-            elif with_it:
-                positions = tuple(slave.position for slave in with_it)
-                taken.update(positions)
-                self._add(
-                    "other device",
-                    [wanted],
-                    positions,
-                    f"slaves {', '.join(map(str, positions))} have the same {mark.kind}, "
-                    f"{mark.value}, so it is not clear which is {label}: give each its own",
-                )
-            elif wanted.optional:
-                self._found.absent += [wanted, *self._config.followers(wanted)]
+                self._marked += self._group(wanted, with_it[0], marked)
+                continue
+            positions = tuple(slave.position for slave in with_it)
+            self._taken.update(positions)
+            self._add(
+                "other device",
+                [wanted],
+                positions,
+                f"slaves {', '.join(map(str, positions))} have the same {mark.kind}, "
+                f"{mark.value}, so it is not clear which is {label(wanted)}: give each its own",
+            )
+
+    def _group(self, head: SlaveConfig, first: Slave, marked: set[int]) -> list[Pair]:
+        """A slave that is found by its mark, with those of its group behind it."""
+        pairs: list[Pair] = [(head, first)]
+        place = first.position
+        for wanted in self._config.followers(head):
+            place += 1
+            there = place < len(self._slaves) and place not in marked
+            place = place if there else len(self._slaves)  # nor is another one behind it
+            pairs.append((wanted, self._slaves[place] if there else None))
+        return pairs
+
+    # --- slaves that are missing here and extra there --------------------------------------------
+
+    def _find_elsewhere(self, pairs: Sequence[Pair]) -> bool:
+        """Finds slaves that stand where others are expected, or nobody."""
+        wrong = [pair for pair in pairs if _is_wrong(pair)]
+        wanting = [item for item, _ in wrong if item is not None and item.product is not None]
+        free = [slave for _, slave in wrong if slave is not None]
+        moved: list[tuple[SlaveConfig, Slave]] = []
+        for fits in (_fits, _is_device):
+            for wanted in list(wanting):
+                slave = next((slave for slave in free if fits(wanted, slave)), None)
+                if slave is not None:
+                    wanting.remove(wanted)
+                    free.remove(slave)
+                    moved.append((wanted, slave))
+        instead = {item.position: slave for item, slave in wrong if item is not None}
+        for number, (wanted, slave) in enumerate(moved):
+            if wanted.position in self._settled:
+                continue  # it has changed places with one before
+            self._settle(wanted, slave)
+            there = instead[wanted.position]
+            for other, at in moved[number + 1 :]:
+                if at is there and instead[other.position] is slave:
+                    self._settle(other, at)
+                    self._add_exchanged(wanted, other)
+                    break
             else:
-                self._add("missing", [wanted], (), f"{label} is missing: {self._without(wanted)}")
-        return taken
+                self._add_moved(wanted, slave)
+        return bool(moved)
+
+    def _settle(self, wanted: SlaveConfig, slave: Slave) -> None:
+        self._settled.add(wanted.position)
+        self._taken.add(slave.position)
+        self._found.places[wanted.position] = slave.position
+        self._compare_pair(wanted, slave)
+
+    def _add_exchanged(self, first: SlaveConfig, second: SlaveConfig) -> None:
+        places = self._found.places
+        self._add(
+            "wrong place",
+            [first, second],
+            (places[second.position], places[first.position]),
+            f"{label(first)} and {label(second)} have changed places: they should be slaves "
+            f"{first.position} and {second.position}, but are {places[first.position]} and "
+            f"{places[second.position]}; exchange them, or correct their [[slave]] tables",
+        )
+
+    def _add_moved(self, wanted: SlaveConfig, slave: Slave) -> None:
+        should = f"should be slave {wanted.position}"
+        if wanted.position > POSITION_MAX:
+            heads = [item for item in self._config.slave if wanted in self._config.followers(item)]
+            should = f"should stand behind {label(heads[0])} (group {wanted.group})"
+        self._add(
+            "wrong place",
+            [wanted],
+            (slave.position,),
+            f"{label(wanted)} {should}, but is slave {slave.position}: move it, or correct its "
+            "[[slave]] table",
+        )
+
+    def _find_other_marks(self, pairs: Sequence[Pair]) -> bool:
+        """Finds the device of an expected slave that has another mark than it should have."""
+        free = {pair[1].position: pair[1] for pair in pairs if _is_wrong(pair) and pair[1]}
+        for wanted in self._unmarked:
+            mark = wanted.mark
+            if mark is None or wanted.product is None or wanted.position in self._settled:
+                continue
+            slave = next((slave for slave in free.values() if _is_device(wanted, slave)), None)
+            if slave is None:
+                continue
+            found = [slave.position]
+            for follower in self._config.followers(wanted):
+                behind = free.get(found[-1] + 1)
+                if behind is None or not _is_device(follower, behind):
+                    break
+                found.append(behind.position)
+            group = [wanted, *self._config.followers(wanted)][: len(found)]
+            self._settled.add(wanted.position)
+            self._taken.update(found)
+            self._add(f"other {mark.kind}", group, tuple(found), _other_mark(wanted, mark, slave))
+            return True
+        return False
 
     def _without(self, wanted: SlaveConfig) -> str:
         """Why no slave has the mark of an expected one, and what to do."""
@@ -188,93 +319,20 @@ class _Comparer:
                 "its power and its cable"
             )
         return (
-            f"no slave tells the {wanted.mark}, and {mute[0].label} cannot tell any: set its "
-            "selector, write identification_register if it has its identification in a register, "
-            "or find it by position"
+            f"no slave tells the {wanted.mark}, and {mute[0].label} cannot tell any: "
+            f"{_SET_SELECTOR}"
         )
-
-    def _take(self, wanted: SlaveConfig, slave: Slave) -> set[int]:
-        """Takes a slave that is found by its mark, with those of its group behind it."""
-        taken = set()
-        for place, one in enumerate(
-            [wanted, *self._config.followers(wanted)], start=slave.position
-        ):
-            if place >= len(self._slaves):
-                self._found.absent.append(one)
-                continue
-            taken.add(place)
-            self._found.places[one.position] = place
-            self._compare_pair(one, self._slaves[place])
-        return taken
-
-    def _align(self, taken: set[int]) -> Iterator[tuple[SlaveConfig | None, Slave | None]]:
-        """Pairs expected slaves with found ones, with the fewest differences (edit distance)."""
-        expected, slaves = self._expected, list(self._slaves)
-        first = 0
-        # Most buses are as expected, so what is alike at the start needs no search.
-        while (
-            first < min(len(expected), len(slaves))
-            and expected[first].product is not None
-            and not expected[first].optional
-            and not self._cost(expected[first], slaves[first], taken)
-        ):
-            yield expected[first], slaves[first]
-            first += 1
-        expected, slaves = expected[first:], slaves[first:]
-        best = self._costs(expected, slaves, taken)
-        e = f = 0
-        while e < len(expected) or f < len(slaves):
-            both = e < len(expected) and f < len(slaves)
-            pair = self._cost(expected[e], slaves[f], taken) if both else math.inf
-            if both and best[e][f] == pair + best[e + 1][f + 1]:
-                yield expected[e], slaves[f]
-                e, f = e + 1, f + 1
-            elif e < len(expected) and best[e][f] == _cost_missing(expected[e]) + best[e + 1][f]:
-                yield expected[e], None
-                e += 1
-            else:
-                if self._cost_extra(slaves[f], e == len(expected), taken):
-                    yield None, slaves[f]
-                f += 1
-
-    def _costs(
-        self, expected: list[SlaveConfig], slaves: list[Slave], taken: set[int]
-    ) -> list[list[float]]:
-        """The least cost of expected slaves from number e on with those found from f on."""
-        best = [[0.0] * (len(slaves) + 1) for _ in range(len(expected) + 1)]
-        for e in reversed(range(len(expected) + 1)):
-            for f in reversed(range(len(slaves) + 1)):
-                ways = []
-                if e < len(expected):
-                    ways.append(_cost_missing(expected[e]) + best[e + 1][f])
-                if f < len(slaves):
-                    at_end = e == len(expected)
-                    ways.append(self._cost_extra(slaves[f], at_end, taken) + best[e][f + 1])
-                if len(ways) == 2:
-                    ways.append(self._cost(expected[e], slaves[f], taken) + best[e + 1][f + 1])
-                best[e][f] = min(ways, default=0)
-        return best
-
-    def _cost(self, wanted: SlaveConfig, slave: Slave, taken: set[int]) -> float:
-        if wanted.product is None:
-            return 0
-        if slave.position in taken:  # it is somebody else
-            return _OTHER_DEVICE + _MISSING + _EXTRA
-        kind, _ = _difference(wanted, slave)
-        return {"": 0, "other device": _OTHER_DEVICE}.get(kind, _OTHER_NUMBER)
-
-    def _cost_extra(self, slave: Slave, at_end: bool, taken: set[int]) -> float:
-        allowed = slave.position in taken or (at_end and self._config.expected.unlisted)
-        return 0 if allowed else _EXTRA
 
     # --- what is different -----------------------------------------------------------------------
 
     def _compare_pair(self, wanted: SlaveConfig, slave: Slave) -> None:
-        kind, text = _difference(wanted, slave)
+        kind, text = difference(wanted, slave)
         if kind:
             self._add(kind, [wanted], (slave.position,), text)
 
     def _missing(self, wanted: Sequence[SlaveConfig]) -> str:
+        if wanted[0].mark is not None:
+            return f"{label(wanted[0])} is missing: {self._without(wanted[0])}"
         first, last = wanted[0].position, wanted[-1].position
         where = "first on the bus"
         if first:
@@ -283,10 +341,10 @@ class _Comparer:
             where = f"behind slave {first - 1}" + (f" ({name})" if name else "")
         if first == last:
             return (
-                f"{_label(wanted[0])} is missing: it should be slave {first}, {where}; check its "
+                f"{label(wanted[0])} is missing: it should be slave {first}, {where}; check its "
                 "power and the cable to it, or remove its [[slave]] table"
             )
-        labels = ", ".join(_label(item) for item in wanted[:_TOLD])
+        labels = ", ".join(label(item) for item in wanted[:_TOLD])
         more = f" and {len(wanted) - _TOLD} more" if len(wanted) > _TOLD else ""
         return (
             f"{len(wanted)} slaves are missing: they should be slaves {first} to {last}, {where}: "
@@ -294,119 +352,44 @@ class _Comparer:
             "[[slave]] tables"
         )
 
-    def _tell_exchanged(self) -> None:
-        """Makes one difference of two slaves that stand in each other's place."""
-        wrong = [item for item in self._found.differences if item.kind == "other device"]
-        pairs = [
-            (item, self._expected[item.expected[0]], self._slaves[item.found[0]])
-            for item in wrong
-            if item.expected[0] <= POSITION_MAX
-        ]
-        for number, (one, first, at_first) in enumerate(pairs):
-            for other, second, at_second in pairs[number + 1 :]:
-                if not _difference(first, at_second)[0] and not _difference(second, at_first)[0]:
-                    self._swap(first, second, one, other)
 
-    def _swap(
-        self, first: SlaveConfig, second: SlaveConfig, one: Difference, other: Difference
-    ) -> None:
-        for item in (one, other):
-            if item not in self._found.differences:
-                return
-            self._found.differences.remove(item)
-        self._add(
-            "wrong place",
-            [first, second],
-            one.found + other.found,
-            f"{_label(first)} and {_label(second)} have changed places: they should be slaves "
-            f"{first.position} and {second.position}, but are {other.found[0]} and {one.found[0]}; "
-            "exchange them, or correct their [[slave]] tables",
-        )
-
-    def _tell_moved(self, missing: list[SlaveConfig], extra: list[Slave]) -> None:
-        """Makes one difference of a slave that is missing here and extra there."""
-        for wanted in [item for item in missing if item.product is not None]:
-            for slave in extra:
-                if not _difference(wanted, slave)[0]:
-                    missing.remove(wanted)
-                    extra.remove(slave)
-                    self._found.places[wanted.position] = slave.position
-                    self._add(
-                        "wrong place",
-                        [wanted],
-                        (slave.position,),
-                        f"{_label(wanted)} should be slave {wanted.position}, but is slave "
-                        f"{slave.position}: move it, or correct its [[slave]] table",
-                    )
-                    break
+def _is_wrong(pair: Pair) -> bool:
+    """Whether a slave is missing, extra, or not the device that is expected in its place."""
+    wanted, slave = pair
+    if wanted is None or slave is None:
+        return True
+    return wanted.mark is None and difference(wanted, slave)[0] == "other device"
 
 
-def _cost_missing(wanted: SlaveConfig) -> float:
-    if wanted.optional:
-        return _ABSENT
-    return _MISSING_ANY if wanted.product is None else _MISSING
+def _fits(wanted: SlaveConfig, slave: Slave) -> bool:
+    return not difference(wanted, slave)[0]
 
 
-def _label(wanted: SlaveConfig) -> str:
-    """An expected slave as messages name it: `infeed (EL1018)`."""
-    if wanted.name:
-        return f"{wanted.name} ({wanted.type})" if wanted.type else wanted.name
-    if wanted.product is not None:
-        return wanted.type or _device(wanted.vendor or 0, wanted.product)
-    return "a slave" if wanted.mark is None else f"the slave with {wanted.mark}"
+def _is_device(wanted: SlaveConfig, slave: Slave) -> bool:
+    return (wanted.vendor, wanted.product) == (slave.vendor, slave.product)
 
 
-def _has(slave: Slave, mark: Mark) -> bool:
-    told = slave.identification if mark.kind == "identification" else slave.alias
-    return told == mark.value
-
-
-def _device(vendor: int, product: int) -> str:
-    return f"vendor 0x{vendor:08X}, product 0x{product:08X}"
-
-
-def _difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
-    """Kind and text of the difference between an expected slave and one that was found, or ""."""
-    if wanted.product is None:
-        return "", ""
-    if (wanted.vendor, wanted.product) != (slave.vendor, slave.product):
+def _other_mark(wanted: SlaveConfig, mark: Mark, slave: Slave) -> str:
+    if mark.kind == "station alias":
+        has = f"station alias {slave.alias}" if slave.alias else "no station alias"
         return (
-            "other device",
-            f"{slave.label} should be {_label(wanted)}, but is another device "
-            f"({_device(slave.vendor, slave.product)}, not "
-            f"{_device(wanted.vendor or 0, wanted.product)}): put the right one in, or correct its "
-            "[[slave]] table",
+            f"{slave.label} has {has}, but {label(wanted)} should have {mark.value}: give it this "
+            "alias, or correct alias in its [[slave]] table"
         )
-    least = wanted.revision if wanted.revision_min is None else wanted.revision_min
-    if least is not None and (
-        slave.revision < least or (wanted.revision is not None and slave.revision != least)
-    ):
-        newer = "" if wanted.revision_min is None else " or newer"
+    if not slave.identification:
         return (
-            "other revision",
-            f"{slave.label} has revision 0x{slave.revision:08X}, not 0x{least:08X}{newer}: put the "
-            "right one in, or correct revision in its [[slave]] table (revision_min accepts newer "
-            "ones)",
+            f"{slave.label} tells no identification, but {label(wanted)} should tell {mark.value}: "
+            f"{_SET_SELECTOR}"
         )
-    if wanted.serial is not None and wanted.serial != slave.serial:
-        return (
-            "other serial number",
-            f"{slave.label} has serial number {slave.serial}, not {wanted.serial}: put the right "
-            "one in, or correct serial in its [[slave]] table",
-        )
-    if wanted.module and slave.modules:
-        text = module_differences(wanted.modules, slave.modules)
-        if text:
-            return (
-                "other modules",
-                f"{slave.label} has other modules: {text}; put the right ones in, or correct its "
-                "[[slave.module]] tables",
-            )
-    return "", ""
+    return (
+        f"{slave.label} tells identification {slave.identification}, but {label(wanted)} should "
+        f"tell {mark.value}: set its selector to {mark.value}, or correct identification in its "
+        "[[slave]] table"
+    )
 
 
 def _extra(slave: Slave) -> str:
     return (
         f"{slave.label} is extra: no [[slave]] table expects "
-        f"{_device(slave.vendor, slave.product)} there; remove it, or write a table for it"
+        f"{device(slave.vendor, slave.product)} there; remove it, or write a table for it"
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import POSITION_MAX, Config, SlaveConfig
@@ -21,13 +21,29 @@ from ..master.master import Master
 from .mapping import Scanned
 
 
+@dataclass(frozen=True, slots=True)
+class Arranged:
+    """The slaves with their positions on the bus.
+
+    Attributes:
+        scanned: All slaves by position.
+        found: Position by place on the wire.
+        places: Position by the position in the configuration.
+    """
+
+    scanned: list[Scanned]
+    found: list[int]
+    places: dict[int, int]
+
+
 def arrange(
     master: Master,
     scanned: Sequence[Scanned],
     config: Config,
+    comparison: Comparison,
     description: Bus | None,
     tell: Callable[[str], None],
-) -> list[Scanned]:
+) -> Arranged:
     """Numbers the slaves as the configuration expects them, with optional ones that are absent.
 
     Slaves on the wire keep their order. Optional slaves that are found by something else than their
@@ -37,18 +53,15 @@ def arrange(
         master: The master; its slaves get the new positions.
         scanned: The slaves that were found.
         config: The configuration.
+        comparison: The slaves that were found, compared with the configuration.
         description: The complete bus; None if it is not known.
         tell: Called with a warning about each absent slave of which too little is known.
-
-    Returns:
-        All slaves by position.
 
     Raises:
         StateError: There are too many slaves.
     """
     if not any(wanted.optional for wanted in config.slave):
-        return list(scanned)
-    comparison = compare(config, [item.slave for item in scanned])
+        return Arranged(list(scanned), [*range(len(scanned))], comparison.places)
     known = _described(config, description)
     rows: list[tuple[tuple[float, int], int | None, Scanned]] = []
     elsewhere = {
@@ -61,19 +74,28 @@ def arrange(
         at_end = place in elsewhere
         order = (math.inf, elsewhere[place]) if at_end else (float(place), 0)
         rows.append((order, place, item))
+    stand_ins: list[tuple[SlaveConfig, Scanned]] = []
     for wanted in comparison.absent:
         if wanted.position not in known:
             tell(_unknown(wanted, config))
             continue
         order = (_behind(wanted, comparison), wanted.position)
         item = Scanned(_stand_in(known[wanted.position], wanted), Sii(), wanted, known=False)
+        stand_ins.append((wanted, item))
         rows.append((order, None, item))
     rows.sort(key=lambda row: row[0])
     master.arrange([place for _, place, _ in rows])
     for position, (_, _, item) in enumerate(rows):
         item.slave.position = position
         item.slave.address = master.stations[position]
-    return [item for _, _, item in rows]
+    found = [item.slave.position for item in scanned]
+    more = len(rows) - len(scanned)
+    places = {  # a place behind the bus, where no slave is, stays behind it
+        wanted: found[place] if place < len(found) else place + more
+        for wanted, place in comparison.places.items()
+    }
+    places |= {wanted.position: item.slave.position for wanted, item in stand_ins}
+    return Arranged([item for _, _, item in rows], found, places)
 
 
 def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:

@@ -11,7 +11,7 @@ import math
 import os
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ecatd.coroutine_steps import finish
@@ -21,7 +21,7 @@ from ecatd.model.applied import Applied, alike_slaves, apply, check_slaves, load
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, Mark, RecoveryConfig
 from ecatd.model.errors import StateError
-from ecatd.model.expected_bus import compare
+from ecatd.model.expected_bus import Comparison, compare
 from ecatd.model.meanings import raw_parameters, unused_profiles
 from ecatd.model.messages import RINGS
 from ecatd.model.profiles import Profiles, load_profiles
@@ -270,8 +270,7 @@ class BringUp:
             )
         identify(master.registers, found, self.config)
         read_modules(master, found, self._cancelled)
-        self._scanned = arrange(master, found, self.config, self._description, self._log.warning)
-        unexpected = self._compare()
+        unexpected = self._follow(master, found, self._compare(found))
         check_slaves(self.config, replace(self.bus, slaves=[item.slave for item in self._scanned]))
         self._make_raw()
         configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
@@ -322,16 +321,13 @@ class BringUp:
             return [position + 1 for position in range(count)]
         return branch_ends(count_links(master), ring=bool(self.config.second_interface))
 
-    def _compare(self) -> dict[int, str]:
-        """Compares the slaves with those that the configuration expects, and follows them.
-
-        Returns:
-            By position, why a slave is not the expected one.
+    def _compare(self, found: Sequence[Scanned]) -> Comparison:
+        """Compares the slaves, numbered as on the wire, with those that are expected.
 
         Raises:
             StateError: There are differences, and the configuration does not tolerate them.
         """
-        comparison = compare(self.config, [item.slave for item in self._scanned])
+        comparison = compare(self.config, [item.slave for item in found])
         self.differences = [item.text for item in comparison.differences]
         for item in comparison.differences:
             tell = self._log.error if item.strict else self._log.warning
@@ -344,8 +340,22 @@ class BringUp:
                 f"difference{'s' * (count != 1)}; the first: {strict[0]} "
                 '(policy = "tolerant" in [expected] starts the other slaves)'
             )
-        unexpected = comparison.unexpected
-        places = comparison.places.items()
+        return comparison
+
+    def _follow(
+        self, master: Master, found: Sequence[Scanned], comparison: Comparison
+    ) -> dict[int, str]:
+        """Gives the slaves their positions; from then on, the configuration is about these.
+
+        Returns:
+            By position, why a slave is not the expected one.
+        """
+        arranged = arrange(
+            master, found, self.config, comparison, self._description, self._log.warning
+        )
+        self._scanned = arranged.scanned
+        unexpected = {arranged.found[n]: text for n, text in comparison.unexpected.items()}
+        places = arranged.places.items()
         self.config = self.config.moved({n: at for n, at in places if at not in unexpected})
         return unexpected
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..bus import Bus, Slave
 from ..log_levels import DEFAULTS
+from ..modules import module_differences
 from ..pdo import Entry
 from .signals import NAME_BYTES
 from .slave_settings import INPUT_PDOS, OUTPUT_PDOS
@@ -63,7 +64,7 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         A file in TOML.
     """
     notes = notes or Notes()
-    names = dict(zip((s.position for s in bus.slaves), _names(bus.slaves), strict=True))
+    names = _names(config, bus.slaves)
     expected = replace(config.expected, unlisted=False)
     heads = [item for item in config.slave if item.mark is not None]
     found = {item.position for head in heads for item in (head, *config.followers(head))}
@@ -97,11 +98,11 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
     return "\n".join(lines) + "\n"
 
 
-def _names(slaves: list[Slave]) -> Iterator[str]:
-    """A unique name for each slave: its own, or one made of its order code."""
-    taken = {slave.given_name for slave in slaves}
-    for slave in slaves:
-        yield slave.given_name or unique_name(slave.name, taken)
+def _names(config: Config, slaves: list[Slave]) -> dict[int, str]:
+    """A unique name for each slave, by position: its own, or one made of its order code."""
+    own = {n.position: config.settings_of(n.position).name or n.given_name for n in slaves}
+    taken = set(own.values())
+    return {n.position: own[n.position] or unique_name(n.name, taken) for n in slaves}
 
 
 def unique_name(text: str, taken: set[str]) -> str:
@@ -191,7 +192,7 @@ def _slave(
     if pdos is not None:
         yield f"pdos = {value_text('pdos', pdos)}"
     yield from _comment(beside)
-    for module in settings.module or _modules(slave):
+    for module in _modules(settings, slave):
         yield from ("", "[[slave.module]]", *_scalars(module, always=("slot",), comments=False))
     for pdo in settings.pdo:
         yield from ("", "[[slave.pdo]]", f"index = {value_text('index', pdo.index)}", "entries = [")
@@ -204,8 +205,12 @@ def _slave(
         yield from _scalars(parameter, always=("object",), comments=False)
 
 
-def _modules(slave: Slave) -> Iterator[ModuleConfig]:
+def _modules(settings: SlaveConfig, slave: Slave) -> Iterator[ModuleConfig]:
     """The modules that a slave has in its slots."""
+    as_expected = settings.module and not module_differences(settings.modules, slave.modules)
+    if as_expected or not slave.modules:
+        yield from settings.module
+        return
     for slot, module in enumerate(slave.modules, 1):
         if module.ident:
             yield ModuleConfig(slot, module.ident, _plain(module.name))
