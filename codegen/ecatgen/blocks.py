@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 
 from ecatd.model.bus import Slave, display_name
@@ -52,6 +53,23 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
         instance = instances.take(names.instance_name(name))
         blocks.append(_block(slave, name, instance))
     return tuple(blocks)
+
+
+def renamed(blocks: Iterable[Block]) -> tuple[str, ...]:
+    """A sentence for each slave whose block is called otherwise than the configuration says.
+
+    Capital letters, `-` and `_` do not count: they follow the conventions of Modelica.
+    """
+    return tuple(
+        f"slave {block.position}: its name {block.given_name} becomes {block.name}, since no class "
+        "of the library can have it"
+        for block in blocks
+        if block.given_name and _letters(block.given_name) != _letters(block.name)
+    )
+
+
+def _letters(name: str) -> str:
+    return re.sub("[-_]", "", name).casefold()
 
 
 def _block(slave: Slave, name: str, instance: str) -> Block:

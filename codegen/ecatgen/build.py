@@ -5,7 +5,7 @@ from __future__ import annotations
 from ecatd.model.bus import Bus
 
 from . import names, static_library
-from .blocks import build_blocks
+from .blocks import build_blocks, renamed
 from .channels import build_channels
 from .drives import build_drives
 from .examples import build_examples
@@ -32,6 +32,6 @@ def build_library(bus: Bus, name: str) -> Library:
         blocks=blocks,
         drives=drives,
         channels=build_channels(blocks),
-        notes=notes,
+        notes=renamed(blocks) + notes,
         examples=build_examples(bus, name, blocks, drives),
     )

@@ -480,7 +480,7 @@ class Library:
         blocks: Blocks by position.
         drives: Blocks in SI units around those of drives.
         channels: Blocks with vectors around those of slaves with channels that are alike.
-        notes: What could not be made, and why; a sentence each.
+        notes: What could not be made, or not with its name, and why; a sentence each.
         examples: Example models.
     """
 

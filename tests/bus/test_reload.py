@@ -79,7 +79,9 @@ def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemo
     log = reload(daemon, f"profiles = ['nowhere']\n{other}", "stays as it was")
     names(log, "profiles", "nowhere", "no folder")
     assert in_force(daemon)["outputs.lease_max_ms"] == 60000
-    names(reload(daemon, CONFIG, "configuration read again"), "nothing can change")
+    slower = f"state_timeout_s = 20.0\n{CONFIG}"
+    names(reload(daemon, slower, "configuration read again"), "nothing can change")
+    names(reload(daemon, CONFIG, "configuration read again"), "nothing has changed")
     daemon.config_file.unlink()
     reload(daemon_without_file(daemon), CONFIG, "configuration read again")
     assert daemon.stop() == 0

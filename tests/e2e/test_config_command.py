@@ -77,8 +77,17 @@ def test_from_an_unknown_bus_to_a_checked_configuration(
     again = daemon.ctl("config", "init", "-o", str(file), check=False)
     assert again.returncode == 7
     names(one_line_error(again.stderr, "ecatctl"), str(file), "--force")
+    mine = f"# mine\n{file.read_text()}"
+    for kept in (f"{file}.bak", f"{file}.bak2"):
+        file.write_text(mine)
+        names(daemon.ctl("config", "init", "-o", str(file), "--force").stderr, kept)
+        assert Path(kept).read_text() == mine
+    assert not daemon.ctl("config", "init", "-o", str(file), "--force").stderr
+    folder = daemon.ctl("config", "init", "-o", str(tmp_path), "--force", check=False)
+    assert folder.returncode == 2
+    names(one_line_error(folder.stderr, "ecatctl"), str(tmp_path), "folder")
     text = file.read_text()
-    names(text, "0x6041:00", "slave 2: CiA402", "slave 3: EL3008", "0x6000:11")
+    names(text, "value = 1234", "0x6041:00", "slave 2: CiA402", "slave 3: EL3008", "0x6000:11")
     written = load_config(file)
     assert [slave.name for slave in written.slave] == [
         "EK1100",

@@ -22,8 +22,11 @@ def group(*positions: int, name: str, products: tuple[int, ...] = (1, 7)) -> str
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (row(0) + row(1), "7: slave[1].position: slave 0 | slave 1 | alias | identification"),
-        (row(0) + row(1, 8) + row(2), "12: slave[2].position: slave 0 | slave 2"),
+        (
+            row(0) + row(1),
+            "7: slave[1].position: slave 0 | slave 1 | side by side | alias | identification",
+        ),
+        (row(0) + row(1, 8) + row(2), "12: slave[2].position: slave 0 | slave 2 | between"),
         (
             group(0, 1, name="a") + group(2, 3, name="b"),
             "12: slave[2].position: group a | group b",

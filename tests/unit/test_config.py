@@ -325,6 +325,16 @@ INT8 = "type = 'int8'\n"
         (f"{SLAVE}{START}{INT8}value = 128", ":6: slave[0].startup[0].value:", "128 | -128 | 127"),
         (f"{SLAVE}{START}{INT8}value = 1.5", ":6: slave[0].startup[0].value:", "1.5 | int8"),
         (f"{SLAVE}{START}{INT8}value = nan", ":6: slave[0].startup[0].value:", "nan"),
+        (
+            f"{SLAVE}{START}type = 'uint32'\nvalue = 2.0",
+            ":6: slave[0].startup[0].value:",
+            "uint32 | 2.0 | whole",
+        ),
+        (
+            f"{SLAVE}{START}type = 'string'\nvalue = 2.0",
+            ":6: slave[0].startup[0].value:",
+            "string | 2.0 | quotes",
+        ),
         (f"{SLAVE}{START}type = 'float'\nvalue = 'inf'", ":6: slave[0].startup[0].value:", "inf"),
         (f"{SLAVE}{START}{RPM}value = inf", ":7: slave[0].startup[0].value:", "finite | inf"),
         (f"{SLAVE}{START}{RPM}value = 'nan'", ":7: slave[0].startup[0].value:", "finite | nan"),
@@ -646,6 +656,15 @@ def test_values_beyond_all_measure_are_refused(tmp_path: Path, text: str) -> Non
     with pytest.raises(ConfigError, match=naming("ecat0.toml")) as caught:
         load(tmp_path, text)
     assert "\n" not in str(caught.value)
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path: Path) -> None:
+    file = tmp_path / "ecat0.toml"
+    file.write_text("cycle_time_us = 2000\n", "utf-8-sig")
+    assert load_config(file).cycle_time_us == 2000
+    file.write_text("cycle_time_us = 0\n", "utf-8-sig")
+    with pytest.raises(ConfigError, match=naming(f"{file}:1", "cycle_time_us")):
+        load_config(file)
 
 
 def test_missing_and_unreadable_files(tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ def test_spellings_of_values() -> None:
         (DataType.REAL32, "1e99"),
         (DataType.OCTET_STRING, "0g"),
         (DataType.INTEGER16, "1.5"),
+        (DataType.BOOLEAN, "yes"),
     ],
 )
 def test_nonsense_is_refused(data_type: DataType, text: str) -> None:

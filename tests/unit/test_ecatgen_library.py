@@ -2,6 +2,7 @@
 
 import pytest
 
+from conftest import names as all_named
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
@@ -163,6 +164,16 @@ def test_a_name_in_the_configuration_is_that_of_the_block() -> None:
     blocks = build_library(bus(*slaves), "P").blocks
     assert [block.name for block in blocks] == ["EL1018", "SafetyDoor", "EL1018_2"]
     assert blocks[1].description == "safety-door (EL1018), slave 1"
+
+
+def test_a_name_that_no_class_can_have_is_told() -> None:
+    classes = {"Förderer": "Forderer", "αβγ": "Slave00000002", "model": "ModelSlave"}
+    given = [*classes, "left-arm", "EL2_2"]
+    slaves = [Slave(n, "T", 1, 2, 3, given_name=name) for n, name in enumerate(given)]
+    notes = build_library(bus(*slaves), "P").notes
+    assert len(notes) == len(classes)
+    for position, (note, (name, class_)) in enumerate(zip(notes, classes.items(), strict=True)):
+        all_named(note, f"slave {position}", name, class_)
 
 
 def test_names_of_equal_slaves_follow_from_those_before_them() -> None:

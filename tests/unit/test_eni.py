@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from conftest import names, naming
 from ecatd.eni import Converted, convert, read_network
+from ecatd.eni.report import Report
 from ecatd.model.config import read_config
 from ecatd.model.config.tables import Config, DcSlaveConfig, SlaveConfig, StartupConfig
 from ecatd.model.config.writer import write_config
@@ -71,6 +72,16 @@ def test_modules_of_an_island(tmp_path: Path, objects: str) -> None:
     assert [(item.slot, item.ident) for item in settings.module] == [(1, 0x108), (3, 0x302)]
     assert [item.object for item in settings.startup] == ["0x8000:01"]
     assert left == []
+
+
+def test_a_report_has_no_heading_without_lines() -> None:
+    report = Report()
+    report.take(0, "name")
+    heads = [line for line in report.lines("m.xml", {0: "slave 0"}) if not line.startswith(" ")]
+    assert len(heads) == 2
+    report.ours["the mailbox"] += 1
+    heads = [line for line in report.lines("m.xml", {0: "slave 0"}) if not line.startswith(" ")]
+    assert len(heads) == 3
 
 
 def test_a_machine(tmp_path: Path) -> None:

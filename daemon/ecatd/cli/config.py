@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import Config, load_config
 from ecatd.model.config.differences import Difference, Moved, differences
 from ecatd.model.config.origins import DEFAULT, flatten
-from ecatd.model.config.writer import value_text, write_config
+from ecatd.model.config.writer import number_of, value_text, write_config
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.expected_bus import compare
 from ecatd.version import VERSION
@@ -54,7 +56,11 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "-o", dest="out", metavar="FILE", type=Path, help="init, from-eni: write it to this file"
     )
-    command.add_argument("--force", action="store_true", help="init, from-eni: overwrite the file")
+    command.add_argument(
+        "--force",
+        action="store_true",
+        help="init, from-eni: overwrite the file, and keep the old one as FILE.bak",
+    )
     command.add_argument(
         "--esi",
         metavar="PATH",
@@ -135,20 +141,47 @@ def _write(
         else:
             sys.stdout.write(text)
         return
+    if options.out.is_dir():
+        raise UsageError(f"{options.out} is a folder: name the file, too, as in -o ecat0.toml")
     if options.out.exists() and not options.force:
         raise StateError(
-            f"{options.out} exists: --force overwrites it; `ecatctl config diff {options.out}` "
-            "compares it with what the daemon uses"
+            f"{options.out} exists: --force overwrites it, and keeps the old file as "
+            f"{options.out.name}.bak; `ecatctl config diff {options.out}` compares it with what "
+            "the daemon uses"
         )
+    kept = _keep(options.out, text)
     save(options.out, text)
-    count = len(bus.slaves)
+    slaves = len(bus.slaves)
     if options.json:
-        print_json({"bus": bus.name, "file": str(options.out), "slaves": count, **more})
+        print_json(
+            {"bus": bus.name, "file": str(options.out), "slaves": slaves, "kept": kept, **more}
+        )
         return
+    if kept:
+        print(f"{kept}: the file that was there, with its comments", file=sys.stderr)
     print(
-        f"{options.out}: bus {bus.name}, {count} slave{'s' * (count != 1)}; {then} "
+        f"{options.out}: bus {bus.name}, {slaves} slave{'s' * (slaves != 1)}; {then} "
         f"`ecatd --config {options.out}`"
     )
+
+
+def _keep(file: Path, text: str) -> str:
+    """Keeps a file that gets another text, since its comments are lost; returns the new name.
+
+    Raises:
+        StateError: It cannot be kept.
+    """
+    if not file.is_file():
+        return ""
+    names = (f"{file}.bak{'' if number == 1 else number}" for number in count(1))
+    free = next(name for name in names if not Path(name).exists())
+    try:
+        if file.read_bytes() == text.encode():
+            return ""
+        shutil.copy2(file, free)
+    except OSError as error:
+        raise StateError(f"{file} cannot be kept as {free}: {error.strerror}") from error
+    return free
 
 
 # --- from-eni ------------------------------------------------------------------------------------
@@ -211,7 +244,7 @@ def _table(row: dict[str, Any]) -> str:
     parts = []
     for key, value in row.items():
         rows = isinstance(value, list) and isinstance(value[0], dict)
-        parts.append(f"{len(value)} [[{key}]]" if rows else f"{key} = {value_text(key, value)}")
+        parts.append(f"{len(value)} [[{key}]]" if rows else f"{key} = {_value_text(key, value)}")
     return ", ".join(parts)
 
 
@@ -288,7 +321,12 @@ def _profiles(slave: Slave) -> str:
 
 
 def _shown(key: str, value: Any) -> str:
-    return "(not set)" if value is None else value_text(key.rpartition(".")[2], value)
+    return "(not set)" if value is None else _value_text(key.rpartition(".")[2], value)
+
+
+def _value_text(key: str, value: Any) -> str:
+    """As `value_text`, with numbers that the configuration has as texts without quotes."""
+    return value_text(key, number_of(value) if key == "value" and type(value) is str else value)
 
 
 _RUN = {"init": _init, "from-eni": _from_eni, "check": check, "diff": _diff, "show": _show}

@@ -55,7 +55,8 @@ class Report:
         yield "taken:"
         for position, parts in sorted(self.taken.items()):
             yield f"  {labels[position]}: {', '.join(parts)}"
-        yield "ecatd does this in its own way:"
+        if +self.ours:
+            yield "ecatd does this in its own way:"
         for what, count in (+self.ours).items():
             yield f"  {what} ({count})"
         yield "not taken:" if self.unsupported else "not taken: nothing else"

@@ -253,8 +253,9 @@ def _parse_int(data_type: DataType, text: str) -> int:
     try:
         return int(text, 0)
     except ValueError:
+        wanted = "true or false" if data_type == DataType.BOOLEAN else "a whole number"
         raise UsageError(
-            f"{_shown(text)} is no value of {type_name(data_type)}: write a whole number"
+            f"{_shown(text)} is no value of {type_name(data_type)}: write {wanted}"
         ) from None
 
 

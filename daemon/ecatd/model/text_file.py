@@ -12,7 +12,7 @@ _SIZE_MAX = 1 << 26
 
 
 def read_text(file: Path) -> str:
-    """Reads a text file in UTF-8.
+    """Reads a text file in UTF-8, with or without a byte order mark.
 
     Raises:
         ConfigError: The file cannot be read, is no UTF-8 text, or has more than 64 MiB.
@@ -21,7 +21,7 @@ def read_text(file: Path) -> str:
         size = check_regular(file)
         if size > _SIZE_MAX:
             raise ConfigError(f"{file}: has {size} bytes, but at most {_SIZE_MAX} are read")
-        return file.read_text("utf-8")
+        return file.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise ConfigError(f"{file}:{line}: is no UTF-8 text: {error.reason}") from error

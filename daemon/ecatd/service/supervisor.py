@@ -364,7 +364,8 @@ class Supervisor:
         if found.later:
             self._log.warning(f"used after a restart of ecatd: {_keys(found.later)}")
         if not found.used:
-            self._log.info("configuration read again: nothing can change without a restart")
+            what = "can change without a restart" if found.later else "has changed"
+            self._log.info(f"configuration read again: nothing {what}")
             return False
         self._config, self._origins = found.config, origins
         self._settings |= {"config": found.config.to_dict(), "origins": origins}

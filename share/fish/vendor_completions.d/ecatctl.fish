@@ -193,7 +193,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using config' -l connect -x -d 'Zenoh end
 complete -c ecatctl -n '_shtab_ecatctl_using config' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using config' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using config' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'init, from-eni: write it to this file'
-complete -c ecatctl -n '_shtab_ecatctl_using config' -l force -d 'init, from-eni: overwrite the file'
+complete -c ecatctl -n '_shtab_ecatctl_using config' -l force -d 'init, from-eni: overwrite the file, and keep the old one as FILE.bak'
 complete -c ecatctl -n '_shtab_ecatctl_using config' -l esi -x -d 'init: take over what this ESI file, or a folder of them, says about the slaves; check: compare pdos with it, too'
 complete -c ecatctl -n '_shtab_ecatctl_using config' -l from -x -d 'not the bus that runs, but a scan saved by '"'"'ecatctl scan -o'"'"', a rig (name or file), or ESI files (or a folder of them; --from may be repeated) with --devices'
 complete -c ecatctl -n '_shtab_ecatctl_using config' -l devices -x -d 'with ESI files: the slaves in the order of the wire, as EK1100,EL1018,3*EL2008 or EL1018:0x00110000 with its revision, modules in brackets as Island[DI8,-,AI2], or a file with one of these in each line; default: the [[slave]] tables of --config'

@@ -9,7 +9,7 @@ from ..config import Config, SlaveConfig
 
 
 def alike_slaves(config: Config) -> list[str]:
-    """Warns about optional slaves side by side that are alike and found by their positions.
+    """Warns about optional slaves that are alike, found by their positions, and that nothing parts.
 
     Groups count as a whole. What stands between two groups does not tell them apart if it is
     optional, too.
@@ -54,10 +54,13 @@ def _text(one: list[SlaveConfig], other: list[SlaveConfig]) -> str:
     first, second = (
         f"group {group[0].group}" if group[0].group else _label(group[0]) for group in (one, other)
     )
+    apart = other[0].position > one[-1].position + 1
     return (
-        f"{other[0].table.where('position')}: {first} and {second} are optional, alike and side by "
-        f"side. If one of them is absent, the other counts as {first}, whichever it is: find them "
-        "by alias or identification in place of position"
+        f"{other[0].table.where('position')}: {first} and {second} are optional and alike, "
+        + ("with only optional slaves between them" if apart else "and stand side by side")
+        + (". If these are absent, and" if apart else ". If")
+        + f" one of the two is absent, the other counts as {first}, whichever it is: find them by "
+        "alias or identification in place of position"
     )
 
 

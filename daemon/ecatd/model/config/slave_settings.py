@@ -6,7 +6,7 @@ import math
 import re
 from functools import partial
 
-from ..datatypes import DataType, bit_length, is_real, parse_type
+from ..datatypes import STRINGS, DataType, bit_length, is_real, parse_type
 from ..toml_file import Key, Rules, Table, array, choice, integer, number, printable, show
 from .signals import NAME_BYTES, UNIT_BYTES
 from .tables import (
@@ -275,10 +275,9 @@ def _value(table: Table, key: Key) -> str:
         _check_finite(table, key)
     if isinstance(value, int | float):
         if isinstance(value, float) and kind is not None and not real:
+            wanted = "a text in quotes" if kind in STRINGS else "a whole number"
             name = table.text("type")
-            table.fail(
-                key, f"{value!r} has a fraction, but the type is {name}: correct one of them"
-            )
+            table.fail(key, f"must be {wanted}, since the type is {name}, not {value!r}")
         return repr(value)
     if isinstance(value, str):
         return value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field, fields, replace
@@ -10,6 +11,7 @@ from textwrap import wrap
 from typing import Any
 
 from ..bus import Bus, Slave
+from ..datatypes import STRINGS, parse_type
 from ..log_levels import DEFAULTS
 from ..modules import module_differences
 from ..pdo import Entry
@@ -201,8 +203,11 @@ def _slave(
             yield f"  {{ {address}bits = {entry.bits} }},"
         yield "]"
     for parameter in settings.startup:
+        row: Any = parameter
+        if parameter.value is not None and parse_type(parameter.type or "") not in STRINGS:
+            row = replace(row, value=number_of(parameter.value))
         yield from ("", "[[slave.startup]]")
-        yield from _scalars(parameter, always=("object",), comments=False)
+        yield from _scalars(row, always=("object",), comments=False)
 
 
 def _modules(settings: SlaveConfig, slave: Slave) -> Iterator[ModuleConfig]:
@@ -268,6 +273,18 @@ def _scalars(
             yield line
         elif comments and key.name not in ("slave", "domain", "signal", "safe", "copy"):
             yield f"# {line}"
+
+
+def number_of(text: str) -> Any:
+    """The number, or true or false, that a value of a start-up parameter is; else the text."""
+    for kind in (int, float):
+        try:
+            number = kind(text)
+        except ValueError:
+            continue
+        if repr(number) == text and math.isfinite(number):
+            return number
+    return {"true": True, "false": False}.get(text, text)
 
 
 def value_text(key: str, value: Any) -> str:
