@@ -37,6 +37,7 @@ from ..master.master import Master
 from .absent import arrange
 from .clocks import Clocks, clock_bits
 from .doubtful import Doubt, settle
+from .gone import find_gone
 from .identification import identify
 from .identify import Finder, branch_ends
 from .mapping import (
@@ -58,6 +59,7 @@ from .telling import leave, write_parameters
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 
+_TRIES = 3  # starts, if slaves lose their power while they are read
 _MAILBOX_PAUSE = 0.0005
 """Seconds between two rounds of frames while slaves answer over their mailboxes."""
 
@@ -233,18 +235,43 @@ class BringUp:
             self._log.warning(warning)
 
     def _describe(self) -> tuple[Master, Image]:
-        self.master = master = Master(
-            self.interfaces,
-            self._cancelled,
-            run=self._run,
-            share=self.config.mailbox.share,
-            priority=max(self.config.realtime.priority - 1, 0),
-            frame_ring=self.frame_rings.get("control"),
-            log=self._log,
+        """Scans and describes the bus; begins again if slaves lose their power meanwhile."""
+        configured, tries = self.config, 0
+        while True:
+            tries += 1
+            self.master = master = Master(
+                self.interfaces,
+                self._cancelled,
+                run=self._run,
+                share=self.config.mailbox.share,
+                priority=max(self.config.realtime.priority - 1, 0),
+                frame_ring=self.frame_rings.get("control"),
+                log=self._log,
+            )
+            try:
+                self._scan(master)
+                self._read(master)
+                return master, self._map(master)
+            except StateError as error:
+                gone = find_gone(master)
+                if not gone or self._cancelled():
+                    raise
+                text = (
+                    f"{self._labels(gone)} answered at first, but no longer: check power and cable"
+                )
+                if tries == _TRIES:
+                    raise StateError(text) from error
+                self._log.warning(f"{text}; the start begins again")
+            self.master = None
+            master.close()
+            self.config, self.clocks, self.bus.slaves = configured, None, []
+            self._scanned = []
+
+    def _labels(self, positions: Sequence[int]) -> str:
+        scanned = self._scanned
+        return ", ".join(
+            scanned[n].slave.label if n < len(scanned) else f"slave {n}" for n in positions
         )
-        self._scan(master)
-        self._read(master)
-        return master, self._map(master)
 
     def _scan(self, master: Master) -> None:
         """Finds the slaves and takes them to PREOP."""
@@ -274,6 +301,8 @@ class BringUp:
         check_slaves(self.config, replace(self.bus, slaves=[item.slave for item in self._scanned]))
         self._make_raw()
         configure_slaves(master, self._scanned, self.config, unexpected, self._cancelled)
+        if any(item.silence for item in self._scanned) and find_gone(master):
+            raise StateError("slaves have lost their power or their cable")
         mailbox_log = self._log.of("mailbox")
         for item in self._scanned:
             for text in item.refused:
