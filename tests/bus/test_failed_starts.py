@@ -134,6 +134,12 @@ def test_damage_to_the_count_does_no_harm(tmp_path: Path) -> None:
     assert FailedStarts(tmp_path / "gone", Log("ecatd")).note() == 2
 
 
+def test_a_start_that_somebody_asked_for_is_the_first_one(tmp_path: Path) -> None:
+    """systemd keeps the count if the service is stopped between two tries."""
+    starts = FailedStarts(tmp_path, Log("ecatd"), iter((0, 1, 2, 0, 1)).__next__)
+    assert [starts.note() for _ in range(5)] == [2, 4, 8, 2, 4]
+
+
 def test_nobody_waits_without_a_service_manager(tmp_path: Path) -> None:
     env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path)}
     for _ in range(3):

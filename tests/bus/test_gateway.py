@@ -3,12 +3,14 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,7 @@ from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, Usa
 from ecatd.paths import control_socket
 from ecatd.zenoh_keys import bus_key, session_config
 
+NONSENSE = 200
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 
@@ -308,3 +311,18 @@ def test_only_what_is_configured_listens(daemon: Daemon) -> None:
             if fields[9] in inodes and listening:
                 found.append((table, fields[1]))
     assert found == [("tcp", f"0100007F:{PORT:04X}")]
+
+
+def test_nonsense_again_and_again_does_not_fill_the_log(daemon: Daemon) -> None:
+    path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    for _ in range(NONSENSE):
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(path))
+            client.sendall(b"\xff\xff\xff\x7f")
+            with suppress(ConnectionError):
+                assert client.recv(1) == b"", "it has lost its connection"
+    assert daemon.stop() == 0
+    lines = [line for line in daemon.log.splitlines() if "control socket" in line]
+    assert 0 < len(lines) < NONSENSE / 4
+    numbers = [re.search(r"and (\d+) more", line) for line in lines]
+    assert sum(1 + (int(found[1]) if found else 0) for found in numbers) == NONSENSE

@@ -126,30 +126,27 @@ def test_the_package_is_installed_without_a_network(machine: Machine) -> None:
 
 def test_others_leave_the_interface_alone(machine: Machine) -> None:
     """systemd-networkd and NetworkManager would configure every card of this machine."""
-    name = interface(machine, 0)
+    name, other = interface(machine, 0), interface(machine, 1)
     managed = "nmcli --terse --get-values GENERAL.STATE device show"
     machine("systemctl start NetworkManager")
     machine.until(f"! {managed} {name} | grep unmanaged")
-    machine("systemctl stop NetworkManager")  # the two would work on the interface together
-    machine.write(
-        "/etc/systemd/network/80-all.network",
-        "[Match]\nName=e*\n[Network]\nAddress=10.9.8.7/24\n",
-    )
-    machine("systemctl enable --now systemd-networkd")
-    machine.until(f"ip -4 -brief addr show {name} | grep 10.9.8.7")
     told = machine(f"ecatctl service install --interface {name}").text
     assert "/etc/ecatd/ecat0.toml" in told
     machine("udevadm settle")
     properties = machine.text(f"udevadm info -q property /sys/class/net/{name}").splitlines()
     assert {"ID_ECATD=1", "NM_UNMANAGED=1"} <= set(properties)
-    other = machine.text(f"udevadm info -q property /sys/class/net/{interface(machine, 1)}")
-    assert "ID_ECATD" not in other
-    machine("systemctl restart systemd-networkd")
-    machine.until(f"networkctl --no-pager list {name} | grep unmanaged")
-    machine("systemctl start NetworkManager")
+    assert "ID_ECATD" not in machine.text(f"udevadm info -q property /sys/class/net/{other}")
     machine.until(f"{managed} {name} | grep unmanaged")
-    machine("systemctl disable --now NetworkManager")
-    machine(f"ip addr flush dev {name}")
+    machine.until(f"! {managed} {other} | grep unmanaged")
+    machine("systemctl stop NetworkManager")  # the two would work on the other card together
+    machine.write(
+        "/etc/systemd/network/80-all.network",
+        "[Match]\nName=e*\n[Network]\nAddress=10.9.8.7/24\n",
+    )
+    machine("systemctl enable --now systemd-networkd")
+    machine.until(f"ip -4 -brief addr show {other} | grep 10.9.8.7")
+    machine.until(f"networkctl --no-pager list {name} | grep unmanaged")
+    machine(f"ip addr flush dev {name}; ip addr flush dev {other}")
     assert machine.text("stat -c %G:%a /dev/cpu_dma_latency") == "ecat:660"
 
 

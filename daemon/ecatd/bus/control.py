@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import grp
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from ecatd.model.messages import parse_request
 from ecatd.paths import make_dir
 
 from .server import BusServer
+from .watch.rate_limiter import Batch
 
 _PENDING_MAX = 256
 _CLIENTS_MAX = 8
@@ -33,6 +35,8 @@ class ControlSocket:
         self._clients: set[_Client] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._socket: asyncio.Server | None = None
+        # Whoever connects again and again must not fill the log of the bus.
+        self._problems = Batch[str](self._tell_problems)
 
     async def open(self, server: BusServer) -> None:
         """Starts to listen; only this user, root, and the user of the gateway may connect.
@@ -47,7 +51,8 @@ class ControlSocket:
         old = os.umask(0o177)
         try:
             self._socket = await loop.create_unix_server(
-                lambda: _Client(server, self._clients, self._tasks, self._log), self._path
+                lambda: _Client(server, self._clients, self._tasks, self._log, self._problems.note),
+                self._path,
             )
         except OSError as error:
             raise UnreachableError(f"cannot listen on {self._path}: {error.strerror}") from error
@@ -65,11 +70,17 @@ class ControlSocket:
             else:
                 client.send(event)
 
+    def _tell_problems(self, problems: list[str], left_out: int) -> None:
+        others = len(problems) - 1 + left_out
+        more = f" (and {others} more like this)" if others else ""
+        self._log.warning(f"control socket: {problems[-1]}{more}")
+
     async def close(self) -> None:
         """Stops to listen and removes the socket."""
         if self._socket is None:
             return  # never opened: a socket at this path belongs to another daemon
         self._socket.close()
+        self._problems.close()
         for client in list(self._clients):
             client.close()
         for task in list(self._tasks):
@@ -84,7 +95,8 @@ class _Client(Connection):
         server: Answers its requests.
         clients: All connected clients; this one adds itself.
         tasks: All requests that are being carried out.
-        log: The log for warnings about clients that misbehave.
+        log: The log for defects.
+        misbehaves: Called with what is wrong with this client, which has lost its connection.
     """
 
     def __init__(
@@ -93,12 +105,14 @@ class _Client(Connection):
         clients: set[_Client],
         tasks: set[asyncio.Task[None]],
         log: Log,
+        misbehaves: Callable[[str], None],
     ) -> None:
         super().__init__(MAX_MESSAGE)
         self._server = server
         self._clients = clients
         self._tasks = tasks
         self._log = log
+        self._misbehaves = misbehaves
         self._pending = 0
         self._is_read = True
 
@@ -114,7 +128,7 @@ class _Client(Connection):
         """See `Connection`."""
         self._clients.discard(self)
         if problem is not None:
-            self._log.warning(f"control socket: {problem}")
+            self._misbehaves(str(problem))
 
     def message_received(self, message: dict[str, Any]) -> None:
         """See `Connection`."""

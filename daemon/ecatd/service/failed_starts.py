@@ -4,13 +4,17 @@ systemd starts a service that has failed again, `RestartSec=` later, for ever. F
 it can make that pause grow (`RestartSteps=`), but Debian 12 has 252. So ecatd counts failed starts,
 and waits by itself before it ends. It does not try again in the same process: `systemctl start`
 shall return with an error when the first start has failed, and each try shall begin anew. The count
-is in the folder of the bus, which systemd keeps while it restarts the service, and no longer
-(`RuntimeDirectoryPreserve=restart`).
+is in the folder of the bus, which systemd keeps while it restarts the service
+(`RuntimeDirectoryPreserve=restart`). It also keeps the folder if somebody stops the service between
+two tries. So a start that somebody has asked for begins to count anew (`NRestarts` of the unit).
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
+import subprocess
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +25,8 @@ RESTART_S = 2
 """`RestartSec=` of the units."""
 _NEXT_S = (RESTART_S, 4, 8, 16, 30)
 """Seconds from each failed start to the next start."""
+_ASK_S = 5
+"""Seconds that systemd has for an answer."""
 _MARGIN_S = 30
 """Seconds that the service manager gives a start that has failed to end, beside the pause."""
 
@@ -31,17 +37,23 @@ class FailedStarts:
     Args:
         folder: The folder of the bus.
         log: Where it is told when the next try is.
+        restarts: How often the service manager has started this service again since somebody has
+            asked for a start; None: not known.
     """
 
-    def __init__(self, folder: Path, log: Log) -> None:
+    def __init__(
+        self, folder: Path, log: Log, restarts: Callable[[], int | None] | None = None
+    ) -> None:
         self._file = folder / "failed_starts"
         self._log = log
+        self._restarts = restarts or _restarts
 
     def note(self) -> int:
         """Counts one more; returns the seconds until the next start."""
         count = 0
-        with suppress(OSError, ValueError):
-            count = int(self._file.read_text())
+        if self._restarts() != 0:
+            with suppress(OSError, ValueError):
+                count = int(self._file.read_text())
         count = min(max(count, 0) + 1, len(_NEXT_S))
         with suppress(OSError):  # the memory is full: then the pause does not grow
             self._file.write_text(f"{count}\n")
@@ -88,3 +100,20 @@ class FailedStarts:
         if stop.is_set():
             self.forget()
         return stop.is_set()
+
+
+def _restarts() -> int | None:
+    """Asks systemd how often it has started this service again; None if this is no service."""
+    if os.getppid() != 1:
+        return None
+    try:
+        unit = Path("/proc/self/cgroup").read_text().strip().rpartition("/")[2]
+        told = subprocess.run(
+            ["systemctl", "show", "--property=NRestarts", "--value", unit],
+            capture_output=True,
+            timeout=_ASK_S,
+            check=True,
+        )
+        return int(told.stdout)
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return None
