@@ -54,7 +54,7 @@ def test_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:
     assert user not in bus
     users = (UNITS / "ecatd.sysusers.conf").read_text()
     assert f"u {user.removeprefix('User=')} " in users
-    assert "CapabilityBoundingSet=" in gateway
+    assert {"CapabilityBoundingSet=", "InaccessiblePaths=-/dev/shm/ecat.%i.out"} <= gateway
     assert not [line for line in gateway if line.startswith("AmbientCapabilities=")]
 
 
