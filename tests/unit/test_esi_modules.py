@@ -85,7 +85,7 @@ def test_a_configuration_has_what_the_modules_bring(file: Path) -> None:
     notes = add_esi(config, Bus("ecat0", 1000, [slave]), {0: island(file)})
     text = write_config(config, Bus("ecat0", 1000, [slave]), "1.0", notes)
     names(text, 'type = "DI2"', 'type = "AO1"', "slot = 3", "0x00000055", "slot 3")
-    names(text, 'object = "0x8010:00"', 'value = 5', 'comment = "range"', "0x1601")
+    names(text, 'object = "0x8010:00"', "value = 5", 'comment = "range"', "0x1601")
 
 
 def test_a_device_with_modules_is_simulated(file: Path) -> None:
