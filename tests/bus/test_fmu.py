@@ -214,9 +214,9 @@ def test_many_read_and_one_writes(model: Model, troll: Daemon) -> None:
     ):
         writer.set("el2008.channel2Output", True)
         until(writer, lambda: outputs(troll) == [0, 1, 0, 0, 0, 0, 0, 0])
-        reader.step()
+        # In a cycle whose frame is late on a busy machine, nothing is valid.
+        until(reader, lambda: bool(reader.get("el2008.valid")))
         assert reader.get("connected")
-        assert reader.get("el2008.valid")
         other.set("el2008.channel5Output", True)
         with pytest.raises(Exception, match="DoStep"):
             other.step()
