@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import (
     POSITION_MAX,
     Config,
@@ -27,6 +28,7 @@ from ecatd.model.config import (
     load_config,
     read_config,
 )
+from ecatd.model.config.writer import write_config
 from ecatd.model.errors import ConfigError
 
 COPY = "[[copy]]\nslave = 1\nentry = '0x7000:01'\nfrom_slave = 0\nfrom_entry = '0x6000:01'\n"
@@ -290,6 +292,26 @@ SCALED = (
     "minimum = -900\nmaximum = 900"
 )
 INT8 = "type = 'int8'\n"
+
+
+@pytest.mark.parametrize(
+    ("given", "written"),
+    [
+        ("type = 'uint16'\nvalue = '0x1F'", "value = 31"),
+        ("type = 'int16'\nvalue = '-0b11'", "value = -3"),
+        ("type = 'bool'\nvalue = '1'", "value = true"),
+        ("type = 'float'\nvalue = '5e-1'", "value = 0.5"),
+        ("type = 'float'\nvalue = 5", "value = 5.0"),
+        ("type = 'string'\nvalue = '0x1F'", 'value = "0x1F"'),
+        (f"{RPM}value = '12'", "value = 12.0"),
+    ],
+)
+def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str) -> None:
+    config = load(tmp_path, f"{SLAVE}{START}{given}\n{SCALED}")
+    text = write_config(config, Bus("ecat0", 1000, [Slave(0, "", 1, 2, 3, 0)]), "1.0")
+    assert f"\n{written}\n" in text
+    (again,) = load(tmp_path, text).slave
+    assert again.startup == config.slave[0].startup
 
 
 @pytest.mark.parametrize(

@@ -230,6 +230,19 @@ def encode(data_type: DataType, text: str) -> bytes:
     return encode_int(data_type, _parse_int(data_type, text))
 
 
+def plain_number(data_type: DataType, text: str) -> str:
+    """A number that a user has typed, in its one plain form: `31` for `0x1F` of an integer type.
+
+    Raises:
+        UsageError: The text is no number of the type.
+    """
+    if data_type in _REAL:
+        encode(data_type, text)
+        return repr(float(text))
+    number = _parse_int(data_type, text)
+    return str(bool(number)).lower() if data_type == DataType.BOOLEAN else repr(number)
+
+
 def encode_int(data_type: DataType, value: int) -> bytes:
     """Encodes an integer as SDO data (little endian).
 

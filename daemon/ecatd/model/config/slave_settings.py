@@ -6,7 +6,7 @@ import math
 import re
 from functools import partial
 
-from ..datatypes import STRINGS, DataType, bit_length, is_real, parse_type
+from ..datatypes import STRINGS, DataType, bit_length, is_real, parse_type, plain_number
 from ..toml_file import Key, Rules, Table, array, choice, integer, number, printable, show
 from .signals import NAME_BYTES, UNIT_BYTES
 from .tables import (
@@ -243,6 +243,9 @@ def _parameter(row: Table, key: Key) -> StartupConfig:
     data = table.explain(given, lambda: parameter.data)
     if not 0 < len(data) <= _BYTES_MAX:
         table.fail(given, f"has {len(data)} bytes, but must have 1 to {_BYTES_MAX}")
+    if parameter.value is not None and (kind := parse_type(parameter.type or "")) not in STRINGS:
+        # However it is written, an equal value is equal text, and is written anew as a number.
+        parameter.value = plain_number(kind, parameter.value)
     return parameter
 
 
@@ -291,7 +294,7 @@ def _physical(table: Table, key: Key) -> str:
         return repr(table.number(key))
     if not _check_finite(table, key):
         table.fail(key, f"must be a number, since it has a unit, not {table.show(key)}")
-    return value
+    return repr(float(value))
 
 
 def _check_finite(table: Table, key: Key) -> bool:
