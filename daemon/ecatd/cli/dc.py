@@ -13,6 +13,7 @@ from .output import print_json, print_table, shortened
 from .source import Source
 
 _NAME = 22  # longest name of a slave, so that the table fits into 80 columns
+_GONE = {"": "", "absent": "absent", "missing": "no answer"}
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 
 
@@ -84,9 +85,12 @@ def _time(ns: int) -> str:
 
 
 def _row(slave: dict[str, Any], document: dict[str, Any]) -> tuple[Any, ...]:
-    on = document["state"] != "off" and slave["dc_bits"]
+    gone = _GONE[slave["gone"]]
+    on = document["state"] != "off" and slave["dc_bits"] and not gone
     difference = slave["dc_difference_ns"]
-    if slave["position"] == document["reference"]:
+    if gone:
+        text = gone
+    elif slave["position"] == document["reference"]:
         text = "reference"
     elif difference is not None:
         text = f"{difference:+d} ns"

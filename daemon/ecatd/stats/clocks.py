@@ -19,8 +19,9 @@ def read_clocks(bus: str) -> dict[str, Any]:
         A map, as it is sent over Zenoh (`ro/dc`) and printed by `ecatctl dc --json`: `bus`,
         `state`, `cycle_time_us`, `reference` (position, -1 for none), `time_ns` (of the reference
         clock), `offset` (phase of the last cycle in µs), `phase` (distribution of the offset
-        without its sign, in µs), `drift_ppb`, and `slaves`. `dc_difference_ns` of a slave is None
-        if it does not follow the reference clock.
+        without its sign, in µs), `drift_ppb`, and `slaves`. `gone` of a slave says that it does not
+        answer: `absent` if it is optional, else `missing`; then its clock has no delay and no
+        difference. `dc_difference_ns` is also None if it does not follow the reference clock.
 
     Raises:
         EcatError: As `stats.read`.
@@ -47,18 +48,22 @@ def _slaves(shared: Reader, snapshot: Snapshot) -> list[dict[str, Any]]:
     head = shared.header()
     rows, statuses = shared.table(head, "slaves"), shared.table(head, "slave_status")
     clock = snapshot.clock
-    return [
-        {
-            "position": row.position,
-            "name": shm.printable(row.name),
-            "dc_bits": row.dc_bits,
-            "dc_delay_ns": row.dc_delay_ns,
-            "dc_difference_ns": status.dc_difference_ns
-            if clock.state != shm.DcState.OFF and row.dc_bits and row.position > clock.reference
-            else None,
-            "sync0_ns": row.sync0_ns,
-            "sync1_ns": row.sync1_ns,
-            "sync_shift_ns": row.sync_shift_ns,
-        }
-        for row, status in zip(rows, statuses, strict=True)
-    ]
+    slaves = []
+    for row, status in zip(rows, statuses, strict=True):
+        gone = "" if status.al_state else "missing" if row.group < 0 else "absent"
+        behind = row.dc_bits and row.position > clock.reference
+        follows = clock.state != shm.DcState.OFF and behind and not gone
+        slaves.append(
+            {
+                "position": row.position,
+                "name": shm.printable(row.name),
+                "gone": gone,
+                "dc_bits": row.dc_bits,
+                "dc_delay_ns": None if gone else row.dc_delay_ns,
+                "dc_difference_ns": status.dc_difference_ns if follows else None,
+                "sync0_ns": row.sync0_ns,
+                "sync1_ns": row.sync1_ns,
+                "sync_shift_ns": row.sync_shift_ns,
+            }
+        )
+    return slaves
