@@ -156,7 +156,7 @@ class BusServer:
         self._running.set_recovery(config.recovery)
         self._up.shared.set_leases(*leases(config))
         if self._fault_files is not None:
-            self._fault_files.config = config.capture
+            self._fault_files.set_config(config.capture)
         self._configured = config.log
         self._publish({"event": "configuration", "time_ns": time.time_ns()})
 

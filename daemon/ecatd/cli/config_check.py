@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.model.applied import alike_slaves, load_description, misfits
+from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folder
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, load_config
 from ecatd.model.errors import ConfigError, StateError
@@ -36,7 +36,8 @@ def check(options: argparse.Namespace) -> int:
     unexpected = found.unexpected
     places = {n: at for n, at in found.places.items() if at not in unexpected}
     wrong = _wrong(wanted, places, bus, others)
-    warnings = alike_slaves(wanted) + [
+    warnings = alike_slaves(wanted) + missing_folder(wanted)
+    warnings += [
         f"{bus.slaves[n].label} takes no part now, so the file is not checked against its process "
         "data: the next start does that"
         for n in sorted(idle & {*places.values()})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import heapq
 import os
 import time
@@ -47,7 +48,6 @@ class FaultFiles:
         first_cycle: int,
         log: Log,
     ) -> None:
-        self.config = config
         self._bus = bus
         self._rings = rings
         self._interfaces = interfaces
@@ -55,10 +55,32 @@ class FaultFiles:
         self._log = log
         self._last = -_PAUSE
         self._task: asyncio.Task[None] | None = None
+        self.set_config(config)
+
+    def set_config(self, config: CaptureConfig) -> None:
+        """Takes another folder, or another number of files to keep.
+
+        The folder is made now, so that a mistake shows before there is a fault.
+        """
+        self._config = config
+        if config.folder and self._rings:
+            folder = Path(config.folder)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                if not os.access(folder, os.W_OK | os.X_OK):
+                    raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            except OSError as error:
+                self._refuse(error)
+
+    def _refuse(self, error: OSError) -> None:
+        self._log.warning(
+            f"frames of faults cannot be written to {self._config.folder} (capture.folder): "
+            f"{error.strerror}; give the user of ecatd a folder that it can write"
+        )
 
     def note(self, kind: str, facts: Mapping[str, Any]) -> None:
         """Takes an event; if it is a fault, a file follows."""
-        if not self.config.folder or not self._rings or not _is_fault(kind, facts):
+        if not self._config.folder or not self._rings or not _is_fault(kind, facts):
             return
         if facts.get("cycle", self._first_cycle) < self._first_cycle:
             return
@@ -83,7 +105,7 @@ class FaultFiles:
             await asyncio.shield(asyncio.to_thread(self._save, about))
 
     def _save(self, about: str) -> None:
-        folder = Path(self.config.folder)
+        folder = Path(self._config.folder)
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
         file = folder / f"{self._bus}-{stamp}{_SUFFIX}"
         unfinished = file.with_suffix(".part")
@@ -96,14 +118,12 @@ class FaultFiles:
                 frames = heapq.merge(*(read_records(_all(ring)) for ring in self._rings.values()))
                 out.writelines(packet(frame, clock_ns) for frame in frames)
             unfinished.rename(file)
-            for old in sorted(folder.glob(f"{self._bus}-*{_SUFFIX}"))[: -self.config.keep]:
+            for old in sorted(folder.glob(f"{self._bus}-*{_SUFFIX}"))[: -self._config.keep]:
                 old.unlink()
         except OSError as error:
             with contextlib.suppress(OSError):
                 unfinished.unlink(missing_ok=True)
-            self._log.warning(
-                f"the last frames cannot be written to {folder} (capture.folder): {error.strerror}"
-            )
+            self._refuse(error)
             return
         self._log.info(f"the last frames are in {file}", "frames_written")
 

@@ -3,6 +3,7 @@
 from .alike import alike_slaves
 from .apply import Applied, apply
 from .description import load_description
+from .folders import missing_folder
 from .misfits import misfits
 from .slaves import check_slaves
 from .watchdogs import check_watchdog
@@ -15,4 +16,5 @@ __all__ = [
     "check_watchdog",
     "load_description",
     "misfits",
+    "missing_folder",
 ]

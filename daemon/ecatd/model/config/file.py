@@ -83,6 +83,11 @@ def _capture_folder(table: Table, key: Key) -> str:
     return folder
 
 
+def _capture(top: Table, key: Key) -> CaptureConfig:
+    table = top.table(key)
+    return CaptureConfig(**table.read(_CAPTURE), table=table)
+
+
 _REALTIME: Rules = {
     "priority": integer(0, 98),
     "cpu": integer(-1, 1023),
@@ -120,7 +125,7 @@ _TOP: Rules = {
     "outputs": read_outputs,
     "signal": read_signals,
     "copy": read_copies,
-    "capture": lambda top, key: CaptureConfig(**top.table(key).read(_CAPTURE)),
+    "capture": _capture,
     "gateway": read_gateway,
 }
 

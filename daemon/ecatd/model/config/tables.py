@@ -523,7 +523,7 @@ class SignalConfig(Placed):
 
 
 @dataclass(slots=True)
-class CaptureConfig:
+class CaptureConfig(Placed):
     """`[capture]`: the last frames, for `ecatctl capture` and for files about faults.
 
     Attributes:
