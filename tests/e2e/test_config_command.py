@@ -59,9 +59,10 @@ values = { 0 = "pressed" }
 
 @pytest.fixture
 def machine(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Callable[..., Daemon]:
-    def start(kinds: list[str], config: str, *, ready: bool = True) -> Daemon:
+    def start(kinds: list[str], config: str, *, ready: bool = True, faults: str = "") -> Daemon:
         rig = tmp_path / "rig.toml"
-        rig.write_text('name = "m"\n' + "".join(f'[[slave]]\ndevice = "{k}"\n' for k in kinds))
+        slaves = "".join(f'[[slave]]\ndevice = "{k}"\n' for k in kinds)
+        rig.write_text(f'name = "m"\n{slaves}{faults}')
         return start_daemon(str(rig), config=config, ready=ready)
 
     return start
@@ -161,11 +162,57 @@ def test_slaves_that_do_not_answer_are_told(machine: Callable[..., Daemon], tmp_
     with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         simulator.faults.break_link(1)
         wait_for(lambda: daemon.slave_rows("state")[2]["al_state"] == 0, daemon)
-        for arguments in (("check", file), ("init", "-o", again)):
-            told = one_line_error(daemon.ctl("config", *arguments).stderr, "ecatctl")
-            names(told, "slave 1 (EL1008)", "slave 2 (EL2008)", "start of ecatd")
-        assert daemon.ctl_json("config", "check", file)["silent"] == [1, 2]
+        told = one_line_error(daemon.ctl("config", "init", "-o", again).stderr, "ecatctl")
+        names(told, "slave 1 (EL1008)", "slave 2 (EL2008)", "start of ecatd")
+        checked = daemon.ctl("config", "check", file, check=False)
+        assert checked.returncode == 7
+        names(checked.stdout, "missing", "slaves 1 to 2", "EL1008", "EL2008", "power")
+        found = json.loads(daemon.ctl("config", "check", file, "--json", check=False).stdout)
+        assert found["silent"] == [1, 2]
+        assert [item["expected"] for item in found["differences"]] == [[1, 2]]
+        told = daemon.ctl("config", "check", str(daemon.config_file))  # which expects no slaves
+        names(one_line_error(told.stderr, "ecatctl"), "slave 1 (EL1008)", "start of ecatd")
         assert daemon.ctl_json("config", "init")["silent"] == [1, 2]
+
+
+DOUBTFUL = """
+[[fault]]
+kind = "mailbox"
+slave = 1
+mode = "stuck"
+[[fault]]
+kind = "eeprom"
+slave = 2
+content = "truncated"
+[[fault]]
+kind = "eeprom"
+slave = 3
+content = "ones"
+"""
+
+
+def test_slaves_in_doubt_are_told_as_by_the_start(
+    machine: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    kinds = ["EK1100", "CiA402", "EL3008", "EL2008"]
+    file = tmp_path / "machine.toml"
+    daemon = machine(kinds, "[gateway]\nlisten = []\n")
+    rule = '[[signal]]\nslave = 2\nentry = "0x6000:11"\nunit = "bar"\n'
+    file.write_text(f"{daemon.ctl('config', 'init').stdout}{rule}")
+    assert daemon.stop() == 0
+    daemon = machine(kinds, "[gateway]\nlisten = []\n", faults=DOUBTFUL)
+    checked = daemon.ctl("config", "check", str(file), check=False)
+    assert checked.returncode == 7
+    unwritten, silent, damaged = checked.stdout.splitlines()
+    names(unwritten, "other device", "slave 3", "EL2008", "0xFFFFFFFF", "EEPROM anew")
+    names(silent, "warning", "slave 1 (CiA402)", "mailbox did not answer", "takes no part")
+    names(damaged, "warning", "slave 2", "EEPROM is damaged", "takes no part", "EEPROM anew")
+    assert daemon.stop() == 0
+    tolerant = file.read_text().replace('"strict"', '"tolerant"')
+    log = machine(kinds, tolerant, faults=DOUBTFUL).log
+    assert unwritten.removeprefix("other device: ") in log
+    names(log, "slave 1 (CiA402) stays in PREOP", "cannot be told its configuration")
+    assert damaged.partition("slave 2: ")[2] in log
 
 
 WRONG = """

@@ -88,6 +88,19 @@ def test_each_mistake_is_one_difference(
     assert set(comparison.unexpected) == {n for _, _, found in differences for n in found}
 
 
+def test_slaves_that_are_gone_are_missing_and_keep_their_places() -> None:
+    config = expect(1, 2, 3, 4, n2={"optional": True})
+    comparison = compare(config, bus(1, 2, 3, 4), gone={1, 2})
+    assert kinds(comparison) == [("missing", (1,), ())]
+    assert [item.position for item in comparison.absent] == [2]
+    assert comparison.places == {0: 0, 1: 1, 2: 2, 3: 3}
+    tool = {"alias": 7, "vendor": VENDOR, "product": 2, "optional": True}
+    marked = read_config({"slave": [tool]})
+    comparison = compare(marked, bus(1, 2, aliases={1: 7}), gone={1})
+    assert not comparison.differences
+    assert list(comparison.places.values()) == [1]
+
+
 @pytest.mark.parametrize(
     ("found", "tokens"),
     [

@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -90,11 +91,8 @@ def get_bus(options: argparse.Namespace) -> Bus:
             raise type(error)(text) from None
 
 
-def warn_of_silent(options: argparse.Namespace, bus: Bus) -> list[int]:
-    """Warns about slaves of a running bus that do not answer; returns their positions.
-
-    What its description says of them is as at the start. Optional slaves that are absent do not
-    count.
+def silent_now(options: argparse.Namespace) -> list[int]:
+    """Positions of slaves of a running bus that do not answer, without absent optional ones.
 
     Raises:
         EcatError: The daemon cannot be asked.
@@ -104,17 +102,21 @@ def warn_of_silent(options: argparse.Namespace, bus: Bus) -> list[int]:
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
-        silent = silent_slaves(remote.states())
-    if silent:
-        labels = [bus.slaves[position].label for position in silent]
-        more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
-        who = "it" if len(labels) == 1 else "them"
-        print(
-            f"ecatctl: warning: no answer at the moment from {', '.join(labels[:_TOLD])}{more}: "
-            f"what is said about {who} is as at the start of ecatd",
-            file=sys.stderr,
-        )
-    return silent
+        return silent_slaves(remote.states())
+
+
+def warn_of_silent(bus: Bus, silent: Sequence[int]) -> None:
+    """Warns about slaves that do not answer: what the description says of them is old."""
+    if not silent:
+        return
+    labels = [bus.slaves[position].label for position in silent]
+    more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
+    who = "it" if len(labels) == 1 else "them"
+    print(
+        f"ecatctl: warning: no answer at the moment from {', '.join(labels[:_TOLD])}{more}: "
+        f"what is said about {who} is as at the start of ecatd",
+        file=sys.stderr,
+    )
 
 
 def _kind(source: str) -> Kind:

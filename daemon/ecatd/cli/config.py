@@ -19,7 +19,7 @@ from ecatd.model.errors import StateError, UsageError
 from ecatd.model.expected_bus import compare
 from ecatd.version import VERSION
 
-from .bus_source import add_options, get_bus, warn_of_silent
+from .bus_source import add_options, get_bus, silent_now, warn_of_silent
 from .config_check import check, described
 from .output import print_json, print_table, shortened
 from .scan import save
@@ -112,7 +112,8 @@ def _init(options: argparse.Namespace) -> int:
     else:
         bus, known, _ = _remote(options)
     known = known.moved(compare(known, bus.slaves).places)
-    notes, more = None, {"silent": warn_of_silent(options, bus)}
+    notes, more = None, {"silent": silent_now(options)}
+    warn_of_silent(bus, more["silent"])
     if options.esi is not None:
         from ecatd.esi.configure import add_esi
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folder
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, load_config
+from ecatd.model.doubts import REMEDIES, SILENT
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.expected_bus import Difference, compare
+from ecatd.model.health import silent_slaves
 from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
@@ -26,13 +29,23 @@ if TYPE_CHECKING:
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
-    bus, idle = _bus(options)
-    silent = warn_of_silent(options, bus)
-    found = compare(wanted, bus.slaves)
+    bus, idle, states = _bus(options)
+    # As at a start: who does not answer is not there, and what is about slaves that are others, or
+    # will have other PDOs, is not known.
+    gone = {row["position"] for row in states if not row["al_state"]}
+    found = compare(wanted, bus.slaves, gone)
+    missing = [found.places.get(n) for item in found.differences for n in item.expected]
+    silent = silent_slaves(states)
+    warn_of_silent(bus, [n for n in silent if n not in missing])
     moved = wanted.moved(found.places)
-    differences = found.differences + _other_pdos(moved, bus)
-    # As at a start: what is about slaves that are others, or will have other PDOs, is not known.
-    others = {position for item in differences for position in item.found} | idle
+    doubtful = {
+        row["position"]: row
+        for row in states
+        if row["recovery"] in REMEDIES and row["position"] not in gone
+    }
+    differences = found.differences + _other_pdos(moved, bus, gone | doubtful.keys())
+    others = {position for item in differences for position in item.found} | doubtful.keys()
+    others |= idle | {n for n in gone if not _exchanges(bus.slaves[n])}
     unexpected = found.unexpected
     places = {n: at for n, at in found.places.items() if at not in unexpected}
     wrong = _wrong(wanted, places, bus, others)
@@ -41,6 +54,11 @@ def check(options: argparse.Namespace) -> int:
         f"{bus.slaves[n].label} takes no part now, so the file is not checked against its process "
         "data: the next start does that"
         for n in sorted(idle & {*places.values()})
+    ]
+    warnings += [
+        f"{bus.slaves[n].label}: {_doubt(row, moved.settings_of(n), bus.slaves[n])}"
+        for n, row in doubtful.items()
+        if n not in unexpected
     ]
     if options.esi is not None:
         differences += _forbidden(moved, bus, described(bus, options.esi))
@@ -74,17 +92,35 @@ def check(options: argparse.Namespace) -> int:
     return StateError.exit_code if differences else 0
 
 
-def _bus(options: argparse.Namespace) -> tuple[Bus, set[int]]:
-    """The bus, and the positions of slaves whose process data a daemon that runs does not know."""
+def _bus(options: argparse.Namespace) -> tuple[Bus, set[int], list[dict[str, Any]]]:
+    """The bus; slaves of which the daemon does not know the process data; and how slaves are.
+
+    The last two are empty for a bus that does not run.
+    """
     if options.sources:
-        return get_bus(options), set()
+        return get_bus(options), set(), []
     check_options(options)
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
-        bus = remote.describe()
+        bus, rows = remote.describe(), remote.states()
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
-    return bus, {n for n in unexpected if not (bus.slaves[n].outputs or bus.slaves[n].inputs)}
+    return bus, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows
+
+
+def _exchanges(slave: Slave) -> bool:
+    return bool(slave.outputs or slave.inputs)
+
+
+def _doubt(row: dict[str, Any], settings: SlaveConfig, slave: Slave) -> str:
+    """Why the process data of a slave are in doubt, what the next start does, and what to do."""
+    text = row["recovery_text"]
+    if row["recovery"] == SILENT and settings.is_told and _exchanges(slave):
+        text += (
+            "; a start with this file tells it its configuration, so it takes no part if it does "
+            "not answer then either"
+        )
+    return f"{text}; {REMEDIES[row['recovery']]}"
 
 
 def _wrong(wanted: Config, places: dict[int, int], bus: Bus, others: set[int]) -> list[str]:
@@ -109,11 +145,11 @@ def described(bus: Bus, source: str) -> dict[int, EsiDevice]:
     return devices
 
 
-def _other_pdos(wanted: Config, bus: Bus) -> list[Difference]:
+def _other_pdos(wanted: Config, bus: Bus, unknown: Collection[int]) -> list[Difference]:
     """Slaves that exchange other PDOs, or other entries, than the configuration says."""
     differences = []
     for settings in wanted.slave:
-        if settings.position >= len(bus.slaves):
+        if settings.position >= len(bus.slaves) or settings.position in unknown:
             continue
         slave = bus.slaves[settings.position]
         text = _pdo_difference(settings, slave)

@@ -6,7 +6,7 @@ each slave behind it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 from .alignment import Alignment, Pair
@@ -46,7 +46,7 @@ class Comparison:
     """The result of a comparison.
 
     Attributes:
-        places: Position of the slave found, by position in the configuration.
+        places: Position of the slave, by position in the configuration; also of one that is gone.
         differences: The differences in the order of the bus.
         absent: Optional slaves that are not there, which is no difference.
     """
@@ -61,7 +61,7 @@ class Comparison:
         return {n: item.text for item in self.differences for n in item.found}
 
 
-def compare(config: Config, slaves: Sequence[Slave]) -> Comparison:
+def compare(config: Config, slaves: Sequence[Slave], gone: Collection[int] = ()) -> Comparison:
     """Compares a bus with the `[[slave]]` tables of its configuration.
 
     A position without the identity of a slave may have any slave.
@@ -69,14 +69,17 @@ def compare(config: Config, slaves: Sequence[Slave]) -> Comparison:
     Args:
         config: The configuration.
         slaves: The slaves that were found, by position.
+        gone: Positions of slaves that are not there any more: they are missing.
     """
-    return _Comparer(config, slaves).compare()
+    return _Comparer(config, slaves, gone).compare()
 
 
 class _Comparer:
-    def __init__(self, config: Config, slaves: Sequence[Slave]) -> None:
+    def __init__(self, config: Config, slaves: Sequence[Slave], gone: Collection[int]) -> None:
         self._config = config
         self._slaves = slaves
+        self._gone = gone
+        self._there = [slave for slave in slaves if slave.position not in gone]
         by_position = {n.position: n for n in config.slave if n.position <= POSITION_MAX}
         last = max((n for n, item in by_position.items() if item.product is not None), default=-1)
         # Any slave may stand in a position without a table.
@@ -123,7 +126,16 @@ class _Comparer:
         taken = self._taken | {slave.position for _, slave in marked if slave is not None}
         aligned = Alignment(self._slaves, taken, unlisted=self._config.expected.unlisted)
         rest = [item for item in self._expected if item.position not in self._settled]
-        return [*marked, *aligned.pairs(rest)]
+        return [*map(self._without_gone, (*marked, *aligned.pairs(rest)))]
+
+    def _without_gone(self, pair: Pair) -> Pair:
+        """A pair, in which nobody stands for a slave that is not there any more."""
+        wanted, slave = pair
+        if slave is None or slave.position not in self._gone:
+            return pair
+        if wanted is not None:
+            self._found.places[wanted.position] = slave.position
+        return wanted, None
 
     def _place_unlisted(self, pairs: Sequence[Pair]) -> None:
         """Gives positions behind all expected slaves their places."""
@@ -183,7 +195,7 @@ class _Comparer:
     def _find_marked(self) -> None:
         """Finds the slaves that the configuration finds by a mark."""
         by_mark = {
-            wanted.position: [slave for slave in self._slaves if has_mark(slave, wanted.mark)]
+            wanted.position: [slave for slave in self._there if has_mark(slave, wanted.mark)]
             for wanted in self._config.slave
             if wanted.mark is not None
         }
@@ -194,6 +206,7 @@ class _Comparer:
                 continue
             if not with_it:
                 self._unmarked += [wanted, *self._config.followers(wanted)]
+                self._place_gone(wanted, mark)
                 continue
             if len(with_it) == 1:
                 self._marked += self._group(wanted, with_it[0], marked)
@@ -208,7 +221,15 @@ class _Comparer:
                 f"{mark.value}, so it is not clear which is {label(wanted)}: give each its own",
             )
 
-    def _group(self, head: SlaveConfig, first: Slave, marked: set[int]) -> list[Pair]:
+    def _place_gone(self, head: SlaveConfig, mark: Mark) -> None:
+        """Gives a slave with a mark that is not there any more, and its group, their places."""
+        with_it = [slave for slave in self._slaves if has_mark(slave, mark)]
+        for wanted, slave in self._group(head, with_it[0], ()) if len(with_it) == 1 else ():
+            if wanted is not None and slave is not None:
+                self._found.places[wanted.position] = slave.position
+                self._taken.add(slave.position)
+
+    def _group(self, head: SlaveConfig, first: Slave, marked: Collection[int]) -> list[Pair]:
         """A slave that is found by its mark, with those of its group behind it."""
         pairs: list[Pair] = [(head, first)]
         place = first.position
@@ -306,7 +327,7 @@ class _Comparer:
         """Why no slave has the mark of an expected one, and what to do."""
         mute = [
             slave
-            for slave in self._slaves
+            for slave in self._there
             if wanted.product is not None
             and (slave.vendor, slave.product) == (wanted.vendor, wanted.product)
             and not slave.identification

@@ -6,6 +6,9 @@ from .bus import Slave
 from .config import Mark, SlaveConfig
 from .modules import module_differences
 
+_NOT_WRITTEN = ((0, 0), (0xFFFFFFFF, 0xFFFFFFFF))
+"""Vendor ID and product code of an EEPROM that nobody has written."""
+
 
 def label(wanted: SlaveConfig) -> str:
     """An expected slave as messages name it: `infeed (EL1018)`."""
@@ -32,6 +35,13 @@ def difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
     if wanted.product is None:
         return "", ""
     if (wanted.vendor, wanted.product) != (slave.vendor, slave.product):
+        if (slave.vendor, slave.product) in _NOT_WRITTEN:
+            return (
+                "other device",
+                f"{slave.label} should be {label(wanted)}, but its EEPROM does not say what it is "
+                f"({device(slave.vendor, slave.product)}): put the right one in, or write its "
+                "EEPROM anew, from the ESI file of its vendor",
+            )
         return (
             "other device",
             f"{slave.label} should be {label(wanted)}, but is another device "

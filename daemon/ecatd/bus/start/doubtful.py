@@ -16,17 +16,14 @@ from dataclasses import dataclass
 from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
+from ecatd.model.doubts import DAMAGED, REMEDIES, SILENT, UNEXPECTED
 from ecatd.model.errors import StateError
 
 from ..engine.layout import lay_out
 from ..master.master import Master
 from .mapping import Scanned, configure
 
-SILENT, DAMAGED, UNEXPECTED = "silent", "damaged", "unexpected"
-
 _STAYS = "stays in PREOP and takes no part"
-_CURE = "switch it off and on, then restart ecatd"
-_WRITE_EEPROM = "write its EEPROM anew, from the ESI file of its vendor, then restart ecatd"
 _TOLD = 3  # problems of an EEPROM in one message
 
 
@@ -93,10 +90,10 @@ def settle(
         doubts[slave.position] = doubt = _doubt(item, used=used, why=why)
         if unplaced:
             slave.problems.append(unplaced)
+        told = f"{_name(slave)}: {doubt.text}"
         if doubt.word == SILENT:
-            tell(f"{item.silence}; {slave.label} {doubt.text.partition(', so it ')[2]}; {_CURE}")
-        else:
-            tell(f"{_name(slave)}: {doubt.text}; {_WRITE_EEPROM}")
+            told = f"{item.silence}; {slave.label} {doubt.text.partition(', so it ')[2]}"
+        tell(f"{told}; {REMEDIES[doubt.word]}")
     return doubts
 
 
@@ -104,7 +101,10 @@ def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
     if item.silence and not item.sii.damaged:
         text = "is used with the process data of its EEPROM, and its objects cannot be reached"
         if not used:
-            text = f"{_STAYS}: {why or 'its EEPROM describes no process data'}"
+            nothing = "its EEPROM describes no process data"
+            if item.settings.is_told:  # then it has other process data than those of its EEPROM
+                nothing = "it cannot be told its configuration"
+            text = f"{_STAYS}: {why or nothing}"
         did = "answered with nonsense" if item.nonsense else "did not answer"
         return Doubt(SILENT, f"its mailbox {did} at the start, so it {text}")
     text = "is used with the process data that are known of it"

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from ecatd.model import doubts
 from ecatd.model.al import (
     AL_ERROR_FLAG,
     AL_SYNCHRONIZATION,
@@ -48,9 +49,9 @@ class Condition(StrEnum):
     WAITING = "waiting"
     REFUSED = "refused"
     LEFT = "left"
-    SILENT = "silent"
-    DAMAGED = "damaged"
-    UNEXPECTED = "unexpected"
+    SILENT = doubts.SILENT
+    DAMAGED = doubts.DAMAGED
+    UNEXPECTED = doubts.UNEXPECTED
 
 
 @dataclass(frozen=True, slots=True)
