@@ -140,3 +140,34 @@ def test_a_slave_that_comes_back_must_tell_it_again(bench: Bench) -> None:
     bench.ctl("identification", "2", "42")  # it has its power, and is asked again
     bench.wait_for_log("slave 2 (spindle, CiA402): back in OP")
     assert daemon.ctl_json("sdo-read", "spindle", "0x6065")["value"] == 4711
+
+
+def test_an_optional_slave_with_another_mark_is_told_once(start: Start, tmp_path: Path) -> None:
+    wanted = CONFIG.replace('name = "spindle"', 'name = "spindle"\noptional = true')
+    daemon = start(COUPLER, drive(42), config="[gateway]\nlisten = []\n")
+    daemon.ctl("scan", "-o", str(tmp_path / "full.json"))
+    assert daemon.stop() == 0
+    described = f'[expected]\ndescription = "{tmp_path / "full.json"}"\n'
+    bench = Bench(start(COUPLER, drive(42), config=described + wanted))
+    try:
+        for number, (change, text) in enumerate(
+            (
+                (("identification", "1", "7"), "the identification 7, not 42"),
+                (("identification", "1", "0"), "does not tell its identification"),
+                (("swap", "1", "EL2004"), "product 0x07D43052"),
+            )
+        ):
+            bench.power(1, on=False)
+            bench.ctl(*change)
+            bench.power(1, on=True)
+            bench.wait_for_log(text)
+            row = bench.daemon.slave_rows("state")[1]
+            assert (row["al_state"], row["recovery"]) == (
+                0,
+                "missing" if number == 1 else "exchanged",
+            )
+            names(row["recovery_text"], text)
+        bench.wait_for_event("recovery", slave=1, state="exchanged")
+        assert all(bench.daemon.log.count(text) == 1 for text in ("7, not 42", "0x07D43052"))
+    finally:
+        bench.close()

@@ -57,11 +57,13 @@ class Found:
         places: Places of identified slaves that have no address of ours.
         exchanged: Messages about slaves that were replaced by another device.
         unclear: Messages about slaves of which it is not clear whether they are back.
+        strangers: Places of devices where no slave is missing.
     """
 
     places: dict[int, int] = field(default_factory=dict)
     exchanged: dict[int, str] = field(default_factory=dict)
     unclear: dict[int, str] = field(default_factory=dict)
+    strangers: list[int] = field(default_factory=list)
 
 
 def identity_of(slave: Slave) -> Identity:
@@ -149,6 +151,9 @@ def _match_gap(
     identities: dict[int, Identity],
     ends: Sequence[int],
 ) -> None:
+    if not missing:
+        found.strangers += gap
+        return
     if len(gap) > len(missing):
         text = (
             f"{len(gap)} devices stand where {len(missing)} slaves are missing: none of them is "
@@ -280,6 +285,8 @@ class Finder:
             self._check_told(found, position, places[n], told.get(places[n], 0))
         found.exchanged |= fixed.exchanged
         found.unclear |= fixed.unclear
+        found.strangers = [places[n] for n in fixed.strangers]
+        self._name_strangers(found, there, told)
         return found
 
     def _ask(self, strangers: Mapping[int, Identity]) -> dict[int, int]:
@@ -322,10 +329,7 @@ class Finder:
                 "it is left alone; put the right one in, or set its selector"
             )
         else:
-            found.unclear[position] = (
-                f"{label} does not tell its identification, which must be {wanted}: it is asked "
-                "again and again; look at its selector"
-            )
+            found.unclear[position] = _tells_nothing(label, wanted)
 
     def _find_anywhere(
         self,
@@ -361,6 +365,46 @@ class Finder:
                 found.exchanged[position] = text
             else:
                 found.places[position] = at
+
+    def _name_strangers(
+        self,
+        found: Found,
+        there: Mapping[int, tuple[Identity, int]],
+        told: Mapping[int, int],
+    ) -> None:
+        """Says why devices in places where no slave is missing are not one of the groups that are.
+
+        A device of the same kind has another mark. Of other devices, what stands behind it may be
+        a part of the same tool, so only the first one is named, and only where there is no such.
+        """
+        strangers, missing = list(found.strangers), []
+        for mark, group in self._anywhere.items():
+            first = self._slaves[group[0]]
+            if first.address in self._wire or {*group} & {*found.places, *found.unclear}:
+                continue
+            kind = identity_of(first)
+            place = next((place for place in strangers if there[place][0] == kind), None)
+            if place is None:
+                missing.append(first)
+                continue
+            strangers.remove(place)
+            by_selector = mark.kind == "identification"
+            has = told[place] if by_selector else there[place][1]
+            if by_selector and not has:
+                found.unclear[first.position] = _tells_nothing(first.label, mark.value)
+                continue
+            found.exchanged[first.position] = (
+                f"a device like {first.label} is there, but has the {mark.kind} {has}, not "
+                f"{mark.value}: it is left alone; put the right one in, or "
+                f"{'set its selector' if by_selector else 'give it this alias'}"
+            )
+        if missing and strangers and len(strangers) == len(found.strangers):
+            vendor, product, _ = there[strangers[0]][0]
+            found.exchanged[missing[0].position] = (
+                f"{missing[0].label} is absent, but another device is there (vendor "
+                f"0x{vendor:08X}, product 0x{product:08X}): it is left alone; put the right one "
+                "in, or restart ecatd to use it"
+            )
 
     def check(self, position: int) -> str:
         """Checks that the device with a slave's address is that slave; says why not, else "".
@@ -426,6 +470,13 @@ class Finder:
         # it: slaves without an address are identified again, two with the same address never.
         value = was if there.wkc == 1 else 0
         self._registers.exchange([at.write(_STATION_ADDRESS, struct.pack("<H", value))])
+
+
+def _tells_nothing(label: str, wanted: int) -> str:
+    return (
+        f"{label} does not tell its identification, which must be {wanted}: it is asked again and "
+        "again; look at its selector"
+    )
 
 
 def _read_identity(words: Words) -> tuple[Identity, int]:

@@ -269,7 +269,7 @@ class Recovery:
         if not item.al_state & 0x0F:
             absent = item.position in self._optional
             slave.condition = Condition.ABSENT if absent else Condition.MISSING
-            slave.text = ""
+            slave.text = slave.told = ""  # the next one that is put in is told again
         elif self._mode != "all" or item.al_state & 0x0F == AlState.BOOT:
             slave.condition, slave.text = Condition.LEFT, ""
         elif slave.condition != Condition.REFUSED:

@@ -221,7 +221,9 @@ class Repair:
                 failures[position] = Failure(found.exchanged[position], Condition.EXCHANGED)
             else:
                 text = found.unclear.get(position, "")
-                failures[position] = Failure(text, Condition.MISSING)
+                absent = self._bus.slaves[position].group and not text
+                condition = Condition.ABSENT if absent else Condition.MISSING
+                failures[position] = Failure(text, condition)
         return here, failures
 
     def _give_address(self, position: int, place: int) -> None:
