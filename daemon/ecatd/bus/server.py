@@ -44,7 +44,8 @@ from .master.worker import Worker
 from .requests.conversations import Conversations
 from .requests.frames import read_frames
 from .requests.objects import Objects
-from .start.bring_up import BringUp, leases
+from .start.bring_up import BringUp
+from .start.exchange import leases
 from .watch.fault_files import FaultFiles
 from .watch.monitor import Monitor
 

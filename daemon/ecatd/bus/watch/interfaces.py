@@ -16,7 +16,7 @@ from ecatd.model.errors import EcatError
 
 from ..engine.engine import Event, Index, open_socket
 from ..frames.interface import switch_on
-from ..start.bring_up import RunningBus
+from ..start.running import RunningBus
 from .counters import Disturbance, Report
 from .deeds import Deed, facts, sentence
 from .foreign import ForeignWatch

@@ -12,7 +12,7 @@ from ecatd.log import Log
 from ..mailbox.mailboxes import MAILBOX_IN, has_mail, talk_all
 from ..master.emergencies import Emergency, tell_emergencies
 from ..master.worker import Worker
-from ..start.bring_up import RunningBus
+from ..start.running import RunningBus
 from .rate_limiter import Batch
 
 _PAUSE = 0.1

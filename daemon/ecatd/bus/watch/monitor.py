@@ -23,7 +23,7 @@ from ..engine.engine import Event, EventType
 from ..master.emergencies import Emergency
 from ..master.master import SlaveState
 from ..master.worker import Worker
-from ..start.bring_up import RunningBus
+from ..start.running import RunningBus
 from .clocks import ClockWatch
 from .fault_files import FaultFiles
 from .files import FileWatch

@@ -18,8 +18,8 @@ from ecatd.model.errors import EcatError, StateError
 from ..frames.datagrams import Place
 from ..master.master import SlaveState
 from ..master.worker import Worker
-from ..start.bring_up import RunningBus
 from ..start.identify import Found, WireChangedError
+from ..start.running import RunningBus
 from ..start.telling import Missed
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery

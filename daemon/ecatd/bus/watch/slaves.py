@@ -18,7 +18,7 @@ from ecatd.model.config import RecoveryConfig
 from ..frames.datagrams import aprd
 from ..master.master import SlaveState
 from ..master.worker import Worker
-from ..start.bring_up import RunningBus
+from ..start.running import RunningBus
 from .presence import describe_presence, name_slaves
 from .recovery import Condition
 from .repair import Repair

@@ -1,0 +1,90 @@
+"""Starts the cyclic exchange, with all outputs at their safe values."""
+
+from __future__ import annotations
+
+import math
+import os
+
+from ecatd.log import Log
+from ecatd.model.applied import Applied
+from ecatd.model.config import Config
+from ecatd.real_time import SETTINGS
+
+from ..engine.engine import Engine, Grant, RealTime
+from ..engine.shared_memory import SharedMemory
+from .process_data import ProcessData
+
+
+def leases(config: Config) -> tuple[int, int]:
+    """The shortest and the longest lease, in ns."""
+    longest = config.outputs.lease_max_ms * 1_000_000
+    return min(config.outputs.lease_cycles * config.cycle_time_us * 1000, longest), longest
+
+
+def start_exchange(
+    engine: Engine, shared: SharedMemory, data: ProcessData, config: Config, log: Log
+) -> None:
+    """Gives the engine all that it needs, and starts it.
+
+    Args:
+        engine: The engine.
+        shared: The shared memory, filled.
+        data: What is exchanged.
+        config: The configuration.
+        log: Where settings that were refused are told.
+    """
+    for domain in data.image.domains:
+        engine.add_domain(domain)
+    if data.clocks is not None:
+        engine.set_clock(data.clocks.engine_clock)
+    _guard(engine, shared, data.applied)
+    wanted = config.realtime
+    grants = engine.start(
+        RealTime(
+            wanted.priority,
+            wanted.cpu,
+            wanted.lock_memory,
+            wanted.busy_receive,
+            wanted.poll_us,
+            wanted.dma_latency_us,
+            config.outputs.wkc_limit,
+        )
+    )
+    shared.set_grants(grants)
+    _tell_grants(grants, log)
+
+
+def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
+    """Gives the engine the safe values, ranges and copies, and how drives are stopped."""
+    numbers = {}
+    for number, row in enumerate(shared.signals[: shared.header.signal_count]):
+        numbers[row.slave, row.index, row.subindex, row.output] = number
+        if row.output and (row.minimum > -math.inf or row.maximum < math.inf):
+            engine.set_limit(number, row.minimum, row.maximum)
+    for position, (value, hold) in applied.safe.images.items():
+        engine.set_safe(position, value, hold)
+    for stop in applied.safe.stops:
+        engine.set_stop(
+            numbers[stop.slave, stop.controlword, 0, 1],
+            numbers[stop.slave, stop.statusword, 0, 0],
+            stop.value,
+            stop.patience,
+        )
+    for copy in applied.copies:
+        engine.set_copy(
+            None if copy.source is None else numbers[*copy.source, 0],
+            numbers[*copy.target, 1],
+            copy.factor,
+            copy.offset,
+            -1 if copy.stop is None else numbers[copy.target[0], copy.stop.controlword, 0, 1],
+        )
+
+
+def _tell_grants(grants: list[Grant], log: Log) -> None:
+    for grant in grants:
+        if grant.error:
+            words = SETTINGS[grant.setting]
+            log.warning(
+                f"no real time: {words.title} ({words.value.format(grant.value)}) was refused "
+                f"({os.strerror(grant.error)}): {words.without}; {words.how}"
+            )

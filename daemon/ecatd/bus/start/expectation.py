@@ -1,0 +1,57 @@
+"""Compares the slaves that were found with the expected ones, and gives them their positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ecatd.log import Log
+from ecatd.model.bus import Bus
+from ecatd.model.errors import StateError
+from ecatd.model.expected_bus import Comparison, compare
+
+from .absent import arrange
+from .found import FoundBus
+from .mapping import Scanned
+
+
+def follow_expectation(
+    found: FoundBus, scanned: Sequence[Scanned], description: Bus | None, log: Log
+) -> dict[int, str]:
+    """Gives the slaves their positions; from then on, the configuration is about these.
+
+    Args:
+        found: Gets the slaves by position, those that are absent, and the differences.
+        scanned: The slaves, numbered as on the wire.
+        description: The complete bus; None if it is not known.
+        log: Where differences are told.
+
+    Returns:
+        By position, why a slave is not the expected one.
+
+    Raises:
+        StateError: There are differences, and the configuration does not tolerate them.
+    """
+    comparison = _compare(found, scanned, log)
+    arranged = arrange(found.master, scanned, found.config, comparison, description, log.warning)
+    found.scanned = arranged.scanned
+    unexpected = {arranged.found[n]: text for n, text in comparison.unexpected.items()}
+    places = arranged.places.items()
+    found.config = found.config.moved({n: at for n, at in places if at not in unexpected})
+    return unexpected
+
+
+def _compare(found: FoundBus, scanned: Sequence[Scanned], log: Log) -> Comparison:
+    comparison = compare(found.config, [item.slave for item in scanned])
+    found.differences = [item.text for item in comparison.differences]
+    for item in comparison.differences:
+        tell = log.error if item.strict else log.warning
+        tell(f"bus not as expected: {item.text}", "expected_bus")
+    strict = [item.text for item in comparison.differences if item.strict]
+    if strict:
+        count = len(strict)
+        raise StateError(
+            f"the bus is not the one that the configuration expects: {count} "
+            f"difference{'s' * (count != 1)}; the first: {strict[0]} "
+            '(policy = "tolerant" in [expected] starts the other slaves)'
+        )
+    return comparison

@@ -1,0 +1,90 @@
+"""The slaves of one try to start a bus, and what its steps have found out about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from ecatd.model.bus import Bus
+from ecatd.model.config import Config, Mark
+
+from ..master.master import Master
+from .doubtful import Doubt
+from .identify import Finder
+from .mapping import Scanned
+
+
+@dataclass(slots=True)
+class FoundBus:
+    """What is known of the slaves; the steps of the start add to it.
+
+    Attributes:
+        bus: The bus description; it has slaves once all of them have been read.
+        master: The master.
+        config: The configuration; once the slaves are compared, it is about them where they were
+            found.
+        scanned: All slaves by position, also optional ones that are absent.
+        differences: How the bus differs from the expected one.
+        doubtful: Slaves whose process data are in doubt, by position, and why.
+        mailboxes: See `set_up.read_mailboxes`.
+        ends: See `identify.branch_ends`.
+    """
+
+    bus: Bus
+    master: Master
+    config: Config
+    scanned: list[Scanned] = field(default_factory=list)
+    differences: list[str] = field(default_factory=list)
+    doubtful: dict[int, Doubt] = field(default_factory=dict)
+    mailboxes: list[bytes] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
+
+    @property
+    def absent(self) -> set[int]:
+        """Positions of the optional slaves that have not been there yet."""
+        return {item.slave.position for item in self.scanned if not item.known}
+
+    @property
+    def present(self) -> list[Scanned]:
+        """The slaves that are there."""
+        return [item for item in self.scanned if item.known]
+
+    @property
+    def idle(self) -> list[int]:
+        """Positions of doubtful slaves without process data; they are not exchanged."""
+        slaves = self.bus.slaves
+        return [n for n in self.doubtful if not (slaves[n].outputs or slaves[n].inputs)]
+
+    def labels(self, positions: Iterable[int]) -> str:
+        """How messages name slaves, also before they have been read."""
+        scanned = self.scanned
+        return ", ".join(
+            scanned[n].slave.label if n < len(scanned) else f"slave {n}" for n in positions
+        )
+
+    def finder(self) -> Finder:
+        """Finds the slaves again when they have lost their station address."""
+        master, slaves = self.master, self.bus.slaves
+        return Finder(master.registers, slaves, self.ends, self._anywhere, self._identified)
+
+    @property
+    def _anywhere(self) -> dict[Mark, list[int]]:
+        """Positions of the optional slaves that are found by the mark of the first one."""
+        return {
+            wanted.mark: [wanted.position, *(n.position for n in self.config.followers(wanted))]
+            for wanted in self.config.slave
+            if wanted.optional and wanted.mark is not None
+        }
+
+    @property
+    def _identified(self) -> dict[int, tuple[int, int]]:
+        """See `Finder`."""
+        return {
+            wanted.position: (
+                wanted.identification,
+                wanted.identification_register
+                or self.scanned[wanted.position].sii.identification_register,
+            )
+            for wanted in self.config.slave
+            if wanted.identification is not None
+        }

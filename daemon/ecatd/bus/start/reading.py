@@ -1,0 +1,131 @@
+"""Scans a bus and reads its slaves into the bus description. They stay in PREOP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from ecatd.log import Log
+from ecatd.model.al import AlState
+from ecatd.model.applied import check_slaves, load_description
+from ecatd.model.bus import Bus
+from ecatd.model.config import Config
+from ecatd.model.errors import StateError
+from ecatd.model.meanings import raw_parameters
+from ecatd.model.profiles import Profiles, load_profiles
+from ecatd.paths import profile_folders
+
+from ..master.emergencies import tell_emergencies
+from ..master.master import Master
+from .clocks import clock_bits
+from .doubtful import settle
+from .expectation import follow_expectation
+from .found import FoundBus
+from .gone import find_gone
+from .identification import identify
+from .identify import branch_ends
+from .mapping import configure_slaves, identify_slaves, read_modules
+from .set_up import count_links, read_mailboxes
+
+
+@dataclass(frozen=True, slots=True)
+class Files:
+    """What the files say that the configuration names.
+
+    Attributes:
+        profiles: Device profiles.
+        description: The complete bus; None if it is not known.
+    """
+
+    profiles: Profiles
+    description: Bus | None
+
+
+def read_files(config: Config) -> Files:
+    """Reads the files that the configuration names.
+
+    Raises:
+        ConfigError: One of them cannot be read.
+    """
+    return Files(load_profiles(config, profile_folders()), load_description(config))
+
+
+def scan(found: FoundBus, interface: str, log: Log) -> None:
+    """Finds the slaves and takes them to PREOP; raises as `Master.scan`."""
+    master, config = found.master, found.config
+    # A bus of optional slaves may be empty.
+    may_be_empty = bool(config.slave) and all(item.optional for item in config.slave)
+    why = master.scan(config.state_timeout_s, may_be_empty=may_be_empty)
+    count = len(master.stations)
+    text = f"{count} slave{'s' * (count != 1)} found on {interface}"
+    log.info(f"{text} (numbered by ecatd: {why})" if why else text)
+    master.wait_for_state(AlState.PREOP, config.state_timeout_s)
+
+
+def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log) -> None:
+    """Reads SII and PDOs of every slave, compares, and tells each slave its configuration.
+
+    Raises:
+        StateError: The bus is not the expected one, or slaves cannot be read or told.
+        ConfigError: The configuration does not fit the slaves.
+    """
+    master = found.master
+    scanned = identify_slaves(master)
+    for item in scanned:
+        slave = item.slave
+        log.debug(
+            f"{slave.label}: vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X}, "
+            f"revision 0x{slave.revision:08X}, serial number 0x{slave.serial:08X}, alias "
+            f"{slave.alias}",
+            slaves=[slave.position],
+        )
+    identify(master.registers, scanned, found.config)
+    read_modules(master, scanned, cancelled)
+    unexpected = follow_expectation(found, scanned, files.description, log)
+    check_slaves(found.config, replace(found.bus, slaves=[item.slave for item in found.scanned]))
+    _make_raw(found, files.profiles)
+    configure_slaves(master, found.scanned, found.config, unexpected, cancelled)
+    if any(item.silence for item in found.scanned) and find_gone(master):
+        raise StateError("slaves have lost their power or their cable")
+    mailbox_log = log.of("mailbox")
+    for item in found.scanned:
+        for text in item.refused:
+            log.warning(text)
+        tell_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
+    timeout_s = found.config.state_timeout_s
+    found.doubtful = settle(master, found.scanned, unexpected, timeout_s, log.warning)
+    for position, bits in clock_bits(master).items():
+        found.scanned[position].slave.dc_bits = bits
+    found.bus.slaves = [item.slave for item in found.scanned]
+    found.mailboxes = read_mailboxes(master)
+    found.ends = _branch_ends(master, ring=bool(found.config.second_interface))
+
+
+def _make_raw(found: FoundBus, profiles: Profiles) -> None:
+    """Makes the physical values of start-up parameters raw, before any of them is written.
+
+    The PDOs of the EEPROM say which device profiles fit: those in use are not known yet.
+
+    Raises:
+        ConfigError: A value has no meaning, or does not fit.
+    """
+    raw = []
+    for wanted in found.config.slave:
+        if wanted.position < len(found.scanned):
+            item = found.scanned[wanted.position]
+            slave = replace(
+                item.slave,
+                outputs=[*item.slave.outputs, *item.sii.outputs],
+                inputs=[*item.slave.inputs, *item.sii.inputs],
+            )
+            wanted = raw_parameters(wanted, slave, profiles, found.config.signal)
+        raw.append(wanted)
+    found.config = replace(found.config, slave=raw)
+
+
+def _branch_ends(master: Master, *, ring: bool) -> list[int]:
+    """See `branch_ends`. Where slaves are absent, nobody knows who is reached through whom."""
+    count = len(master.stations)
+    if master.wire != [*range(count)]:
+        return [position + 1 for position in range(count)]
+    return branch_ends(count_links(master), ring=ring)

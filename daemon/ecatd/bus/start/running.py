@@ -1,0 +1,53 @@
+"""A bus that the start has brought to OP: what the watch over it gets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ecatd.model.bus import Bus
+from ecatd.model.config import RecoveryConfig
+
+from ..engine.engine import Engine
+from ..engine.shared_memory import SharedMemory
+from ..master.master import Master
+from .clocks import Clocks
+from .doubtful import Doubt
+from .identify import Finder
+from .set_up import SetUp
+
+
+@dataclass(slots=True)
+class RunningBus:
+    """A bus that is in OP, and everything that it consists of.
+
+    Attributes:
+        bus: Its description.
+        interfaces: Names of its interfaces: one, or two with cable redundancy.
+        run: The number of this run, in the source address of its frames.
+        shared: The shared memory.
+        master: The master.
+        engine: The cyclic engine.
+        clocks: The distributed clocks, where they are used.
+        absent: Positions of the optional slaves that were absent at the start.
+        doubtful: Slaves whose process data are in doubt, by position, and why.
+        idle: Positions of the doubtful slaves that stay in PREOP and are not exchanged.
+        set_up: Sets up slaves that have restarted.
+        finder: Finds slaves that have lost their station address.
+        recovery: Configuration: which slaves are recovered automatically.
+        state_timeout_s: Seconds that slaves have to reach a state.
+    """
+
+    bus: Bus
+    interfaces: list[str]
+    run: int
+    shared: SharedMemory
+    master: Master
+    engine: Engine
+    clocks: Clocks | None
+    absent: set[int]
+    doubtful: dict[int, Doubt]
+    idle: list[int]
+    set_up: SetUp
+    finder: Finder
+    recovery: RecoveryConfig
+    state_timeout_s: float
