@@ -1,4 +1,4 @@
-"""A slave loses its power while it is told its start-up parameters: as if it had been absent."""
+"""A slave loses its power during the start: as if it had been absent, or were lost later."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +16,7 @@ RIG = 'name = "machine"\n' + "".join(
 SLOW = '[[fault]]\nkind = "mailbox"\nslave = 2\nmode = "slow"\ndelay_s = 0.05\n'
 PARAMETER = '[[slave.startup]]\nobject = "0x6065:00"\ntype = "uint32"\nvalue = 4321\n'
 CONFIG = """
+state_timeout_s = 2.0
 [gateway]
 listen = []
 [log]
@@ -41,20 +42,25 @@ product = 0x402
 MORE
 """
 
-Start = Callable[[str], Daemon]
+AT_ONCE = '[[fault]]\nkind = "power-off"\nslave = 2\nat_cycle = 1\n'
+"""With the first process data: the slaves are in PREOP, and on their way to SAFEOP."""
+
+Start = Callable[..., Daemon]
 
 
 @pytest.fixture
 def start(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Start:
     """Starts a daemon, and switches slave 2 off once it is told a parameter."""
 
-    def start(more: str) -> Daemon:
+    def start(more: str, parameter: str = 400 * PARAMETER, fault: str = SLOW) -> Daemon:
         file, description = tmp_path / "rig.toml", tmp_path / "full.json"
         file.write_text(RIG)
         run_module("ecatd.cli", "scan", "--from", str(file), "-o", str(description))
-        file.write_text(RIG + SLOW)
+        file.write_text(RIG + fault)
         text = CONFIG.replace("DESCRIPTION", str(description)).replace("MORE", more)
-        daemon = start_daemon(str(file), config=text + 400 * PARAMETER, ready=False)
+        daemon = start_daemon(str(file), config=text + parameter, ready=False)
+        if fault == AT_ONCE:
+            return daemon
         wait_for(lambda: "start-up parameter 0x6065:00" in daemon.log, daemon)
         with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
             rig.faults.power_off(2)
@@ -88,3 +94,37 @@ def test_a_slave_that_must_be_there_is_named(start: Start) -> None:
     status, log = start("").wait_end()
     assert status == 7
     names(one_line_error(log, "ecatd"), "axis is missing", "slave 2", "check its power")
+
+
+BEFORE_OP = 400 * f'{PARAMETER}transition = "SO"\n'
+"""Told in SAFEOP, before OP."""
+
+
+def test_an_optional_slave_that_is_lost_on_the_way_to_op_comes_later(start: Start) -> None:
+    daemon = start("optional = true", BEFORE_OP).wait_ready()
+    names(daemon.log, "slave 2 (axis, CiA402) answered at first", "goes on without it")
+    names(daemon.log, "2 slaves (and 1 optional, absent)")
+    assert "slave count changed" not in daemon.log
+    row = daemon.slave_rows("state")[2]
+    assert (row["text"], row["recovery"]) == ("no answer", "absent")
+    with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
+        rig.faults.mailbox(2, "none")
+        rig.faults.power_on(2)
+    wait_for(lambda: states(daemon) == ["OP"] * 3, daemon)
+    assert daemon.ctl_json("sdo-read", "axis", "0x6065")["value"] == 4321
+
+
+def test_a_tolerated_slave_that_is_lost_on_the_way_to_op_is_recovered(start: Start) -> None:
+    daemon = start('policy = "tolerant"', "", AT_ONCE).wait_ready()
+    names(daemon.log, "slave 2 (axis, CiA402) answered at first", "2 slaves (and 1 missing)")
+    wait_for(lambda: "slave count changed: 3, now 2" in daemon.log, daemon)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
+        rig.faults.power_on(2)
+    wait_for(lambda: states(daemon) == ["OP"] * 3, daemon)
+
+
+def test_a_strict_slave_that_is_lost_on_the_way_to_op_is_named(start: Start) -> None:
+    status, log = start("", "", AT_ONCE).wait_end()
+    assert status == 7
+    said = one_line_error(log, "ecatd")
+    names(said, "slave 2 (axis, CiA402)", "no longer", "power", 'policy = "tolerant"')

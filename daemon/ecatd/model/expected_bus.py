@@ -164,13 +164,12 @@ class _Comparer:
         before = [n for e, n in self._found.places.items() if e < item.expected[0]]
         return max(before, default=-1) + 1, False
 
-    def _policy(self, wanted: SlaveConfig) -> str:
-        return wanted.policy or self._config.expected.policy
-
     def _add(
         self, kind: str, wanted: Sequence[SlaveConfig], found: tuple[int, ...], text: str
     ) -> None:
-        policies = [self._policy(item) for item in wanted] or [self._config.expected.policy]
+        policies = [self._config.policy_of(item) for item in wanted] or [
+            self._config.expected.policy
+        ]
         positions = tuple(item.position for item in wanted)
         self._found.differences.append(Difference(kind, positions, found, text, STRICT in policies))
 
@@ -184,7 +183,11 @@ class _Comparer:
                 and last.position == item.position - 1
                 and item.position <= POSITION_MAX
             )
-            if last is not None and together and self._policy(last) == self._policy(item):
+            if (
+                last is not None
+                and together
+                and self._config.policy_of(last) == self._config.policy_of(item)
+            ):
                 rows[-1].append(item)
             else:
                 rows.append([item])

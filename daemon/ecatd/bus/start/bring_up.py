@@ -204,9 +204,10 @@ class BringUp:
         return engine
 
     def _summarise(self, found: FoundBus, data: ProcessData) -> str:
-        absent = len(found.absent)
-        count = len(self.bus.slaves) - absent
+        absent, missing = len(found.absent), len(found.missing)
+        count = len(self.bus.slaves) - absent - missing
         away = f" (and {absent} optional, absent)" if absent else ""
+        away += f" (and {missing} missing)" if missing else ""
         differences = len(found.differences)
         differs = f"; {differences} difference{'s' * (differences != 1)} from the expected bus"
         return (

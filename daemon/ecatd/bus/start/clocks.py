@@ -283,12 +283,15 @@ class Clocks:
             if answer.wkc
         }
 
-    def wait_for_lock(self, shared: SharedMemory, cancelled: Callable[[], bool]) -> float:
+    def wait_for_lock(
+        self, shared: SharedMemory, cancelled: Callable[[], bool], lost: Collection[int] = ()
+    ) -> float:
         """Waits until the cycle and all clocks follow the reference clock.
 
         Args:
             shared: The shared memory, where the engine publishes the state of its lock.
             cancelled: Called while waiting; when true, the wait ends with `StateError`.
+            lost: Positions of slaves that are not there any more.
 
         Returns:
             Seconds that it took.
@@ -303,6 +306,7 @@ class Clocks:
             in_step = all(
                 abs(differences.get(slave.position, IN_STEP_NS + 1)) <= IN_STEP_NS
                 for slave in self._hearing
+                if slave.position not in lost
             )
             steady = steady + 1 if locked and in_step else 0
             waited = time.monotonic() - begin

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Bus
-from ecatd.model.config import Config, Mark
+from ecatd.model.config import STRICT, Config, Mark
 
 from ..master.master import Master
 from .doubtful import Doubt
@@ -28,6 +28,7 @@ class FoundBus:
         doubtful: Slaves whose process data are in doubt, by position, and why.
         mailboxes: See `set_up.read_mailboxes`.
         ends: See `identify.branch_ends`.
+        lost: Positions of slaves that have lost their power or cable since they were read.
     """
 
     bus: Bus
@@ -38,22 +39,39 @@ class FoundBus:
     doubtful: dict[int, Doubt] = field(default_factory=dict)
     mailboxes: list[bytes] = field(default_factory=list)
     ends: list[int] = field(default_factory=list)
+    lost: set[int] = field(default_factory=set)
 
     @property
     def absent(self) -> set[int]:
-        """Positions of the optional slaves that have not been there yet."""
-        return {item.slave.position for item in self.scanned if not item.known}
+        """Positions of the optional slaves that are not there."""
+        return {
+            item.slave.position
+            for item in self.scanned
+            if not item.known or (item.slave.group and item.slave.position in self.lost)
+        }
+
+    @property
+    def missing(self) -> set[int]:
+        """Positions of the other slaves that are not there any more."""
+        return self.lost - self.absent
 
     @property
     def present(self) -> list[Scanned]:
         """The slaves that are there."""
-        return [item for item in self.scanned if item.known]
+        return [
+            item for item in self.scanned if item.known and item.slave.position not in self.lost
+        ]
 
     @property
     def idle(self) -> list[int]:
         """Positions of doubtful slaves without process data; they are not exchanged."""
         slaves = self.bus.slaves
         return [n for n in self.doubtful if not (slaves[n].outputs or slaves[n].inputs)]
+
+    def must_be_there(self, position: int) -> bool:
+        """Whether the bus must not start without a slave."""
+        settings = self.config.settings_of(position)
+        return not settings.optional and self.config.policy_of(settings) == STRICT
 
     def labels(self, positions: Iterable[int]) -> str:
         """How messages name slaves, also before they have been read."""

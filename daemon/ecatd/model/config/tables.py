@@ -608,6 +608,10 @@ class Config(Placed):
                 return slave
         return SlaveConfig(position)
 
+    def policy_of(self, slave: SlaveConfig) -> str:
+        """Whether the bus may start without a slave: `STRICT` or `TOLERANT`."""
+        return slave.policy or self.expected.policy
+
     def domain_of(self, position: int) -> int:
         """Number of the domain of a slave."""
         for number, domain in enumerate(self.domain):
