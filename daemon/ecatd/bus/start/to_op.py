@@ -107,7 +107,7 @@ class ToOp:
         if clocks is None:
             return
         seconds = clocks.wait_for_lock(self._shared, self._cancelled, self._found.lost)
-        count = len(clocks.followers)
+        count = sum(slave.position not in self._found.lost for slave in clocks.followers)
         self._log.of("dc").info(
             f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{clocks.reference.label} (after {seconds:.1f} s)"
