@@ -10,7 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from conftest import run_module
+from conftest import naming, run_module
+from ecatd.installation.places import Place
+from ecatd.installation.service import check_readable, install
+from ecatd.model.errors import UsageError
 
 PROGRAMS = Path(sysconfig.get_path("scripts"))
 UNIT = "usr/local/lib/systemd/system/ecatd.service"
@@ -249,6 +252,21 @@ def test_an_upgrade_says_which_buses_need_a_restart(tmp_path: Path) -> None:
     told = service(tmp_path, "upgrade")
     assert "systemctl restart ecatd@press.service" in told
     assert "up to date\n" not in told.splitlines()[-1]
+
+
+@pytest.mark.parametrize("folder", ["/root", "/home/me", "/tmp"])
+def test_a_program_that_the_service_cannot_see_is_refused(folder: str) -> None:
+    place = Place(Path("/"), Path(folder) / "venv/bin")
+    with pytest.raises(UsageError, match=naming(f"{folder}/venv", "-m venv /opt/ecatd")):
+        next(install(place, "ecat0", None))
+
+
+def test_a_program_that_only_root_can_read_is_refused(tmp_path: Path) -> None:
+    check_readable(Path("/etc/passwd"))
+    program = put(tmp_path, "ecatd")
+    tmp_path.chmod(0o700)
+    with pytest.raises(UsageError, match=naming("0700", "chmod")):
+        check_readable(program)
 
 
 def test_it_removes_what_it_wrote_and_nothing_else(tmp_path: Path) -> None:

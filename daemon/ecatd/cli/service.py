@@ -103,7 +103,7 @@ def _plan(place: Place, options: argparse.Namespace) -> list[Step]:
 
 def _line(step: Step, *, dry_run: bool) -> str:
     verb = f"would {step.verb}" if dry_run and type(step) is not Step else step.verb
-    return f"{verb:<12} {step.what}" + (f"  ({step.why})" if step.why else "")
+    return f"{verb:<13} {step.what}" + (f"  ({step.why})" if step.why else "")
 
 
 def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[str]:

@@ -41,7 +41,9 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Step]:
         stop = "the drives are stopped, and the slaves go to INIT"
         yield run("systemctl", "stop", "ecatd.service", "ecatd@*.service", why=stop, may_fail=True)
     for link in autostart_links(place):
-        yield Remove("remove", str(place.seen(link)), f"{link.name} no longer starts", link)
+        yield Remove(
+            "remove", str(place.seen(link)), f"{link.name} no longer starts with the machine", link
+        )
     steps = list(_remove_installed(place, record.files, purge=purge))
     if record.files:
         steps.append(Remove("remove", str(LIST), "", place.at(LIST)))

@@ -88,20 +88,24 @@ def _check_visible(place: Place) -> None:
         )
     if place.root != Path("/"):
         return
-    for path in (place.programs.resolve(), Path(sys.base_prefix).resolve()):
+    for what, path in (("ecatd", place.programs), ("the Python of ecatd", Path(sys.base_prefix))):
         for folder in _HIDDEN:
-            if path.is_relative_to(folder):
+            if path.resolve().is_relative_to(folder):
                 raise UsageError(
-                    f"ecatd is installed in {path}, which the service cannot see, since it has no "
+                    f"{what} is installed in {path}, which the service cannot see, since it has no "
                     f"access to {folder}: install ecatd into another environment, such as one of "
-                    "`sudo python3 -m venv /opt/ecatd`"
+                    "`sudo /usr/bin/python3 -m venv /opt/ecatd`"
                 )
     for file in (place.programs.resolve() / "ecatd", Path(__file__).resolve()):
-        _check_readable(file)
+        check_readable(file)
 
 
-def _check_readable(file: Path) -> None:
-    """Whether other users than root can read a file: with a umask of 077 pip makes others."""
+def check_readable(file: Path) -> None:
+    """Refuses a program that only root can read, as pip makes it with a umask of 077.
+
+    Raises:
+        UsageError: The file, or a folder above it, is closed to other users.
+    """
     prefix = Path(sys.prefix).resolve()
     for path in (*reversed(file.parents), file):
         mode = path.stat().st_mode

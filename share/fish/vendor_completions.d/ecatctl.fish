@@ -271,7 +271,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using service' -l connect -x -d 'Zenoh en
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l interface -x -d 'install: write a configuration for this interface'
-complete -c ecatctl -n '_shtab_ecatctl_using service' -l purge -d 'uninstall: nothing stays'
+complete -c ecatctl -n '_shtab_ecatctl_using service' -l purge -d 'uninstall: remove your files, too'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -s n -l dry-run -d 'only say what would be done'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l root -xka "(__fish_complete_directories)" -d 'install into the file system of an image; commands of the system are not run'
 complete -c ecatctl -n '_shtab_ecatctl_using service; and test $_shtab_ecatctl_npos -eq 0' -ka "install upgrade uninstall" -d 'install, upgrade or uninstall, see below'
