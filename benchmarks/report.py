@@ -19,7 +19,7 @@ from ecatd.model.errors import UsageError
 from .plot import Figure, Panel, Series
 from .target import Target
 
-SECTIONS = ("simulator", "engine", "cores", "scale", "recovery", "requests", "client", "modelica")
+SECTIONS = ("engine", "cores", "scale", "recovery", "requests", "client", "modelica", "simulator")
 """Names of the benchmarks, in the order of the page."""
 
 
@@ -76,7 +76,7 @@ def section(name: str, result: dict[str, Any]) -> tuple[str, Figure]:
 
     template = _ENVIRONMENT.get_template(f"{name}/section.md.j2")
     text = template.render(result, figure=figure, target=target)
-    text = re.sub(r"(?<=\S)\n *(?=[^\s|#-])", " ", text)  # a paragraph is a line
+    text = re.sub(r"(?<=\S)\n *(?=[^\s|#-])(?!\d+\. )", " ", text)  # a paragraph is a line
     return re.sub(r"\n\n+", "\n\n", text).strip(), figures[0]
 
 

@@ -20,6 +20,7 @@ from ecatsim.control import Simulator
 
 from ..bench import Bench
 from ..health import Health
+from ..machine import Processors
 from ..masters.daemon import Daemon
 from ..segment.peers import ecatsim
 
@@ -180,7 +181,11 @@ def _join(bench: Bench, joins: int, pause: float) -> dict[str, Any]:
 
 
 def _tell(bench: Bench, slaves: int, objects: int) -> dict[str, Any]:
-    """The time from the command to OP, with and without start-up parameters."""
+    """The time from the command to OP, with and without start-up parameters.
+
+    There are no cycles before OP, so no processor is kept for the engine.
+    """
+    bench = bench.on(Processors.together())
     bench.say(f"{slaves} slaves with {objects} start-up parameters each")
     rig = bench.folder / "terminals.toml"
     rig.write_text('name = "terminals"\n' + '[[slave]]\ndevice = "EL3008"\n' * slaves)

@@ -37,7 +37,7 @@ def measured(name: str, folder: Path) -> tuple[dict[str, Any], str]:
         assert result["machine"][key]
     page = (folder / "performance.md").read_text()
     assert result["machine"]["processor"] in page
-    assert "\nMeasured by `python -m benchmarks --quick` (a trial of seconds) on " in page
+    assert "python -m benchmarks --quick" in page
     assert "</svg>" in (folder / "performance" / f"{name}.svg").read_text()
     return result, page
 
@@ -84,7 +84,7 @@ def test_scale(tmp_path: Path) -> None:
     small, large = result["cases"]
     found = result["machine"]["interruptions"]
     assert found["rate"] >= 0
-    assert f"stood still on each of these processors {found['rate']:g} times a second" in page
+    assert f"{found['rate']:g} times a second for longer than" in page
     assert small["shared"] < large["shared"]
     assert "## Many slaves" in page
 
@@ -154,7 +154,7 @@ def test_two_cores(tmp_path: Path) -> None:
         assert load["rate"] > 0 or not load["counted"], load
     assert len(set(result["processors"]["master"] + result["processors"]["peer"])) <= 2
     if result["obstacle"]:
-        assert f"Not measured with frames answered in the kernel: {result['obstacle']}." in page
+        assert result["obstacle"] in page
         pytest.skip(f"frames cannot be answered in the kernel here: {result['obstacle']}")
     for case in (*result["alone"], *result["loads"]):
         if case["responder"] == "kernel":
@@ -227,7 +227,7 @@ def test_targets_that_are_missed_are_said(tmp_path: Path) -> None:
     assert benchmarks("--report-only", "--out", tmp_path).returncode == 0
     page = (tmp_path / "performance.md").read_text()
     for row in (
-        "99969 exact, 20 program late, 10 frame lost, 1 wrong | **no** |",
+        "| 0 | 1 (99969 in the next cycle, 20 program late, 10 frame lost) | **no** |",
         "the exchange with 64 waiting clients, beside 0 | ≤ 1.15 × | 1.32 × (26.4 µs) | **no** |",
         "cycle with 64 waiting clients, beside 0 | ≤ 1.15 × | 1.60 × (48.0 µs) | **no** |",
         "cycle with 64 waiting clients, beside 2 | ≤ 1.15 × | 1.00 × (48.0 µs) | yes |",
