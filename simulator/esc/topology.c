@@ -249,6 +249,9 @@ int esc_connect(struct esc_segment *segment, int slave, int parent, int port)
 {
     pthread_mutex_lock(&segment->lock);
     int result = connect_slave(segment, slave, parent, port);
+    /* A rig is wired before it is switched on, so no slave has seen a link that was moved. */
+    for (unsigned i = 0; i < segment->count; i++)
+        memset(segment->slaves[i]->memory + REG_LOST_LINKS, 0, PORTS);
     pthread_mutex_unlock(&segment->lock);
     return result;
 }

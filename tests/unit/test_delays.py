@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import pytest
 
 from conftest import naming
-from ecatd.bus.start.delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
+from ecatd.bus.frames.topology import Ports, reached, way_out
+from ecatd.bus.start.delays import arrivals, arrivals_at_both_ends
 from ecatd.model.errors import StateError
 
 CABLE, FORWARD = 100, 300

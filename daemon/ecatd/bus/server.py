@@ -26,15 +26,19 @@ from ecatd.model.messages import (
     DescribeObject,
     ListObjects,
     ReadConfig,
+    ReadErrors,
     ReadFrames,
     ReadInfo,
     ReadLogLevels,
+    ReadRegister,
     ReadStates,
     Request,
+    ResetErrors,
     SdoRead,
     SdoWrite,
     SetLogLevel,
     SetState,
+    WriteRegister,
 )
 from ecatd.service_link import HANG_S
 from ecatd.version import VERSION
@@ -47,6 +51,7 @@ from .requests.conversations import Conversations
 from .requests.dictionaries import Dictionaries
 from .requests.frames import read_frames
 from .requests.objects import Objects
+from .requests.registers import Registers
 from .start.bring_up import BringUp
 from .start.exchange import leases
 from .watch.fault_files import FaultFiles
@@ -106,6 +111,7 @@ class BusServer:
         self._fault_files: FaultFiles | None = None
         self._known_objects: Objects | None = None
         self._known_dictionaries: Dictionaries | None = None
+        self._known_registers: Registers | None = None
         self._started = 0.0
 
     @property
@@ -129,6 +135,7 @@ class BusServer:
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
         self._known_objects = Objects(self.bus, conversations)
         self._known_dictionaries = Dictionaries(self.bus, conversations)
+        self._known_registers = Registers(self.bus, self._up.master, self._worker, self._log)
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
@@ -213,6 +220,11 @@ class BusServer:
         assert self._known_dictionaries is not None, "asked before the bus was brought up"
         return self._known_dictionaries
 
+    @property
+    def _registers(self) -> Registers:
+        assert self._known_registers is not None, "asked before the bus was brought up"
+        return self._known_registers
+
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
 
@@ -243,6 +255,14 @@ class BusServer:
                 return await self._dictionaries.list(request)
             case DescribeObject():
                 return await self._dictionaries.describe(request)
+            case ReadRegister():
+                return await self._registers.read(request)
+            case WriteRegister():
+                return await self._registers.write(request)
+            case ReadErrors():
+                return await self._registers.errors()
+            case ResetErrors():
+                return await self._registers.reset_errors(request)
             case ReadFrames():
                 return read_frames(self._up.frame_rings, self._up.interfaces, request)
         raise UsageError(f"the bus server cannot answer {request.op}")

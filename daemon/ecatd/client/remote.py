@@ -24,15 +24,19 @@ from ecatd.model.errors import (
 from ecatd.model.messages import (
     DescribeObject,
     ListObjects,
+    ReadErrors,
     ReadFrames,
     ReadInfo,
     ReadLogLevels,
+    ReadRegister,
     ReadStates,
     Request,
+    ResetErrors,
     SdoRead,
     SdoWrite,
     SetLogLevel,
     SetState,
+    WriteRegister,
 )
 from ecatd.model.queries import to_query
 from ecatd.paths import search_dirs, zenoh_socket
@@ -43,6 +47,7 @@ if TYPE_CHECKING:
     from ecatd.model.bus import Bus
     from ecatd.model.config import Config
     from ecatd.model.dictionary import DictionaryObject
+    from ecatd.model.port_errors import SlaveErrors
     from ecatd.stats import Snapshot
 
 
@@ -314,6 +319,31 @@ class Remote:
 
         return DictionaryObject.from_map(self.request(DescribeObject(slave, index)))
 
+    def register_read(self, slave: int | str, address: int, size: int = 2) -> bytes:
+        """Reads registers of the ESC of a slave, which is given by its position or name.
+
+        Raises:
+            UsageError: These are no registers (from 0x1000 on), or more than 256 bytes.
+            StateError: There is no such slave, or it does not answer.
+        """
+        return bytes(self.request(ReadRegister(slave, address, size))["data"])
+
+    def register_write(self, slave: int | str, address: int, data: bytes) -> bytes:
+        """Writes registers; returns what they have afterwards. Raises as `register_read`."""
+        return bytes(self.request(WriteRegister(slave, address, data, _who()))["data"])
+
+    def errors(self) -> list[SlaveErrors]:
+        """The error counters of all slaves that answer."""
+        return _slave_errors(self.request(ReadErrors()))
+
+    def reset_errors(self, slave: int | str | None = None) -> list[SlaveErrors]:
+        """Clears the error counters of one slave, or of all; returns as `errors`.
+
+        Raises:
+            StateError: There is no such slave, or it does not answer.
+        """
+        return _slave_errors(self.request(ResetErrors(slave, _who())))
+
     def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""
         return list(self.request(SetState(state, slave))["slaves"])
@@ -332,6 +362,12 @@ class Remote:
 
 def _levels(answer: dict[str, Any]) -> dict[str, dict[str, str]]:
     return {name: dict(answer[name]) for name in ("levels", "configured")}
+
+
+def _slave_errors(answer: dict[str, Any]) -> list[SlaveErrors]:
+    from ecatd.model.port_errors import SlaveErrors
+
+    return [SlaveErrors.from_map(item) for item in answer["slaves"]]
 
 
 def _who() -> str:

@@ -147,8 +147,6 @@ class SetLogLevel(Request):
             raise UsageError(f"{self.level!r} is no level: use {', '.join(LEVELS)}")
         if self.part is not None and self.part not in PARTS:
             raise UsageError(f"{self.part!r} is no part of the log: use {', '.join(PARTS)}")
-        if len(self.by) > _BY_MAX or not self.by.isprintable():
-            raise UsageError(f"'by' of {self.op} must be up to {_BY_MAX} printable characters")
 
 
 class SdoRead(Request):
@@ -222,6 +220,67 @@ class DescribeObject(Request):
     index: int
 
 
+class ReadRegister(Request):
+    """Reads registers of the ESC of a slave.
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        address: Address of the first register.
+        size: How many bytes.
+    """
+
+    op = "read_register"
+    key = "ro/register/{slave}/{address}"
+    slave: int | str
+    address: int
+    size: int = 2
+
+    def _check(self) -> None:
+        check_registers(self.address, self.size)
+
+
+class WriteRegister(Request):
+    """Writes registers of the ESC of a slave.
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        address: Address of the first register.
+        data: The bytes.
+        by: Who asks, as he says himself, for the log.
+    """
+
+    op = "write_register"
+    key = "rw/register/{slave}/{address}"
+    slave: int | str
+    address: int
+    data: bytes
+    by: str = ""
+
+    def _check(self) -> None:
+        check_registers(self.address, len(self.data))
+
+
+class ReadErrors(Request):
+    """Asks for the error counters of all slaves, and for the links between them."""
+
+    op = "read_errors"
+    key = "ro/errors"
+
+
+class ResetErrors(Request):
+    """Clears the error counters of one slave, or of all slaves.
+
+    Attributes:
+        slave: Position or name, or None for all slaves.
+        by: Who asks, as he says himself, for the log.
+    """
+
+    op = "reset_errors"
+    key = "rw/errors/{slave}"
+    slave: int | str | None = None
+    by: str = ""
+
+
 RINGS = ("cycle", "control")
 """Kinds of frames: those of the cyclic exchange, and all others."""
 
@@ -244,9 +303,12 @@ _RANGES = {
     "slave": (0, 65535),
     "index": (0, 0xFFFF),
     "subindex": (0, 0xFF),
+    "address": (0, 0xFFFF),
+    "size": (1, 0xFFFF),
     "position": (0, 1 << 62),
 }
 _DATA_MAX = 32 * 1024
+_REGISTERS_END, _REGISTER_BYTES_MAX = 0x1000, 256
 
 
 def to_map(request: Request) -> dict[str, Any]:
@@ -286,6 +348,22 @@ def check_data(data: bytes) -> None:
         raise UsageError(f"'data' of sdo_write has {len(data)} bytes; 1 to {_DATA_MAX} are allowed")
 
 
+def check_registers(address: int, size: int) -> None:
+    """Checks which registers are read or written.
+
+    Raises:
+        UsageError: Some are no registers, or they are too many.
+    """
+    if not 1 <= size <= _REGISTER_BYTES_MAX:
+        raise UsageError(f"{size} bytes of registers: 1 to {_REGISTER_BYTES_MAX} are allowed")
+    if address + size > _REGISTERS_END:
+        raise UsageError(
+            f"registers end before 0x{_REGISTERS_END:04X}, but 0x{address:04X} and {size} bytes go "
+            "beyond: process data and mailboxes are there, where already reading takes data away "
+            "from the daemon"
+        )
+
+
 def _check_field(op: str, key: str, value: Any, wanted: Field) -> None:
     # Types are compared by name: bool is a subclass of int, but true is no slave number.
     found = "None" if value is None else type(value).__name__
@@ -295,8 +373,10 @@ def _check_field(op: str, key: str, value: Any, wanted: Field) -> None:
         low, high = _RANGES[key]
         if not low <= value <= high:
             raise UsageError(f"'{key}' of {op} is {value}, but must be from {low} to {high}")
-    if key == "data" and value is not None:
+    if key == "data" and value is not None and op == SdoWrite.op:
         check_data(value)
+    if key == "by" and (len(value) > _BY_MAX or not value.isprintable()):
+        raise UsageError(f"'by' of {op} must be up to {_BY_MAX} printable characters")
     if key == "state":
         AlState.parse(value)
     if key == "ring" and value not in RINGS:

@@ -18,7 +18,7 @@ from .messages import KINDS, Request, parse_request
 ALL = "all"
 """In the key: all slaves."""
 _TRUE, _FALSE = ("1", "true"), ("0", "false")
-_HEX_DIGITS = {"index": 4, "subindex": 2}
+_HEX_DIGITS = {"index": 4, "subindex": 2, "address": 4}
 
 
 class Query(NamedTuple):

@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore log-level config startup scan generate library capture doctor service client-flags
-set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --slave --templates --timeout --type --watch -o -p
+set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --size --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -203,6 +203,31 @@ complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l json -d 'print JSON
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l dry-run -d 'only show what would be written'
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l yes -d 'do it without asking'
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore; and test $_shtab_ecatctl_npos -eq 1' -ka "(__fish_complete_path (commandline -ct))" -d 'a file that sdo-dump has written'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show the error counters of the slaves, and which cables they are about.'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -s p -l slave -x -d 'only this one, by position or name'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -s a -l all -d 'show the counters of all ports'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -l reset -d 'clear the counters, after showing them'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -l watch -x -d 'show it again every SECONDS (default: 1); statistics also those of the last interval'
+complete -c ecatctl -n '_shtab_ecatctl_using errors' -l count -x -d 'with --watch: end after N times'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a reg-read -d 'Read registers of a slave.'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-read' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-read' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-read' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-read' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a reg-write -d 'Write registers of a slave.'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l size -x -d 'bytes of a number (default: see above)'
+complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l yes -d 'do it without asking'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a log-level -d 'Show the levels of the log, or change one while the bus runs.'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -30,6 +30,7 @@ from ecatd.shm import DcState, Ring
 from ..engine.engine import Clock
 from ..engine.shared_memory import SharedMemory
 from ..frames.datagrams import Place, Station, brd, bwr
+from ..frames.topology import Ports, reached, way_out
 from ..master.master import Master
 from .clock_registers import (
     DELAY,
@@ -41,7 +42,7 @@ from .clock_registers import (
     difference,
     number,
 )
-from .delays import Ports, arrivals, arrivals_at_both_ends, reached, way_out
+from .delays import arrivals, arrivals_at_both_ends
 from .sync_signals import SyncSignals
 
 _FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08
@@ -241,14 +242,7 @@ class Clocks:
         times = {
             place: struct.unpack("<4I", data) for place, data in zip(timed, latched, strict=True)
         }
-        return [
-            Ports(
-                # Two bits a port: loop closed, communication established.
-                frozenset(port for port in range(4) if status[place] >> 8 + 2 * port & 3 == 2),
-                times.get(place),
-            )
-            for place in places
-        ]
+        return [Ports.with_status(status[place], times.get(place)) for place in places]
 
     def _read_places(self, places: Sequence[int], register: int, size: int) -> list[bytes]:
         """Reads a register of slaves on the wire.

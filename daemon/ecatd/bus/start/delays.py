@@ -6,56 +6,19 @@ slave is the time that the frame spent behind the earlier port. A part of it pas
 slaves there, which know it from their own times. The rest passed on cables and in forwarding, and
 is taken to be the same on the way out and on the way back.
 
-A slave forwards a frame from port 0 to its ports 3, 1 and 2, in this order. Slaves are numbered in
-the order in which the frame comes to them. So the links of each slave and this order tell which
-slave is plugged in at which port.
+Which slave is plugged in at which port is what `frames/topology.py` finds out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from ecatd.model.errors import StateError
 
-_PORT_ORDER = (0, 3, 1, 2)
-_LONGEST_NS = 1_000_000
-"""Longer than any frame takes: it would have to go through thousands of slaves."""
+from ..frames.topology import LONGEST_NS, Node, Ports, tree
+
 _ROUNDING_NS = 1000
 """How far the times of different clocks may contradict each other."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ports:
-    """The ports of a slave.
-
-    Attributes:
-        open: Numbers of the ports with a link (register 0x0110).
-        times: Receive times of ports 0 to 3 in ns, 32 bits each (0x0900); None if it has none.
-    """
-
-    open: frozenset[int]
-    times: tuple[int, ...] | None = None
-
-
-@dataclass(slots=True)
-class _Node:
-    """A slave in the tree that the frame passes."""
-
-    times: tuple[int, ...] | None
-    entry: int
-    exits: list[int]
-    behind: list[tuple[int, int]] = field(default_factory=list)  # port, slave plugged in there
-
-    def between(self, earlier: int, later: int) -> int:
-        """Time between the frame's arrivals at two ports, in ns; the registers wrap in 4.3 s."""
-        assert self.times is not None
-        return (self.times[later] - self.times[earlier]) & 0xFFFFFFFF
-
-    @property
-    def dwell(self) -> int:
-        """Time in ns from the frame's first arrival to its last return to this slave."""
-        return self.between(self.entry, self.behind[-1][0]) if self.behind else 0
 
 
 def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
@@ -72,7 +35,7 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
     Raises:
         StateError: Links or times contradict each other.
     """
-    nodes = _tree(slaves)
+    nodes = tree(slaves)
     found: list[float | None] = [None] * len(nodes)
     if nodes:
         walk = _Walk(nodes)
@@ -88,7 +51,7 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
             walk = _Walk(nodes)
             walk.visit(child)
             spent = node.between(passed, port)
-            if spent > _LONGEST_NS or spent < walk.dwell - _ROUNDING_NS:
+            if spent > LONGEST_NS or spent < walk.dwell - _ROUNDING_NS:
                 raise StateError(
                     f"the receive times do not fit: by slave {position}, a frame took {spent} ns "
                     f"from its port {passed} to its port {port}; the slaves in between need "
@@ -100,16 +63,6 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
                 found[met] = before + dwell + hops * one_way
             passed = port
     return found
-
-
-def reached(slaves: Sequence[Ports]) -> int:
-    """Counts the slaves, from the first on, that are linked to it; all if there is no break."""
-    open_ends = 1
-    for position, slave in enumerate(slaves):
-        if open_ends == 0:
-            return position
-        open_ends += max(len(slave.open), 1) - 2  # a link joins an open end before to a port here
-    return len(slaves)
 
 
 def arrivals_at_both_ends(slaves: Sequence[Ports], count: int) -> list[float | None]:
@@ -131,27 +84,6 @@ def arrivals_at_both_ends(slaves: Sequence[Ports], count: int) -> list[float | N
     return front + [None if time is None else end + gap + begin - time for time in back]
 
 
-def way_out(slaves: Sequence[Ports]) -> tuple[int, int] | None:
-    """Finds the slave and port to which the cable of the second interface is connected.
-
-    At all other ports with a link, a slave is plugged in. So this is the first port without a slave
-    on the way back from the last slave. Returns None if there is none: the ring is open.
-
-    Raises:
-        StateError: There are not enough links for all slaves.
-    """
-    # Times must not be used: at a port to which no frame comes back, they are old.
-    nodes = _tree([Ports(slave.open) for slave in slaves])
-    parents = {child: position for position, node in enumerate(nodes) for _, child in node.behind}
-    position: int | None = len(nodes) - 1 if nodes else None
-    while position is not None:
-        node = nodes[position]
-        if len(node.behind) < len(node.exits):
-            return position, node.exits[len(node.behind)]
-        position = parents.get(position)
-    return None
-
-
 class _Walk:
     """The frame's way from a port of a slave to the slaves plugged in there, and back.
 
@@ -162,7 +94,7 @@ class _Walk:
         dwell: Time in ns spent within slaves with receive times on the whole way.
     """
 
-    def __init__(self, nodes: list[_Node]) -> None:
+    def __init__(self, nodes: list[Node]) -> None:
         self._nodes = nodes
         self.met: list[tuple[int, int, int]] = []
         self.hops = 0
@@ -179,42 +111,3 @@ class _Walk:
             for _, child in node.behind:
                 self.visit(child)
         self.hops += 1
-
-
-def _tree(slaves: Sequence[Ports]) -> list[_Node]:
-    """Builds the tree of slaves from their order and their links.
-
-    Raises:
-        StateError: There are not enough links for all slaves.
-    """
-    nodes: list[_Node] = []
-    open_ends: list[_Node] = []
-    for position, slave in enumerate(slaves):
-        if position:
-            while open_ends and len(open_ends[-1].behind) == len(open_ends[-1].exits):
-                open_ends.pop()
-            if not open_ends:
-                raise StateError(
-                    f"slave {position} is nowhere plugged in: the slaves before it have no link "
-                    f"for it; is a cable loose, or are two masters at work?"
-                )
-            parent = open_ends[-1]
-            parent.behind.append((parent.exits[len(parent.behind)], position))
-        node = _node(slave)
-        nodes.append(node)
-        open_ends.append(node)
-    return nodes
-
-
-def _node(slave: Ports) -> _Node:
-    """Makes the node of a slave. The frame enters by the port with the earliest time, usually 0."""
-    ports = [port for port in _PORT_ORDER if port in slave.open]
-    if not ports:
-        return _Node(slave.times, 0, [])
-    times, entry = slave.times, ports[0]
-    if times is not None:
-        earlier = {port: times[ports[0]] - times[port] & 0xFFFFFFFF for port in ports}
-        # A port that would be earlier by more than this has the time of an older frame.
-        entry = max(ports, key=lambda port: earlier[port] if earlier[port] < _LONGEST_NS else 0)
-    at = ports.index(entry)
-    return _Node(times, entry, ports[at + 1 :] + ports[:at])

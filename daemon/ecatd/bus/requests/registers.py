@@ -1,0 +1,148 @@
+"""Requests about registers of slaves, and about their error counters."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.bus import Bus
+from ecatd.model.errors import StateError
+from ecatd.model.messages import ReadRegister, ResetErrors, WriteRegister
+from ecatd.model.port_errors import PortErrors, SlaveErrors
+from ecatd.model.registers import register_at
+
+from ..frames.datagrams import Answer, fpwr
+from ..frames.topology import Ports, links
+from ..master.master import Master
+from ..master.worker import Worker
+
+_DL_STATUS = 0x0110
+_COUNTERS, _COUNTERS_SIZE = 0x0300, 0x14
+_FORWARDED, _PROCESSING, _PDI, _LOST_LINKS = 0x08, 0x0C, 0x0D, 0x10
+_CLEARED = (0x0300, 0x030C, 0x030D, 0x0310)
+"""A write to one of these clears a group of counters."""
+
+
+class Registers:
+    """The registers of all slaves.
+
+    Args:
+        bus: The bus description.
+        master: The master.
+        worker: The worker on which slaves are asked.
+        log: Where changes are told.
+    """
+
+    def __init__(self, bus: Bus, master: Master, worker: Worker, log: Log) -> None:
+        self._bus = bus
+        self._master = master
+        self._worker = worker
+        self._log = log
+        self._cleared: dict[int, float] = {}  # Unix time, by position
+
+    async def read(self, request: ReadRegister) -> dict[str, Any]:
+        """The reply has `data`.
+
+        Raises:
+            StateError: There is no such slave, or it does not answer.
+        """
+        position = self._bus.find(request.slave).position
+        read = self._master.register_read
+        data = await self._worker.run(lambda: read(position, request.address, request.size))
+        return {"data": data}
+
+    async def write(self, request: WriteRegister) -> dict[str, Any]:
+        """The reply has `data`: what the registers have afterwards. Raises as `read`."""
+        slave = self._bus.find(request.slave)
+
+        def write() -> bytes:
+            self._master.register_write(slave.position, request.address, request.data)
+            return self._master.register_read(slave.position, request.address, len(request.data))
+
+        known = register_at(request.address)
+        name = f" ({known.name})" if known else ""
+        self._log.notice(
+            f"{slave.label}: register 0x{request.address:04X}{name} is written: "
+            f"{request.data.hex(' ')}, by {request.by or 'a request over Zenoh'}"
+        )
+        return {"data": await self._worker.run(write)}
+
+    async def errors(self) -> dict[str, Any]:
+        """The reply has `slaves`: the counters of each slave that answers (`SlaveErrors`)."""
+        found = await self._worker.run(self._read_errors)
+        return {"slaves": [item.to_map() for item in found]}
+
+    async def reset_errors(self, request: ResetErrors) -> dict[str, Any]:
+        """Clears counters; the reply is that of `errors`.
+
+        Raises:
+            StateError: There is no such slave, or it does not answer.
+        """
+        one = None if request.slave is None else self._bus.find(request.slave)
+        chosen = self._bus.slaves if one is None else [one]
+        positions = [slave.position for slave in chosen]
+        cleared = await self._worker.run(lambda: self._clear(positions))
+        if one is not None and not cleared:
+            raise StateError(f"{one.label} does not answer: its counters were not cleared")
+        self._cleared |= dict.fromkeys(cleared, time.time())
+        whom = "all slaves" if one is None else one.label
+        self._log.notice(
+            f"error counters of {whom} cleared by {request.by or 'a request over Zenoh'}"
+        )
+        return await self.errors()
+
+    def _clear(self, positions: Sequence[int]) -> list[int]:
+        """Clears the counters of slaves; returns the positions of those that answered."""
+        stations = self._master.stations
+        writes = [fpwr(stations[at], register, b"\0") for at in positions for register in _CLEARED]
+        answers = iter(self._master.registers.exchange(writes))
+        answered = [(at, [next(answers).wkc for _ in _CLEARED]) for at in positions]
+        return [at for at, counts in answered if all(counts)]
+
+    def _read_errors(self) -> list[SlaveErrors]:
+        registers, stations = self._master.registers, self._master.stations
+        counters = registers.read_all(stations, _COUNTERS, _COUNTERS_SIZE)
+        status = registers.read_all(stations, _DL_STATUS, 2)
+        there = [at for at in self._master.wire if counters[at].wkc and status[at].wkc]
+        leads = _leads(there, status)
+        return [self._slave_errors(at, counters[at].data, leads) for at in sorted(there)]
+
+    def _slave_errors(
+        self, position: int, data: bytes, leads: dict[tuple[int, int], tuple[int, int]]
+    ) -> SlaveErrors:
+        ports = [
+            PortErrors(
+                port,
+                data[2 * port],
+                data[2 * port + 1],
+                data[_FORWARDED + port],
+                data[_LOST_LINKS + port],
+                leads.get((position, port)),
+            )
+            for port in range(4)
+        ]
+        since = self._cleared.get(position)
+        return SlaveErrors(position, ports, data[_PROCESSING], data[_PDI], since)
+
+
+def _leads(
+    there: Sequence[int], status: Sequence[Answer]
+) -> dict[tuple[int, int], tuple[int, int]]:
+    """Where each port with a link leads: the position and port there, position -1 for the master.
+
+    Nothing is known if links and slaves contradict each other, as while a slave is coming.
+    """
+    ports = [Ports.with_status(int.from_bytes(status[at].data, "little")) for at in there]
+    found: dict[tuple[int, int], tuple[int, int]] = {}
+    try:
+        for first, (place, port) in links(ports):
+            end = there[place], port
+            before = (-1, 0) if first is None else (there[first[0]], first[1])
+            found[end] = before
+            if first is not None:
+                found[before] = end
+    except StateError:
+        return {}
+    return found

@@ -1,0 +1,170 @@
+"""Commands `reg-read` and `reg-write`: registers of the slave controller (ESC) of a slave."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.errors import StateError, UsageError
+from ecatd.model.registers import (
+    REGISTERS,
+    Register,
+    controlled,
+    find_register,
+    register_at,
+    register_text,
+)
+
+from .arguments import bounded, slave
+from .confirm import add_yes, confirm
+from .output import print_json, print_table
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+_FEATURES, _HAS_CLOCK = 0x0008, 0x04
+_CLOCK = range(0x0910, 0x0A00)
+_SIZE = 2
+_NUMBER_MOST = 8
+"""Bytes that are shown as a number, too."""
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    reading = name == "reg-read"
+    command.add_argument(
+        "register",
+        nargs="?" if reading else None,
+        metavar="REGISTER",
+        help="address, as 0x0130, or name, as al_status"
+        + (" (default: all that have a name)" if reading else ""),
+    )
+    if reading:
+        command.set_defaults(run=reg_read)
+        command.add_argument(
+            "size",
+            type=bounded(1, 256),
+            nargs="?",
+            metavar="BYTES",
+            help="how many bytes (default: those of the register, or 2)",
+        )
+        return
+    command.set_defaults(run=reg_write)
+    command.add_argument(
+        "value", metavar="VALUE", help="a number, or bytes as hex:04 00 in the order of addresses"
+    )
+    command.add_argument(
+        "--size", type=bounded(1, 8), metavar="BYTES", help="bytes of a number (default: see above)"
+    )
+    add_yes(command)
+
+
+def _register(text: str, size: int | None) -> Register:
+    """The register that a user means, with the bytes that he wants.
+
+    Raises:
+        UsageError: There is no such register.
+    """
+    try:
+        address = bounded(0, 0xFFFF)(text)
+    except argparse.ArgumentTypeError as error:
+        if text[:1].isdigit():
+            raise UsageError(str(error)) from error
+        found = find_register(text)
+    else:
+        found = register_at(address) or Register("", address, _SIZE, "")
+    return found._replace(size=size or found.size)
+
+
+def reg_read(remote: Remote, options: argparse.Namespace) -> None:
+    """Reads registers, and prints their bytes and their number."""
+    if options.register is None:
+        rows = list(_all(remote, options.slave))
+    else:
+        register = _register(options.register, options.size)
+        rows = [_row(register, remote.register_read(options.slave, *register[1:3]))]
+    if options.json:
+        print_json({"bus": remote.bus, "slave": options.slave, "registers": rows})
+    elif options.register is not None:
+        (row,) = rows
+        print(row["data"] if row["value"] is None else _number(row))
+    else:
+        print_table(
+            ("REGISTER", "NAME", "VALUE", "WHAT"),
+            (
+                (f"0x{row['address']:04X}", row["name"], _number(row), register_text(row["name"]))
+                for row in rows
+            ),
+        )
+
+
+def _all(remote: Remote, slave: int | str) -> Iterator[dict[str, Any]]:
+    """The registers with a name that the slave has.
+
+    Those of the clock are the last ones. They do not answer if the slave has none, or if its EEPROM
+    switches it off.
+    """
+    features = int.from_bytes(remote.register_read(slave, _FEATURES), "little")
+    for item in REGISTERS:
+        of_clock = item.address in _CLOCK
+        if of_clock and not features & _HAS_CLOCK:
+            return
+        try:
+            data = remote.register_read(slave, item.address, item.size)
+        except StateError:
+            if of_clock:
+                return
+            raise
+        yield _row(item, data)
+
+
+def _row(item: Register, data: bytes) -> dict[str, Any]:
+    value = int.from_bytes(data, "little") if len(data) <= _NUMBER_MOST else None
+    return {"address": item.address, "name": item.name, "data": data.hex(" "), "value": value}
+
+
+def _number(row: dict[str, Any]) -> str:
+    digits = 2 * len(row["data"].split())
+    return f"0x{row['value']:0{digits}X} {row['value']}"
+
+
+def reg_write(remote: Remote, options: argparse.Namespace) -> None:
+    """Writes registers, after a question; prints what they have afterwards."""
+    register = _register(options.register, options.size)
+    data = _data(options.value, register.size)
+    found = remote.describe().find(options.slave)
+    name = f" ({register.name})" if register.name else ""
+    about = (
+        f"This writes {data.hex(' ')} to register 0x{register.address:04X}{name} of {found.label}."
+    )
+    if decided := controlled(register.address, len(data)):
+        about += f" ecatd itself decides {', '.join(decided)}, so the bus may stop working."
+    confirm(options, about)
+    row = _row(register, remote.register_write(options.slave, register.address, data))
+    if options.json:
+        print_json({"bus": remote.bus, "slave": options.slave, "registers": [row]})
+    else:
+        print(row["data"] if row["value"] is None else _number(row))
+
+
+def _data(text: str, size: int) -> bytes:
+    """The bytes of a value.
+
+    Raises:
+        UsageError: It is no number of this size, or no bytes.
+    """
+    if text.startswith("hex:"):
+        try:
+            return bytes.fromhex(text[4:])
+        except ValueError:
+            raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
+    try:
+        return int(text, 0).to_bytes(size, "little")
+    except ValueError:
+        raise UsageError(f"'{text}' is no number (10 or 0x0A)") from None
+    except OverflowError:
+        raise UsageError(
+            f"{text} does not fit into {size} byte{'s' * (size != 1)}: give another --size"
+        ) from None
