@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -48,6 +50,29 @@ def test_damaged_frames_are_located(bus: Daemon, simulator: Simulator) -> None:
     names(bus.ctl("errors", "--reset").stdout, *labels, "cleared")
     assert bus.ctl_json("errors")["links"] == []
     names(bus.log, "error counters of all slaves", "pid")
+
+
+def test_the_tree_is_drawn(bus: Daemon, simulator: Simulator, tmp_path: Path) -> None:
+    simulator.faults.noise(5, count=3)
+    wait_for(lambda: bool(bus.ctl_json("errors")["links"]), bus)
+    slaves = bus.ctl_json("graph")["slaves"]
+    behind = {row["position"]: row["behind"] for row in slaves}
+    assert behind[3] == [4, 7, 10]  # a junction: ports 3, 1 and 2
+    assert [row["port"] for row in slaves if row["position"] in behind[3]] == [3, 1, 2]
+    lines = bus.ctl("graph").stdout.splitlines()
+    assert lines[0] == "master"
+    assert [line.lstrip("│ ").split()[0] for line in lines[1:]] == [*map(str, range(11))]
+    assert [line.startswith("│") for line in lines[1:]] == [False] * 4 + [True] * 6 + [False]
+    names(lines[6], "EL2004", "OP", "port 1", "errors")
+    svg, dot = tmp_path / "bus.svg", tmp_path / "bus.dot"
+    bus.ctl("graph", "-o", str(svg))
+    texts = [item.text for item in ElementTree.parse(svg).iter("{http://www.w3.org/2000/svg}text")]
+    assert "3 EK1122" in texts
+    bus.ctl("graph", "-o", str(dot))
+    names(dot.read_text(), "s3 -> s7", "s0 [label=", "errors")
+    wrong = bus.ctl("graph", "-o", "bus.png", check=False)
+    assert wrong.returncode == 2
+    names(one_line_error(wrong.stderr, "ecatctl"), "bus.png", ".svg")
 
 
 def test_new_errors_are_told_as_they_come(bus: Daemon, simulator: Simulator) -> None:

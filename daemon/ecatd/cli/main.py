@@ -29,6 +29,7 @@ The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another 
 
 _COMMANDS = (
     ("slaves", "show", "List the slaves in the order of the wire."),
+    ("graph", "graph", "Show which slave is plugged in at which port, as a tree or a picture."),
     ("pdos", "show", "List the process data of the slaves."),
     ("state", "show", "Show the AL states, or bring slaves to one."),
     ("check", "check", "Say in one line whether the bus is well, for monitoring systems."),

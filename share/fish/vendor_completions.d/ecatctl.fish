@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_commands slaves graph pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
 set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --size --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
@@ -68,6 +68,13 @@ complete -c ecatctl -n '_shtab_ecatctl_using slaves' -l bus -x -d 'name of the b
 complete -c ecatctl -n '_shtab_ecatctl_using slaves' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
 complete -c ecatctl -n '_shtab_ecatctl_using slaves' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using slaves' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a graph -d 'Show which slave is plugged in at which port, as a tree or a picture.'
+complete -c ecatctl -n '_shtab_ecatctl_using graph' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using graph' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using graph' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using graph' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using graph' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using graph' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'write it to FILE.dot for Graphviz, or to FILE.svg'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a pdos -d 'List the process data of the slaves.'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -1,0 +1,201 @@
+"""Command `graph`: which slave is plugged in at which port, as a tree, for Graphviz, or as SVG."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.al import al_state_text
+from ecatd.model.bus import Bus
+from ecatd.model.errors import UsageError
+from ecatd.model.port_errors import LinkErrors, SlaveErrors, links_with_errors
+
+from .output import print_json
+from .scan import save
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+_FRAME_ORDER = (0, 3, 1, 2)
+"""Ports in the order in which a slave forwards a frame."""
+_MASTER = -1
+_FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}
+
+
+@dataclass(slots=True)
+class Node:
+    """A slave in the tree.
+
+    Attributes:
+        position: Its position.
+        name: Its name, or names.
+        state: Its AL state in a word; empty if it does not answer.
+        delay_ns: Propagation delay from the reference clock; None if it has no clock, or if clocks
+            are not used.
+        port: The port of the slave before it at which it is plugged in; None at the master, or if
+            nobody knows where it is plugged in.
+        errors: The errors on its link to the slave before it; None for none.
+        behind: The slaves that are plugged in at it, in the order of the frame.
+    """
+
+    position: int
+    name: str
+    state: str
+    delay_ns: int | None
+    port: int | None = None
+    errors: LinkErrors | None = None
+    behind: list[Node] = field(default_factory=list)
+
+    @property
+    def error_text(self) -> str:
+        """The errors on its link, in a few words; empty for none."""
+        if self.errors is None:
+            return ""
+        # A damaged frame is often counted twice: as invalid, and by the physical layer.
+        counts = (
+            (max(self.errors.invalid, self.errors.physical), "errors"),
+            (self.errors.lost_links, "losses of the link"),
+        )
+        return ", ".join(f"{count} {name}" for count, name in counts if count)
+
+    @property
+    def delay_text(self) -> str:
+        """The propagation delay in µs."""
+        return "" if self.delay_ns is None else f"{self.delay_ns / 1000:.1f} µs"
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.set_defaults(run=graph)
+    command.add_argument(
+        "-o",
+        dest="out",
+        metavar="FILE",
+        type=Path,
+        help="write it to FILE.dot for Graphviz, or to FILE.svg",
+    )
+
+
+def graph(remote: Remote, options: argparse.Namespace) -> None:
+    """Prints the tree of slaves, or writes it to a file."""
+    kind = "" if options.out is None else _FORMATS.get(options.out.suffix.lower())
+    if kind is None:
+        raise UsageError(f"{options.out}: give a file name that ends with .dot or .svg")
+    bus = remote.describe()
+    roots = _tree(bus, remote.errors(), remote.states())
+    if kind:
+        from .graph_svg import svg_text
+
+        save(options.out, _dot(bus, roots) if kind == "dot" else svg_text(bus.name, roots))
+    if options.json:
+        slaves = [_document(node) for node in _all(roots)]
+        print_json({"bus": bus.name, "slaves": slaves, "file": options.out and str(options.out)})
+    elif kind:
+        print(f"{options.out}: {len(bus.slaves)} slaves")
+    else:
+        print("\n".join(["master", *_lines(roots)]))
+
+
+def _tree(bus: Bus, found: list[SlaveErrors], states: list[dict[str, Any]]) -> list[Node]:
+    """The slaves at the master: one, or several if nobody knows where some are plugged in."""
+    measured = any(slave.dc_delay_ns for slave in bus.slaves)  # else the clocks are not used
+    nodes = {
+        slave.position: Node(
+            slave.position,
+            slave.display_name,
+            al_state_text(row["al_state"]) if row["al_state"] else "",
+            slave.dc_delay_ns if slave.dc_bits and measured else None,
+        )
+        for slave, row in zip(bus.slaves, states, strict=True)
+    }
+    for link in links_with_errors(found):
+        nodes[link.ends[1][0]].errors = link
+    leads = {(item.position, port.port): port.to for item in found for port in item.ports}
+    inside: set[int] = set()
+    for item in found:
+        for port in _FRAME_ORDER:
+            to = leads[item.position, port]
+            if to is None or to[0] <= item.position:  # a slave behind it comes later on the wire
+                continue
+            nodes[to[0]].port = port
+            nodes[item.position].behind.append(nodes[to[0]])
+            inside.add(to[0])
+    return [node for position, node in nodes.items() if position not in inside]
+
+
+def _all(roots: list[Node]) -> Iterator[Node]:
+    """All nodes, in the order of the frame."""
+    waiting = roots[::-1]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting += node.behind[::-1]
+
+
+def _document(node: Node) -> dict[str, Any]:
+    return {
+        "position": node.position,
+        "name": node.name,
+        "state": node.state or None,
+        "delay_ns": node.delay_ns,
+        "port": node.port,
+        "behind": [item.position for item in node.behind],
+        "errors": None if node.errors is None else node.errors._asdict(),
+    }
+
+
+def rows(roots: list[Node]) -> Iterator[tuple[int, Node]]:
+    """Each node with the depth of its branch.
+
+    The last slave that is plugged in at another one goes on in the same branch, so a line of slaves
+    is one column, however long it is.
+    """
+    waiting = [(0, node) for node in roots[::-1]]
+    while waiting:
+        depth, node = waiting.pop()
+        yield depth, node
+        if node.behind:
+            *branches, last = node.behind
+            waiting.append((depth, last))
+            waiting += [(depth + 1, item) for item in branches[::-1]]
+
+
+def _lines(roots: list[Node]) -> Iterator[str]:
+    drawn = [
+        (f"{'│  ' * depth}{node.position:>3}  {node.name}", node) for depth, node in rows(roots)
+    ]
+    width = max((len(text) for text, _ in drawn), default=0)
+    for text, node in drawn:
+        port = "" if node.port is None else f"port {node.port}"
+        state = node.state or "no answer"
+        cells = f"{text:<{width}}  {state:<8}{port:<8}{node.delay_text:>9}  {node.error_text}"
+        yield cells.rstrip()
+
+
+def _dot(bus: Bus, roots: list[Node]) -> str:
+    """The tree in the language of Graphviz."""
+    lines = [
+        f"digraph {json.dumps(bus.name)} {{",
+        "  rankdir=LR;",
+        '  node [shape=box, style=filled, fillcolor="white", fontname="sans-serif"];',
+        '  edge [dir=none, fontname="sans-serif", fontsize=10];',
+        "  master [shape=ellipse];",
+    ]
+    for node in _all(roots):
+        words = [f"{node.position} {node.name}", node.state or "no answer", node.delay_text]
+        label = "\\n".join(word.replace("\\", "\\\\").replace('"', '\\"') for word in words if word)
+        color = "white" if node.state == "OP" else "mistyrose"
+        lines.append(f'  s{node.position} [label="{label}", fillcolor="{color}"];')
+    before = {item.position: node.position for node in _all(roots) for item in node.behind}
+    for node in _all(roots):
+        start = f"s{before[node.position]}" if node.position in before else "master"
+        port = "" if node.port is None else f'taillabel="{node.port}", '
+        color = "red" if node.error_text else "black"
+        lines.append(
+            f'  {start} -> s{node.position} [{port}label="{node.error_text}", color="{color}"];'
+        )
+    return "\n".join([*lines, "}"]) + "\n"
