@@ -224,7 +224,7 @@ int ecat_memory_open(ecat_t *bus) {
                      "the daemon of bus '%s' speaks layout %u.%u, this client %u.%u: %s", bus->name,
                      layout >> 16, layout & 0xFFFF, ECAT_SHM_LAYOUT_MAJOR, ECAT_SHM_LAYOUT_MINOR,
                      layout < ECAT_SHM_LAYOUT
-                         ? "update the daemon"
+                         ? "update the daemon, if that is not done yet, and restart its service"
                          : "update the client, and generate libraries again");
   if (bus->header->size > bus->map_size) return damaged(bus, "size");
   return check_tables(bus);

@@ -291,7 +291,9 @@ def test_readers_in_python_say_the_same(
     troll: Daemon, monkeypatch: pytest.MonkeyPatch, client: int
 ) -> None:
     monkeypatch.setattr(shm, "LAYOUT", client)
-    cure = "update the daemon" if client else "update the client, and generate libraries again"
+    cure = "update the client, and generate libraries again"
+    if client:
+        cure = "update the daemon, if that is not done yet, and restart its service"
     wanted = (
         f"the daemon of bus '{troll.bus}' speaks layout 1.0, "
         f"this client {client >> 16}.{client & 0xFFFF}: {cure}"

@@ -16,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import load_config
 from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.units import service
 from ecatd.version import VERSION
 
 from .places import LOCAL, example, files
@@ -71,7 +72,7 @@ def install(place: Place, bus: str, interface: str | None) -> Iterator[Step]:
 
     Args:
         place: Where.
-        bus: Name of the bus. `ecat0` has the service `ecatd`, others have `ecatd@BUS`.
+        bus: Name of the bus.
         interface: For a configuration that does not exist yet; without it none is written.
 
     Raises:
@@ -139,7 +140,7 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Step]:
 
 def unit(bus: str) -> str:
     """The service of a bus."""
-    return "ecatd.service" if bus == "ecat0" else f"ecatd@{bus}.service"
+    return f"{service(bus)}.service"
 
 
 def running(place: Place) -> list[str]:

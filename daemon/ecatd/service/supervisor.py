@@ -33,7 +33,7 @@ from ecatd.process import leave_processor, offer_to_oom_killer
 from ecatd.service_link import HANG_S
 
 from .child import Child
-from .failed_starts import FailedStarts
+from .failed_starts import FailedStarts, not_started
 
 T = TypeVar("T")
 
@@ -101,7 +101,7 @@ class Supervisor:
         self._settings: dict[str, Any] = {}
         self._children: list[Child] = []
         self._failed_starts = FailedStarts(user_dir() / config.bus, log)
-        self._failure = f"bus '{config.bus}' has not started: see the log"
+        self._failure = "see the log"
         self._is_ready = False
 
     async def run(self) -> int:
@@ -215,8 +215,8 @@ class Supervisor:
         word, text = await self._or_stop(child.first_line())
         if word != "ready":
             status = _status(await child.end)
-            self._failure = f"bus '{self._config.bus}' has not started: {text or 'see the log'}"
-            notify(f"STATUS={self._failure}")
+            self._failure = text or self._failure
+            notify(f"STATUS={not_started(self._config.bus, self._failure)}")
             raise _EndedError(status)
         self._log.debug(f"{child} is ready")
         return text

@@ -1,0 +1,52 @@
+"""Looks whether a bus and its gateway run."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+
+from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
+from ecatd.paths import search_dirs, zenoh_socket
+from ecatd.stats import read
+from ecatd.units import gateway, why_no_gateway, why_not_running
+
+from .findings import Finding, Level
+
+
+def look_at_service(bus: str) -> Iterator[Finding]:
+    """Whether a bus of this machine runs, and its gateway."""
+    area, name = "service", f"bus {bus}"
+    try:
+        read(bus)
+    except UnreachableError as error:
+        if advice := why_not_running(bus):
+            yield Finding(area, name, Level.PROBLEM, advice.text, advice.remedy)
+        else:  # nobody has said that it shall run here
+            yield Finding(area, name, Level.HINT, str(error))
+        return
+    except NotPermittedError:  # the rights of this user are looked at, too
+        return
+    except EcatError as error:
+        yield Finding(area, name, Level.PROBLEM, str(error))
+        return
+    yield Finding(area, name, Level.OK, "runs")
+    if advice := why_no_gateway(bus):
+        yield Finding(area, "gateway", Level.PROBLEM, advice.text, advice.remedy)
+    elif _is_served(bus):
+        yield Finding(area, "gateway", Level.OK, "runs")
+    else:
+        remedy = f"'journalctl -u {gateway(bus)} -n 20', or the log of ecatd, says why"
+        yield Finding(area, "gateway", Level.PROBLEM, "it does not answer", remedy)
+
+
+def _is_served(bus: str) -> bool:
+    """Whether a gateway takes connections on this machine, as far as this user may know."""
+    for folder in search_dirs():
+        with socket.socket(socket.AF_UNIX) as link, suppress(OSError):
+            try:
+                link.connect(str(zenoh_socket(folder, bus)))
+            except PermissionError:
+                return True
+            return True
+    return False
