@@ -53,6 +53,13 @@ def test_no_such_interface(env: dict[str, str]) -> None:
     names(text, "interface", "'eth77'", "lo")
 
 
+def test_no_room_for_shared_memory(env: dict[str, str]) -> None:
+    script = 'mount -t tmpfs -o size=16k none /dev/shm; exec "$@"'
+    wrapper = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-ec", script, "sh")
+    text = refused(7, "--simulate", "line:1", env=env, wrapper=wrapper)
+    names(text, "/dev/shm", "full", "KiB")
+
+
 def test_interface_without_permission(env: dict[str, str]) -> None:
     # In a user namespace of its own, this process has no rights over the system's interfaces.
     text = refused(
