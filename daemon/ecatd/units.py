@@ -9,7 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from .failure_record import read_record
 from .paths import MACHINE, search_dirs
 
 _ASK_S = 5
@@ -66,6 +65,8 @@ def how_to_start(bus: str) -> str:
 
 def why_not_running(bus: str) -> Advice | None:
     """Why no daemon of this machine runs a bus; None if it has no service."""
+    from .failure_record import read_record  # only where a bus does not run
+
     unit, _ = _units(bus)
     name = unit.name if unit.is_there else service(bus)
     log = f"'journalctl -u {name} -n 20' says why"
@@ -113,7 +114,7 @@ def _units(bus: str) -> tuple[_Unit, _Unit]:
 
 
 def _show(names: list[str]) -> dict[str, _Unit]:
-    import subprocess  # only where a bus does not run
+    import subprocess  # as above
 
     if not Path("/run/systemd/system").is_dir():  # sd_booted(3)
         return {}
