@@ -277,7 +277,8 @@ def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None
     )
     assert result.returncode == 7
     text = one_line_error(result.stderr, "ecatd")
-    names(text, f"'{troll.bus}'", f"pid {troll.child_pid('ecatd.bus')}", "--bus")
+    server = troll.child_pid("ecatd.bus")
+    names(text, f"'{troll.bus}'", f"pid {server}", "--bus", f"'systemctl stop ecatd@{troll.bus}'")
     # The first one has not noticed.
     assert troll.ctl_json("stats")["state"] == "running"
 

@@ -30,6 +30,7 @@ from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.notify import is_managed, notify
 from ecatd.paths import make_dir, remove_dir, user_dir
 from ecatd.process import leave_processor, offer_to_oom_killer
+from ecatd.served import check_free
 from ecatd.service_link import HANG_S
 
 from .child import Child
@@ -118,6 +119,11 @@ class Supervisor:
         except _EndedError as ended:
             status = ended.status
             wait_s = self._wait_s(status)
+        except EcatError as error:  # before there is a child
+            self._log.error(str(error))
+            self._tell_failure(str(error))
+            status = error.exit_code
+            wait_s = self._wait_s(status)
         finally:
             if not wait_s:
                 notify("STOPPING=1")
@@ -133,7 +139,14 @@ class Supervisor:
         self._reload.clear()
         return self._failed_starts.announce(self._failure)
 
+    def _tell_failure(self, reason: str) -> None:
+        """Tells the service manager why this start has failed."""
+        self._failure = reason
+        notify(f"STATUS={not_started(self._config.bus, reason)}")
+
     async def _run(self) -> None:
+        if not self._describe:
+            check_free(self._config.bus)
         settings = self._settings = {
             "describe": self._describe,
             "config": self._config.to_dict(),
@@ -215,8 +228,7 @@ class Supervisor:
         word, text = await self._or_stop(child.first_line())
         if word != "ready":
             status = _status(await child.end)
-            self._failure = text or self._failure
-            notify(f"STATUS={not_started(self._config.bus, self._failure)}")
+            self._tell_failure(text or self._failure)
             raise _EndedError(status)
         self._log.debug(f"{child} is ready")
         return text

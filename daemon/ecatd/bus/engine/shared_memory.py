@@ -25,6 +25,7 @@ from ecatd.file_locks import take
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, NotPermittedError, StateError
 from ecatd.paths import give_to_group
+from ecatd.served import already_served
 from ecatd.version import VERSION
 
 from .engine import Grant, publish_layout
@@ -220,19 +221,12 @@ class SharedMemory:
         except OSError as error:
             raise NotPermittedError(
                 f"{self.path} belongs to another user and cannot be replaced ({error.strerror}); "
-                f"give the bus another name, or have its owner remove it"
+                f"if an ecatd of that user runs, give this bus another name with --bus; else have "
+                f"its owner remove the file"
             ) from error
         try:
             if not take(old, shm.LOCK_DAEMON):
-                header = os.pread(old, shm.size("ecat_shm_header"), 0)
-                pid = ""  # not known while that daemon is still starting
-                if len(header) == shm.size("ecat_shm_header"):
-                    number = shm.struct("ecat_shm_header").from_buffer_copy(header).pid
-                    pid = f" (pid {number})"
-                raise StateError(
-                    f"bus '{self._name}' is already served by another ecatd{pid}; "
-                    f"stop it first, or give this one another name with --bus"
-                )
+                raise already_served(self._name, old)
             with suppress(FileNotFoundError):
                 if self.path.stat().st_ino == os.fstat(old).st_ino:
                     self.path.unlink()
