@@ -274,9 +274,8 @@ class Supervisor:
                 task.result()  # raises
         child = next(ends[end] for end in ends if end.done())
         status = child.end.result()
-        self._log.error(
-            f"{child.name} has ended unexpectedly ({_cause(status)}); start ecatd again", "ended"
-        )
+        text = f"{child.name} has ended unexpectedly ({_cause(status)})"
+        self._log.error(f"{text}; {_again()}", "ended")
         raise _EndedError(_status(status) or StateError.exit_code)
 
     async def _watch_server(self, server: Child, in_op: str) -> None:
@@ -307,8 +306,7 @@ class Supervisor:
 
     def _fail(self, text: str) -> None:
         notify(f"STATUS={text}")
-        line = f"{text}; start ecatd again, and report this: it should never happen"
-        self._log.error(line, "hung")
+        self._log.error(f"{text}; {_again()}; report this: it should never happen", "hung")
         raise _EndedError(StateError.exit_code)
 
     async def _keep_gateway(self, gateway: Child) -> None:
@@ -422,6 +420,11 @@ async def _ask(child: Child) -> None:
 def _feed(status: str) -> None:
     """Tells the service manager that this process works, and how the bus is."""
     notify("WATCHDOG=1", f"STATUS={status}", wait=False)
+
+
+def _again() -> str:
+    """What follows when the bus has ended by itself."""
+    return "ecatd is started again" if is_managed() else "start ecatd again"
 
 
 def _keys(keys: list[str]) -> str:
