@@ -284,7 +284,7 @@ int ecat_memory_check(ecat_t *bus, uint64_t age_ns) {
     return 0;
   else if (!daemon_holds_lock(bus->fd))
     ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' has ended; start it again with "
-              "'systemctl start ecatd'", bus->name);
+              "'systemctl start ecatd', unless systemd does so by itself", bus->name);
   else if (age_ns > limit + 80000000u)
     return ecat_fail(bus, ECAT_ESTALE, "the cycle of bus '%s' stands still since %.3f s", bus->name,
                      (double)age_ns * 1e-9);
