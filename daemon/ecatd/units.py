@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .paths import MACHINE, search_dirs
+from .version import VERSION
 
 _ASK_S = 5
 """Seconds that systemd has for an answer."""
@@ -101,6 +102,14 @@ def why_no_gateway(bus: str) -> Advice | None:
         remedy = f"'systemctl unmask {name}', then 'systemctl start {name}'"
         return Advice(f"service {name} is masked", remedy)
     return Advice(f"service {name} does not run", f"'systemctl start {name}'")
+
+
+def other_version(bus: str, running: str) -> Advice | None:
+    """What follows if a bus is run by another version of ecatd than this one; else None."""
+    if running == VERSION:
+        return None
+    remedy = f"'systemctl restart {service(bus)}', when the machine may stop"
+    return Advice(f"the bus is run by version {running}, and this is {VERSION}", remedy)
 
 
 def _units(bus: str) -> tuple[_Unit, _Unit]:

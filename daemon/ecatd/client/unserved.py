@@ -9,8 +9,7 @@ from ecatd import shm
 from ecatd.model.errors import EcatError, UnreachableError
 from ecatd.paths import search_dirs, served_buses
 from ecatd.shared_memory.reader import opened
-from ecatd.units import how_to_start, service, why_no_gateway, why_not_running
-from ecatd.version import VERSION
+from ecatd.units import how_to_start, other_version, why_no_gateway, why_not_running
 
 
 def has_shared_memory(bus: str) -> bool:
@@ -50,12 +49,8 @@ def _without_gateway(bus: str, header: Any) -> EcatError:
     silent = f"the gateway of bus '{bus}' does not answer"
     if advice := why_no_gateway(bus):
         return UnreachableError(f"{silent}: {advice.text}, while the bus runs on; {advice.remedy}")
-    running = shm.printable(header.version)
-    if running != VERSION:
-        return UnreachableError(
-            f"{silent}: the bus is run by version {running}, and this is {VERSION}; "
-            f"'systemctl restart {service(bus)}', when the machine may stop"
-        )
+    if advice := other_version(bus, shm.printable(header.version)):
+        return UnreachableError(f"{silent}: {advice.text}; {advice.remedy}")
     return UnreachableError(
         f"{silent}; ecatd starts it again by itself, while the bus runs on: try again in some "
         f"seconds"
