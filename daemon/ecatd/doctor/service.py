@@ -9,7 +9,7 @@ from contextlib import suppress
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.stats import read
-from ecatd.units import gateway, why_no_gateway, why_not_running
+from ecatd.units import gateway, other_version, why_no_gateway, why_not_running
 
 from .findings import Finding, Level
 
@@ -18,7 +18,7 @@ def look_at_service(bus: str) -> Iterator[Finding]:
     """Whether a bus of this machine runs, and its gateway."""
     area, name = "service", f"bus {bus}"
     try:
-        read(bus)
+        version = read(bus).version
     except UnreachableError as error:
         if advice := why_not_running(bus):
             yield Finding(area, name, Level.PROBLEM, advice.text, advice.remedy)
@@ -31,10 +31,11 @@ def look_at_service(bus: str) -> Iterator[Finding]:
         yield Finding(area, name, Level.PROBLEM, str(error))
         return
     yield Finding(area, name, Level.OK, "runs")
-    if advice := why_no_gateway(bus):
-        yield Finding(area, "gateway", Level.PROBLEM, advice.text, advice.remedy)
-    elif _is_served(bus):
+    advice = why_no_gateway(bus)
+    if advice is None and _is_served(bus):
         yield Finding(area, "gateway", Level.OK, "runs")
+    elif advice := advice or other_version(bus, version):
+        yield Finding(area, "gateway", Level.PROBLEM, advice.text, advice.remedy)
     else:
         remedy = f"'journalctl -u {gateway(bus)} -n 20', or the log of ecatd, says why"
         yield Finding(area, "gateway", Level.PROBLEM, "it does not answer", remedy)
