@@ -61,6 +61,7 @@ def make_dir(bus: str) -> Path:
             f"choose a shorter path ($ECATD_RUNTIME_DIR), or a shorter name for the bus"
         )
     for path in (folder, folder / bus):
+        is_new = not path.exists()
         try:
             path.mkdir(mode=0o750, exist_ok=True, parents=True)
             owner = path.lstat().st_uid
@@ -73,13 +74,18 @@ def make_dir(bus: str) -> Path:
             )
         if owner not in (os.geteuid(), 0):  # systemd makes it as root
             raise NotPermittedError(f"{path} belongs to user {owner}; {_OWN}")
-        if give_to_group(path):
+        # What is there already, such as a folder that systemd has made, stays as it is.
+        if is_new and path == folder and os.geteuid() == 0:
+            path.chmod(0o755)  # for the buses of all users, as systemd makes it
+        elif is_new and give_to_group(path):
             path.chmod(0o2750)  # setgid: files made in it belong to the group as well
     return folder
 
 
 def remove_dir(folder: Path, bus: str) -> None:
-    """Removes the folders of a bus that are empty."""
+    """Removes the folders of a bus that are empty, and what a killed gateway has left."""
+    if not control_socket(folder, bus).exists():  # which another daemon of this bus would have
+        remove_zenoh_socket(folder, bus)
     with suppress(OSError):
         gateway_dir(folder, bus).rmdir()
     with suppress(OSError):
@@ -115,6 +121,14 @@ def gateway_dir(folder: Path, bus: str) -> Path:
 def zenoh_socket(folder: Path, bus: str) -> Path:
     """Path of the socket on which the gateway serves Zenoh clients of this machine."""
     return gateway_dir(folder, bus) / "zenoh"
+
+
+def remove_zenoh_socket(folder: Path, bus: str) -> None:
+    """Removes the socket of `zenoh_socket`, and the lock beside it, which Zenoh leaves."""
+    path = zenoh_socket(folder, bus)
+    for file in (path, path.with_name(f"{path.name}.lock")):
+        with suppress(OSError):
+            file.unlink()
 
 
 def served_buses(folder: Path) -> list[str]:

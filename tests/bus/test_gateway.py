@@ -21,7 +21,7 @@ from ecatd.client.remote import Remote
 from ecatd.encoding import frame, pack, unpack
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
-from ecatd.paths import control_socket
+from ecatd.paths import control_socket, zenoh_socket
 from ecatd.zenoh_keys import bus_key, session_config
 
 NONSENSE = 200
@@ -326,3 +326,16 @@ def test_nonsense_again_and_again_does_not_fill_the_log(daemon: Daemon) -> None:
     assert 0 < len(lines) < NONSENSE / 4
     numbers = [re.search(r"and (\d+) more", line) for line in lines]
     assert sum(1 + (int(found[1]) if found else 0) for found in numbers) == NONSENSE
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_no_file_stays_when_the_daemon_ends(
+    start_daemon: Callable[..., Daemon], *, killed: bool
+) -> None:
+    daemon = start_daemon("line:1")
+    folder = Path(daemon.env["ECATD_RUNTIME_DIR"]) / daemon.bus
+    assert zenoh_socket(folder.parent, daemon.bus).exists()
+    if killed:
+        os.kill(daemon.child_pid("ecatd.gateway"), signal.SIGKILL)
+    assert daemon.stop() == 0
+    assert not folder.exists()

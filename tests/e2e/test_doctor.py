@@ -56,6 +56,28 @@ def test_an_interface_without_a_carrier_and_with_an_address(tmp_path: Path) -> N
     assert "10.1.2.3" in on["interface here", "IP addresses"]["text"]
 
 
+def test_a_user_of_the_service_that_is_missing_is_named(tmp_path: Path) -> None:
+    script = f"""
+        for file in passwd group; do
+            grep -v ^ecat /etc/$file >{tmp_path}/$file; mount --bind {tmp_path}/$file /etc/$file
+        done
+        {CTL} --json || true
+        echo ---
+        echo ecat:x:995: >>/etc/group
+        {CTL} --json && exit 1
+        test $? = 1
+    """
+    done = namespace(script, tmp_path)
+    assert done.returncode == 0, done
+    none, some = map(findings, done.stdout.split("---"))
+    assert ("service", "users and groups") not in none
+    found = some["service", "users and groups"]
+    assert found["level"] == "problem"
+    for name in ("user 'ecatd'", "user 'ecatd-gateway'", "group 'ecatd-gateway'"):
+        assert name in found["text"]
+    assert "group 'ecat'" not in found["text"]
+
+
 @needs_ethtool
 def test_what_is_changed_can_be_changed_back(tmp_path: Path) -> None:
     kept = tmp_path / "ecatd-doctor.json"

@@ -10,11 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from conftest import run_module
+from conftest import naming, run_module
+from ecatd.installation.places import Place
+from ecatd.installation.service import check_readable, install
+from ecatd.model.errors import UsageError
 
 PROGRAMS = Path(sysconfig.get_path("scripts"))
-UNIT = "etc/systemd/system/ecatd.service"
-UNIT_OF_BUS = "etc/systemd/system/ecatd@.service"
+UNIT = "usr/local/lib/systemd/system/ecatd.service"
+UNIT_OF_BUS = "usr/local/lib/systemd/system/ecatd@.service"
+SETTINGS = "etc/systemd/system"
+RULES = "etc/udev/rules.d/85-ecatd.rules"
 LIST = "usr/local/share/ecatd/installed.json"
 CONFIGURATION = "etc/ecatd/ecat0.toml"
 
@@ -118,12 +123,150 @@ def test_an_upgrade_brings_files_up_to_date_and_keeps_what_is_yours(tmp_path: Pa
     told = service(tmp_path, "upgrade")
     assert b"older" not in (tmp_path / UNIT).read_bytes()
     assert not (tmp_path / "etc/udev/rules.d/70-ecatd.rules").exists()
-    assert not (tmp_path / f"{UNIT}.before-ecatd").exists()
-    saved = tmp_path / f"{UNIT_OF_BUS}.before-ecatd"
+    assert not (tmp_path / f"{UNIT}.ecatd-old").exists()
+    saved = tmp_path / f"{UNIT_OF_BUS}.ecatd-old"
     assert saved.read_text() == "# written by the administrator\n"
     assert "ExecStart=" in own.read_text()
-    assert f"/{UNIT_OF_BUS}.before-ecatd" in told
+    assert f"/{UNIT_OF_BUS}.ecatd-old" in told
     assert configuration.read_text() == 'interface = "eth9"\n'
+
+
+def folders(root: Path) -> set[str]:
+    return {str(path.relative_to(root)) for path in root.rglob("*") if path.is_dir()}
+
+
+def put(root: Path, path: str, text: str = "") -> Path:
+    """A file of the administrator, or a link."""
+    file = root / path
+    file.parent.mkdir(parents=True, exist_ok=True)
+    if text.startswith("/"):
+        file.symlink_to(text)
+    else:
+        file.write_text(text)
+    return file
+
+
+def enable(root: Path, unit: str) -> None:
+    put(root, f"{SETTINGS}/multi-user.target.wants/{unit}", f"/{UNIT_OF_BUS}")
+
+
+OF_THE_ADMINISTRATOR = {
+    "etc/ecatd/notes.txt",
+    "etc/ecatd/profiles/drive.toml",
+    f"{SETTINGS}/ecatd@press.service.d/override.conf",
+    f"{SETTINGS}/ecatd-gateway.service",
+    "var/lib/ecatd/ecat0/fault.pcapng",
+    f"{UNIT}.ecatd-old",
+}
+
+
+def with_files_of_the_administrator(root: Path) -> None:
+    put(root, f"{SETTINGS}/ecatd-exporter.service", "of another program\n")
+    before = put(root, RULES, "mine\n")
+    before.chmod(0o640)
+    service(root, "install", "--interface", "eth7")
+    (root / UNIT).write_text("# changed\n")
+    service(root, "upgrade")
+    enable(root, "ecatd@press.service")
+    for path in OF_THE_ADMINISTRATOR - {f"{UNIT}.ecatd-old"}:
+        put(root, path, "/dev/null" if path.endswith("gateway.service") else "mine\n")
+
+
+def test_purge_names_what_it_removes_and_leaves_what_was_there_before(tmp_path: Path) -> None:
+    with_files_of_the_administrator(tmp_path)
+    before = tree(tmp_path)
+    would = service(tmp_path, "uninstall", "--purge", "--dry-run")
+    assert tree(tmp_path) == before
+    told = service(tmp_path, "uninstall", "--purge")
+    for path in before.keys() - tree(tmp_path).keys() - {f"{RULES}.before-ecatd"}:
+        assert re.search(rf"^would remove +/{re.escape(path)}( |$)", would, re.MULTILINE), path
+        assert re.search(rf"^remove +/{re.escape(path)}( |$)", told, re.MULTILINE), path
+    assert set(tree(tmp_path)) == {RULES, f"{SETTINGS}/ecatd-exporter.service"}
+    rules = tmp_path / RULES
+    assert (rules.read_text(), rules.stat().st_mode & 0o777) == ("mine\n", 0o640)
+    above = {str(path) for path in Path(RULES).parents} | {
+        str(path) for path in Path(SETTINGS).parents
+    }
+    assert folders(tmp_path) == (above | {SETTINGS}) - {"."} | {
+        f"{SETTINGS}/multi-user.target.wants",
+        "var",
+        "var/lib",
+    }
+
+
+def test_without_purge_files_of_the_administrator_stay_and_are_named(tmp_path: Path) -> None:
+    with_files_of_the_administrator(tmp_path)
+    told = service(tmp_path, "uninstall")
+    kept = {*OF_THE_ADMINISTRATOR, CONFIGURATION, RULES, f"{SETTINGS}/ecatd-exporter.service"}
+    assert set(tree(tmp_path)) == kept
+    assert (tmp_path / RULES).read_text() == "mine\n"
+    keeping = "\n".join(line for line in told.splitlines() if line.startswith("keep "))
+    for path in OF_THE_ADMINISTRATOR:
+        assert Path(path).name in keeping
+    assert f"{PROGRAMS}/ecatctl service uninstall --purge" in told
+    service(tmp_path, "uninstall", "--purge")
+    assert set(tree(tmp_path)) == {RULES, f"{SETTINGS}/ecatd-exporter.service"}
+
+
+def test_a_removal_names_the_buses_that_no_longer_start_with_the_machine(tmp_path: Path) -> None:
+    service(tmp_path, "install", "--interface", "eth7")
+    for bus in ("press", "saw"):
+        put(tmp_path, f"etc/ecatd/{bus}.toml", 'interface = "eth8"\n')
+    enable(tmp_path, "ecatd.service")
+    enable(tmp_path, "ecatd@press.service")
+    told = service(tmp_path, "uninstall")
+    assert "systemctl enable ecatd@press.service" in told
+    assert "systemctl enable ecatd.service" in told
+    assert "saw" not in told.partition("next:")[2]
+    assert not list((tmp_path / SETTINGS).rglob("ecatd*"))
+    enable(tmp_path, "ecatd.service")
+    following = service(tmp_path, "install").partition("next:")[2]
+    for name in ("ecatd@press.service", "ecatd@saw.service"):
+        assert f"enable {name}" in following
+    assert "enable ecatd.service" not in following
+
+
+def test_a_masked_unit_stays_masked(tmp_path: Path) -> None:
+    mask = put(tmp_path, f"{SETTINGS}/ecatd.service", "/dev/null")
+    told = service(tmp_path, "install", "--interface", "eth7")
+    assert "systemctl unmask ecatd.service" in told
+    assert mask.is_symlink()
+    assert (tmp_path / UNIT).is_file()
+
+
+def test_what_to_do_next_is_about_the_bus(tmp_path: Path) -> None:
+    following = service(tmp_path, "install", "--bus", "press").partition("next:")[2]
+    assert "ecatctl --bus press service install --interface IF" in following
+    assert "systemctl start ecatd@press.service" in following
+    assert "ecatctl --bus press check" in following
+    assert not re.search(r"`ecatctl (?!--bus press)", following)
+
+
+def test_an_upgrade_says_which_buses_need_a_restart(tmp_path: Path) -> None:
+    service(tmp_path, "install", "--interface", "eth7")
+    assert "all is up to date" in service(tmp_path, "upgrade")
+    socket = put(tmp_path, "run/ecatd/press/control")
+    assert "all is up to date" in service(tmp_path, "upgrade")
+    (tmp_path / UNIT_OF_BUS).write_text("# older\n")
+    os.utime(socket, (0, 0))
+    told = service(tmp_path, "upgrade")
+    assert "systemctl restart ecatd@press.service" in told
+    assert "up to date\n" not in told.splitlines()[-1]
+
+
+@pytest.mark.parametrize("folder", ["/root", "/home/me", "/tmp"])
+def test_a_program_that_the_service_cannot_see_is_refused(folder: str) -> None:
+    place = Place(Path("/"), Path(folder) / "venv/bin")
+    with pytest.raises(UsageError, match=naming(f"{folder}/venv", "-m venv /opt/ecatd")):
+        next(install(place, "ecat0", None))
+
+
+def test_a_program_that_only_root_can_read_is_refused(tmp_path: Path) -> None:
+    check_readable(Path("/etc/passwd"))
+    program = put(tmp_path, "ecatd")
+    tmp_path.chmod(0o700)
+    with pytest.raises(UsageError, match=naming("0700", "chmod")):
+        check_readable(program)
 
 
 def test_it_removes_what_it_wrote_and_nothing_else(tmp_path: Path) -> None:
@@ -208,7 +351,6 @@ def test_a_masked_unit_and_links_out_of_the_image_are_left_alone(tmp_path: Path)
     service(root, "uninstall", "--purge")
     assert unit.is_symlink()
     assert target.read_text() == "of somebody else\n"
-    (root / "etc/sysusers.d").rmdir()
     (root / "etc/sysusers.d").symlink_to(outside)
     assert "leads out of" in service(root, "install", status=7)
     assert [path.name for path in outside.iterdir()] == ["target"]
@@ -243,18 +385,22 @@ def test_what_was_changed_since_stays(tmp_path: Path) -> None:
     told = service(tmp_path, "uninstall")
     assert "changed since it was installed" in told
     assert edited.read_text() == "# mine again\n"
-    left = {path for path in tree(tmp_path) if "before-ecatd" not in path}
+    left = {path for path in tree(tmp_path) if "ecatd-old" not in path}
     assert left == {UNIT, CONFIGURATION, "usr/local/bin/ecatctl", "usr/local/bin/ecatsim"}
 
 
 def test_no_copy_is_written_over_another(tmp_path: Path) -> None:
     unit = tmp_path / UNIT
     unit.parent.mkdir(parents=True)
-    for text in ("first\n", "second\n"):
+    for text in ("first\n", "second\n", "third\n"):
         unit.write_text(text)
         service(tmp_path, "install")
-    copies = sorted(unit.parent.glob("*.before-ecatd*"))
-    assert [copy.read_text() for copy in copies] == ["first\n", "second\n"]
+    copies = sorted(unit.parent.glob("ecatd.service.*"))
+    assert [(copy.name, copy.read_text()) for copy in copies] == [
+        ("ecatd.service.before-ecatd", "first\n"),
+        ("ecatd.service.ecatd-old", "second\n"),
+        ("ecatd.service.ecatd-old-2", "third\n"),
+    ]
 
 
 def test_an_interrupted_installation_can_be_removed(tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ from ecatd.encoding import unpack
 from ecatd.model.errors import EcatError, SdoAbortError, UsageError
 from ecatd.model.messages import (
     Describe,
+    DescribeObject,
+    ListObjects,
     ReadInfo,
     ReadLogLevels,
     ReadStates,
@@ -31,6 +33,8 @@ from ecatd.model.queries import from_query, to_query
         Describe(),
         ReadInfo(),
         ReadStates(),
+        ListObjects("axis 1"),
+        DescribeObject(3, 0x1018),
         SdoRead(3, 0x6060),
         SdoRead("7/Ana. Eingang? ä*", 0x1018, 1, complete=True),
         SdoRead("all", 0x1018),

@@ -23,6 +23,8 @@ from ecatd.model.health import look_at
 from ecatd.model.log_levels import Levels, level_of, level_of_each, levels_text, with_level
 from ecatd.model.messages import (
     Describe,
+    DescribeObject,
+    ListObjects,
     ReadConfig,
     ReadFrames,
     ReadInfo,
@@ -42,6 +44,7 @@ from .engine.shared_memory import SharedMemory
 from .master.master import SlaveState
 from .master.worker import Worker
 from .requests.conversations import Conversations
+from .requests.dictionaries import Dictionaries
 from .requests.frames import read_frames
 from .requests.objects import Objects
 from .start.bring_up import BringUp, leases
@@ -101,6 +104,7 @@ class BusServer:
         self._monitor: Monitor | None = None
         self._fault_files: FaultFiles | None = None
         self._known_objects: Objects | None = None
+        self._known_dictionaries: Dictionaries | None = None
         self._started = 0.0
 
     @property
@@ -123,6 +127,7 @@ class BusServer:
         assert self._up.master is not None
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
         self._known_objects = Objects(self.bus, conversations)
+        self._known_dictionaries = Dictionaries(self.bus, conversations)
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
@@ -202,6 +207,11 @@ class BusServer:
         assert self._known_objects is not None, "asked before the bus was brought up"
         return self._known_objects
 
+    @property
+    def _dictionaries(self) -> Dictionaries:
+        assert self._known_dictionaries is not None, "asked before the bus was brought up"
+        return self._known_dictionaries
+
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
 
@@ -228,6 +238,10 @@ class BusServer:
                 return await self._objects.read(request)
             case SdoWrite():
                 return await self._objects.write(request)
+            case ListObjects():
+                return await self._dictionaries.list(request)
+            case DescribeObject():
+                return await self._dictionaries.describe(request)
             case ReadFrames():
                 return read_frames(self._up.frame_rings, self._up.interfaces, request)
         raise UsageError(f"the bus server cannot answer {request.op}")

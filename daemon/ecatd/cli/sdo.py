@@ -69,16 +69,30 @@ def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     if options.json:
         print_json(_document(remote, options, found) | {"value": value})
         return
-    text = str(value)
-    if isinstance(value, int) and not is_real(found.data_type):
-        digits = 2 * len(found.data)
-        text = f"0x{int.from_bytes(found.data, 'little'):0{digits}X} {int(value)}"
+    text = value_text(found)
     if options.verbose:
         address = f"0x{options.index:04X}:{options.subindex:02X}"
         text += f"  {address} {type_name(found.data_type)} {found.name}".rstrip()
-        if _is_physical(found) and isinstance(value, int | float):
-            text += f" = {value * found.scale + found.offset:g} {found.unit}".rstrip()
+        if physical := physical_text(found):
+            text += f" = {physical}"
     print(text)
+
+
+def value_text(found: SdoValue) -> str:
+    """A value for people: an integer in hexadecimal and decimal, as `ethercat upload` has it."""
+    value = decode(found.data_type, found.data)
+    if isinstance(value, int) and not is_real(found.data_type):
+        digits = 2 * len(found.data)
+        return f"0x{int.from_bytes(found.data, 'little'):0{digits}X} {int(value)}"
+    return str(value)
+
+
+def physical_text(found: SdoValue) -> str:
+    """The physical value, such as `4.2 V`; empty if nothing says what it is."""
+    value = decode(found.data_type, found.data)
+    if not _is_physical(found) or not isinstance(value, int | float):
+        return ""
+    return f"{value * found.scale + found.offset:g} {found.unit}".rstrip()
 
 
 def _is_physical(found: SdoValue) -> bool:

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from ecatd.installation.service import (
-    CONFIGURATION,
-    Place,
-    here,
-    install,
-    running,
-    uninstall,
-    unit,
-    upgrade,
-)
+from ecatd.installation.buses import configured, enabled, is_masked, outdated, unit
+from ecatd.installation.places import CONFIGURATION, Place, here
+from ecatd.installation.removal import uninstall
+from ecatd.installation.service import install, upgrade
 from ecatd.installation.steps import Step
 from ecatd.model.errors import UsageError
 from ecatd.version import VERSION
@@ -27,7 +22,8 @@ actions:
   install    put units, rules of udev, man pages, completion and files for monitoring into place,
              make the user `ecatd` and the group `ecat`, and have the service start with the machine
   upgrade    the same after `pip install --upgrade`, for what is installed; a bus that runs goes on
-  uninstall  stop the services and remove all that; --purge also removes configuration and user
+  uninstall  stop the services, remove all that, and put back files that were there before;
+             --purge also removes /etc/ecatd and /var/lib/ecatd, drop-ins of units, users and groups
 """
 
 
@@ -44,7 +40,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "--interface", metavar="IF", help="install: write a configuration for this interface"
     )
-    command.add_argument("--purge", action="store_true", help="uninstall: nothing stays")
+    command.add_argument("--purge", action="store_true", help="uninstall: remove your files, too")
     command.add_argument("-n", "--dry-run", action="store_true", help="only say what would be done")
     command.add_argument(
         "--root",
@@ -72,6 +68,7 @@ def service(options: argparse.Namespace) -> None:
     if options.purge and options.action != "uninstall":
         raise UsageError(f"--purge is for uninstall, not for {options.action}")
     place = here(root)
+    before = enabled(place)
     steps = _plan(place, options)
     for step in steps:
         if not options.dry_run:
@@ -79,7 +76,7 @@ def service(options: argparse.Namespace) -> None:
         if not options.json:
             with suppress(BrokenPipeError):  # what has begun is finished, whoever listens
                 print(_line(step, dry_run=options.dry_run), flush=True)
-    following = _next(place, options)
+    following = [] if options.dry_run else _next(place, options, before)
     if options.json:
         print_json(
             {
@@ -92,6 +89,8 @@ def service(options: argparse.Namespace) -> None:
         return
     for line in following:
         print(f"next: {line}")
+    if options.action == "upgrade" and not options.dry_run and not following:
+        print("all is up to date")
 
 
 def _plan(place: Place, options: argparse.Namespace) -> list[Step]:
@@ -104,22 +103,40 @@ def _plan(place: Place, options: argparse.Namespace) -> list[Step]:
 
 def _line(step: Step, *, dry_run: bool) -> str:
     verb = f"would {step.verb}" if dry_run and type(step) is not Step else step.verb
-    return f"{verb:<12} {step.what}" + (f"  ({step.why})" if step.why else "")
+    return f"{verb:<13} {step.what}" + (f"  ({step.why})" if step.why else "")
 
 
-def _next(place: Place, options: argparse.Namespace) -> list[str]:
-    """What the user does next."""
-    if options.dry_run or options.action == "uninstall":
-        return []
+def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[str]:
+    """What the user does next, after services that were enabled before."""
     if options.action == "upgrade":
         return [
             f"{name} still runs the version before: `systemctl restart {name}`, when the machine "
             "may stop"
-            for name in running(place)
+            for name in outdated(place)
         ]
-    name = unit(options.bus)
-    lines = ["`usermod -aG ecat USER` for those who may use the bus; they log in again then"]
-    file = CONFIGURATION / f"{options.bus}.toml"
+    if options.action == "uninstall":
+        if options.purge:
+            return []
+        lines = [f"`{place.programs}/ecatctl service uninstall --purge` also removes what is kept"]
+        return [
+            *lines,
+            *(
+                f"after another `service install`, `systemctl enable {name}` has it start with the "
+                "machine again"
+                for name in sorted(before)
+            ),
+        ]
+    return list(_after_installation(place, options.bus))
+
+
+def _after_installation(place: Place, bus: str) -> Iterator[str]:
+    ctl = "ecatctl" if bus == "ecat0" else f"ecatctl --bus {bus}"
+    yield "`usermod -aG ecat USER` for those who may use the bus; they log in again then"
+    file = CONFIGURATION / f"{bus}.toml"
     if not place.at(file).exists():
-        lines.append(f"`ecatctl service install --interface IF` writes {file}")
-    return [*lines, f"`systemctl start {name}`; `ecatctl check` says whether the bus is well"]
+        yield f"`{ctl} service install --interface IF` writes {file}"
+    systemctl = "systemctl" if place.root == Path("/") else f"systemctl --root {place.root}"
+    for name in map(unit, sorted({bus, *configured(place)})):
+        if name not in enabled(place) and not is_masked(place, name):
+            yield f"`{systemctl} enable {name}` has it start with the machine"
+    yield f"`systemctl start {unit(bus)}`; `{ctl} check` says whether the bus is well"

@@ -34,6 +34,7 @@ from ecatd.paths import profile_folders
 from .arguments import slave
 from .esi_devices import device_of
 from .output import print_json, print_table
+from .progress import counted
 from .scan import save
 
 if TYPE_CHECKING:
@@ -267,9 +268,7 @@ def _changed(
         and entry.access & Access.READ
         and (item.index, entry.subindex) not in mapped
     ]
-    for number, (index, entry) in enumerate(wanted, 1):
-        if sys.stderr.isatty():
-            print(f"\r{number} of {len(wanted)} objects", end="", file=sys.stderr, flush=True)
+    for index, entry in counted(wanted, "objects"):
         try:
             data = remote.sdo_read(found.position, index, entry.subindex).data
         except SdoAbortError:
@@ -282,8 +281,6 @@ def _changed(
                 **_row(index, entry, data, entry.default),
                 "physical": physical_text(known, data),
             }
-    if sys.stderr.isatty():
-        print("\r\033[K", end="", file=sys.stderr)
 
 
 def _row(index: int, entry: EsiEntry, data: bytes, default: bytes) -> dict[str, Any]:

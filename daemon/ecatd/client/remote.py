@@ -21,6 +21,8 @@ from ecatd.model.errors import (
     UsageError,
 )
 from ecatd.model.messages import (
+    DescribeObject,
+    ListObjects,
     ReadFrames,
     ReadInfo,
     ReadLogLevels,
@@ -40,6 +42,7 @@ from ecatd.zenoh_keys import bus_key, session_config
 if TYPE_CHECKING:
     from ecatd.model.bus import Bus
     from ecatd.model.config import Config
+    from ecatd.model.dictionary import DictionaryObject
     from ecatd.stats import Snapshot
 
 
@@ -290,6 +293,27 @@ class Remote:
         value, raw = (data, None) if isinstance(data, str) else (None, data)
         request = SdoWrite(slave, index, raw, subindex, complete, value)
         return _sdo_value(self.request(request))
+
+    def list_objects(self, slave: int | str) -> list[int]:
+        """The indices of all objects of a slave, which is given by its position or name.
+
+        Raises:
+            NoAnswerError: The slave does not describe its objects.
+            StateError: As above; or it has no object dictionary.
+        """
+        return list(self.request(ListObjects(slave))["objects"])
+
+    def describe_object(self, slave: int | str, index: int) -> DictionaryObject:
+        """What an object of a slave is, with its entries.
+
+        Raises:
+            SdoAbortError: There is no such object.
+            NoAnswerError: The slave does not describe its objects.
+            StateError: As above; or it has no object dictionary.
+        """
+        from ecatd.model.dictionary import DictionaryObject
+
+        return DictionaryObject.from_map(self.request(DescribeObject(slave, index)))
 
     def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import grp
+import pwd
 import socket
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,7 +17,12 @@ from .findings import Finding, Level
 
 
 def look_at_service(bus: str) -> Iterator[Finding]:
-    """Whether a bus of this machine runs, and its gateway."""
+    """Whether a bus of this machine runs, and its gateway, and what they need."""
+    yield from _bus_and_gateway(bus)
+    yield from _accounts()
+
+
+def _bus_and_gateway(bus: str) -> Iterator[Finding]:
     area, name = "service", f"bus {bus}"
     try:
         version = read(bus).version
@@ -51,3 +58,30 @@ def _is_served(bus: str) -> bool:
                 return True
             return True
     return False
+
+
+def _accounts() -> Iterator[Finding]:
+    """The users and groups of the service, of which one may have been deleted."""
+    missing, there = [], 0
+    for kind, names, find in (
+        ("user", ("ecatd", "ecatd-gateway"), pwd.getpwnam),
+        ("group", ("ecat", "ecatd-gateway"), grp.getgrnam),
+    ):
+        for name in names:
+            try:
+                find(name)
+                there += 1
+            except KeyError:
+                missing.append(f"{kind} '{name}'")
+    if there and missing:
+        what = "without it, systemd does not start the bus or its gateway"
+        text = f"there is no {', no '.join(missing)}: {what}"
+        yield Finding(
+            "service",
+            "users and groups",
+            Level.PROBLEM,
+            text,
+            "`systemd-sysusers` as root makes them",
+        )
+    elif there:
+        yield Finding("service", "users and groups", Level.OK, "they exist")

@@ -30,7 +30,8 @@ def look_at_configuration(file: Path) -> tuple[Finding, Config | None]:
     """
     area, name = "configuration", str(file)
     if not file.exists():
-        remedy = f"`ecatctl service install --interface IF` writes {file}"
+        bus = "" if file.stem == "ecat0" else f"--bus {file.stem} "
+        remedy = f"`ecatctl {bus}service install --interface IF` writes {file}"
         if file.parent != MACHINE:
             remedy = "name an existing file"
         return Finding(area, name, Level.HINT, "there is none", remedy), None

@@ -22,7 +22,7 @@ from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, U
 from ecatd.model.log_levels import DEFAULTS
 from ecatd.model.messages import Describe, ReadConfig, ReadLogLevels, ReadStates, Request
 from ecatd.model.queries import changes, from_query, read_flag, read_parameters
-from ecatd.paths import control_socket, zenoh_socket
+from ecatd.paths import control_socket, remove_zenoh_socket, zenoh_socket
 from ecatd.stats import read, to_map
 from ecatd.stats.clocks import read_clocks
 from ecatd.zenoh_keys import SCHEMA, bus_key, session_config
@@ -67,6 +67,7 @@ class Gateway:
         self._name = name
         self._log = log
         self._on_end = on_end
+        self._runtime_dir = runtime_dir
         self._socket = zenoh_socket(runtime_dir, name)
         self._bus = BusClient(control_socket(runtime_dir, name), self._on_event, on_end)
         self._config = GatewayConfig()
@@ -141,7 +142,7 @@ class Gateway:
         Raises:
             UnreachableError: Zenoh does not open it, or does not listen on the local socket.
         """
-        self._socket.unlink(missing_ok=True)
+        remove_zenoh_socket(self._runtime_dir, self._name)
         endpoints = [f"unixsock-stream/{self._socket}", *self._config.listen]
         old = os.umask(0o117)
         try:
@@ -282,7 +283,7 @@ class Gateway:
             closing = threading.Thread(target=session.close, daemon=True)
             closing.start()
             await asyncio.to_thread(closing.join, _CLOSE_PATIENCE)
-        self._socket.unlink(missing_ok=True)
+        remove_zenoh_socket(self._runtime_dir, self._name)
 
 
 def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) -> Answer:

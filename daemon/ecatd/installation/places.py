@@ -6,6 +6,7 @@ The wheel has the files in `ecatd/_system`: `systemd`, `share` (as below `/usr/s
 
 from __future__ import annotations
 
+import sysconfig
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
@@ -14,8 +15,56 @@ from pathlib import Path, PurePosixPath
 
 UNITS = tuple(f"{name}{at}.service" for name in ("ecatd", "ecatd-gateway") for at in ("", "@"))
 """The services of a single bus and of several; a bus has one, and its gateway another one."""
+PROGRAMS = ("ecatd", "ecatctl", "ecatsim")
+PACKAGED = Path("/usr/lib/ecatd/bin")
+"""Where the Debian package has the programs."""
+CONFIGURATION = PurePosixPath("/etc/ecatd")
+STATE = PurePosixPath("/var/lib/ecatd")
+SOCKETS = PurePosixPath("/run/ecatd")
+ADMINISTRATION = PurePosixPath("/etc/systemd/system")
+"""Where systemd has which units are enabled or masked, and what the administrator has changed."""
 _PROGRAM = b"/usr/local/bin/ecatd"
 """The path of ecatd in the units as they are in the repository."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where to install.
+
+    Attributes:
+        root: The file system, `/` or the folder of an image. Only in `/` commands are run.
+        programs: The folder with the program `ecatd` of this environment.
+    """
+
+    root: Path
+    programs: Path
+
+    def at(self, path: PurePosixPath) -> Path:
+        """A path of the system, in the file system."""
+        return self.root / path.relative_to("/")
+
+    def seen(self, file: Path) -> PurePosixPath:
+        """The path of a file as the system sees it."""
+        return PurePosixPath("/") / file.relative_to(self.root)
+
+    def holds(self, file: Path) -> bool:
+        """Whether no link among the folders above a file leads out of the file system."""
+        return file.parent.resolve().is_relative_to(self.root)
+
+    @property
+    def is_packaged(self) -> bool:
+        """Whether a package of the distribution has put all files into place already."""
+        return self.programs == PACKAGED
+
+    @property
+    def is_running(self) -> bool:
+        """Whether systemd runs there, so that it can be told."""
+        return self.root == Path("/") and Path("/run/systemd/system").is_dir()
+
+
+def here(root: Path) -> Place:
+    """The environment of this process, installed into a file system."""
+    return Place(root, Path(sysconfig.get_path("scripts")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +89,15 @@ class Layout:
 
 
 LOCAL = Layout(
-    units=PurePosixPath("/etc/systemd/system"),
+    units=PurePosixPath("/usr/local/lib/systemd/system"),
     networks=PurePosixPath("/etc/systemd/network"),
     users=PurePosixPath("/etc/sysusers.d"),
     rules=PurePosixPath("/etc/udev/rules.d"),
     catalog=PurePosixPath("/usr/local/lib/systemd/catalog"),
     share=PurePosixPath("/usr/local/share"),
 )
-"""For what an administrator installs."""
+"""For what an administrator installs. Units are not in `/etc`: they would be in the way of the
+administrator's own, and of the links of `systemctl mask`."""
 
 DISTRIBUTION = Layout(
     units=PurePosixPath("/lib/systemd/system"),

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 import subprocess
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from ecatd.model.atomic_write import write_whole
 from ecatd.model.errors import NotPermittedError, StateError
-
-_OURS = ("monitoring", "ecatd")
-"""Folders that hold nothing but files of ecatd."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +20,7 @@ class Step:
     """One step; this one does nothing.
 
     Attributes:
-        verb: What it does: `write`, `remove`, `link`, `run`, `keep` or `skip`.
+        verb: What it does: `save`, `write`, `remove`, `restore`, `link`, `run`, `keep` or `skip`.
         what: The file or the command.
         why: Why, or empty.
     """
@@ -69,8 +68,36 @@ class Link(Step):
 
 
 @dataclass(frozen=True, slots=True)
+class Save(Step):
+    """Copies a file as it is, with its owner and its rights."""
+
+    path: Path = Path()
+    copy: Path = Path()
+
+    def do(self) -> None:
+        """Copies it."""
+        with _Refusals(self.copy):
+            shutil.copy2(self.path, self.copy)
+            state = self.path.stat()
+            os.chown(self.copy, state.st_uid, state.st_gid)
+
+
+@dataclass(frozen=True, slots=True)
+class Restore(Step):
+    """Moves a copy back to its place."""
+
+    path: Path = Path()
+    copy: Path = Path()
+
+    def do(self) -> None:
+        """Moves it."""
+        with _Refusals(self.path):
+            self.copy.replace(self.path)
+
+
+@dataclass(frozen=True, slots=True)
 class Remove(Step):
-    """Removes a file or a link, and the folders of ecatd that are empty then."""
+    """Removes a file or a link."""
 
     path: Path = Path()
 
@@ -78,25 +105,30 @@ class Remove(Step):
         """Removes it."""
         with _Refusals(self.path):
             self.path.unlink(missing_ok=True)
-            for folder in self.path.parents:
-                if folder.name not in _OURS or not folder.is_dir() or any(folder.iterdir()):
-                    break
-                folder.rmdir()
+
+
+@dataclass(frozen=True, slots=True)
+class RemoveFolder(Step):
+    """Removes a folder that is empty; one that is not stays."""
+
+    path: Path = Path()
+
+    def do(self) -> None:
+        """Removes it."""
+        with suppress(OSError):
+            self.path.rmdir()
 
 
 @dataclass(frozen=True, slots=True)
 class RemoveTree(Step):
-    """Removes a folder with all that is in it; a link to a folder is only removed itself."""
+    """Removes a folder with all that is in it, or has come meanwhile."""
 
     path: Path = Path()
 
     def do(self) -> None:
         """Removes it."""
         with _Refusals(self.path):
-            if self.path.is_symlink():
-                self.path.unlink()
-            else:
-                shutil.rmtree(self.path)
+            shutil.rmtree(self.path)
 
 
 @dataclass(frozen=True, slots=True)

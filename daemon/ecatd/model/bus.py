@@ -210,6 +210,17 @@ class Bus:
             f"there is no slave '{slave}': {here}; `ecatctl slaves` lists positions and names"
         )
 
+    def find_coe(self, slave: int | str) -> Slave:
+        """As `find`, for a slave with an object dictionary.
+
+        Raises:
+            StateError: As `find`; or the slave has none.
+        """
+        found = self.find(slave)
+        if not found.coe:
+            raise StateError(f"{found.label} has no object dictionary: it does not speak CoE")
+        return found
+
     def domain_name(self, number: int) -> str:
         """Name of a domain, empty if it has none."""
         return self.domains[number].name if number < len(self.domains) else ""

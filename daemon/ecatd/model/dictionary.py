@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import IntEnum, IntFlag
+from typing import Any
 
 
 class Access(IntFlag):
@@ -64,3 +65,53 @@ class DictionaryObject:
     code: int
     data_type: int
     entries: dict[int, DictionaryEntry] = field(default_factory=dict)
+
+    def to_map(self) -> dict[str, Any]:
+        """The object for replies: its fields; `entries` is a list, each with its `subindex`."""
+        entries = [{"subindex": key} | asdict(item) for key, item in self.entries.items()]
+        return {
+            "index": self.index,
+            "name": self.name,
+            "code": self.code,
+            "data_type": self.data_type,
+            "entries": entries,
+        }
+
+    @staticmethod
+    def from_map(data: dict[str, Any]) -> DictionaryObject:
+        """Makes an object of what `to_map` has returned."""
+        entries = {
+            item["subindex"]: DictionaryEntry(
+                item["name"], item["data_type"], item["bit_length"], item["access"]
+            )
+            for item in data["entries"]
+        }
+        return DictionaryObject(
+            data["index"], data["name"], data["code"], data["data_type"], entries
+        )
+
+
+_STATES = ("PREOP", "SAFEOP", "OP")
+
+
+def access_text(access: int) -> str:
+    """Access rights in a word, such as `rw`, or `rw (written in PREOP)`; `-` for none.
+
+    ETG.1000.6, "ObjAccess": bits 0 to 2 are reading in PREOP, SAFEOP and OP, bits 3 to 5 writing.
+    """
+    reads, writes = access & Access.READ, access & Access.WRITE
+    word = {(True, True): "rw", (True, False): "ro", (False, True): "wo"}.get(
+        (bool(reads), bool(writes)), "-"
+    )
+    limits = [
+        f"{verb} in {', '.join(name for n, name in enumerate(_STATES) if states & 1 << n)}"
+        for verb, states in (("read", reads), ("written", writes >> 3))
+        if states not in (0, Access.READ)
+    ]
+    return f"{word} ({'; '.join(limits)})" if limits else word
+
+
+def mapping_text(access: int) -> str:
+    """Into which PDOs an entry can be mapped: `rx` (outputs), `tx` (inputs), both, or none."""
+    names = ((Access.RX_PDO, "rx"), (Access.TX_PDO, "tx"))
+    return " ".join(name for bit, name in names if access & bit)

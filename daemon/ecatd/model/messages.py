@@ -196,6 +196,32 @@ class SdoWrite(Request):
             raise UsageError(f"{self.op} needs either 'data' or 'value'")
 
 
+class ListObjects(Request):
+    """Asks which objects a slave has. The slave is asked each time.
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+    """
+
+    op = "list_objects"
+    key = "ro/objects/{slave}"
+    slave: int | str
+
+
+class DescribeObject(Request):
+    """Asks for names, types and access rights of an object. The daemon keeps them.
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        index: Object index.
+    """
+
+    op = "describe_object"
+    key = "ro/objects/{slave}/{index}"
+    slave: int | str
+    index: int
+
+
 RINGS = ("cycle", "control")
 """Kinds of frames: those of the cyclic exchange, and all others."""
 

@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdo-read upload sdo-write download log-level config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_commands slaves pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore log-level config startup scan generate library capture doctor service client-flags
 set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
@@ -142,6 +142,14 @@ complete -c ecatctl -n '_shtab_ecatctl_using info' -l bus -x -d 'name of the bus
 complete -c ecatctl -n '_shtab_ecatctl_using info' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
 complete -c ecatctl -n '_shtab_ecatctl_using info' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using info' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sdos -d 'List the objects of a slave: types, access rights, values.'
+complete -c ecatctl -n '_shtab_ecatctl_using sdos' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l values -d 'read the values, too'
+complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l esi -x -d 'take the descriptions from this ESI file, or a folder of them, for a slave that does not describe its objects'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sdo-read -d 'Read an object of a slave.'
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-read' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -178,6 +186,23 @@ complete -c ecatctl -n '_shtab_ecatctl_using download' -l json -d 'print JSON fo
 complete -c ecatctl -n '_shtab_ecatctl_using download' -l type -x -d 'data type, where it is not known: bool, int8, sint, int16, int, int32, dint, int64, lint, uint8, usint, uint16, uint, uint32, udint, uint64, ulint, float, real, double, lreal, string, octet_string, unicode_string'
 complete -c ecatctl -n '_shtab_ecatctl_using download' -l complete -d 'complete access'
 complete -c ecatctl -n '_shtab_ecatctl_using download' -s v -l verbose -d 'print name and type too'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sdo-dump -d 'Save the values of all objects of a slave to a file.'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-dump' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-dump' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-dump' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-dump' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-dump' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-dump' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'the file (default: print it)'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-dump' -l esi -x -d 'take the descriptions from this ESI file, or a folder of them, for a slave that does not describe its objects'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sdo-restore -d 'Write the values in such a file back, where they differ.'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l dry-run -d 'only show what would be written'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l yes -d 'do it without asking'
+complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore; and test $_shtab_ecatctl_npos -eq 1' -ka "(__fish_complete_path (commandline -ct))" -d 'a file that sdo-dump has written'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a log-level -d 'Show the levels of the log, or change one while the bus runs.'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -271,7 +296,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using service' -l connect -x -d 'Zenoh en
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l interface -x -d 'install: write a configuration for this interface'
-complete -c ecatctl -n '_shtab_ecatctl_using service' -l purge -d 'uninstall: nothing stays'
+complete -c ecatctl -n '_shtab_ecatctl_using service' -l purge -d 'uninstall: remove your files, too'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -s n -l dry-run -d 'only say what would be done'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l root -xka "(__fish_complete_directories)" -d 'install into the file system of an image; commands of the system are not run'
 complete -c ecatctl -n '_shtab_ecatctl_using service; and test $_shtab_ecatctl_npos -eq 0' -ka "install upgrade uninstall" -d 'install, upgrade or uninstall, see below'

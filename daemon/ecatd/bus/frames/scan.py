@@ -9,6 +9,7 @@ so the slaves of a broken ring are numbered in the same way as those of a closed
 from __future__ import annotations
 
 import struct
+import time
 
 from ecatd.model.errors import StateError
 
@@ -17,6 +18,7 @@ from .datagrams import Datagrams, aprd, apwr, brd, bwr
 _FIRST_STATION = 0x1001
 _STATION_ADDRESS, _AL_CONTROL, _AL_STATUS = 0x0010, 0x0120, 0x0130
 _TRIES = 3
+_FIRST_ANSWER = 0.5  # seconds
 
 _RESET = (
     (_AL_CONTROL, b"\x11\x00"),  # INIT, errors acknowledged
@@ -29,9 +31,16 @@ _RESET = (
 
 
 def count_slaves(registers: Datagrams) -> int:
-    """Counts the slaves that answer a broadcast read."""
-    # On a broken ring, a lost copy of the frame makes the count too small.
-    return max(registers.exchange([brd(_AL_STATUS, 2)])[0].wkc for _ in range(_TRIES))
+    """Counts the slaves that answer a broadcast read.
+
+    While none answers it asks again for a moment, because a busy machine holds frames up.
+    """
+    deadline = time.monotonic() + _FIRST_ANSWER
+    while True:
+        # On a broken ring, a lost copy of the frame makes the count too small.
+        count = max(registers.exchange([brd(_AL_STATUS, 2)])[0].wkc for _ in range(_TRIES))
+        if count or time.monotonic() > deadline:
+            return count
 
 
 def has_stations(registers: Datagrams, count: int) -> bool:

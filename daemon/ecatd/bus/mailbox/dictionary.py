@@ -21,11 +21,12 @@ def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
     """
     objects = []
     for index in (yield from coe.list_objects()):
-        objects.append((yield from _read_object(coe, index)))
+        objects.append((yield from read_object(coe, index)))
     return objects
 
 
-def _read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
+def read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
+    """Reads one object with its entries; `coe` must be open. Raises as `read_dictionary`."""
     name, data_type, max_subindex, code = yield from coe.describe_object(index)
     entries = {}
     for subindex in range(max_subindex + 1):

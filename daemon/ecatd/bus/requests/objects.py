@@ -6,7 +6,7 @@ from typing import Any
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType, bit_length, encode
-from ecatd.model.errors import StateError, UsageError
+from ecatd.model.errors import UsageError
 from ecatd.model.messages import SdoRead, SdoWrite, check_data
 from ecatd.model.object_types import ObjectType, ObjectTypes
 
@@ -28,7 +28,7 @@ class Objects:
 
     async def read(self, request: SdoRead) -> dict[str, Any]:
         """Uploads an object; the reply has `data`, name, type and meaning."""
-        slave = self._find(request.slave)
+        slave = self._bus.find_coe(request.slave)
         data = await self._upload(slave, request.index, request.subindex, request.complete)
         known = self._type(slave, request.index, request.subindex)
         if request.complete:
@@ -37,7 +37,8 @@ class Objects:
 
     async def write(self, request: SdoWrite) -> dict[str, Any]:
         """Downloads an object; the reply is as that of `read`, with the data that were sent."""
-        slave, index, subindex = self._find(request.slave), request.index, request.subindex
+        slave = self._bus.find_coe(request.slave)
+        index, subindex = request.index, request.subindex
         known, data = self._type(slave, index, subindex), request.data
         if data is None:
             assert request.value is not None
@@ -49,12 +50,6 @@ class Objects:
             slave, lambda coe: coe.download(index, subindex, data, complete=request.complete)
         )
         return {"data": data, **known.of(data).to_map()}
-
-    def _find(self, wanted: int | str) -> Slave:
-        slave = self._bus.find(wanted)
-        if not slave.coe:
-            raise StateError(f"{slave.label} has no object dictionary: it does not speak CoE")
-        return slave
 
     async def _upload(self, slave: Slave, index: int, subindex: int, complete: bool) -> bytes:
         return await self._conversations.coe(

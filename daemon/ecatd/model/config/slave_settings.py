@@ -212,7 +212,8 @@ def _object(table: Table, key: Key) -> str:
     return table.text(key)
 
 
-def _parameter(row: Table, key: Key) -> StartupConfig:
+def read_parameter(row: Table, key: Key) -> StartupConfig:
+    """Reads one table of an array of `[[slave.startup]]`, or of a file of `sdo-dump`."""
     table = row.table(key)
     values = table.read(_STARTUP, required=["object"])
     if "hex" in values:
@@ -379,5 +380,5 @@ _SLAVE: Rules = {
         PdoConfig(**table.read(_PDO, required=["index", "entries"]), table=table)
         for table in row.tables(key)
     ],
-    "startup": array(_parameter),
+    "startup": array(read_parameter),
 }

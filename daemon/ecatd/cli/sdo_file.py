@@ -1,0 +1,328 @@
+"""Commands `sdo-dump` and `sdo-restore`: the values of all objects of a slave, in a file.
+
+The tables of the file are those of `[[slave.startup]]`, so they can be copied into a configuration.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.bus import Slave
+from ecatd.model.config import StartupConfig
+from ecatd.model.config.slave_settings import read_parameter
+from ecatd.model.config.writer import value_text as toml_text
+from ecatd.model.datatypes import STRINGS, decode, parse_type, type_alias
+from ecatd.model.dictionary import Access, DictionaryEntry, access_text
+from ecatd.model.errors import EcatError, SdoAbortError, StateError, UsageError
+from ecatd.model.toml_file import Rules, Table, integer, read_toml
+from ecatd.version import VERSION
+
+from .arguments import slave
+from .confirm import add_yes, confirm
+from .dictionary import add_esi, read_objects, read_value
+from .output import print_json, print_table
+from .progress import counted
+from .scan import save
+from .sdo import physical_text, value_text
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote, SdoValue
+
+_FIRST_OWN = 0x2000
+"""Objects below describe the communication (ETG.1000.6): the configuration decides about them."""
+
+_COMMENT_MOST = 120
+_U32 = integer(0, 0xFFFFFFFF)
+_DEVICE: Rules = {"name": Table.text, "vendor": _U32, "product": _U32, "revision": _U32}
+_FILE: Rules = {
+    "slave": lambda table, key: table.table(key).read(_DEVICE, required=("vendor", "product")),
+    "startup": lambda table, key: table.array(key, read_parameter, "tables"),
+}
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    if name == "sdo-dump":
+        command.set_defaults(run=sdo_dump)
+        command.add_argument(
+            "-o", dest="out", metavar="FILE", type=Path, help="the file (default: print it)"
+        )
+        add_esi(command)
+        return
+    command.set_defaults(run=sdo_restore)
+    command.add_argument("file", metavar="FILE", type=Path, help="a file that sdo-dump has written")
+    command.add_argument("--dry-run", action="store_true", help="only show what would be written")
+    add_yes(command)
+
+
+# --- dump ----------------------------------------------------------------------------------------
+
+
+def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
+    """Reads all objects of a slave, and writes those that can be restored as tables."""
+    bus = remote.describe()
+    found = bus.find_coe(options.slave)
+    rows = [
+        (item.index, subindex, item.name, entry)
+        for item in read_objects(remote, found, options.esi)
+        for subindex, entry in item.entries.items()
+        if entry.access & Access.READ
+    ]
+    outputs = {(entry.index, entry.subindex) for _, entry, _ in found.entries(outputs=True)}
+    lines, tables, refused = list(_head(found)), 0, 0
+    for index, subindex, name, entry in counted(rows, "values"):
+        try:
+            value = read_value(remote, found.position, index, subindex, entry)
+        except SdoAbortError as error:
+            lines += _comment(lines, f"0x{index:04X}:{subindex:02X} {_plain(name)}: {error}")
+            refused += 1
+            continue
+        restorable = index >= _FIRST_OWN and (index, subindex) not in outputs
+        if restorable and entry.access & Access.WRITE:
+            tables += 1
+            lines += _table(index, subindex, name, entry, value)
+        else:
+            lines += _comment(lines, _line(index, subindex, name, entry, value))
+    text = "\n".join(lines) + "\n"
+    if options.out is not None:
+        save(options.out, text)
+    elif not options.json:
+        sys.stdout.write(text)
+        return
+    counts = {"values": len(rows) - refused, "restorable": tables, "refused": refused}
+    if options.json:
+        file = None if options.out is None else str(options.out)
+        print_json({"bus": bus.name, "slave": found.position, "file": file, **counts})
+        return
+    print(
+        f"{options.out}: {counts['values']} values of {found.label}; sdo-restore can write "
+        f"{tables} of them back" + (f"; {refused} could not be read" if refused else "")
+    )
+
+
+def _head(found: Slave) -> Iterator[str]:
+    yield f"# Values of all objects of {_plain(found.label)}, written by ecatctl {VERSION}."
+    yield "# `ecatctl sdo-restore SLAVE FILE` writes the tables back whose values differ. Comments"
+    yield "# are values that cannot be written, that belong to the communication, or that are"
+    yield "# process data."
+    yield ""
+    yield "[slave]"
+    yield f"name = {toml_text('name', _plain(found.name))}"
+    for key in ("vendor", "product", "revision"):
+        yield f"{key} = {toml_text(key, getattr(found, key))}"
+    yield ""
+
+
+def _table(
+    index: int, subindex: int, name: str, entry: DictionaryEntry, value: SdoValue
+) -> Iterator[str]:
+    yield ""
+    yield "[[startup]]"
+    yield f'object = "0x{index:04X}:{subindex:02X}"'
+    alias = type_alias(value.data_type)
+    if alias and value.data_type not in STRINGS:
+        physical = physical_text(value)
+        yield f'type = "{alias}"'
+        number = toml_text("", decode(value.data_type, value.data))
+        yield f"value = {number}" + (f"  # {_plain(physical)}" if physical else "")
+    else:
+        text = f"  # {_plain(value_text(value))}" if value.data_type in STRINGS else ""
+        yield f'hex = "{value.data.hex(" ")}"{text}'
+    yield f"comment = {toml_text('', _names(name, entry))}"
+
+
+def _line(index: int, subindex: int, name: str, entry: DictionaryEntry, value: SdoValue) -> str:
+    physical = f" = {physical_text(value)}" if physical_text(value) else ""
+    return (
+        f"0x{index:04X}:{subindex:02X} {_names(name, entry)} ({access_text(entry.access)}): "
+        f"{_plain(value_text(value))}{physical}"
+    )
+
+
+def _comment(lines: Sequence[str], text: str) -> Iterator[str]:
+    """A comment, apart from the table before it."""
+    if lines[-1].startswith("comment = "):
+        yield ""
+    yield f"# {text}"
+
+
+def _names(name: str, entry: DictionaryEntry) -> str:
+    """The names of an object and its entry, for people."""
+    return _plain(", ".join(dict.fromkeys(filter(None, (name, entry.name)))))[:_COMMENT_MOST]
+
+
+def _plain(text: str) -> str:
+    """A text from a slave, on one line."""
+    return "".join(letter if letter.isprintable() and letter.isascii() else "?" for letter in text)
+
+
+# --- restore -------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Row:
+    """One value of the file, and what became of it.
+
+    Attributes:
+        parameter: As it stands in the file.
+        before: What the slave has; None if it cannot be read.
+        result: `differs`, `written`, or why it was not written.
+    """
+
+    parameter: StartupConfig
+    before: bytes | None
+    result: str
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "object": self.parameter.object,
+            "name": self.parameter.comment,
+            "file": self.parameter.data.hex(),
+            "slave": None if self.before is None else self.before.hex(),
+            "result": self.result,
+        }
+
+    def cells(self) -> tuple[str, ...]:
+        before = "?" if self.before is None else _text(self.parameter, self.before)
+        file = _text(self.parameter, self.parameter.data)
+        return self.parameter.object, before, file, self.result, self.parameter.comment
+
+
+_DIFFERS, _WRITTEN = "differs", "written"
+
+
+def sdo_restore(remote: Remote, options: argparse.Namespace) -> int:
+    """Writes the values of a file to a slave, where they differ; returns the exit status."""
+    bus = remote.describe()
+    found = bus.find_coe(options.slave)
+    parameters = _read(options.file, found)
+    rows = [row for row in _compared(remote, found, parameters) if row.result]
+    wanted = [row for row in rows if row.result == _DIFFERS]
+    if wanted and not options.dry_run:
+        if not options.json:
+            _show(rows)
+        count = f"{len(wanted)} value{'s' * (len(wanted) != 1)}"
+        confirm(options, f"This writes {count} of {options.file} to {found.label}.")
+        _write(remote, found.position, wanted)
+    if options.json:
+        same = len(parameters) - len(rows)
+        found_rows = [row.to_json() for row in rows]
+        print_json({"bus": bus.name, "slave": found.position, "same": same, "rows": found_rows})
+    elif rows and (options.dry_run or not wanted):
+        _show(rows)
+    bad = [row for row in rows if row.result not in (_DIFFERS, _WRITTEN)]
+    written = sum(row.result == _WRITTEN for row in rows)
+    if not options.json:
+        _tell(found, len(parameters), wanted, written, bad, dry_run=options.dry_run)
+    return StateError.exit_code if bad else 0
+
+
+def _tell(
+    found: Slave,
+    count: int,
+    wanted: Sequence[_Row],
+    written: int,
+    bad: Sequence[_Row],
+    *,
+    dry_run: bool,
+) -> None:
+    """Says at the end what was done."""
+    if not wanted and not bad:
+        print(f"{found.label} has all {count} values of the file already")
+    elif dry_run:
+        print(f"{len(wanted)} of {count} values would be written to {found.label}")
+    else:
+        print(f"{written} of {len(wanted)} values written to {found.label}")
+    for row in bad:
+        print(f"ecatctl: {row.parameter.object}: {row.result}", file=sys.stderr)
+
+
+def _read(file: Path, found: Slave) -> list[StartupConfig]:
+    """Reads a file, and checks that it is about such a slave.
+
+    Raises:
+        ConfigError: The file is malformed.
+        UsageError: It is about another device.
+    """
+    data = read_toml(file).read(_FILE, required=("slave",))
+    device = data["slave"]
+    here = {"vendor": found.vendor, "product": found.product}
+    if any(device[key] != value for key, value in here.items()):
+        names = [
+            f"vendor 0x{item['vendor']:08X}, product 0x{item['product']:08X}"
+            for item in (device, here)
+        ]
+        raise UsageError(
+            f"{file} has the values of another device: {names[0]}, but {found.label} is {names[1]}"
+        )
+    parameters: list[StartupConfig] = data.get("startup", [])
+    for item in parameters:
+        if item.unit is not None:
+            item.table.fail("unit", "is for the configuration: write the raw value here")
+    if (revision := device.get("revision", found.revision)) != found.revision:
+        print(
+            f"ecatctl: {file} is of revision 0x{revision:08X}, but {found.label} is "
+            f"0x{found.revision:08X}: look at the differences before you go on",
+            file=sys.stderr,
+        )
+    return parameters
+
+
+def _compared(remote: Remote, found: Slave, parameters: Sequence[StartupConfig]) -> Iterator[_Row]:
+    """Reads what the slave has. The result of a value that is the same is empty."""
+    for item in counted(parameters, "values"):
+        try:
+            now = remote.sdo_read(found.position, *item.address, complete=item.complete).data
+        except SdoAbortError as error:
+            yield _Row(item, None, str(error))
+            continue
+        same = now[: len(item.data)] == item.data
+        yield _Row(item, now, "" if same else _DIFFERS)
+
+
+def _write(remote: Remote, position: int, rows: Sequence[_Row]) -> None:
+    """Writes the values in the order of the file, and reads each of them back.
+
+    A slave may refuse a value because of another one that comes later in the file. So those that it
+    has refused are tried once more at the end.
+    """
+    refused = [row for row in counted(rows, "values") if not _write_one(remote, position, row)]
+    for row in refused:
+        _write_one(remote, position, row)
+
+
+def _write_one(remote: Remote, position: int, row: _Row) -> bool:
+    """Writes one value and reads it back; returns whether the slave has it now."""
+    item = row.parameter
+    try:
+        remote.sdo_write(position, *item.address, item.data, complete=item.complete)
+        after = remote.sdo_read(position, *item.address, complete=item.complete).data
+    except SdoAbortError as error:
+        row.result = str(error)
+        return False
+    except EcatError as error:
+        raise type(error)(f"{item.object}: {error}; values after it were not written") from error
+    if after[: len(item.data)] != item.data:
+        row.result = f"written, but the slave has {_text(item, after)} now"
+        return False
+    row.result = _WRITTEN
+    return True
+
+
+def _text(parameter: StartupConfig, data: bytes) -> str:
+    if parameter.type is None:
+        return data.hex(" ")
+    try:
+        return str(decode(parse_type(parameter.type), data))
+    except UsageError:
+        return data.hex(" ")
+
+
+def _show(rows: Sequence[_Row]) -> None:
+    print_table(("OBJECT", "SLAVE HAS", "FILE", "RESULT", "NAME"), (row.cells() for row in rows))
