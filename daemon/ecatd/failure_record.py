@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .model.atomic_write import write_whole
+from .paths import search_dirs
 
 _MODE = 0o640
 """Members of the group of the folder may read it."""
@@ -57,6 +58,12 @@ def read_record(folder: Path) -> FailureRecord | None:
         return FailureRecord(starts, next_time, str(found["reason"])) if starts > 0 else None
     except (OSError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError):
         return None
+
+
+def find_record(bus: str) -> FailureRecord | None:
+    """The record of a bus of this user or of the system, as `read_record`."""
+    records = (read_record(folder / bus) for folder in search_dirs())
+    return next((record for record in records if record is not None), None)
 
 
 def write_record(folder: Path, record: FailureRecord) -> None:

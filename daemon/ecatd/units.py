@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from .paths import MACHINE, search_dirs
+from .paths import MACHINE
 from .version import VERSION
 
 _ASK_S = 5
@@ -66,15 +66,14 @@ def how_to_start(bus: str) -> str:
 
 def why_not_running(bus: str) -> Advice | None:
     """Why no daemon of this machine runs a bus; None if it has no service."""
-    from .failure_record import read_record  # only where a bus does not run
+    from .failure_record import find_record  # only where a bus does not run
 
     unit, _ = _units(bus)
     name = unit.name if unit.is_there else service(bus)
     log = f"'journalctl -u {name} -n 20' says why"
     record = None
     if not unit.is_there or unit.active in _ON_THE_WAY:
-        records = (read_record(folder / bus) for folder in search_dirs())
-        record = next((found for found in records if found is not None), None)
+        record = find_record(bus)
     if record is not None:
         remedy = f"remove the cause; 'systemctl restart {name}' tries at once"
         return Advice(str(record), remedy)

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 
 from conftest import SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
+from ecatd.failure_record import FailureRecord, write_record
 from ecatd.model.al import AlState
 from ecatd.shm import WkcState
 from ecatsim.control import Simulator
@@ -386,11 +388,15 @@ def test_who_asks_a_daemon_that_starts_is_told_so(start_daemon: Callable[..., Da
     os.kill(server, signal.SIGSTOP)
     try:
         result = daemon.ctl("state", check=False)
+        folder = Path(daemon.env["ECATD_RUNTIME_DIR"]) / daemon.bus
+        write_record(folder, FailureRecord(3, time.time(), "no carrier on 'eth7'"))
+        again = daemon.ctl("state", check=False)
     finally:
         os.kill(server, signal.SIGCONT)
-    assert result.returncode == 3
-    said = one_line_error(result.stderr, "ecatctl")
-    names(said, f"'{daemon.bus}'", "still starting")
+    for told in (result, again):
+        assert told.returncode == 3
+        names(one_line_error(told.stderr, "ecatctl"), f"'{daemon.bus}'", "still starting")
+    names(again.stderr, "failed 3 times", "no carrier on 'eth7'")
 
 
 def test_a_bus_of_one_slave(start_daemon: Callable[..., Daemon]) -> None:

@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from ecatd import shm
+from ecatd.failure_record import find_record
 from ecatd.model.errors import EcatError, UnreachableError
 from ecatd.paths import search_dirs, served_buses
 from ecatd.shared_memory.reader import opened
@@ -33,7 +34,10 @@ def unserved(bus: str) -> EcatError:
             with opened(bus) as shared:
                 if shared.alive:
                     return _without_gateway(bus, shared.header())
-        except EcatError as error:  # it is still starting, for example
+        except UnreachableError as error:  # it is still starting
+            record = find_record(bus)
+            return UnreachableError(f"{error}; {record}") if record else error
+        except EcatError as error:
             return error
     others = _running()
     hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
