@@ -140,14 +140,13 @@ class Daemon:
 
     def kill_all(self) -> None:
         """Kills every process of it at once, as a power cut would."""
-        children = _children(self.process.pid)
-        for pid in (*children, self.process.pid):
+        for pid in (*children(self.process.pid), self.process.pid):
             with_suppress_kill(pid, signal.SIGKILL)
         self.process.wait(PATIENCE)
 
     def child_pid(self, module: str) -> int:
         """The child that runs a module: `ecatd.bus`, `ecatd.gateway` or `ecatsim`."""
-        for pid in _children(self.process.pid):
+        for pid in children(self.process.pid):
             with contextlib.suppress(OSError):  # it has just ended
                 if module in Path(f"/proc/{pid}/cmdline").read_text().split("\0"):
                     return pid
@@ -227,7 +226,8 @@ def with_suppress_kill(pid: int, number: int) -> None:
         os.kill(pid, number)
 
 
-def _children(pid: int) -> list[int]:
+def children(pid: int) -> list[int]:
+    """The processes that a process has started."""
     found = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         found += [int(child) for child in (task / "children").read_text().split()]

@@ -224,7 +224,7 @@ int ecat_memory_open(ecat_t *bus) {
                      "the daemon of bus '%s' speaks layout %u.%u, this client %u.%u: %s", bus->name,
                      layout >> 16, layout & 0xFFFF, ECAT_SHM_LAYOUT_MAJOR, ECAT_SHM_LAYOUT_MINOR,
                      layout < ECAT_SHM_LAYOUT
-                         ? "update the daemon"
+                         ? "update the daemon, if that is not done yet, and restart its service"
                          : "update the client, and generate libraries again");
   if (bus->header->size > bus->map_size) return damaged(bus, "size");
   return check_tables(bus);
@@ -284,7 +284,7 @@ int ecat_memory_check(ecat_t *bus, uint64_t age_ns) {
     return 0;
   else if (!daemon_holds_lock(bus->fd))
     ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' has ended; start it again with "
-              "'systemctl start ecatd'", bus->name);
+              "'systemctl start ecatd', unless systemd does so by itself", bus->name);
   else if (age_ns > limit + 80000000u)
     return ecat_fail(bus, ECAT_ESTALE, "the cycle of bus '%s' stands still since %.3f s", bus->name,
                      (double)age_ns * 1e-9);

@@ -1,7 +1,8 @@
 """Entry points of the commands.
 
 Loading the modules of a command takes about a tenth of a second. Ctrl-C during this time ends the
-process by the signal, without a traceback.
+process by the signal, without a traceback. SIGHUP, which ends a process by default, does nothing to
+the daemon: it is too early to read the configuration again.
 """
 
 import importlib
@@ -10,6 +11,7 @@ import signal
 
 def ecatd() -> int:
     """Runs the daemon; returns the exit status."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     return _run("ecatd.service.main")
 
 

@@ -67,7 +67,12 @@ def make_dir(bus: str) -> Path:
             owner = path.lstat().st_uid
         except OSError as error:
             raise NotPermittedError(f"cannot make {path}: {error.strerror}; {_OWN}") from error
-        if owner != os.geteuid() and (owner != 0 or path != folder):  # systemd makes that as root
+        if owner != os.geteuid() and path != folder:
+            raise NotPermittedError(
+                f"{path} belongs to user {owner}, whose ecatd runs this bus, or tries to; stop "
+                f"that one first, or give this one another name with --bus"
+            )
+        if owner not in (os.geteuid(), 0):  # systemd makes it as root
             raise NotPermittedError(f"{path} belongs to user {owner}; {_OWN}")
         # What is there already, such as a folder that systemd has made, stays as it is.
         if is_new and path == folder and os.geteuid() == 0:

@@ -15,6 +15,10 @@ _PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL = 47, 4
 _CAPABILITY_VERSION_3 = 0x20080522
 _CAP_LAST = 63
 
+OF_THE_SERVICE = (signal.SIGINT, signal.SIGHUP)
+"""Signals that only the service takes. It starts its children with these blocked: they would end
+one that has not come to `leave_signals_to_the_service` yet."""
+
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -38,8 +42,9 @@ def leave_signals_to_the_service() -> None:
 
     The service tells its children what to do: SIGINT ends it, SIGHUP has it read its configuration.
     """
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in OF_THE_SERVICE:
         signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, OF_THE_SERVICE)
 
 
 def leave_processor(cpu: int) -> None:

@@ -1,9 +1,11 @@
 """`ecatctl capture`: frames of both directions and of all threads, as tshark reads them."""
 
 import itertools
+import os
 import shutil
 import subprocess
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -100,6 +102,20 @@ def test_a_fault_is_in_a_file(start_daemon: Callable[..., Daemon], tmp_path: Pat
     assert tshark(file, "-Y", f"frame.packet_flags == {IN}")
     about = subprocess.run(["capinfos", "-k", file], capture_output=True, text=True, check=True)
     assert any(name in about.stdout for name in ("working_counter:", "slaves:", "disturbance:"))
+
+
+def test_members_of_the_group_can_read_the_file(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    folder = tmp_path / "new" / "faults"
+    umask = partial(os.umask, 0o077)  # that of the service
+    daemon = start_daemon("troll", config=f'[capture]\nfolder = "{folder}"\n', preexec=umask)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(5)
+        wait_for(lambda: "the last frames are in" in daemon.log, daemon)
+    (file,) = folder.iterdir()
+    modes = [path.stat().st_mode & 0o777 for path in (folder.parent, folder, file)]
+    assert modes == [0o750, 0o750, 0o640]
 
 
 def test_a_folder_that_cannot_be_written(

@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -12,11 +14,12 @@ import pytest
 
 from conftest import Daemon, names, stop_process, wait_for
 from ecatd.model.errors import NoAnswerError, UnreachableError
+from ecatd.paths import zenoh_socket
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
 
-WELL, DEGRADED, DOWN = range(3)
+WELL, DEGRADED, DOWN, DENIED = range(4)
 CONFIG = """
 [gateway]
 listen = []
@@ -105,6 +108,16 @@ def test_no_slave_answers(daemon: Daemon) -> None:
         assert json.loads(done.stdout)["bus"] == daemon.bus
         names(done.stderr, "no slave answers", "cable")
         assert daemon.ctl(command, check=False).returncode == UnreachableError.exit_code
+
+
+def test_a_user_without_rights(daemon: Daemon) -> None:
+    socket = zenoh_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    socket.chmod(0o400)
+    # In a user namespace, this process has no rights of root.
+    command = ["unshare", "--user", "--map-user=1000", sys.executable, "-m", "ecatd.cli", "check"]
+    done = subprocess.run(command, env=daemon.env, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.partition(":")[0]) == (DENIED, "denied"), done
+    names(done.stdout, daemon.bus, "group 'ecat'")
 
 
 def test_no_daemon(daemon: Daemon) -> None:

@@ -3,18 +3,22 @@
 The service manager is this test: it starts ecatd again each time, and reads what it is told.
 """
 
+import json
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from conftest import PATIENCE, names
+from conftest import PATIENCE, names, run_module
+from ecatd.failure_record import read_record
 from ecatd.log import Log
 from ecatd.service.failed_starts import FailedStarts
 
@@ -30,12 +34,13 @@ class Manager:
     Attributes:
         told: What the service has told it last.
         log: What the service has written to the log last.
+        folder: Where its files are.
     """
 
     def __init__(self, folder: Path) -> None:
         self.told: list[str] = []
         self.log = ""
-        self._folder = folder
+        self.folder = folder
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(folder / "notify"))
         self._socket.settimeout(PATIENCE)
@@ -53,8 +58,8 @@ class Manager:
         """
         env = {
             **os.environ,
-            "ECATD_RUNTIME_DIR": str(self._folder / "run"),
-            "NOTIFY_SOCKET": str(self._folder / "notify"),
+            "ECATD_RUNTIME_DIR": str(self.folder / "run"),
+            "NOTIFY_SOCKET": str(self.folder / "notify"),
         }
         command = [sys.executable, "-m", "ecatd.service", "--bus", BUS, *options]
         self.told = []
@@ -87,9 +92,16 @@ class Manager:
 
     @property
     def next_s(self) -> int:
-        """The seconds until the next try, as it was told."""
-        (text,) = [line for line in self.told if "next try in " in line]
-        return int(text.rpartition("next try in ")[2].removesuffix(" s"))
+        """The seconds until the next try, as the log says."""
+        (text,) = re.findall(r"next try in (\d+) s", self.log)
+        return int(text)
+
+    def ctl(self, command: str) -> str:
+        """What a command of `ecatctl` says meanwhile."""
+        env = {**os.environ, "ECATD_RUNTIME_DIR": str(self.folder / "run")}
+        done = run_module("ecatd.cli", "--bus", BUS, command, env=env)
+        assert done.returncode != 0
+        return done.stdout + done.stderr
 
 
 @pytest.fixture
@@ -106,7 +118,8 @@ def test_the_pause_grows_until_somebody_stops_the_service(manager: Manager) -> N
         assert manager.next_s == next_s
         status = next(line for line in manager.told if "next try" in line)
         names(status, "eth77", BUS)
-        names(manager.log, "eth77", "next try", f"{next_s} s")
+        assert re.search(r"next try at \d\d:\d\d:\d\d$", status)
+        names(manager.log, "eth77", "next try", f"{next_s} s", status.rpartition(" ")[2])
         (extended,) = [line for line in manager.told if line.startswith("EXTEND_TIMEOUT_USEC=")]
         assert int(extended.partition("=")[2]) > next_s * 1_000_000
     assert manager.fail_and_wait(signal.SIGTERM) == 0
@@ -122,22 +135,42 @@ def test_a_start_that_succeeds_ends_the_counting(manager: Manager) -> None:
     manager.fail_at_once()
 
 
-def test_damage_to_the_count_does_no_harm(tmp_path: Path) -> None:
+def test_ecatctl_says_why_and_when_the_next_try_is(manager: Manager) -> None:
+    manager.fail_at_once()
+    assert manager.fail_and_wait() == 3
+    file = manager.folder / f"run/{BUS}/failed_starts"
+    assert file.stat().st_mode & 0o777 == 0o640
+    at = time.strftime("%H:%M:%S", time.localtime(json.loads(file.read_text())["next_time"]))
+    for command in ("check", "slaves", "doctor"):
+        names(manager.ctl(command), "failed 2 times", "'eth77'", at, f"ecatd@{BUS}")
+    assert manager.fail_and_wait(signal.SIGTERM) == 0
+    assert "eth77" not in manager.ctl("check")
+
+
+def test_damage_to_the_record_does_no_harm(tmp_path: Path) -> None:
     starts, file = FailedStarts(tmp_path, Log("ecatd")), tmp_path / "failed_starts"
-    for text, next_s in (("-7", 2), ("many", 2), ("\0\xff", 2), ("9" * 5000, 2), ("99", 30)):
+    whole = {"starts": 99, "next_time": 1e9, "reason": "no carrier"}
+    damaged = ({"starts": -7}, {"starts": "many"}, {"next_time": 1e300}, {"next_time": None})
+    texts = [json.dumps(whole | damage) for damage in damaged]
+    for text in (*texts, "", "[]", "7", "\0\xff", "9" * 5000, "[" * 100000):
         file.write_text(text)
-        assert starts.note() == next_s
+        assert starts.note("no slaves") == 2
+    file.write_text(json.dumps(whole))
+    assert starts.note("no slaves") == 30
+    found = read_record(tmp_path)
+    assert found
+    assert (found.starts, found.reason) == (100, "no slaves")
     file.unlink()
     file.mkdir()
-    assert starts.note() == 2
+    assert starts.note("no slaves") == 2
     starts.forget()
-    assert FailedStarts(tmp_path / "gone", Log("ecatd")).note() == 2
+    assert FailedStarts(tmp_path / "gone", Log("ecatd")).note("no slaves") == 2
 
 
 def test_a_start_that_somebody_asked_for_is_the_first_one(tmp_path: Path) -> None:
     """systemd keeps the count if the service is stopped between two tries."""
     starts = FailedStarts(tmp_path, Log("ecatd"), iter((0, 1, 2, 0, 1)).__next__)
-    assert [starts.note() for _ in range(5)] == [2, 4, 8, 2, 4]
+    assert [starts.note("no slaves") for _ in range(5)] == [2, 4, 8, 2, 4]
 
 
 def test_nobody_waits_without_a_service_manager(tmp_path: Path) -> None:

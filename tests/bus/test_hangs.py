@@ -79,7 +79,7 @@ def test_a_bus_server_that_is_stopped_ends_the_daemon(machine: Machine) -> None:
     machine.send(BUS, signal.SIGSTOP)
     status, log = machine.daemon.wait_end()
     assert status == 7
-    names(log, "bus server", "not answered", "is killed", "start ecatd again")
+    names(log, "bus server", "not answered", "is killed", "started again")
     assert "Traceback" not in log
 
 
@@ -92,7 +92,7 @@ def test_the_engine_brakes_the_drive_if_nobody_controls_it(machine: Machine, thr
     assert machine.speed_when_op_ends() < SPEED / 50
     status, log = wait_end(machine, stopped)
     assert status == 7
-    names(log, "bus server", "not answered", "is killed", "start ecatd again")
+    names(log, "bus server", "not answered", "is killed", "started again")
 
 
 @pytest.mark.long
@@ -101,7 +101,7 @@ def test_an_engine_that_stands_still_is_noticed(machine: Machine) -> None:
     stop_thread(stopped)
     status, log = wait_end(machine, stopped)
     assert status == 7
-    names(log, "engine", "stood still", "start ecatd again")
+    names(log, "engine", "stood still", "started again")
 
 
 def test_systemd_is_told_how_the_slaves_are(tmp_path: Path) -> None:

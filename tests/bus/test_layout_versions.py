@@ -23,6 +23,7 @@ from ecatd.shared_memory.claims import read_claims
 from ecatd.shared_memory.contents import contents
 from ecatd.stats import read
 from ecatd.stats.clocks import read_clocks
+from ecatd.version import VERSION
 from handle import Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
@@ -124,6 +125,17 @@ def test_the_c_client_reads_a_later_minor_version(troll: Daemon, later: str) -> 
     with Handle(later) as handle:
         handle.sample()
         assert [handle.value(number) for number in range(len(mine))] == list(seen.values())
+
+
+def test_ecatctl_tells_a_daemon_of_another_version(troll: Daemon) -> None:
+    """After an upgrade the gateway of the new version may not understand the bus server."""
+    data, out = ((shm.FOLDER / f"ecat.{troll.bus}{end}").read_bytes() for end in ("", ".out"))
+    other = data.replace(VERSION.encode().ljust(16, b"\0"), b"0.0.7".ljust(16, b"\0"), 1)
+    name = f"{troll.bus}w"
+    with served(name, other, out):
+        done = run_module("ecatd.cli", "slaves", "--bus", name, "--timeout", "0.1")
+    assert done.returncode == 3
+    names(one_line_error(done.stderr, "ecatctl"), "0.0.7", VERSION, f"restart ecatd@{name}")
 
 
 def test_the_readers_in_python_read_it_too(troll: Daemon, later: str) -> None:
@@ -291,7 +303,9 @@ def test_readers_in_python_say_the_same(
     troll: Daemon, monkeypatch: pytest.MonkeyPatch, client: int
 ) -> None:
     monkeypatch.setattr(shm, "LAYOUT", client)
-    cure = "update the daemon" if client else "update the client, and generate libraries again"
+    cure = "update the client, and generate libraries again"
+    if client:
+        cure = "update the daemon, if that is not done yet, and restart its service"
     wanted = (
         f"the daemon of bus '{troll.bus}' speaks layout 1.0, "
         f"this client {client >> 16}.{client & 0xFFFF}: {cure}"

@@ -3,6 +3,7 @@
 import re
 import socket
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
@@ -119,6 +120,15 @@ def test_nonsense_costs_nothing(served: tuple[Daemon, str]) -> None:
             client.sendall(nonsense)
     assert scrape(url)
     assert "Traceback" not in daemon.log
+
+
+def test_connections_without_a_request_keep_nobody_out(served: tuple[Daemon, str]) -> None:
+    _, url = served
+    host, port = url.removeprefix("http://").split(":")
+    with ExitStack() as idle:
+        for _ in range(60):
+            idle.enter_context(socket.create_connection((host, int(port))))
+        assert scrape(url)
 
 
 def test_a_unix_socket(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:

@@ -2,11 +2,13 @@
 
 import os
 import signal
+import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names, stop_process, wait_for
+from conftest import Daemon, children, names, stop_process, wait_for
 
 CONFIG = """
 cycle_time_us = 1000
@@ -112,3 +114,27 @@ def daemon_without_file(daemon: Daemon) -> Daemon:
     daemon.process.send_signal(signal.SIGHUP)
     wait_for(lambda: "cannot be read" in daemon.log, daemon)
     return daemon
+
+
+def test_a_sighup_while_a_process_starts_ends_none(start_daemon: Callable[..., Daemon]) -> None:
+    """`systemctl kill -s HUP` reaches all processes, however young they are."""
+    daemon = start_daemon("line:1", config=CONFIG, ready=False)
+    heard: set[int] = set()
+    ready = threading.Thread(target=daemon.wait_ready, daemon=True)
+    ready.start()
+    while ready.is_alive():
+        assert daemon.process.poll() is None, daemon.log
+        pids = [daemon.process.pid, *children(daemon.process.pid)]
+        for pid in filter(hears_sighup, pids):
+            os.kill(pid, signal.SIGHUP)
+            heard.add(pid)
+    assert heard == set(pids)
+    assert len(pids) == 4, "service, simulator, bus server and gateway"
+    daemon.ctl("slaves")
+
+
+def hears_sighup(pid: int) -> bool:
+    """Whether a process does not leave SIGHUP to the system, as Python does when it begins."""
+    lines = dict(line.split(":\t") for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+    masks = [int(lines[key], 16) for key in ("SigBlk", "SigIgn", "SigCgt")]
+    return any(mask >> (signal.SIGHUP - 1) & 1 for mask in masks)

@@ -110,6 +110,7 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
         ("sdo-write 0 0x6060 0 x", 2, "'x' | INTEGER8"),
         ("sdo-write 0 0x6060 0 1 --type word3", 2, "'word3' | data type"),
         ("slaves --bus ../x", 2, "'../x' | bus name"),
+        ("doctor --bus=-x", 2, "'-x' | bus name"),
         ("slaves --connect nonsense", 2, "nonsense | Zenoh"),
         ("slaves --connect tcp/127.0.0.1:1", 3, "no ecatd | answers"),
         ("slaves --bus nobody", 3, "no ecatd | 'nobody' | running"),

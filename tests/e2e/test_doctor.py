@@ -159,11 +159,23 @@ def test_a_killed_daemon_leaves_memory_that_is_named(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     daemon = start_daemon("line:1")
+    found = findings(run("--bus", daemon.bus, "--json", env=daemon.env).stdout)
+    assert found["service", "gateway"]["level"] == "ok"
     left = f"/dev/shm/ecat.{daemon.bus}.out is left"
     assert left not in run(env=daemon.env).stdout
     assert (
         "may write outputs" in run("--bus", daemon.bus, env=daemon.env).stdout or os.geteuid() == 0
     )
+
+
+def test_a_bus_without_a_gateway(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:1", "--no-gateway")
+    done = run("--bus", daemon.bus, "--json", env=daemon.env)
+    assert done.returncode == 1
+    found = findings(done.stdout)
+    assert found["service", f"bus {daemon.bus}"]["level"] == "ok"
+    assert found["service", "gateway"]["level"] == "problem"
+    assert f"ecatd-gateway@{daemon.bus}" in found["service", "gateway"]["remedy"]
 
 
 @needs_ethtool

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 
 from conftest import SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
+from ecatd.failure_record import FailureRecord, write_record
 from ecatd.model.al import AlState
 from ecatd.shm import WkcState
 from ecatsim.control import Simulator
@@ -51,6 +53,13 @@ def refused(
 def test_no_such_interface(env: dict[str, str]) -> None:
     text = refused(3, "--interface", "eth77", env=env)
     names(text, "interface", "'eth77'", "lo")
+
+
+def test_no_room_for_shared_memory(env: dict[str, str]) -> None:
+    script = 'mount -t tmpfs -o size=16k none /dev/shm; exec "$@"'
+    wrapper = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-ec", script, "sh")
+    text = refused(7, "--simulate", "line:1", env=env, wrapper=wrapper)
+    names(text, "/dev/shm", "full", "KiB")
 
 
 def test_interface_without_permission(env: dict[str, str]) -> None:
@@ -270,7 +279,8 @@ def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None
     )
     assert result.returncode == 7
     text = one_line_error(result.stderr, "ecatd")
-    names(text, f"'{troll.bus}'", f"pid {troll.child_pid('ecatd.bus')}", "--bus")
+    server = troll.child_pid("ecatd.bus")
+    names(text, f"'{troll.bus}'", f"pid {server}", "--bus", f"'systemctl stop ecatd@{troll.bus}'")
     # The first one has not noticed.
     assert troll.ctl_json("stats")["state"] == "running"
 
@@ -378,11 +388,15 @@ def test_who_asks_a_daemon_that_starts_is_told_so(start_daemon: Callable[..., Da
     os.kill(server, signal.SIGSTOP)
     try:
         result = daemon.ctl("state", check=False)
+        folder = Path(daemon.env["ECATD_RUNTIME_DIR"]) / daemon.bus
+        write_record(folder, FailureRecord(3, time.time(), "no carrier on 'eth7'"))
+        again = daemon.ctl("state", check=False)
     finally:
         os.kill(server, signal.SIGCONT)
-    assert result.returncode == 3
-    said = one_line_error(result.stderr, "ecatctl")
-    names(said, f"'{daemon.bus}'", "still starting")
+    for told in (result, again):
+        assert told.returncode == 3
+        names(one_line_error(told.stderr, "ecatctl"), f"'{daemon.bus}'", "still starting")
+    names(again.stderr, "failed 3 times", "no carrier on 'eth7'")
 
 
 def test_a_bus_of_one_slave(start_daemon: Callable[..., Daemon]) -> None:

@@ -171,6 +171,15 @@ def test_who_may_use_the_bus(machine: Machine) -> None:
     assert "OP" in machine.text("runuser -u mechanic -- ecatctl sdo-read 0 0x6060 && echo OP")
     told = machine("runuser -u stranger -- ecatctl sdo-read 0 0x6060", status=6).text
     assert "usermod -aG ecat" in told
+    machine("runuser -u stranger -- ecatctl check", status=3)
+
+
+def test_a_gateway_that_somebody_stopped(machine: Machine) -> None:
+    machine("systemctl stop ecatd-gateway")
+    told = machine("ecatctl --timeout 1 slaves", status=3).text
+    assert "'systemctl start ecatd-gateway'" in told
+    machine("systemctl start ecatd-gateway")
+    wait_until_well(machine)
 
 
 def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:

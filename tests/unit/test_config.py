@@ -405,6 +405,7 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
         ("cycle_time_us = true", ":1: cycle_time_us:", "whole number | true"),
         ("interface = 7", ":1: interface:", "text | 7"),
         ("bus = 'a/b'", ":1: bus:", "bus name | 'a/b'"),
+        ("bus = '-a'", ":1: bus:", "bus name | '-a'"),
         ("interface = 'aaaaaaaaaaaaaaaa'", ":1: interface:", "15"),
         ("realtime = 1", ":1: realtime:", "[realtime] | 1"),
         ("[[dc]]\nenabled = true", ":1: dc:", "[dc] | array"),

@@ -1,6 +1,7 @@
 """Command `check`: says in one line whether the bus is well, for monitoring systems.
 
-The exit statuses are those of monitoring plug-ins: 0 well, 1 degraded, 2 down.
+The exit statuses are those of monitoring plug-ins: 0 well, 1 degraded, 2 down, 3 unknown, since it
+is denied to look.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Iterator
 
 from ecatd import shm
 from ecatd.model.al import AlState
-from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.model.errors import EcatError, NoAnswerError, NotPermittedError, UnreachableError
 from ecatd.model.health import Health, look_at
 from ecatd.stats import Snapshot
 
@@ -18,8 +19,8 @@ from .output import print_json
 from .source import Source
 from .stats_screen import ring_line, word
 
-WORDS = ("well", "degraded", "down")
-_WELL, _DEGRADED, _DOWN = range(3)
+WORDS = ("well", "degraded", "down", "denied")
+_WELL, _DEGRADED, _DOWN, _DENIED = range(4)
 _SHOWN = 3
 
 
@@ -29,12 +30,13 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Prints whether the bus is well; returns 0 well, 1 degraded, 2 down."""
+    """Prints whether the bus is well; returns the exit status."""
     with Source(options) as source:
         try:
             status, problems, slaves = _look(source)
         except EcatError as error:
-            status, problems, slaves = _DOWN, [str(error)], None
+            status = _DENIED if isinstance(error, NotPermittedError) else _DOWN
+            problems, slaves = [str(error)], None
     if options.json:
         counts = (
             {"slaves": slaves.expected, "in_op": slaves.in_op, "absent": slaves.absent}
@@ -71,7 +73,7 @@ def _look(source: Source) -> tuple[int, list[str], Health | None]:
         slaves = look_at(source.remote().states())
     except (UnreachableError, NoAnswerError) as error:
         problems += _seen_from_here(snapshot)
-        problems.append(f"the gateway does not answer: {error}")
+        problems.append(str(error))
         return _DEGRADED, problems, None
     problems += slaves.problems
     if slaves.expected and not slaves.in_op:

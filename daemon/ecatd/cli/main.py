@@ -12,6 +12,7 @@ import sys
 from typing import NoReturn
 
 from ecatd.lazy_command import LazyCommand
+from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.version import VERSION
 
@@ -181,6 +182,7 @@ def _main() -> int:
     options.given_bus = getattr(options, "bus", None)
     options.bus = options.given_bus or os.environ.get("ECATD_BUS") or "ecat0"
     try:
+        check_bus_name(options.bus)
         status = _run(options)
         sys.stdout.flush()  # so that a failed write is reported here, not by a traceback at the end
     except EcatError as error:

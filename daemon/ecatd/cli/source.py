@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from ecatd import shm
-from ecatd.model.errors import EcatError
+from ecatd.model.errors import EcatError, UnreachableError
 from ecatd.stats import Snapshot, read
 
 if TYPE_CHECKING:
@@ -37,7 +37,14 @@ class Source:
         Raises:
             EcatError: They are not available; a later try may succeed.
         """
-        return read(self._options.bus) if self.local else self.ask()
+        if not self.local:
+            return self.ask()
+        try:
+            return read(self._options.bus)
+        except UnreachableError as error:  # a daemon that was killed has left it
+            from ecatd.client.unserved import unserved
+
+            raise unserved(self._options.bus) from error
 
     def remote(self) -> Remote:
         """The session with the gateway; opens it on first use."""

@@ -14,7 +14,6 @@ from ecatd.encoding import MAX_REPLY, pack, unpack
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import (
     JOIN,
-    START,
     EcatError,
     NoAnswerError,
     NotPermittedError,
@@ -40,6 +39,7 @@ from ecatd.model.messages import (
 )
 from ecatd.model.queries import to_query
 from ecatd.paths import search_dirs, zenoh_socket
+from ecatd.units import how_to_start
 from ecatd.zenoh_keys import bus_key, session_config
 
 # What only some requests need is loaded by them: most commands are one request, and short.
@@ -214,7 +214,8 @@ class Remote:
         if not alive and self._is_local:
             return _unserved(self.bus)
         if not alive:
-            return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {START}")
+            text = f"no ecatd serves bus '{self.bus}' there; {how_to_start(self.bus)}"
+            return UnreachableError(text)
         silent = f"the daemon of bus '{self.bus}' gave no answer"
         if key[0] == "rw" and not self._is_local:
             return NotPermittedError(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+from typing import Any
 
 from ecatd import shm
-from ecatd.model.errors import START, EcatError, UnreachableError
+from ecatd.failure_record import find_record
+from ecatd.model.errors import EcatError, UnreachableError
 from ecatd.paths import search_dirs, served_buses
 from ecatd.shared_memory.reader import opened
+from ecatd.units import how_to_start, other_version, why_no_gateway, why_not_running
 
 
 def has_shared_memory(bus: str) -> bool:
@@ -30,21 +33,31 @@ def unserved(bus: str) -> EcatError:
         try:
             with opened(bus) as shared:
                 if shared.alive:
-                    return _without_gateway(bus, shared.header().state)
-        except EcatError as error:  # it is still starting, for example
+                    return _without_gateway(bus, shared.header())
+        except UnreachableError as error:  # it is still starting
+            record = find_record(bus)
+            return UnreachableError(f"{error}; {record}") if record else error
+        except EcatError as error:
             return error
     others = _running()
     hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
-    return UnreachableError(f"no ecatd serves bus '{bus}'{hint}; {START}")
+    advice = why_not_running(bus)
+    why = f": {advice.text}; {advice.remedy}" if advice else f"; {how_to_start(bus)}"
+    return UnreachableError(f"no ecatd serves bus '{bus}'{hint}{why}")
 
 
-def _without_gateway(bus: str, state: int) -> EcatError:
+def _without_gateway(bus: str, header: Any) -> EcatError:
     """Returns the error for a daemon that runs without its gateway."""
-    if state == shm.BusState.STOPPING:
+    if header.state == shm.BusState.STOPPING:
         return UnreachableError(f"the daemon of bus '{bus}' is stopping")
+    silent = f"the gateway of bus '{bus}' does not answer"
+    if advice := why_no_gateway(bus):
+        return UnreachableError(f"{silent}: {advice.text}, while the bus runs on; {advice.remedy}")
+    if advice := other_version(bus, shm.printable(header.version)):
+        return UnreachableError(f"{silent}: {advice.text}; {advice.remedy}")
     return UnreachableError(
-        f"the gateway of bus '{bus}' does not answer; ecatd starts it again by itself, while the "
-        f"bus runs on: try again in some seconds"
+        f"{silent}; ecatd starts it again by itself, while the bus runs on: try again in some "
+        f"seconds"
     )
 
 

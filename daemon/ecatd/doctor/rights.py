@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import grp
 import os
-import pwd
 import resource
 from collections.abc import Iterator
 
@@ -17,7 +16,6 @@ from .findings import Finding, Level
 def look_at_rights(bus: str) -> Iterator[Finding]:
     """What this user may do."""
     yield _membership(bus)
-    yield from _accounts()
     area = "this user"
     for name, number, least, line in (
         ("real time", resource.RLIMIT_RTPRIO, 98, "@ecat - rtprio 98"),
@@ -30,33 +28,6 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
             text = f"limit {soft}: an ecatd that this user starts has none; the service has it"
             remedy = f"a line '{line}' in /etc/security/limits.conf, then log in again"
             yield Finding(area, name, Level.HINT, text, remedy)
-
-
-def _accounts() -> Iterator[Finding]:
-    """The users and groups of the service, of which one may have been deleted."""
-    missing, there = [], 0
-    for kind, names, find in (
-        ("user", ("ecatd", "ecatd-gateway"), pwd.getpwnam),
-        ("group", ("ecat", "ecatd-gateway"), grp.getgrnam),
-    ):
-        for name in names:
-            try:
-                find(name)
-                there += 1
-            except KeyError:
-                missing.append(f"{kind} '{name}'")
-    if there and missing:
-        what = "without it, systemd does not start the bus or its gateway"
-        text = f"there is no {', no '.join(missing)}: {what}"
-        yield Finding(
-            "service",
-            "users and groups",
-            Level.PROBLEM,
-            text,
-            "`systemd-sysusers` as root makes them",
-        )
-    elif there:
-        yield Finding("service", "users and groups", Level.OK, "they exist")
 
 
 def _membership(bus: str) -> Finding:

@@ -13,6 +13,7 @@ from ecatd.model.config import Config, load_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import MACHINE, control_socket, search_dirs
 from ecatd.stats import read
+from ecatd.units import other_version
 from ecatd.version import VERSION
 
 from .findings import Finding, Level
@@ -72,8 +73,5 @@ def look_at_versions(bus: str) -> Iterator[Finding]:
             yield Finding("versions", name, Level.PROBLEM, "it is not installed", remedy)
     yield Finding("versions", "installed", Level.OK, ", ".join(found))
     with suppress(EcatError):
-        running = read(bus).version
-        if running != VERSION:
-            text = f"bus '{bus}' is run by version {running}"
-            remedy = "`systemctl restart` of its service, when the machine may stop"
-            yield Finding("versions", "running", Level.HINT, text, remedy)
+        if advice := other_version(bus, read(bus).version):
+            yield Finding("versions", "running", Level.HINT, advice.text, advice.remedy)

@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,8 @@ from ecatd.process import (
     offer_to_oom_killer,
 )
 from ecatd.service_link import answer_pings, read_settings, tell
+from ecatd.stats import read
+from ecatd.units import other_version
 
 if TYPE_CHECKING:
     from .gateway import Gateway
@@ -85,6 +88,14 @@ def _folders(bus: str, config: GatewayConfig) -> list[Path]:
     return [folder for folder in folders if folder.is_dir()]
 
 
+def _other_version(bus: str) -> str:
+    """What may be the cause: after an upgrade it need not understand the bus server."""
+    with suppress(EcatError):
+        if advice := other_version(bus, read(bus).version):
+            return f"; {advice.text}: {advice.remedy}"
+    return ""
+
+
 def main() -> int:
     """Runs the gateway; the exit code says why it ended."""
     bus, alone = sys.argv[1], "--alone" in sys.argv[2:]
@@ -99,10 +110,10 @@ def main() -> int:
     try:
         asyncio.run(_serve(bus, log, alone=alone))
     except EcatError as error:
-        log.error(f"gateway: {error}")
+        log.error(f"gateway: {error}{_other_version(bus)}")
         return error.exit_code
     except Exception as error:
-        log.error(f"defect in the gateway: {error!r}")
+        log.error(f"defect in the gateway: {error!r}{_other_version(bus)}")
         log.debug(traceback.format_exc())
         return EcatError.exit_code
     return 0

@@ -18,6 +18,7 @@ _HEAD_MAX = 8192
 _PATIENCE = 5.0
 """Seconds that a client has for its request, and for its answer."""
 _CONNECTIONS_MAX = 16
+"""One more ends the oldest, so that clients that say nothing keep nobody out."""
 _TEXT = "text/plain; charset=utf-8"
 
 
@@ -43,7 +44,7 @@ class MetricsServer:
         self._states = states
         self._log = log
         self._server: asyncio.Server | None = None
-        self._open = 0  # connections
+        self._connections: dict[asyncio.StreamWriter, None] = {}  # the oldest first
 
     async def start(self) -> None:
         """Starts to listen. If the address cannot be used, it only says so: the bus can be."""
@@ -70,10 +71,12 @@ class MetricsServer:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answers one request, and closes the connection."""
-        self._open += 1
+        if len(self._connections) >= _CONNECTIONS_MAX:
+            oldest = next(iter(self._connections))
+            del self._connections[oldest]
+            oldest.transport.abort()
+        self._connections[writer] = None
         try:
-            if self._open > _CONNECTIONS_MAX:
-                return
             async with asyncio.timeout(_PATIENCE):
                 head = await reader.readuntil(b"\r\n\r\n")
                 status, kind, body = await self._answer(head)
@@ -90,7 +93,7 @@ class MetricsServer:
         except (TimeoutError, OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
             pass  # the client has gone, or says nothing that could be answered
         finally:
-            self._open -= 1
+            self._connections.pop(writer, None)
             writer.transport.abort()
 
     async def _answer(self, head: bytes) -> tuple[str, str, bytes]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ecatd.model.bus_name import BUS_NAME
+from ecatd.units import service
 
 from .places import ADMINISTRATION, CONFIGURATION, LOCAL, SOCKETS, UNITS, Place
 
@@ -16,7 +17,7 @@ _OF_BUSES = re.compile(r"ecatd(@.+)?\.service")
 
 def unit(bus: str) -> str:
     """The service of a bus."""
-    return "ecatd.service" if bus == "ecat0" else f"ecatd@{bus}.service"
+    return f"{service(bus)}.service"
 
 
 def configured(place: Place) -> list[str]:

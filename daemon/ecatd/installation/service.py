@@ -32,7 +32,7 @@ def install(place: Place, bus: str, interface: str | None) -> Iterator[Step]:
 
     Args:
         place: Where.
-        bus: Name of the bus. `ecat0` has the service `ecatd`, others have `ecatd@BUS`.
+        bus: Name of the bus.
         interface: For a configuration that does not exist yet; without it none is written.
 
     Raises:

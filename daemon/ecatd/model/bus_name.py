@@ -1,4 +1,4 @@
-"""Which names a bus can have: they become part of file names and Zenoh keys."""
+"""Which names a bus can have: they become part of file names, Zenoh keys, options and units."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import re
 
 from .errors import UsageError
 
-BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,31}")
+BUS_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,30}")
+BUS_NAME_RULE = "1 to 31 letters, digits, '_' or '-', and does not begin with '-'"
 
 
 def check_bus_name(name: str) -> str:
@@ -16,5 +17,5 @@ def check_bus_name(name: str) -> str:
         UsageError: A bus cannot have this name.
     """
     if not BUS_NAME.fullmatch(name):
-        raise UsageError(f"{name[:40]!r} is no bus name: use 1 to 31 letters, digits, '_' or '-'")
+        raise UsageError(f"{name[:40]!r} is no bus name: that has {BUS_NAME_RULE}")
     return name

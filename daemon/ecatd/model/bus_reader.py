@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from .bus import SCHEMA, Bus, Domain, Module, Slave
-from .bus_name import BUS_NAME
+from .bus_name import BUS_NAME, BUS_NAME_RULE
 from .config import DOMAINS_MAX, POSITION_MAX
 from .datatypes import bit_length, is_real, type_name
 from .errors import UsageError
@@ -101,7 +101,7 @@ def _text(value: Any) -> str:
 def _bus_name(value: Any) -> str:
     if BUS_NAME.fullmatch(_text(value)):
         return str(value)
-    raise _WrongError(f"is {_shown(value)}, but a bus name has 1 to 31 letters, digits, '_' or '-'")
+    raise _WrongError(f"is {_shown(value)}, but a bus name has {BUS_NAME_RULE}")
 
 
 def _truth(value: Any) -> bool:

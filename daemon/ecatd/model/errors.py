@@ -25,9 +25,6 @@ from typing import Any, ClassVar
 
 from .abort_codes import abort_text
 
-START = "start it with 'systemctl start ecatd', or without hardware: 'ecatd --simulate troll'"
-"""Advice for messages if no daemon runs."""
-
 JOIN = "become a member of the group 'ecat' ('sudo usermod -aG ecat $USER', then log in again)"
 """Advice for messages if a daemon runs, but this user may not use it."""
 

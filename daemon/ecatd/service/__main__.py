@@ -2,6 +2,6 @@
 
 import sys
 
-from .main import main
+from ecatd.commands import ecatd
 
-sys.exit(main())
+sys.exit(ecatd())

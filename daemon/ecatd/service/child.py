@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
+from ecatd.process import OF_THE_SERVICE
 from ecatd.service_link import HANG_S
 
 PYTHON = (sys.executable, "-P", "-m")
@@ -51,10 +53,14 @@ class Child:
             pass_fds: File descriptors for one that is not told anything, and writes only to these.
         """
         way = asyncio.subprocess.DEVNULL if pass_fds else asyncio.subprocess.PIPE
-        # A session of its own: Ctrl-C reaches only the service, which ends the others in order.
-        process = await asyncio.create_subprocess_exec(
-            *PYTHON, *command, stdin=way, stdout=way, pass_fds=pass_fds, start_new_session=True
-        )
+        signal.pthread_sigmask(signal.SIG_BLOCK, OF_THE_SERVICE)
+        try:
+            # A session of its own: Ctrl-C reaches only the service, which ends the others in order.
+            process = await asyncio.create_subprocess_exec(
+                *PYTHON, *command, stdin=way, stdout=way, pass_fds=pass_fds, start_new_session=True
+            )
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, OF_THE_SERVICE)
         return cls(name, process)
 
     def give(self, message: dict[str, Any]) -> None:

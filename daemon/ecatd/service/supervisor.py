@@ -30,10 +30,11 @@ from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.notify import is_managed, notify
 from ecatd.paths import make_dir, remove_dir, user_dir
 from ecatd.process import leave_processor, offer_to_oom_killer
+from ecatd.served import check_free
 from ecatd.service_link import HANG_S
 
 from .child import Child
-from .failed_starts import FailedStarts
+from .failed_starts import FailedStarts, not_started
 
 T = TypeVar("T")
 
@@ -101,7 +102,7 @@ class Supervisor:
         self._settings: dict[str, Any] = {}
         self._children: list[Child] = []
         self._failed_starts = FailedStarts(user_dir() / config.bus, log)
-        self._failure = f"bus '{config.bus}' has not started: see the log"
+        self._failure = "see the log"
         self._is_ready = False
 
     async def run(self) -> int:
@@ -118,6 +119,11 @@ class Supervisor:
         except _EndedError as ended:
             status = ended.status
             wait_s = self._wait_s(status)
+        except EcatError as error:  # before there is a child
+            self._log.error(str(error))
+            self._tell_failure(str(error))
+            status = error.exit_code
+            wait_s = self._wait_s(status)
         finally:
             if not wait_s:
                 notify("STOPPING=1")
@@ -133,7 +139,14 @@ class Supervisor:
         self._reload.clear()
         return self._failed_starts.announce(self._failure)
 
+    def _tell_failure(self, reason: str) -> None:
+        """Tells the service manager why this start has failed."""
+        self._failure = reason
+        notify(f"STATUS={not_started(self._config.bus, reason)}")
+
     async def _run(self) -> None:
+        if not self._describe:
+            check_free(self._config.bus)
         settings = self._settings = {
             "describe": self._describe,
             "config": self._config.to_dict(),
@@ -215,8 +228,7 @@ class Supervisor:
         word, text = await self._or_stop(child.first_line())
         if word != "ready":
             status = _status(await child.end)
-            self._failure = f"bus '{self._config.bus}' has not started: {text or 'see the log'}"
-            notify(f"STATUS={self._failure}")
+            self._tell_failure(text or self._failure)
             raise _EndedError(status)
         self._log.debug(f"{child} is ready")
         return text
@@ -262,9 +274,8 @@ class Supervisor:
                 task.result()  # raises
         child = next(ends[end] for end in ends if end.done())
         status = child.end.result()
-        self._log.error(
-            f"{child.name} has ended unexpectedly ({_cause(status)}); start ecatd again", "ended"
-        )
+        text = f"{child.name} has ended unexpectedly ({_cause(status)})"
+        self._log.error(f"{text}; {_again()}", "ended")
         raise _EndedError(_status(status) or StateError.exit_code)
 
     async def _watch_server(self, server: Child, in_op: str) -> None:
@@ -295,8 +306,7 @@ class Supervisor:
 
     def _fail(self, text: str) -> None:
         notify(f"STATUS={text}")
-        line = f"{text}; start ecatd again, and report this: it should never happen"
-        self._log.error(line, "hung")
+        self._log.error(f"{text}; {_again()}; report this: it should never happen", "hung")
         raise _EndedError(StateError.exit_code)
 
     async def _keep_gateway(self, gateway: Child) -> None:
@@ -410,6 +420,11 @@ async def _ask(child: Child) -> None:
 def _feed(status: str) -> None:
     """Tells the service manager that this process works, and how the bus is."""
     notify("WATCHDOG=1", f"STATUS={status}", wait=False)
+
+
+def _again() -> str:
+    """What follows when the bus has ended by itself."""
+    return "ecatd is started again" if is_managed() else "start ecatd again"
 
 
 def _keys(keys: list[str]) -> str:

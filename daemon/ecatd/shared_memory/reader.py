@@ -20,12 +20,12 @@ from ecatd.file_locks import held
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import (
     JOIN,
-    START,
     EcatError,
     NotPermittedError,
     StateError,
     UnreachableError,
 )
+from ecatd.units import how_to_start
 
 _TRIES = 1000  # until a page is copied in which the engine did not write
 
@@ -81,7 +81,7 @@ def _open(path: Path) -> int:
 
 
 def _not_running(bus: str) -> UnreachableError:
-    return UnreachableError(f"no ecatd serves bus '{bus}'; {START}")
+    return UnreachableError(f"no ecatd serves bus '{bus}'; {how_to_start(bus)}")
 
 
 def version(layout: int) -> str:
@@ -137,7 +137,7 @@ class Reader:
         if head.layout >> 16 != shm.LAYOUT >> 16 or head.layout < shm.LAYOUT:
             cure = "update the client, and generate libraries again"
             if head.layout < shm.LAYOUT:
-                cure = "update the daemon"
+                cure = "update the daemon, if that is not done yet, and restart its service"
             raise StateError(
                 f"the daemon of bus '{self.bus}' speaks layout {version(head.layout)}, this "
                 f"client {version(shm.LAYOUT)}: {cure}"

@@ -307,7 +307,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using capture' -l timeout -x -d 'seconds 
 complete -c ecatctl -n '_shtab_ecatctl_using capture' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using capture' -s o -l output -x -d 'file to write, in the pcapng format; - for stdout'
 complete -c ecatctl -n '_shtab_ecatctl_using capture' -l last -x -d 'only the frames of the last S seconds'
-complete -c ecatctl -n '_shtab_ecatctl_using capture' -l follow -d 'go on with new frames, until Ctrl-C'
+complete -c ecatctl -n '_shtab_ecatctl_using capture' -l follow -d 'then go on with new frames, until Ctrl-C'
 complete -c ecatctl -n '_shtab_ecatctl_using capture' -l duration -x -d 'with --follow: end after S seconds'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a doctor -d 'Look at this machine for what makes a bus slow, late or unreachable.'
 complete -c ecatctl -n '_shtab_ecatctl_using doctor' -s h -l help -d 'show this help message and exit'

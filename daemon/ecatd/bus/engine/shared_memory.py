@@ -8,6 +8,7 @@ left behind by a daemon that was killed, and is replaced.
 from __future__ import annotations
 
 import ctypes
+import errno
 import mmap
 import os
 import stat
@@ -24,6 +25,7 @@ from ecatd.file_locks import take
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, NotPermittedError, StateError
 from ecatd.paths import give_to_group
+from ecatd.served import already_served
 from ecatd.version import VERSION
 
 from .engine import Grant, publish_layout
@@ -88,7 +90,7 @@ class SharedMemory:
         self._image = image
         instance = time.time_ns()
         plan = _Plan(bus, image)
-        with _explained(self.path):
+        with _explained(self.path, plan.size):
             os.posix_fallocate(self.fd, 0, plan.size)
             self._map = mmap.mmap(self.fd, plan.size)
             self._fill(plan, instance, lease_ns, lease_max_ns)
@@ -192,7 +194,9 @@ class SharedMemory:
         mask_and_values = 2 * _up(self._image.output_bytes, 8)
         header.image_stride = _up(shm.size("ecat_out_image") + mask_and_values, 64)
         header.slot_stride = _up(header.images_offset + shm.IMAGES * header.image_stride, _PAGE)
-        os.posix_fallocate(self.out_fd, 0, header.slots_offset + shm.SLOTS * header.slot_stride)
+        size = header.slots_offset + shm.SLOTS * header.slot_stride
+        with _explained(self.out_path, size):
+            os.posix_fallocate(self.out_fd, 0, size)
         os.pwrite(self.out_fd, bytes(header), 0)
         self.out = header
 
@@ -217,19 +221,12 @@ class SharedMemory:
         except OSError as error:
             raise NotPermittedError(
                 f"{self.path} belongs to another user and cannot be replaced ({error.strerror}); "
-                f"give the bus another name, or have its owner remove it"
+                f"if an ecatd of that user runs, give this bus another name with --bus; else have "
+                f"its owner remove the file"
             ) from error
         try:
             if not take(old, shm.LOCK_DAEMON):
-                header = os.pread(old, shm.size("ecat_shm_header"), 0)
-                pid = ""  # not known while that daemon is still starting
-                if len(header) == shm.size("ecat_shm_header"):
-                    number = shm.struct("ecat_shm_header").from_buffer_copy(header).pid
-                    pid = f" (pid {number})"
-                raise StateError(
-                    f"bus '{self._name}' is already served by another ecatd{pid}; "
-                    f"stop it first, or give this one another name with --bus"
-                )
+                raise already_served(self._name, old)
             with suppress(FileNotFoundError):
                 if self.path.stat().st_ino == os.fstat(old).st_ino:
                     self.path.unlink()
@@ -361,7 +358,7 @@ def _remove(fd: int, path: Path) -> None:
 
 
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def _explained(path: Path, size: int = 0) -> Iterator[None]:
     """Turns errors of the file system into errors of ecatd, with what to do about them."""
     try:
         yield
@@ -371,8 +368,14 @@ def _explained(path: Path) -> Iterator[None]:
             f"give the bus another name, or have its owner remove it"
         ) from error
     except IsADirectoryError as error:
-        raise EcatError(
+        raise StateError(
             f"cannot make {path}: a directory has this name; remove it, or give the bus another one"
         ) from error
     except OSError as error:
+        if error.errno == errno.ENOSPC:
+            need = f" of {size >> 10} KiB" if size else ""
+            raise StateError(
+                f"{shm.FOLDER} is full: there is no room for {path}{need}; remove what fills it: "
+                f"'du -a {shm.FOLDER}' shows that"
+            ) from error
         raise EcatError(f"cannot make {path}: {error.strerror}") from error

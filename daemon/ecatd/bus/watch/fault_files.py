@@ -15,6 +15,7 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.config import CaptureConfig
+from ecatd.paths import give_to_group
 from ecatd.pcapng import header, packet, read_records
 
 from ..frames.frame_ring import FrameRing
@@ -110,9 +111,10 @@ class FaultFiles:
         file = folder / f"{self._bus}-{stamp}{_SUFFIX}"
         unfinished = file.with_suffix(".part")
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            _make(folder)
             with unfinished.open("wb") as out:
                 os.fchmod(out.fileno(), 0o640)
+                give_to_group(out.fileno())
                 out.write(header(self._interfaces, about))
                 clock_ns = time.time_ns() - time.monotonic_ns()
                 frames = heapq.merge(*(read_records(_all(ring)) for ring in self._rings.values()))
@@ -126,6 +128,19 @@ class FaultFiles:
             self._refuse(error)
             return
         self._log.info(f"the last frames are in {file}", "frames_written")
+
+
+def _make(folder: Path) -> None:
+    """Makes a folder, and those above it, that members of the group can read, whatever the umask.
+
+    Those that exist stay as they are.
+    """
+    if folder.is_dir():
+        return
+    _make(folder.parent)
+    folder.mkdir()
+    folder.chmod(0o750)
+    give_to_group(folder)
 
 
 def _all(ring: FrameRing) -> bytes:

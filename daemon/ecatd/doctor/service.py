@@ -1,0 +1,87 @@
+"""Looks whether a bus and its gateway run."""
+
+from __future__ import annotations
+
+import grp
+import pwd
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+
+from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
+from ecatd.paths import search_dirs, zenoh_socket
+from ecatd.stats import read
+from ecatd.units import gateway, other_version, why_no_gateway, why_not_running
+
+from .findings import Finding, Level
+
+
+def look_at_service(bus: str) -> Iterator[Finding]:
+    """Whether a bus of this machine runs, and its gateway, and what they need."""
+    yield from _bus_and_gateway(bus)
+    yield from _accounts()
+
+
+def _bus_and_gateway(bus: str) -> Iterator[Finding]:
+    area, name = "service", f"bus {bus}"
+    try:
+        version = read(bus).version
+    except UnreachableError as error:
+        if advice := why_not_running(bus):
+            yield Finding(area, name, Level.PROBLEM, advice.text, advice.remedy)
+        else:  # nobody has said that it shall run here
+            yield Finding(area, name, Level.HINT, str(error))
+        return
+    except NotPermittedError:  # the rights of this user are looked at, too
+        return
+    except EcatError as error:
+        yield Finding(area, name, Level.PROBLEM, str(error))
+        return
+    yield Finding(area, name, Level.OK, "runs")
+    advice = why_no_gateway(bus)
+    if advice is None and _is_served(bus):
+        yield Finding(area, "gateway", Level.OK, "runs")
+    elif advice := advice or other_version(bus, version):
+        yield Finding(area, "gateway", Level.PROBLEM, advice.text, advice.remedy)
+    else:
+        remedy = f"'journalctl -u {gateway(bus)} -n 20', or the log of ecatd, says why"
+        yield Finding(area, "gateway", Level.PROBLEM, "it does not answer", remedy)
+
+
+def _is_served(bus: str) -> bool:
+    """Whether a gateway takes connections on this machine, as far as this user may know."""
+    for folder in search_dirs():
+        with socket.socket(socket.AF_UNIX) as link, suppress(OSError):
+            try:
+                link.connect(str(zenoh_socket(folder, bus)))
+            except PermissionError:
+                return True
+            return True
+    return False
+
+
+def _accounts() -> Iterator[Finding]:
+    """The users and groups of the service, of which one may have been deleted."""
+    missing, there = [], 0
+    for kind, names, find in (
+        ("user", ("ecatd", "ecatd-gateway"), pwd.getpwnam),
+        ("group", ("ecat", "ecatd-gateway"), grp.getgrnam),
+    ):
+        for name in names:
+            try:
+                find(name)
+                there += 1
+            except KeyError:
+                missing.append(f"{kind} '{name}'")
+    if there and missing:
+        what = "without it, systemd does not start the bus or its gateway"
+        text = f"there is no {', no '.join(missing)}: {what}"
+        yield Finding(
+            "service",
+            "users and groups",
+            Level.PROBLEM,
+            text,
+            "`systemd-sysusers` as root makes them",
+        )
+    elif there:
+        yield Finding("service", "users and groups", Level.OK, "they exist")

@@ -1,0 +1,38 @@
+"""Whether another daemon serves a bus already, seen by its shared memory."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+
+from . import shm
+from .file_locks import held
+from .model.errors import StateError
+from .units import service
+
+
+def check_free(bus: str) -> None:
+    """Looks whether a daemon serves a bus, as far as this user may know.
+
+    Raises:
+        StateError: One does.
+    """
+    with suppress(OSError):  # nobody has served it, for example
+        fd = os.open(shm.FOLDER / f"ecat.{bus}", os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        try:
+            if held(fd, shm.LOCK_DAEMON):
+                raise already_served(bus, fd)
+        finally:
+            os.close(fd)
+
+
+def already_served(bus: str, fd: int) -> StateError:
+    """The error that a daemon serves a bus, with its open shared memory."""
+    header = os.pread(fd, shm.size("ecat_shm_header"), 0)
+    pid = ""  # not known while that daemon is still starting
+    if len(header) == shm.size("ecat_shm_header"):
+        pid = f" (pid {shm.struct('ecat_shm_header').from_buffer_copy(header).pid})"
+    return StateError(
+        f"bus '{bus}' is already served by another ecatd{pid}; stop it first ('systemctl stop "
+        f"{service(bus)}' if it is the service), or give this one another name with --bus"
+    )
