@@ -27,6 +27,7 @@ from ecatd.model.messages import (
     ListObjects,
     ReadConfig,
     ReadErrors,
+    ReadEvents,
     ReadFrames,
     ReadInfo,
     ReadLogLevels,
@@ -54,6 +55,7 @@ from .requests.objects import Objects
 from .requests.registers import Registers
 from .start.bring_up import BringUp
 from .start.exchange import leases
+from .watch.event_history import EventHistory
 from .watch.fault_files import FaultFiles
 from .watch.monitor import Monitor
 
@@ -101,7 +103,7 @@ class BusServer:
         self._in_force = in_force
         self._interface = interface
         self._log = log
-        self._publish = publish
+        self._events = EventHistory(publish)
         self._set_levels = set_levels
         self._configured = config.log
         self._worker = Worker()
@@ -154,7 +156,7 @@ class BusServer:
             self.answer,
             self._worker,
             self._log,
-            self._publish,
+            self._events.publish,
             self._fault_files,
         )
         monitor.read_states()
@@ -171,7 +173,7 @@ class BusServer:
         if self._fault_files is not None:
             self._fault_files.set_config(config.capture)
         self._configured = config.log
-        self._publish({"event": "configuration", "time_ns": time.time_ns()})
+        self._events.publish({"event": "configuration", "time_ns": time.time_ns()})
 
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""
@@ -263,6 +265,8 @@ class BusServer:
                 return await self._registers.errors()
             case ResetErrors():
                 return await self._registers.reset_errors(request)
+            case ReadEvents():
+                return self._events.since(request.since)
             case ReadFrames():
                 return read_frames(self._up.frame_rings, self._up.interfaces, request)
         raise UsageError(f"the bus server cannot answer {request.op}")
@@ -319,7 +323,7 @@ class BusServer:
         before, part = self._log.levels, request.part
         after = self._log.levels = with_level(before, part, request.level)
         self._set_levels(after)
-        self._publish({"event": "log_levels", "time_ns": time.time_ns()})
+        self._events.publish({"event": "log_levels", "time_ns": time.time_ns()})
         was = levels_text(before) if part is None else level_of(before, part)
         self._log.notice(
             f"log level of {part or 'all parts'} changed from {was} to {request.level} by "

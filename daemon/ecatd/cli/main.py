@@ -45,6 +45,7 @@ _COMMANDS = (
     ("sdo-write", "sdo", "Write an object of a slave."),
     ("sdo-dump", "sdo_file", "Save the values of all objects of a slave to a file."),
     ("sdo-restore", "sdo_file", "Write the values in such a file back, where they differ."),
+    ("events", "events", "Show what has happened on the bus, and what happens."),
     ("errors", "errors", "Show the error counters of the slaves, and which cables they are about."),
     ("reg-read", "registers", "Read registers of a slave."),
     ("reg-write", "registers", "Write registers of a slave."),

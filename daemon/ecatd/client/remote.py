@@ -24,6 +24,7 @@ from ecatd.model.messages import (
     DescribeObject,
     ListObjects,
     ReadErrors,
+    ReadEvents,
     ReadFrames,
     ReadInfo,
     ReadLogLevels,
@@ -230,6 +231,15 @@ class Remote:
     def info(self) -> dict[str, Any]:
         """Version, interface, start time and cycle time of the daemon."""
         return self.request(ReadInfo())
+
+    def events(self, since: int = 0) -> dict[str, Any]:
+        """The last events, from a number on.
+
+        Returns:
+            `events`, each with its `sequence`; `next`, the number of the next one; and `left_out`,
+            how many from `since` on the daemon no longer keeps.
+        """
+        return self.request(ReadEvents(since))
 
     def read_frames(self, ring: str, position: int = 0) -> dict[str, Any]:
         """The last frames that were sent and received; see `bus/requests/frames.py`.

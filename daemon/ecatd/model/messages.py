@@ -281,6 +281,18 @@ class ResetErrors(Request):
     by: str = ""
 
 
+class ReadEvents(Request):
+    """Asks for the last events.
+
+    Attributes:
+        since: Number of the first one; 0 for all that are kept.
+    """
+
+    op = "read_events"
+    key = "ro/events"
+    since: int = 0
+
+
 RINGS = ("cycle", "control")
 """Kinds of frames: those of the cyclic exchange, and all others."""
 
@@ -306,6 +318,7 @@ _RANGES = {
     "address": (0, 0xFFFF),
     "size": (1, 0xFFFF),
     "position": (0, 1 << 62),
+    "since": (0, 1 << 62),
 }
 _DATA_MAX = 32 * 1024
 _REGISTERS_END, _REGISTER_BYTES_MAX = 0x1000, 256

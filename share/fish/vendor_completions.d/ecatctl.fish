@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves graph pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
-set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --size --slave --templates --timeout --type --watch -o -p
+set -g _shtab_ecatctl_commands slaves graph pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore events errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --since --size --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -210,6 +210,15 @@ complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l json -d 'print JSON
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l dry-run -d 'only show what would be written'
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore' -l yes -d 'do it without asking'
 complete -c ecatctl -n '_shtab_ecatctl_using sdo-restore; and test $_shtab_ecatctl_npos -eq 1' -ka "(__fish_complete_path (commandline -ct))" -d 'a file that sdo-dump has written'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a events -d 'Show what has happened on the bus, and what happens.'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -l since -x -d 'only those since then: 10m, 2h, 1d, or a time of today as 10:02 (default: all that the daemon keeps, up to 1000)'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -s f -l follow -d 'go on with new ones'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show the error counters of the slaves, and which cables they are about.'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -1,0 +1,112 @@
+"""Command `events`: what has happened on the bus, and what happens."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import time
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.bus import Bus
+
+from .arguments import add_slave
+from .output import print_json, print_json_line
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+_PAUSE = 0.5
+"""Seconds between two questions for new events."""
+_AGO = re.compile(r"(\d+)([smhd])")
+_UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
+_SAID = ("event", "sequence", "time_ns", "slave", "text")
+"""Facts that have a place of their own in the line of an event."""
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.set_defaults(run=events)
+    command.add_argument(
+        "--since",
+        type=_time,
+        metavar="TIME",
+        help="only those since then: 10m, 2h, 1d, or a time of today as 10:02 (default: all that "
+        "the daemon keeps, up to 1000)",
+    )
+    command.add_argument("-f", "--follow", action="store_true", help="go on with new ones")
+    add_slave(command)
+
+
+def _time(text: str) -> float:
+    """Converts a time of day, or how long ago it was, to Unix time."""
+    now = time.time()
+    if ago := _AGO.fullmatch(text):
+        return now - int(ago[1]) * _UNITS[ago[2]]
+    if clock := _CLOCK.fullmatch(text):
+        hour, minute, second = (int(part or 0) for part in clock.groups())
+        if hour < 24 and minute < 60 and second < 60:
+            today = time.localtime(now)
+            return time.mktime((*today[:3], hour, minute, second, 0, 0, -1))
+    raise argparse.ArgumentTypeError(f"'{text}' is no time: write it as 10m, 2h, 1d or 10:02")
+
+
+def events(remote: Remote, options: argparse.Namespace) -> None:
+    """Prints the events that the daemon keeps; with `--follow`, new ones as they come."""
+    bus = remote.describe()
+    chosen = None if options.slave is None else bus.find(options.slave).position
+    answer = remote.events()
+    found = list(_wanted(answer["events"], chosen, options.since))
+    if options.json and not options.follow:
+        print_json({"bus": bus.name, "events": found})
+        return
+    _print(bus, found, as_json=options.json)
+    while options.follow:
+        time.sleep(_PAUSE)
+        answer = remote.events(answer["next"])
+        if answer["left_out"] and not options.json:
+            print(f"{answer['left_out']} events were too many to keep", flush=True)
+        _print(bus, _wanted(answer["events"], chosen, None), as_json=options.json)
+
+
+def _wanted(
+    found: Iterable[dict[str, Any]], chosen: int | None, since: float | None
+) -> Iterator[dict[str, Any]]:
+    for event in found:
+        of_slave = chosen is None or event.get("slave") == chosen
+        if of_slave and (since is None or event["time_ns"] >= since * 1e9):
+            yield event
+
+
+def _print(bus: Bus, found: Iterable[dict[str, Any]], *, as_json: bool) -> None:
+    for event in found:
+        if as_json:
+            print_json_line({"bus": bus.name, **event})
+        else:
+            print(_line(bus, event), flush=True)
+
+
+def _line(bus: Bus, event: dict[str, Any]) -> str:
+    seconds, ns = divmod(event["time_ns"], 10**9)
+    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
+    position = event.get("slave", -1)
+    label = bus.slaves[position].label if 0 <= position < len(bus.slaves) else ""
+    facts = [str(event["text"])] if event.get("text") else []
+    facts += [
+        f"{name} {_shown(value)}"
+        for name, value in event.items()
+        if name not in _SAID and value not in ("", None)
+    ]
+    what = f"{label}: {', '.join(facts)}" if label and facts else label or ", ".join(facts)
+    return f"{when}.{ns // 10**6:03}  {event['event']:<16}  {what}".rstrip()
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    if isinstance(value, list | tuple):
+        return " ".join(_shown(item) for item in value) or "none"
+    if isinstance(value, dict):
+        return " ".join(f"{name}={_shown(item)}" for name, item in value.items()) or "none"
+    return str(value)
