@@ -79,7 +79,8 @@ def test_one_part_tells_details_until_the_configuration_is_read_again(daemon: Da
 def test_all_parts_of_all_processes_change(daemon: Daemon) -> None:
     set_level(daemon, "dc", "error")
     assert set_level(daemon, "all", "debug") == dict.fromkeys(PARTS, "debug")
-    names(daemon.log.splitlines()[-1], "all parts", "warning (outputs info, dc error)", "debug")
+    changed = next(line for line in daemon.log.splitlines()[::-1] if "all parts" in line)
+    names(changed, "warning (outputs info, dc error)", "debug")
 
     def gateway_tells(before: int) -> bool:
         answered = daemon.ctl("info", check=False).returncode == 0
