@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves graph pdos state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore events errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
-set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --fmi --from --histogram --interface --last --latency --output --raw --root --since --size --slave --templates --timeout --type --watch -o -p
+set -g _shtab_ecatctl_commands slaves graph pdos read write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore events errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --every --fmi --for --from --histogram --interface --last --latency --output --raw --root --since --size --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -82,6 +82,32 @@ complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l connect -x -d 'Zenoh endpo
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -s p -l slave -x -d 'only this one, by position or name'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a read -d 'Show values of the process image, by names.'
+complete -c ecatctl -n '_shtab_ecatctl_using read' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using read' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using read' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using read' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using read' -l watch -x -d 'show it again every SECONDS (default: 1); statistics also those of the last interval'
+complete -c ecatctl -n '_shtab_ecatctl_using read' -l count -x -d 'with --watch: end after N times'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a write -d 'Hold values at outputs, by names.'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -l raw -d 'values are raw, without unit'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -l for -x -d 'give the outputs back after so many seconds (default: with Ctrl-C)'
+complete -c ecatctl -n '_shtab_ecatctl_using write' -l yes -d 'do it without asking'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a record -d 'Write the values of each cycle to a CSV file.'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'a file that ends in .csv'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l every -x -d 'only each Nth cycle (default: 1)'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l for -x -d 'end after so many seconds (default: with Ctrl-C)'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a state -d 'Show the AL states, or bring slaves to one.'
 complete -c ecatctl -n '_shtab_ecatctl_using state' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using state' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -1,0 +1,104 @@
+"""`ecatctl read`, `write` and `record`: values of the process image by names."""
+
+import csv
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, names, one_line_error, wait_for
+
+pytestmark = pytest.mark.bus
+OUTPUT, WIRED = "3/0x7000:01", "2/0x6000:01"
+"""An output of the rig, and the input that it is wired to."""
+
+
+@pytest.fixture(scope="module")
+def bus(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared("troll")
+
+
+def value(bus: Daemon, name: str) -> float:
+    (row,) = bus.ctl_json("read", name)["values"]
+    return float(row["value"])
+
+
+def test_values_are_read_by_patterns(bus: Daemon) -> None:
+    everything = bus.ctl_json("read")["values"]
+    assert len(everything) == 156
+    of_slave = bus.ctl_json("read", "4/*")["values"]
+    addresses = [row["address"] for row in everything if row["slave"] == 4]
+    assert [row["address"] for row in of_slave] == addresses
+    inputs = bus.ctl_json("read", "el3008/*value")["values"]
+    assert {(row["slave"], row["unit"], row["validity"]) for row in inputs} == {
+        (4, "V", "valid"),
+        (5, "V", "valid"),
+    }
+    both = bus.ctl_json("read", "0x6041:00", "0/0x6040:00")["values"]
+    assert [(row["output"], row["name"]) for row in both] == [
+        (True, "Control word"),
+        (False, "Status word"),
+    ]
+    names(bus.ctl("read", "4/0x6000:11").stdout, "4 EL3008", "0x6000:11", "Value", "in", "V")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "tokens"),
+    [
+        (("read", "nosuch"), 7, ("'nosuch'", "ecatctl read")),
+        (("read", "9/*"), 7, ("'9/*'",)),
+        (("read", "--connect", "tcp/127.0.0.1:1"), 2, ("--connect",)),
+        (("write", f"{OUTPUT}=1"), 2, ("3/Channel 1/Output", "EL2008", "safe", "--yes")),
+        (("write", OUTPUT, "--yes"), 2, (f"'{OUTPUT}'",)),
+        (("write", f"{OUTPUT}=on", "--yes"), 2, (f"'{OUTPUT}=on'",)),
+        (("write", f"{WIRED}=1", "--yes"), 7, ("slave 2 (EL1018)", "output")),
+        (("write", f"{OUTPUT}=7", "--yes"), 2, ("0x7000:01", "7")),
+        (("record", "-o", "run.txt"), 2, ("run.txt", ".csv")),
+        (("record", "-o", "/nowhere/run.csv", "--for", "1"), 7, ("/nowhere/run.csv",)),
+    ],
+)
+def test_wrong_arguments(
+    bus: Daemon, arguments: tuple[str, ...], status: int, tokens: tuple[str, ...]
+) -> None:
+    wrong = bus.ctl(*arguments, check=False)
+    assert wrong.returncode == status, wrong.stderr
+    names(one_line_error(wrong.stderr, "ecatctl"), *tokens)
+
+
+def test_outputs_are_held_and_given_back(bus: Daemon) -> None:
+    command = [sys.executable, "-m", "ecatd.cli", "write", f"{OUTPUT}=1", "--yes"]
+    with subprocess.Popen(command, env=bus.env, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            wait_for(lambda: value(bus, WIRED) == 1, bus)
+            second = bus.ctl("write", f"{OUTPUT}=0", "--yes", check=False)
+            assert second.returncode == 7
+            names(one_line_error(second.stderr, "ecatctl"), "slave 3 (EL2008)")
+            process.send_signal(signal.SIGTERM)
+            text, _ = process.communicate()
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert "safe" in text
+    wait_for(lambda: value(bus, WIRED) == 0, bus)
+    done = bus.ctl_json("write", f"{OUTPUT}=1", "--yes", "--for", "0.2")
+    assert [row["value"] for row in done["written"]] == [1.0]
+
+
+def test_cycles_are_recorded(bus: Daemon, tmp_path: Path) -> None:
+    file = tmp_path / "run.csv"
+    told = bus.ctl_json("record", "-o", str(file), "4/*Value", "--every", "2", "--for", "0.5")
+    with file.open(newline="") as opened:
+        head, *rows = csv.reader(opened)
+    assert head[:2] == ["time_s", "cycle"]
+    assert len(head) == 10
+    assert head[2].endswith("Value [V]")
+    assert len(rows) == told["cycles"] > 0
+    cycles = [int(row[1]) for row in rows]
+    assert all(later - earlier >= 2 for earlier, later in pairwise(cycles))
+    for row, cycle in zip(rows, cycles, strict=True):
+        assert float(row[0]) == pytest.approx(0.001 * (cycle - cycles[0]))
+    assert all(-10 <= float(cell) <= 10 for row in rows for cell in row[2:])
