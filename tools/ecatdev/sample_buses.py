@@ -59,7 +59,7 @@ def troll() -> Bus:
 
 
 def awkward() -> Bus:
-    """Returns slaves with awkward names, all kinds of entries, and numbers larger than Integer."""
+    """Returns a bus with awkward names, entries of all kinds, and numbers too large for Integer."""
     return give_meanings(
         Bus(
             'a"b',
@@ -71,7 +71,7 @@ def awkward() -> Bus:
 
 
 def axes() -> Bus:
-    """Returns two drives that lack usual entries, and one with more than the state machine uses."""
+    """Returns a bus of drives: two lack usual entries, one has more than the state machine uses."""
     i16, i32, u8 = DataType.INTEGER16, DataType.INTEGER32, DataType.UNSIGNED8
     u16, u32 = DataType.UNSIGNED16, DataType.UNSIGNED32
     control = Entry(0x6040, 0, "Controlword", u16, 16)
